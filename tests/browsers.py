@@ -22,10 +22,10 @@ def launched():
     Without one the test is skipped and says so.
     """
     sync_api = pytest.importorskip("playwright.sync_api")
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    observed = next(filter(None, map(shutil.which, BROWSERS)), None)
     with sync_api.sync_playwright() as playwright:
         try:
-            opened = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+            opened = playwright.chromium.launch(executable_path=observed, args=["--no-sandbox"])
         except sync_api.Error as error:
             pytest.skip(
                 f"no browser: none of {', '.join(BROWSERS)} on the path, nor Playwright's own "
@@ -43,17 +43,17 @@ class Opened:
         self.page = browser.new_page(viewport={"width": width, "height": high}, **options)
         self.page.on(
             "console",
-            lambda said: (
-                self.problems.append(said.text) if said.type in ("error", "warning") else None
+            lambda message: (
+                self.problems.append(message.text) if message.type in ("error", "warning") else None
             ),
         )
         self.page.on("pageerror", lambda error: self.problems.append(str(error)))
         self.page.on(
             "request",
-            lambda asked: (
+            lambda request: (
                 None
-                if asked.url.startswith(("file:", "data:", "blob:"))
-                else self.problems.append(asked.url)
+                if request.url.startswith(("file:", "data:", "blob:"))
+                else self.problems.append(request.url)
             ),
         )
         self.page.goto(path.as_uri())

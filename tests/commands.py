@@ -34,8 +34,8 @@ def inside(*args, cwd="."):
     """
     from bayes_toe.cli.app import app
 
-    line, *more = map(str, args)
-    words, code = [*shlex.split(line), *more], 0
+    line, *extra = map(str, args)
+    words, code = [*shlex.split(line), *extra], 0
     with (
         chdir(cwd),
         redirect_stdout(io.StringIO()) as out,
@@ -50,23 +50,23 @@ def inside(*args, cwd="."):
 
 def good(*words, cwd):
     """What a command says that ends well."""
-    done = inside(*words, cwd=cwd)
-    assert (done.returncode, done.stderr) == (0, ""), (words, done.stderr)
-    return done.stdout
+    finished = inside(*words, cwd=cwd)
+    assert (finished.returncode, finished.stderr) == (0, ""), (words, finished.stderr)
+    return finished.stdout
 
 
 def refused(*words, cwd, silent=True):
     """The line of a command that is refused and leaves the folder as it was."""
-    before = content(cwd)
-    done = inside(*words, cwd=cwd)
+    earlier = content(cwd)
+    finished = inside(*words, cwd=cwd)
     # What to type comes below the problem.
     problems = [
-        line for line in done.stderr.splitlines() if not line.startswith(("type:", "       -"))
+        line for line in finished.stderr.splitlines() if not line.startswith(("type:", "       -"))
     ]
-    assert (done.returncode, len(problems)) == (2, 1), (words, done.stderr)
-    assert not (silent and done.stdout)
-    assert content(cwd) == before
-    return done.stderr
+    assert (finished.returncode, len(problems)) == (2, 1), (words, finished.stderr)
+    assert not (silent and finished.stdout)
+    assert content(cwd) == earlier
+    return finished.stderr
 
 
 def content(folder):

@@ -106,10 +106,10 @@ def assert_agrees(target, x, tolerance=1e-12, digits=120, slope_tolerance=1e-11)
         point, step = [mpf(float(v)) for v in x], mpf(10) ** (25 - digits // 2)
         assert_sum_of_terms(value[0], terms(target, point), tolerance)
         for i, slope in enumerate(gradient[0]):
-            ahead, behind = list(point), list(point)
+            ahead, backward = list(point), list(point)
             ahead[i] += step
-            behind[i] -= step
-            ends = zip(terms(target, ahead), terms(target, behind), strict=True)
+            backward[i] -= step
+            ends = zip(terms(target, ahead), terms(target, backward), strict=True)
             slopes = [(high - low) / (2 * step) for high, low in ends]
             assert_sum_of_terms(slope, slopes, slope_tolerance)
 

@@ -29,16 +29,16 @@ def texts_of(figure):
     ticks = {
         text for axis in every for tick in axis.majorTicks for text in (tick.label1, tick.label2)
     }
-    shown = {
+    visible = {
         text
         for axis in every
         for tick in axis._update_ticks()
         for text in (tick.label1, tick.label2)
     }
-    found = [
+    observed = [
         text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()
     ]
-    return [text for text in found if text not in ticks or text in shown]
+    return [text for text in observed if text not in ticks or text in visible]
 
 
 def require_legible(figure, smallest=7.0):
@@ -58,6 +58,6 @@ def require_legible(figure, smallest=7.0):
         for low, high in ((x0, x1), (y0, y1))
     )
     over = np.argwhere(np.triu((across > slack) & (down > slack), 1))
-    assert [(words[one], words[other]) for one, other in over] == []
+    assert [(words[element], words[other]) for element, other in over] == []
     assert min(text.get_fontsize() for text in texts) >= smallest - 0.01
     return words

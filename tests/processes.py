@@ -49,15 +49,15 @@ def parent_of(pid):
 
 def members(session):
     """Every process of a session that has not ended, with its command line."""
-    found = {}
+    observed = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             if (
                 os.getsid(int(folder.name)) == session
                 and (folder / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
             ):
-                found[int(folder.name)] = (folder / "cmdline").read_text().replace("\0", " ")
-    return found
+                observed[int(folder.name)] = (folder / "cmdline").read_text().replace("\0", " ")
+    return observed
 
 
 # --- jobs; in this file because a worker that begins loads the file of its job, and with that of a
@@ -82,7 +82,9 @@ def blas_threads():
     from threadpoolctl import threadpool_info
 
     np.linalg.inv(np.eye(2))
-    return [one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"]
+    return [
+        element["num_threads"] for element in threadpool_info() if element["user_api"] == "blas"
+    ]
 
 
 def die(main, marks, deaths):

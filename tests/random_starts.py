@@ -20,12 +20,14 @@ def minus_objective(subject, prior):
     def value(theta):
         mu1, sigma_p, gamma, last = theta
         big = (1 + np.sqrt(1 + 4 * gamma)) / 2
-        away = (subject.s2 - subject.s1 / big - (1 - 1 / big) * mu1) / sigma_p
+        deviation = (subject.s2 - subject.s1 / big - (1 - 1 / big) * mu1) / sigma_p
         with np.errstate(all="ignore"):
             if subject.task == WHICH_STRONGER:
-                logs = (np.log(last / 2 + (1 - last) * ndtr(sign * away / big)) for sign in (1, -1))
+                logs = (
+                    np.log(last / 2 + (1 - last) * ndtr(sign * deviation / big)) for sign in (1, -1)
+                )
             else:
-                log_q = np.log(last) - np.log(2) * (away / big**1.5) ** 2
+                log_q = np.log(last) - np.log(2) * (deviation / big**1.5) ** 2
                 logs = (log_q, np.log(-np.expm1(log_q)))
             total = sum(
                 np.where(n > 0, n * log, 0).sum() for n, log in zip((k, d), logs, strict=True)

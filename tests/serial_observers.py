@@ -59,6 +59,6 @@ def answered(
             n_yes[t] = 1 - n_yes[t - 1]
         weight = (1.0 - p) * (s2 - centre) + p * (1.0 - p) * (s1 - centre)
         expectation = carry_over * (weight + p**2 * expectation)
-    place = np.arange(n_trials) + session
-    answers = Answers(keys, n_yes, np.ones(n_trials, int), trials=True, place=place)
+    position = np.arange(n_trials) + session
+    answers = Answers(keys, n_yes, np.ones(n_trials, int), trials=True, place=position)
     return Subject.from_answers(f"observer {seed}", answers, task)

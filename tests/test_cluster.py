@@ -32,18 +32,18 @@ def dask():
         threads = dict.fromkeys(
             ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "2"
         )  # as where Dask's own setting of 1 is not in force
-        made = distributed.LocalCluster(
+        built = distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, dashboard_address=":0", memory_limit=0, env=threads
         )
-    with made:
-        yield made
+    with built:
+        yield built
 
 
 @pytest.fixture
 def client(dask):
-    with distributed.Client(dask) as made:
-        made.wait_for_workers(2, timeout=120)  # a cluster gives up a worker that starts too slowly
-        yield made
+    with distributed.Client(dask) as built:
+        built.wait_for_workers(2, timeout=120)  # a cluster gives up a worker that starts too slowly
+        yield built
 
 
 @pytest.fixture(scope="module")
@@ -56,31 +56,31 @@ def tasks_of(client):
 
 
 def test_numbers_are_those_of_this_process(client, two, tmp_path):
-    there, here = (
+    existing, local = (
         bt.sample(two, model="none", draws=300, seed=1, workers=workers) for workers in (client, 1)
     )
-    there.save(tmp_path / "draws.nc")  # beside a client that is the session's
+    existing.save(tmp_path / "draws.nc")  # beside a client that is the session's
     for group in ("posterior", "sample_stats"):
-        xr.testing.assert_identical(bt.load(tmp_path / "draws.nc").group(group), here.group(group))
+        xr.testing.assert_identical(bt.load(tmp_path / "draws.nc").group(group), local.group(group))
 
 
 def test_jobs_wait_here_and_results_do_not_stay_there(client):
-    jobs, there = [partial(slow, k, 0.1) for k in range(20)], []
-    assert run_in_order(jobs, client, lambda _: there.append(tasks_of(client)), [("",)] * 20) == [
-        *range(20)
-    ]
-    assert max(there) <= 3  # what both workers are at, and the result that is in hand
+    jobs, existing = [partial(slow, k, 0.1) for k in range(20)], []
+    assert run_in_order(
+        jobs, client, lambda _: existing.append(tasks_of(client)), [("",)] * 20
+    ) == [*range(20)]
+    assert max(existing) <= 3  # what both workers are at, and the result that is in hand
     until(lambda: tasks_of(client) == 0)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.05])
 def test_an_interrupt_cancels_what_is_there(client, delay):
     """Wherever it comes: while jobs are handed over, waited for or fetched."""
-    press, said = Timer(delay, interrupt_main), []
+    press, sentence = Timer(delay, interrupt_main), []
 
     def progress(name):
-        said.append(name)
-        if len(said) == 1:
+        sentence.append(name)
+        if len(sentence) == 1:
             press.start()
 
     with pytest.raises(
@@ -92,10 +92,10 @@ def test_an_interrupt_cancels_what_is_there(client, delay):
 
 
 def test_every_worker_has_one_blas_thread_and_a_large_job_is_no_reason_to_warn(client):
-    found = run_in_order(
+    observed = run_in_order(
         [blas_threads, blas_threads, partial(len, bytes(11_000_000))], client, None, [()] * 3
     )
-    assert [set(found[0]), set(found[1]), found[2]] == [{1}, {1}, 11_000_000]
+    assert [set(observed[0]), set(observed[1]), observed[2]] == [{1}, {1}, 11_000_000]
 
 
 @pytest.fixture
@@ -229,16 +229,16 @@ def test_where_an_event_loop_runs_already_as_in_a_notebook(client):
 def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(
     client, tmp_path, deaths, expected
 ):
-    jobs, said = (
+    jobs, sentence = (
         [
             partial(die, os.getpid(), tmp_path / "marks", deaths),
             *(partial(slow, k, 0.1) for k in range(8)),
         ],
         [],
     )
-    assert run_or_fail(jobs, client, said.append, [(str(k),) for k in range(9)]) == [
+    assert run_or_fail(jobs, client, sentence.append, [(str(k),) for k in range(9)]) == [
         expected,
         *range(8),
     ]
     assert (tmp_path / "marks").stat().st_size == 2
-    assert sorted(said) == sorted(map(str, range(9)))
+    assert sorted(sentence) == sorted(map(str, range(9)))

@@ -31,12 +31,12 @@ def test_the_sdist_has_every_text_and_what_it_links_to(text):
 def _required(extra):
     """The requirements of an extra, those of the extras that it names in their place."""
     for words in SETTINGS["project"]["optional-dependencies"][extra]:
-        wanted = Requirement(words)
-        if wanted.name == "bayes_toe":
-            for other in wanted.extras:
+        requirement = Requirement(words)
+        if requirement.name == "bayes_toe":
+            for other in requirement.extras:
                 yield from _required(other)
         else:
-            yield wanted
+            yield requirement
 
 
 @pytest.mark.parametrize("python", PYTHONS)
@@ -45,18 +45,18 @@ def test_constraints_are_versions_of_all_that_is_required(python):
     pinned = dict(
         line.replace("_", "-").lower().split("==") for line in lines if not line.startswith("#")
     )
-    for wanted in [*map(Requirement, SETTINGS["project"]["dependencies"]), *_required("test")]:
-        if wanted.marker is None or wanted.marker.evaluate({"python_version": python}):
-            name = wanted.name.replace("_", "-").lower()
-            assert wanted.specifier.contains(pinned[name]), wanted
+    for requirement in [*map(Requirement, SETTINGS["project"]["dependencies"]), *_required("test")]:
+        if requirement.marker is None or requirement.marker.evaluate({"python_version": python}):
+            name = requirement.name.replace("_", "-").lower()
+            assert requirement.specifier.contains(pinned[name]), requirement
 
 
 def test_the_citation_is_that_of_this_version():
     """By lines: PyYAML is no requirement."""
     lines = (ROOT / "CITATION.cff").read_text(encoding="utf-8").splitlines()
-    said = dict(line.split(": ", 1) for line in lines if re.match(r"[a-z-]+: .", line))
+    message = dict(line.split(": ", 1) for line in lines if re.match(r"[a-z-]+: .", line))
     project = SETTINGS["project"]
-    assert (said["version"], said["license"]) == (project["version"], project["license"])
+    assert (message["version"], message["license"]) == (project["version"], project["license"])
     assert lines[lines.index("keywords:") + 1 :][: len(project["keywords"])] == [
         f"  - {word}" for word in project["keywords"]
     ]

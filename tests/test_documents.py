@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
 DOCS = ROOT / "docs"
 TEXTS = [README, *sorted(DOCS.glob("*.md"))]
-OTHERS = [
+OTHER_PAGES = [
     ROOT / "CONTRIBUTING.md",
     ROOT / "CHANGELOG.md",
     ROOT / "tests" / "reference" / "README.md",
@@ -59,8 +59,8 @@ def commands(text):
 def test_commands_and_options_are_there(path):
     for command, *words in commands(path.read_text(encoding="utf-8")):
         if command != "...":  # any
-            used = {word.split("=")[0] for word in words if re.match("--?[a-z]", word)}
-            assert used - options()[command] == set(), command
+            options_used = {word.split("=")[0] for word in words if re.match("--?[a-z]", word)}
+            assert options_used - options()[command] == set(), command
 
 
 @EACH_TEXT
@@ -79,7 +79,7 @@ def words(path):
     return "\n\n".join("".join(cell["source"]) for cell in cells)
 
 
-@pytest.mark.parametrize("path", [*TEXTS, *OTHERS, *NOTEBOOKS], ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [*TEXTS, *OTHER_PAGES, *NOTEBOOKS], ids=lambda path: path.name)
 def test_links_lead_to_files(path):
     links = re.findall(r"\]\(([^)#\s]+)", words(path))
     targets = [(path.parent / link).resolve() for link in links if not re.match("[a-z]+:", link)]
@@ -87,13 +87,13 @@ def test_links_lead_to_files(path):
     assert path == README or README not in targets  # it is no page of the site
 
 
-@pytest.mark.parametrize("path", [*TEXTS, *OTHERS, *NOTEBOOKS], ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [*TEXTS, *OTHER_PAGES, *NOTEBOOKS], ids=lambda path: path.name)
 def test_modules_and_places_in_the_checkout_are_there(path):
     """What a paragraph says of an earlier commit is that commit's."""
-    named = rf"(?<![\w/.-])(?:(?:{'|'.join(OURS)})/[\w./-]*\w|[\w/]+\.py\b)"
+    labelled = rf"(?<![\w/.-])(?:(?:{'|'.join(OURS)})/[\w./-]*\w|[\w/]+\.py\b)"
     for paragraph in re.split(r"\n\s*\n", words(path)):
         if not re.search(r"commit `?[0-9a-f]{7}", paragraph):
-            for name in re.findall(named, paragraph):
+            for name in re.findall(labelled, paragraph):
                 assert (ROOT / name).exists() or f"/{name}\n" in our_files(), paragraph
 
 
@@ -104,7 +104,7 @@ def our_files():
     return "".join(f"/{path.relative_to(ROOT).as_posix()}\n" for path in paths)
 
 
-@pytest.mark.parametrize("path", [*TEXTS, *OTHERS], ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [*TEXTS, *OTHER_PAGES], ids=lambda path: path.name)
 def test_headings_that_links_lead_to_are_there(path):
     for file, anchor in re.findall(r"\]\(([\w./-]*)#([\w-]+)\)", path.read_text(encoding="utf-8")):
         target = path.parent / file if file else path
@@ -115,9 +115,9 @@ def test_headings_that_links_lead_to_are_there(path):
 
 
 def test_tables_and_pictures_of_the_docs_are_used():
-    text = "".join(words(path) for path in [*TEXTS, *OTHERS, *NOTEBOOKS])
-    kept = {one.name for ending in ("csv", "png") for one in DOCS.glob(f"*.{ending}")}
-    assert [name for name in sorted(kept) if name not in text] == []
+    text = "".join(words(path) for path in [*TEXTS, *OTHER_PAGES, *NOTEBOOKS])
+    stored = {element.name for ending in ("csv", "png") for element in DOCS.glob(f"*.{ending}")}
+    assert [name for name in sorted(stored) if name not in text] == []
 
 
 def test_documents_are_short():
@@ -128,12 +128,12 @@ def test_documents_are_short():
     assert counted == documents
 
 
-@pytest.mark.parametrize(("path", "most"), [(README, 600), (DOCS / "tutorial.md", 2000)])
-def test_readme_and_tutorial_are_short(path, most):
+@pytest.mark.parametrize(("path", "limit"), [(README, 600), (DOCS / "tutorial.md", 2000)])
+def test_readme_and_tutorial_are_short(path, limit):
     """Words of prose and code; printed text does not count."""
     text = path.read_text(encoding="utf-8")
     prose = re.sub(r"^```text\n.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
-    assert len(prose.split()) <= most
+    assert len(prose.split()) <= limit
 
 
 @EACH_TEXT
@@ -152,15 +152,15 @@ def contents():
 
 
 def test_every_document_is_reached_from_the_contents_and_no_other():
-    documents = {*DOCS.glob("*.md"), *NOTEBOOKS, *OTHERS} - {DOCS / "index.md"}
+    documents = {*DOCS.glob("*.md"), *NOTEBOOKS, *OTHER_PAGES} - {DOCS / "index.md"}
     places = [path.relative_to(ROOT).with_suffix("").as_posix() for path in documents]
     assert sorted(contents()) == sorted(places)
 
 
 def test_every_page_that_is_made_has_its_place_in_one_document():
     texts = [path.read_text(encoding="utf-8") for path in DOCS.glob("*.md")]
-    for place in reference_pages.MADE:
-        assert sum(text.count(place) for text in texts) == 1, place
+    for position in reference_pages.MADE:
+        assert sum(text.count(position) for text in texts) == 1, position
 
 
 def test_every_command_and_option_is_in_the_reference():

@@ -32,7 +32,7 @@ THREE = (0.25, 1.0, 4.0)
 def study():
     observers = [PaperObserver("S01", FIRST), PaperObserver("S02", SECOND)]
     trials = simulate_trials(observers, at_intervals(reference_design(batches=20), THREE), seed=8)
-    return bt.Study([one.answered for one in trials], "three intervals", True)
+    return bt.Study([element.answered for element in trials], "three intervals", True)
 
 
 @pytest.fixture(scope="module")
@@ -123,9 +123,11 @@ def test_check_says_what_intervals_change():
     long = checked([500.0, 500.0])
     assert "long_intervals" in long
     assert "delays" not in long
-    apart = checked([1.0, 2.0])
-    assert "one_order" not in apart  # both orders were presented, and the answer ignores delays
-    assert apart["delays"].endswith("analyse the delays as a condition.")
+    separation = checked([1.0, 2.0])
+    assert (
+        "one_order" not in separation
+    )  # both orders were presented, and the answer ignores delays
+    assert separation["delays"].endswith("analyse the delays as a condition.")
 
 
 # --- posterior and evidence -----------------------------------------------------------------------
@@ -220,8 +222,8 @@ def test_figures_show_answers_where_they_were_given(analysis):
     assert titles_of(panels) == [f"{isi:g} s" for isi in THREE]
     counts = analysis.study["S01"]
     for ax, isi in zip(panels, THREE, strict=True):
-        here = counts.at_isi(isi)
-        expected = np.sort((here.n_yes + 1.0) / (here.n_trials + 2.0))
+        local = counts.at_isi(isi)
+        expected = np.sort((local.n_yes + 1.0) / (local.n_trials + 2.0))
         drawn = np.concatenate([container.lines[0].get_ydata() for container in ax.containers])
         assert np.sort(drawn) == pytest.approx(expected)
     assert gain.get_xlim() == (0.5 * min(THREE), 2.0 * max(THREE))

@@ -46,8 +46,8 @@ def known_analyses(monkeypatch, example):
 
 def cheap_call(words):
     program, command, *options = words
-    more = CHEAP.get(command, []) if program == "bayes-toe" else []
-    return printed_output.call([program, command, *options, *more])
+    extra = CHEAP.get(command, []) if program == "bayes-toe" else []
+    return printed_output.call([program, command, *options, *extra])
 
 
 def require_same(stated, printed):
@@ -118,6 +118,6 @@ def test_the_group_of_the_example_agrees_with_its_truth(example):
     group = example.group
     units = {"constant_error": group.scales.step, "contraction": 1.0}
     for effect, true in pd.DataFrame(bt.example_truth()).T[[*SIZES]].items():
-        found = group.effect(effect)
-        assert found.mean.low < true.mean() / units[effect] < found.mean.high
-        assert found.sd.low < true.std() / units[effect] < found.sd.high
+        observed = group.effect(effect)
+        assert observed.mean.low < true.mean() / units[effect] < observed.mean.high
+        assert observed.sd.low < true.std() / units[effect] < observed.sd.high

@@ -10,8 +10,8 @@ import bayes_toe as bt
 def test_everything_fits_on_a_line(analysis):
     table = bt.asymmetry(analysis.study)
     subject = analysis.study["A"]
-    shown = (analysis, analysis.study, subject, analysis.draws, analysis.evidence, analysis.fits)
-    for value in (*shown, table):
+    visible = (analysis, analysis.study, subject, analysis.draws, analysis.evidence, analysis.fits)
+    for value in (*visible, table):
         assert len(repr(value)) < 220
         assert "\n" not in repr(value)
     names = "3 subjects ('A', 'B', 'C'), "
@@ -29,9 +29,9 @@ def test_notebooks_show_small_tables_and_run_nothing():
         assert "<table" in html
         assert "<script>" not in html
         assert "&lt;script&gt;" in html
-    many = bt.Study([bt.Subject(f"S{i}", [0.0], [0.3], [3], [5]) for i in range(50)])
-    assert many._repr_html_().count("<tr") == 21
-    assert "and 30 more rows" in many._repr_html_()
+    numerous = bt.Study([bt.Subject(f"S{i}", [0.0], [0.3], [3], [5]) for i in range(50)])
+    assert numerous._repr_html_().count("<tr") == 21
+    assert "and 30 more rows" in numerous._repr_html_()
 
 
 def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
@@ -46,7 +46,7 @@ def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("argument", "sentence"),
     [
         ("x.csv", r"found 'x.csv', allowed: a Study, such as bt.read_study\('x.csv'\)"),
         (
@@ -58,11 +58,11 @@ def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
     ],
     ids=["path", "subject", "list", "number"],
 )
-def test_every_verb_says_what_a_study_is(given, said):
+def test_every_verb_says_what_a_study_is(argument, sentence):
     verbs = (bt.run, bt.sample, bt.evidence, bt.fit, bt.asymmetry, bt.population, bt.check)
     for verb in verbs:
-        with pytest.raises(bt.InputError, match=said):
-            verb(given)
+        with pytest.raises(bt.InputError, match=sentence):
+            verb(argument)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_an_option_of_a_wrong_kind_is_refused(small_study, verb, option, value, 
 
 
 @pytest.mark.parametrize(
-    ("verb", "given", "message"),
+    ("verb", "argument", "message"),
     [
         (bt.predict, ("S", "A", 0.0, 0.3), "draws: found 'S', allowed: Draws, such as bt.sample"),
         (bt.plots.corner, ("posterior.nc", "A"), "draws: found 'posterior.nc', .*bt.load"),
@@ -99,9 +99,9 @@ def test_an_option_of_a_wrong_kind_is_refused(small_study, verb, option, value, 
         (bt.Prior, ("x",), "prior: mu1_mean=x, allowed: "),
     ],
 )
-def test_what_is_of_a_wrong_kind_is_refused(verb, given, message):
+def test_what_is_of_a_wrong_kind_is_refused(verb, argument, message):
     with pytest.raises(bt.InputError, match=message):
-        verb(*given)
+        verb(*argument)
 
 
 def test_the_file_of_a_prior_is_taken_where_a_prior_is(small_study, tmp_path):

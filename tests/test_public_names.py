@@ -89,10 +89,10 @@ bt.model.gain
 print(seen())
 bt.plots.corner
 """
-    said = subprocess.run(
+    message = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout.splitlines()
-    assert said == ["[]", "['numpy']"]
+    assert message == ["[]", "['numpy']"]
 
 
 @pytest.mark.parametrize(

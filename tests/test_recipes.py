@@ -144,13 +144,15 @@ def write(folder, files):
 def write_matlab(folder):
     (folder / "matlab").mkdir()
     first, second = np.transpose(PAIRS)
-    same = np.array([True, False, False, True])
-    columns = {"subject": "M1", "amp1": first, "amp2": second, "same": same}
+    identical = np.array([True, False, False, True])
+    columns = {"subject": "M1", "amp1": first, "amp2": second, "same": identical}
     savemat(folder / "matlab" / "one.mat", columns)
     fields = [(name, "O") for name in columns]
-    rows = np.array([(3.0, *row) for row in zip(first, second, same, strict=True)], fields)
+    rows = np.array([(3.0, *row) for row in zip(first, second, identical, strict=True)], fields)
     savemat(folder / "matlab" / "two.mat", {"trials": rows})
-    savemat(folder / "nested.mat", {"session": {"log": {"amp": np.array(PAIRS), "same": same}}})
+    savemat(
+        folder / "nested.mat", {"session": {"log": {"amp": np.array(PAIRS), "same": identical}}}
+    )
 
 
 def sections():

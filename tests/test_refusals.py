@@ -57,9 +57,9 @@ PIECES = st.sampled_from([b'"', *_MARKS, *_LONG, *_WORDS.split()])
 
 
 @st.composite
-def damaged(draw, whole):
+def damaged(draw, complete):
     """Some places of a file cut out, and something else put there."""
-    data = whole
+    data = complete
     for _ in range(draw(st.integers(0, 4))):
         first = draw(st.integers(0, len(data)))
         data = (
@@ -101,16 +101,16 @@ def test_small_files_are_read_or_refused_in_lines(kind, tmp_path):
 def test_damaged_numbers_of_draws_are_refused(analysis, tmp_path):
     """Of damage to what is not a number HDF5 says what it says."""
     path = analysis.draws["A"].save(tmp_path / "posterior.nc")
-    whole = path.read_bytes()
+    complete = path.read_bytes()
     with h5py.File(path) as file:
         chunk = file["posterior/mu1"].id.get_chunk_info(0)
 
     @settings(FUZZ, max_examples=FUZZ.max_examples // 4)
     @given(st.integers(0, chunk.size - 65), st.binary(min_size=1, max_size=64))
-    def look(place, other):
-        first = chunk.byte_offset + place
-        data = whole[:first] + other + whole[first + len(other) :]
+    def look(position, other):
+        first = chunk.byte_offset + position
+        data = complete[:first] + other + complete[first + len(other) :]
         path.write_bytes(data)
-        assert (only_lines(bt.load, path) is not None) == (data == whole)
+        assert (only_lines(bt.load, path) is not None) == (data == complete)
 
     look()

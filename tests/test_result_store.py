@@ -94,8 +94,8 @@ def test_a_fingerprint_tells_every_argument_apart():
     for subject, seed, model in product((SUBJECT, other), (1, 2), MODEL_NAMES):
         calls.append(partial(max, subject, seed=seed, model=model))
     assert len(set(map(fingerprint, calls))) == len(calls)
-    same = replace(SUBJECT, n_yes=[20, 15])
-    assert fingerprint(partial(max, same, seed=1, model=first)) == fingerprint(calls[2])
+    identical = replace(SUBJECT, n_yes=[20, 15])
+    assert fingerprint(partial(max, identical, seed=1, model=first)) == fingerprint(calls[2])
 
 
 def test_what_has_no_name_has_no_fingerprint():
@@ -235,9 +235,9 @@ def test_a_failed_job_is_not_kept(tmp_path, monkeypatch):
     )
     jobs = [partial(pow, 2, 2), partial(pow, 2, 3)]
     with open_store(tmp_path) as store:
-        done = store.work(jobs, 1, None, [("a",), ("b",)])
-    assert list(done) == [8]
-    assert dict(done.failed) == {0: Failed("died")}
+        finished = store.work(jobs, 1, None, [("a",), ("b",)])
+    assert list(finished) == [8]
+    assert dict(finished.failed) == {0: Failed("died")}
     assert count_stored(tmp_path) == 1
 
 
@@ -305,10 +305,10 @@ def test_a_linked_folder_and_a_linked_lock_are_refused(tmp_path):
 
 def test_results_that_change_places_are_computed_again(few, tmp_path, computed):
     options = {"model": "none", "seed": 3, "keep": tmp_path, **QUICK}
-    before = bt.sample(few, **options)
+    earlier = bt.sample(few, **options)
     first, second = tmp_path.glob("*.result")
     content = first.read_bytes()
     first.write_bytes(second.read_bytes())
     second.write_bytes(content)
-    xr.testing.assert_identical(bt.sample(few, **options).tree, before.tree)
+    xr.testing.assert_identical(bt.sample(few, **options).tree, earlier.tree)
     assert computed == [2, 2]

@@ -57,8 +57,10 @@ OWNERS = {
 
 def _modules():
     """Every module but the package's own face, as its dotted name inside the package."""
-    found = (path.relative_to(PACKAGE).with_suffix("").parts for path in PACKAGE.rglob("*.py"))
-    return sorted(".".join(parts) for parts in found if parts not in {("__init__",), ("__main__",)})
+    observed = (path.relative_to(PACKAGE).with_suffix("").parts for path in PACKAGE.rglob("*.py"))
+    return sorted(
+        ".".join(parts) for parts in observed if parts not in {("__init__",), ("__main__",)}
+    )
 
 
 @cache
@@ -78,7 +80,7 @@ def _imports(name):
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def _place(name):
+def _rank(name):
     return ORDER.index(name.split(".")[0])
 
 
@@ -91,7 +93,7 @@ def test_every_file_stands_in_a_room_and_imports_point_down(name):
     ]
     assert name.count(".") <= 1, "one level of rooms"
     assert [
-        other for other in ours if other.split(".")[0] in ORDER and _place(other) > _place(name)
+        other for other in ours if other.split(".")[0] in ORDER and _rank(other) > _rank(name)
     ] == []
 
 

@@ -71,9 +71,9 @@ def test_screens_have_the_unit(decibels, tmp_path):
     screen = good("evidence levels.csv --unit dB -o evidence.csv --seed 1", cwd=tmp_path)
     assert "PSE shift, dB" in screen
     assert "PSE shift, %" not in screen
-    allowed = "ln, log10, dB, dB-power, or a unit of at most 16 letters, such as g"
+    rule = "ln, log10, dB, dB-power, or a unit of at most 16 letters, such as g"
     problem = refused("check levels.csv --unit '$x$'", cwd=tmp_path)
-    assert problem == f"error: --unit: found '$x$', allowed: {allowed}\n"
+    assert problem == f"error: --unit: found '$x$', allowed: {rule}\n"
 
 
 def test_raw_intensities_are_shown_in_their_unit(logs):

@@ -18,7 +18,7 @@ FORBIDDEN = re.compile(
     r"|sloped|less H0|in the light of|(subjects?|fit) alone|\b(those|for|of) who\b|\b0\.00\b"
 )
 #: The word of the answer, code, and tables of numbers.
-ALLOWED = re.compile(r"cannot be told|`[^`]*`|\bpull\(|^\|.*\|$", re.MULTILINE)
+ALLOWED_WORDS = re.compile(r"cannot be told|`[^`]*`|\bpull\(|^\|.*\|$", re.MULTILINE)
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 TEMPLATES = sorted((ROOT / "bayes_toe" / "cli").glob("*.html"))
 
@@ -26,7 +26,7 @@ TEMPLATES = sorted((ROOT / "bayes_toe" / "cli").glob("*.html"))
 def forbidden(text):
     """Forbidden words of a text, code aside."""
     prose = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
-    return [match.group() for match in FORBIDDEN.finditer(ALLOWED.sub("", prose))]
+    return [match.group() for match in FORBIDDEN.finditer(ALLOWED_WORDS.sub("", prose))]
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
@@ -49,12 +49,12 @@ def test_help_of_every_command():
 @pytest.mark.parametrize("face", ["", ".model", ".design", ".plots"])
 def test_public_docstrings(face):
     module = importlib.import_module(f"bayes_toe{face}")
-    found = {}
+    observed = {}
     for name in module.__all__:
         words = forbidden(inspect.getdoc(getattr(module, name)) or "")
         if words:
-            found[name] = words
-    assert found == {}
+            observed[name] = words
+    assert observed == {}
 
 
 def test_the_example_speaks_plainly():

@@ -27,10 +27,10 @@ def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(
         partial(die, os.getpid(), tmp_path / "marks", deaths),
         *(partial(slow, k, 0.3) for k in range(6)),
     ]
-    said, names = [], [(str(k),) for k in range(7)]
-    assert run_or_fail(jobs, 2, said.append, names) == [expected, *range(6)]
+    message, names = [], [(str(k),) for k in range(7)]
+    assert run_or_fail(jobs, 2, message.append, names) == [expected, *range(6)]
     assert (tmp_path / "marks").stat().st_size == 2
-    assert sorted(said) == sorted(str(k) for k in range(7))
+    assert sorted(message) == sorted(str(k) for k in range(7))
 
 
 def test_where_every_result_is_needed_the_one_that_is_missing_is_named(tmp_path):
@@ -71,15 +71,15 @@ def test_who_wants_no_more_results_is_not_warned(recwarn):
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_are_in_the_order_of_the_jobs_and_progress_hears_each_name_once(workers):
-    said = []
+    message = []
     names = [("a",), (), ("b", "c"), ("d",)]
-    assert run_in_order([partial(pow, 2, k) for k in range(4)], workers, said.append, names) == [
+    assert run_in_order([partial(pow, 2, k) for k in range(4)], workers, message.append, names) == [
         1,
         2,
         4,
         8,
     ]
-    assert sorted(said) == ["a", "b", "c", "d"]
+    assert sorted(message) == ["a", "b", "c", "d"]
 
 
 def installed(line, folder):
@@ -93,9 +93,9 @@ def test_workers_of_a_command_run_no_file_of_the_working_directory(tmp_path):
     grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
     for name in ("random", "json", "queue", "select"):
         (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the data folder')")
-    done = installed("fit study.csv -o fit.csv --replicates 2 --workers 2", tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "failed" not in done.stdout
+    finished = installed("fit study.csv -o fit.csv --replicates 2 --workers 2", tmp_path)
+    assert (finished.returncode, finished.stderr) == (0, "")
+    assert "failed" not in finished.stdout
 
 
 CALLED_FROM_A_DATA_FOLDER = """
@@ -116,8 +116,8 @@ def test_workers_of_a_script_run_no_file_of_the_working_directory(tmp_path):
         (data / f"{name}.py").write_text("raise SystemExit('a file of the data folder was run')")
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONSAFEPATH"}
     words = [sys.executable, str(code / "script.py")]
-    done = subprocess.run(words, cwd=data, capture_output=True, text=True, env=environment)
-    assert (done.stdout, done.stderr, done.returncode) == ("[1, 2, 4]\n", "", 0)
+    finished = subprocess.run(words, cwd=data, capture_output=True, text=True, env=environment)
+    assert (finished.stdout, finished.stderr, finished.returncode) == ("[1, 2, 4]\n", "", 0)
 
 
 def test_commands_take_no_settings_from_the_data_folder(tmp_path):
@@ -154,5 +154,5 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 def test_a_copy_of_a_process_that_has_workers_can_work(tmp_path):
     # From 3.12 on Python warns of a copy of a process with threads, which joblib's has.
     words = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", FORKED]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("[1, 2, 4]\n[1, 2, 4]\n0\n", "")
+    finished = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+    assert (finished.stdout, finished.stderr) == ("[1, 2, 4]\n[1, 2, 4]\n0\n", "")

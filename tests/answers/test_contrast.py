@@ -38,11 +38,13 @@ def answers(
     rng = np.random.default_rng(3)
     pairs = {"s1": scale * FIRST + shift, "s2": scale * SECOND + shift}
     rows = []
-    for who in subjects:
+    for subject_name in subjects:
         for level, offset, contraction in zip(levels, offsets, contractions, strict=False):
             distance = SECOND - FIRST - offset + contraction * (FIRST - 0.45)
             counts = {"n_second": rng.binomial(trials, ndtr(distance / 0.25)), "n_trials": trials}
-            rows.append(pd.DataFrame({"subject": who, "condition": level, **pairs, **counts}))
+            rows.append(
+                pd.DataFrame({"subject": subject_name, "condition": level, **pairs, **counts})
+            )
     return pd.concat(rows)
 
 
@@ -107,14 +109,14 @@ def test_bayes_factors_by_hand():
 
     def bayes_factor(*parameters):
         """Mean evidence of models in which some of them differ over that of the others."""
-        asked = frozenset(parameters)
-        differing = [value for key, value in z.items() if asked & key]
-        others = [value for key, value in z.items() if not asked & key]
-        return np.mean(differing) / np.mean(others)
+        request = frozenset(parameters)
+        differing = [value for key, value in z.items() if request & key]
+        remaining = [value for key, value in z.items() if not request & key]
+        return np.mean(differing) / np.mean(remaining)
 
-    for asked in ([CONTRACTION], [CONSTANT_ERROR, CONTRACTION]):
-        value, _ = log_bayes_factor(evidences, frozenset(asked))
-        assert np.exp(value) == pytest.approx(bayes_factor(*asked))
+    for request in ([CONTRACTION], [CONSTANT_ERROR, CONTRACTION]):
+        value, _ = log_bayes_factor(evidences, frozenset(request))
+        assert np.exp(value) == pytest.approx(bayes_factor(*request))
     for evidence in with_lapses:
         assert "lapse_rate 1" in evidence.posterior.coordinates
     withheld = [evidences[0]._replace(log_evidence=np.nan), *evidences[1:]]
@@ -127,12 +129,12 @@ def test_three_levels_numbers_and_a_missing_one():
     slope = bt.contrast(bt.read_study(three), seed=1, workers=1)
     assert [(row.subject, row.comparison) for row in slope.select("JND")] == [("A", "4 - 1")]
     options = bt.ReadOptions(categorical=True)
-    named = bt.contrast(bt.read_study(three, options), seed=1, workers=1)
-    assert [row.comparison for row in named.select("constant error")] == ["2 - 1", "4 - 1"]
+    labelled = bt.contrast(bt.read_study(three, options), seed=1, workers=1)
+    assert [row.comparison for row in labelled.select("constant error")] == ["2 - 1", "4 - 1"]
     assert slope.select("constant error")[0].mean < -0.05
-    assert slope.left_out == named.left_out == {"B": "at 2, 4 only"}
+    assert slope.left_out == labelled.left_out == {"B": "at 2, 4 only"}
     # The Bayes factor is that of a difference between any levels, whatever the comparison.
-    first, second = (row.conclusion for row in named.select("JND"))
+    first, second = (row.conclusion for row in labelled.select("JND"))
     assert first == second
     with pytest.raises(
         bt.InputError, match="found no subject at both 4 and 1, allowed: one and more"

@@ -86,9 +86,9 @@ def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analys
     alone = bt.evidence(study, seed=analysis.settings.seed, prior="paper", workers=1)
     frame = analysis.evidence.frame().query("subject == 'B'").reset_index(drop=True)
     pd.testing.assert_frame_equal(alone.frame(), frame)
-    own, other = alone["B"].fit, analysis.evidence["B"].fit
-    assert own.p_overall == pytest.approx(other.p_overall, abs=0.08)
-    assert own.deviance == pytest.approx(other.deviance, abs=0.2)
+    separate, other = alone["B"].fit, analysis.evidence["B"].fit
+    assert separate.p_overall == pytest.approx(other.p_overall, abs=0.08)
+    assert separate.deviance == pytest.approx(other.deviance, abs=0.2)
     assert analysis.draws.fit("B").p_deviance == other.p_deviance
 
 
@@ -117,10 +117,10 @@ def test_real_vibrotactile_subjects_go_both_ways(real_data):
 
 
 def test_a_numerical_failure_leaves_the_other_subjects(monkeypatch):
-    def fails_for_one(subjects, *rest):
+    def fails_for_one(subjects, *remainder):
         if subjects[0].name == "B":
             raise NumericalError("subject 'B': the evidence of 'both' is not a finite number")
-        return order_evidence(subjects, *rest)
+        return order_evidence(subjects, *remainder)
 
     monkeypatch.setattr("bayes_toe.answers.order_effect.order_evidence", fails_for_one)
     table = bt.evidence(few_pairs("ABC"), seed=1, workers=1)

@@ -128,8 +128,8 @@ def test_reweighting_is_a_fresh_run_with_another_scale():
 
 
 def test_what_the_design_cannot_tell_has_no_word(evidence):
-    nothing = Identification(False, False, False, dict.fromkeys(QUESTIONS, "one order only"))
-    answer = order_effect(evidence, nothing)
+    unidentifiable = Identification(False, False, False, dict.fromkeys(QUESTIONS, "one order only"))
+    answer = order_effect(evidence, unidentifiable)
     assert {answer.word(question) for question in QUESTIONS} == {"cannot be told"}
     assert answer.notes == ("one order only",)
     no_contraction = Identification(True, True, False, {"contraction": ONE_FIRST_STIMULUS})

@@ -67,12 +67,12 @@ def test_the_evidence_of_a_previous_response_is_an_integral_over_kappa(table, st
     """Of the mean likelihood ratio over draws without the effect, which the table has."""
     row = table[kind]
     posterior = table.posterior(row, "previous_response")
-    without = row.draws[0]
-    static = posterior.observer.log_likelihood(without)
+    without_effects = row.draws[0]
+    static = posterior.observer.log_likelihood(without_effects)
     scores = np.linspace(-1.5, 1.5, 301)
     ratio = np.zeros(len(scores))
     for i, score in enumerate(scores):
-        moved = np.column_stack([without, np.full(len(without), score)])
+        moved = np.column_stack([without_effects, np.full(len(without_effects), score)])
         ratio[i] = np.exp(posterior.log_likelihood(moved) - static).mean()
     expected = np.log(np.trapezoid(ratio * norm.pdf(scores), scores))
     assert row.log_evidence[1] - row.log_evidence[0] == pytest.approx(expected, abs=0.25)

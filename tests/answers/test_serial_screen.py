@@ -19,9 +19,9 @@ def screen(subject, p=0.0):
     """The screen at the observer's own point: any slopes are valid weights."""
     posterior = OrderModel("both").posterior(subject)
     point = dict.fromkeys(posterior.coordinates, np.array(0.0))
-    known = {"noise": NOISE, "q0": Q0, "lapse_rate": LAPSE_RATE, "contraction": p}
-    for name in point.keys() & known.keys():
-        point[name] = np.array(known[name])
+    reference = {"noise": NOISE, "q0": Q0, "lapse_rate": LAPSE_RATE, "contraction": p}
+    for name in point.keys() & reference.keys():
+        point[name] = np.array(reference[name])
     return serial_screen(subject, posterior, posterior.points(point))
 
 
@@ -34,10 +34,10 @@ def test_observers_without_memory_seldom_fail_the_screen():
     for i in range(120):
         screens.append(screen(answered(i, WHICH_STRONGER, repeats=20, p=0.2), p=0.2))
         screens.append(screen(answered(i, SAME_DIFFERENT, repeats=12, p=0.2), p=0.2))
-    found = np.array([astuple(row) for row in screens])
-    assert found.shape == (240, 4)
-    assert np.count_nonzero(found < 0.01) <= 20
-    for column in found.T:
+    observed = np.array([astuple(row) for row in screens])
+    assert observed.shape == (240, 4)
+    assert np.count_nonzero(observed < 0.01) <= 20
+    for column in observed.T:
         assert kstest(column, "uniform").pvalue > 1e-3
 
 
@@ -95,8 +95,8 @@ def test_a_constant_first_stimulus_leaves_the_second():
     keys = np.column_stack([np.zeros(300), rng.choice([-0.3, 0.3, 0.6], 300)])
     n_yes = (rng.random(300) < norm.cdf(keys[:, 1] / NOISE)).astype(int)
     answers = Answers(keys, n_yes, np.ones(300, int), trials=True, place=np.arange(300))
-    found = screen(Subject.from_answers("standard first", answers, WHICH_STRONGER))
-    assert all(0.0 < p <= 1.0 for p in astuple(found))
+    observed = screen(Subject.from_answers("standard first", answers, WHICH_STRONGER))
+    assert all(0.0 < p <= 1.0 for p in astuple(observed))
 
 
 @pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT], ids=["2afc", "same"])
@@ -105,8 +105,8 @@ def test_slopes_are_those_of_the_logit_in_a_shift(task):
     x = np.random.default_rng(9).normal(0.0, 0.5, len(posterior.coordinates))
     shift = np.zeros_like(x)
     shift[posterior.coordinates.index("constant_error")] = 1e-5
-    ahead, behind = (
+    ahead, backward = (
         logit(np.exp(posterior.log_answers((x + sign * shift)[None]).yes[0])) for sign in (-1, 1)
     )
-    expected = (ahead - behind) / (2e-5 * posterior.prior.constant_error_scale)
+    expected = (ahead - backward) / (2e-5 * posterior.prior.constant_error_scale)
     np.testing.assert_allclose(logit_slopes(posterior, x), expected, rtol=1e-6, atol=1e-8)

@@ -395,8 +395,8 @@ class Page(Opened):
     def close(self):
         """Close the page, which asked nobody else for anything."""
         self.page.close()
-        own = f"http://{self.server.host}/"
-        return [problem for problem in self.problems if not problem.startswith(own)]
+        separate = f"http://{self.server.host}/"
+        return [problem for problem in self.problems if not problem.startswith(separate)]
 
 
 def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(
@@ -573,8 +573,8 @@ def test_fields_become_the_options_of_the_command(browser, server, tmp_path, cas
     assert sorted(command[command.index("--seed") + 2 :]) == sorted(words)
     opened.page.reload()
     opened.page.locator("#go:enabled").wait_for()
-    shown = {name: opened.page.locator(name).input_value() for name in fields}
-    assert shown == fields
+    visible = {name: opened.page.locator(name).input_value() for name in fields}
+    assert visible == fields
     assert opened.close() == []
 
 

@@ -138,9 +138,9 @@ def test_roved_stimuli_with_sure_answers_that_come_again_are_no_repetition():
     rng = np.random.default_rng(1)
     s1 = rng.normal(0, 1, 150)
     keys = np.tile(np.column_stack([s1, s1 + rng.choice([-0.5, 0.5], 150)]), (2, 1))
-    sure = (keys[:, 1] > keys[:, 0]).astype(int)
-    assert find(from_trials("S", keys, sure, task=WHICH_STRONGER)) == ()
-    unsure = sure ^ np.tile(rng.random(150) < 0.3, 2)
+    certain = (keys[:, 1] > keys[:, 0]).astype(int)
+    assert find(from_trials("S", keys, certain, task=WHICH_STRONGER)) == ()
+    unsure = certain ^ np.tile(rng.random(150) < 0.3, 2)
     assert "repeated_trials" in messages(from_trials("S", keys, unsure, task=WHICH_STRONGER))
 
 

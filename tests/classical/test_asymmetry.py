@@ -132,8 +132,8 @@ def test_never_above_fisher_and_blind_to_names(table):
     k1, n1, k2, n2 = table
     p_value = float(equality_test(*table).p_value)
     assert 0 < p_value <= fisher(*table) * (1 + 1e-9)
-    for same in ((k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2)):
-        assert float(equality_test(*same).p_value) == p_value
+    for identical in ((k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2)):
+        assert float(equality_test(*identical).p_value) == p_value
 
 
 def test_fisher_for_many_trials_and_close_to_what_it_replaces():

@@ -124,8 +124,13 @@ def test_a_fit_outside_its_interval_is_said_to_be_so(mu1):
 
 
 def test_a_covariance_that_is_singular_gives_no_evidence():
-    same = np.random.default_rng(1).normal(size=(50, 4)) * [1, 0, 0.1, 0.1] + [0, 0.3, 0.5, 0.5]
-    value, note = bootstrap_evidence(make_bootstrap(same), Prior())
+    identical = np.random.default_rng(1).normal(size=(50, 4)) * [1, 0, 0.1, 0.1] + [
+        0,
+        0.3,
+        0.5,
+        0.5,
+    ]
+    value, note = bootstrap_evidence(make_bootstrap(identical), Prior())
     assert value is None
     assert note.endswith("singular")
 

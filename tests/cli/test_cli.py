@@ -16,8 +16,8 @@ import bayes_toe as bt
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.model.parameters import ObserverPrior
 
-ONE = "--seed 1 --workers 1"
-QUICK = f"--draws 300 --figures none {ONE}"
+ONE_WORKER = "--seed 1 --workers 1"
+QUICK = f"--draws 300 --figures none {ONE_WORKER}"
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def folder(tmp_path_factory, small_study):
 def printed(folder):
     """The screen of `run`, which writes the folder `out`."""
     with few_replicates():
-        return good(f"run study.csv -o out --draws 1000 {ONE}", cwd=folder)
+        return good(f"run study.csv -o out --draws 1000 {ONE_WORKER}", cwd=folder)
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_run_writes_everything(out, printed):
 def test_the_report_has_its_sections_and_needs_nothing_but_the_files_beside_it(out):
     text = read(out)
     sections = "answer overview trust files subject-1 subject-2 order evidence read paper"
-    order = [text.index(f'id="{place}"') for place in sections.split()]
+    order = [text.index(f'id="{position}"') for position in sections.split()]
     assert order == sorted(order)
     joined = " ".join(text.split())
     for sentence in (
@@ -82,9 +82,9 @@ def test_the_report_has_its_sections_and_needs_nothing_but_the_files_beside_it(o
     for absent in ("synthetic data", "Problems in the responses", 'class="misfit"'):
         assert absent not in text
     assert not re.search(r"""src=["'](?!data:)""", text)
-    beside = {path.name for path in out.iterdir() if not path.name.startswith(".")}
-    beside |= {"corner/A.png", "corner/B.png"}
-    assert set(re.findall(r'href="(?!data:|#)([^"]*)"', text)) == beside - {"report.html"}
+    neighbours = {path.name for path in out.iterdir() if not path.name.startswith(".")}
+    neighbours |= {"corner/A.png", "corner/B.png"}
+    assert set(re.findall(r'href="(?!data:|#)([^"]*)"', text)) == neighbours - {"report.html"}
     assert text.count("data:image/png;base64,") == 2 + 2 * 2
     assert all(f'id="{anchor}"' in text for anchor in re.findall(r'href="#([^"]+)"', text))
 
@@ -97,9 +97,9 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_pat
     pairs = ["0,0", "0,0.3", "0.3,0", "0.3,0.3", "0,0.5", "0.5,0"]
     rows = ["subject,s1,s2,n_equal,n_trials", *(f"x,{pair},25,50" for pair in pairs)]
     (tmp_path / "s.csv").write_text("\n".join(rows))
-    done = inside(f"run s.csv -o out --draws 500 {ONE}", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (3, "")
-    assert "! x  The draws did not converge: " in done.stdout
+    finished = inside(f"run s.csv -o out --draws 500 {ONE_WORKER}", cwd=tmp_path)
+    assert (finished.returncode, finished.stderr) == (3, "")
+    assert "! x  The draws did not converge: " in finished.stdout
     assert "did not converge" in read(tmp_path / "out")
     assert list(bt.load(tmp_path / "out" / "posterior.nc").not_converged) == ["x"]
 
@@ -111,7 +111,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, blank_pi
     rows = [f'"{name}",{count},50' for name, count in itertools.product(names, counts)]
     text = "\n".join(["subject,s1,s2,n_equal,n_trials", *rows])
     (tmp_path / "s.csv").write_text(text, encoding="utf-8")
-    printed = good(f"run s.csv -o out --draws 100 {ONE}", cwd=tmp_path)
+    printed = good(f"run s.csv -o out --draws 100 {ONE_WORKER}", cwd=tmp_path)
     out = tmp_path / "out"
     files = [path.name for path in (out / "corner").iterdir()]
     assert len({file.lower() for file in files}) == len(names)
@@ -121,9 +121,14 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, blank_pi
     assert "&lt;script&gt;" in report
     unknown = refused("corner out/posterior.nc -o c --subject", "\x1b\u202e", cwd=tmp_path)
     checked = good("check s.csv", cwd=tmp_path)
-    for shown in (report, printed, checked, unknown):  # nothing that a terminal or a browser obeys
-        assert "\\x1b" in shown
-        assert shown.replace("\n", "").isprintable()
+    for visible in (
+        report,
+        printed,
+        checked,
+        unknown,
+    ):  # nothing that a terminal or a browser obeys
+        assert "\\x1b" in visible
+        assert visible.replace("\n", "").isprintable()
     assert bt.load(out / "posterior.nc").names == tuple(names)
     table = pd.read_csv(out / "evidence.csv", dtype=str, keep_default_na=False)
     assert list(table.subject) == [*names[:-1], "'=S\\x1b[2J\\x9b\u202e\u2066\u200b\nx"]
@@ -140,7 +145,7 @@ def test_run_writes_the_figures_of_the_paper(folder, blank_pictures):
 
 
 def test_evidence_leads_with_model_evidence_and_has_the_table_of_run(folder, out):
-    screen = good(f"evidence one.csv -o evidence.csv {ONE}", cwd=folder)
+    screen = good(f"evidence one.csv -o evidence.csv {ONE_WORKER}", cwd=folder)
     head, _, of_b = read(out, "evidence.csv").splitlines()
     assert read(folder, "evidence.csv").splitlines() == [head, of_b]  # whatever the company
     places = ("Log model evidence.", "contraction p", "Answer\nB: Order effect: yes")
@@ -154,23 +159,23 @@ def test_evidence_leads_with_model_evidence_and_has_the_table_of_run(folder, out
 def test_a_design_that_cannot_tell_everything_is_named_before_sampling(folder):
     rows = "".join(f"X,0,{0.1 * i:.1f},{9 - 2 * i},10\n" for i in range(4))
     (folder / "first.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + rows, encoding="utf-8")
-    done = inside(f"sample first.csv -o first.nc --draws 200 {ONE}", cwd=folder)
-    assert done.returncode in (0, 3), done.stderr
+    finished = inside(f"sample first.csv -o first.nc --draws 200 {ONE_WORKER}", cwd=folder)
+    assert finished.returncode in (0, 3), finished.stderr
     sentence = "constant error and contraction cannot be told, because unequal stimuli"
-    for screen in (done.stdout, good("check first.csv", cwd=folder)):
+    for screen in (finished.stdout, good("check first.csv", cwd=folder)):
         assert f"Order effect, {sentence}" in " ".join(screen.split())
 
 
 def test_what_answers_do_not_determine_is_named_by_fit(tmp_path):
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\nx,0,0.3,20,50\n")
-    screen = good(f"fit s.csv -o fit.csv --replicates 5 {ONE}", cwd=tmp_path)
+    screen = good(f"fit s.csv -o fit.csv --replicates 5 {ONE_WORKER}", cwd=tmp_path)
     assert "not determined by these answers: sigma_p, sigma_l, q0" in screen
     assert "nan" not in screen
 
 
 def test_fit_writes_its_columns_and_states_its_level(folder):
     command = "fit study.csv -o fit.csv"
-    screen = good(f"{command} --replicates 50 --level 0.8 {ONE}", cwd=folder)
+    screen = good(f"{command} --replicates 50 --level 0.8 {ONE_WORKER}", cwd=folder)
     assert "[80 % interval of 50 bootstrap replicates]" in screen
     frame = pd.read_csv(folder / "fit.csv", keep_default_na=False)
     natural = ["mu1", "sigma_p", "sigma_l", "q0"]
@@ -191,8 +196,8 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
     corner = "corner out/posterior.nc --subject B"
     good(f"{corner} -o single --coordinates identified", cwd=folder)
     assert [path.name for path in (folder / "single").glob("*.png")] == ["B.png"]
-    asked = "--subject A --parameters 'gain, offset' --show-prior --truth truth.csv"
-    screen = good(f"{corner} -o both {asked} --format svg --format pdf", cwd=folder)
+    request = "--subject A --parameters 'gain, offset' --show-prior --truth truth.csv"
+    screen = good(f"{corner} -o both {request} --format svg --format pdf", cwd=folder)
     assert "1 corner plot in both" in screen
     assert {path.name for path in (folder / "both").glob("[!.]*")} == {"B+A.svg", "B+A.pdf"}
     figure = read(folder / "both", "B+A.svg")
@@ -233,7 +238,9 @@ def test_simulate_then_check_then_quiet(tmp_path):
 
 def test_design_shares_its_trials_among_conditions(tmp_path):
     search = "--lowest 0 --highest 1 --step 0.25 --observers both --data-sets 1"
-    screen = good(f"design {search} --trials 100 --list l.csv --conditions a,b {ONE}", cwd=tmp_path)
+    screen = good(
+        f"design {search} --trials 100 --list l.csv --conditions a,b {ONE_WORKER}", cwd=tmp_path
+    )
     assert pd.read_csv(tmp_path / "design.csv").n_trials.sum() == 50
     trials = pd.read_csv(tmp_path / "l.csv")
     assert trials.condition.value_counts().to_dict() == {"a": 50, "b": 50}
@@ -280,7 +287,7 @@ def test_a_prior_file_is_used_shown_and_stored(folder, blank_pictures):
     words = "mu1 ~ Normal(0, 2), sigma_p ~ HalfNormal(0.5)"
     assert words in read(out)
     assert words in read(out, "evidence.csv")
-    line = f"fit one.csv -o narrow_fit.csv --replicates 20 --prior narrow.toml {ONE}"
+    line = f"fit one.csv -o narrow_fit.csv --replicates 20 --prior narrow.toml {ONE_WORKER}"
     assert "Prior: narrow.toml" in good(line, cwd=folder)
     assert set(pd.read_csv(folder / "narrow_fit.csv").penalty) == {"mu1 ~ Normal(0, 2)"}
 

@@ -31,9 +31,9 @@ def names(function):
 
 @pytest.mark.parametrize("command", ["run", "check", "sample", "evidence", "population", "fit"])
 def test_without_a_file_a_command_says_what_to_type(command, tmp_path):
-    done = inside(command, cwd=tmp_path)
-    assert (done.returncode, done.stdout, [*tmp_path.iterdir()]) == (2, "", [])
-    assert done.stderr.splitlines() == [
+    finished = inside(command, cwd=tmp_path)
+    assert (finished.returncode, finished.stdout, [*tmp_path.iterdir()]) == (2, "", [])
+    assert finished.stderr.splitlines() == [
         "error: No file is named.",
         f"type:  bayes-toe {command} STUDY.csv",
         f"       bayes-toe {command} --example",
@@ -49,21 +49,21 @@ def test_the_example_takes_the_place_of_a_file():
 
 
 @pytest.mark.parametrize(
-    ("typed", "asked"),
+    ("typed", "request"),
     [
         ("  ", StudyFile(example=True)),
         ("'my study.csv' ", StudyFile(files=[Path("my study.csv")])),
     ],
 )
-def test_run_asks_in_a_terminal_which_file(monkeypatch, typed, asked):
+def test_run_asks_in_a_terminal_which_file(monkeypatch, typed, request):
     for stream in ("sys.stdin", "sys.stdout"):
         monkeypatch.setattr(stream, SimpleNamespace(isatty=lambda: True))
     monkeypatch.setattr("typer.prompt", lambda *_, **__: typed)
     study, task = Task(inputs=(Path("prior.toml"),)).ask(StudyFile())
-    assert study == asked
-    assert task.inputs == (Path("prior.toml"), *(asked.files or ()))
+    assert study == request
+    assert task.inputs == (Path("prior.toml"), *(request.files or ()))
     monkeypatch.setattr("typer.prompt", pytest.fail)
-    assert Task().ask(asked)[0] is asked
+    assert Task().ask(request)[0] is request
 
 
 def test_a_bug_shows_itself(monkeypatch):
@@ -75,8 +75,8 @@ def test_a_bug_shows_itself(monkeypatch):
 @of_every_command
 def test_every_command_lists_shared_options_last_in_one_order_and_its_help_has_every_word(name):
     options = names(FUNCTIONS[name])
-    own = {"population": ["draws"]}.get(name, [])  # with another default
-    shared = [option for option in SHARED if option in options and option not in own]
+    separate = {"population": ["draws"]}.get(name, [])  # with another default
+    shared = [option for option in SHARED if option in options and option not in separate]
     assert options[-len(shared) :] == shared
     assert shared[-1] == "quiet"
     screen = inside(f"{name} --help").stdout

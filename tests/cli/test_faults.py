@@ -33,19 +33,19 @@ def folder(tmp_path):
 def without_the_first(monkeypatch):
     """Commands whose first job fails, as by two workers that died of it."""
 
-    def some(jobs, workers):
+    def few_jobs(jobs, workers):
         yield 0, Failed(FATAL)
         yield from ((index, job()) for index, job in enumerate(jobs) if index > 0)
 
-    monkeypatch.setattr("bayes_toe.result_store.run_jobs", some)
+    monkeypatch.setattr("bayes_toe.result_store.run_jobs", few_jobs)
 
 
 def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(
     folder, without_the_first, blank_pictures
 ):
-    done = inside("run study.csv -o out --draws 100 --figures none --seed 1", cwd=folder)
-    assert (done.returncode, done.stderr) == (3, "")
-    assert f"! A  No result: {FATAL}" in done.stdout
+    completed = inside("run study.csv -o out --draws 100 --figures none --seed 1", cwd=folder)
+    assert (completed.returncode, completed.stderr) == (3, "")
+    assert f"! A  No result: {FATAL}" in completed.stdout
     table = pd.read_csv(folder / "out" / "evidence.csv", dtype=str)
     assert table.subject.tolist() == ["B", "A"]
     assert table.n_pairs[0] == "13"
@@ -72,16 +72,16 @@ def sampling(running):
 def running(folder):
     """A command at work, whose results are never there in time, and that ends with the test."""
     # Not ignored, as in the background or by nohup.
-    asked = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
-    before = {number: signal.signal(number, action) for number, action in asked.items()}
+    request = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
+    earlier = {number: signal.signal(number, action) for number, action in request.items()}
     line = "run study.csv -o out --seed 1 --workers 2 --draws 100"
     yield start(*line.split(), cwd=folder)
-    for number, action in before.items():
+    for number, action in earlier.items():
         signal.signal(number, action)
 
 
 @pytest.mark.parametrize(
-    ("send", "number", "when"),
+    ("send", "number", "moment"),
     [
         (os.kill, signal.SIGINT, listening),
         (os.kill, signal.SIGHUP, listening),
@@ -94,9 +94,9 @@ def running(folder):
     ],
 )
 def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(
-    folder, running, send, number, when
+    folder, running, send, number, moment
 ):
-    until(lambda: when(running), running)
+    until(lambda: moment(running), running)
     try:
         send(running.pid, number)
         until_gone(running.pid)

@@ -27,7 +27,7 @@ def with_answers(analysis, *changes):
 
 def test_the_paragraph_has_data_models_criteria_results_and_limits(analysis, tmp_path):
     text = text_of(analysis, tmp_path)
-    needed = [
+    expected_names = [
         "3 participants reported whether two successive stimuli were equal or different "
         "(1,950 trials, 650 each).",
         "no order effect (prior probability 1/2), constant error, contraction, and both",
@@ -38,7 +38,7 @@ def test_the_paragraph_has_data_models_criteria_results_and_limits(analysis, tmp
         "The design cannot identify contraction, because these pairs cannot distinguish",
         "Priors: `noise ~ LogNormal(1 D, 0.7)",
     ]
-    assert [sentence for sentence in needed if sentence not in text] == []
+    assert [sentence for sentence in expected_names if sentence not in text] == []
     assert "A contraction was present" not in text
     for row in analysis.evidence:
         assert re.search(rf"\| {row.subject} \|[^|]+\|[^|]+\| cannot be told \|[^|]+\| \|", text)

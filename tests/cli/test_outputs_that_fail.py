@@ -16,7 +16,7 @@ from conftest import few_pairs, grouped_csv
 from bayes_toe.cli.report import write_report
 from bayes_toe.errors import OutputError
 
-ONE = "--seed 1 --workers 1"
+ONE_WORKER = "--seed 1 --workers 1"
 
 
 @pytest.fixture(scope="module")
@@ -27,11 +27,11 @@ def study_folder(tmp_path_factory):
     return folder
 
 
-def one_line(done):
-    assert done.returncode == 2, done.stderr
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1, done.stderr
-    return done.stderr
+def one_line(finished):
+    assert finished.returncode == 2, finished.stderr
+    assert finished.stderr.startswith("error: ")
+    assert finished.stderr.count("\n") == 1, finished.stderr
+    return finished.stderr
 
 
 def shell(ending, line, **options):
@@ -44,15 +44,15 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(study_folder, tmp_pat
     file = tmp_path / "out" / "posterior.nc"
     file.parent.mkdir()
     file.write_text("old")
-    line = f"run {study_folder}/study.csv -o {file.parent} --draws 100 {ONE} --overwrite -q"
+    line = f"run {study_folder}/study.csv -o {file.parent} --draws 100 {ONE_WORKER} --overwrite -q"
     limit = 100_000  # of a file, in bytes
     full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))
     # Python would leave libraries half compiled.
-    whole = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
-    options = {"capture_output": True, "text": True, "preexec_fn": full, "env": whole}
-    done = subprocess.run([*PROGRAM, *line.split()], **options)
-    assert "out.partial: cannot be written (File too large)" in one_line(done)
-    assert ".bayes_toe" not in done.stderr
+    complete = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    options = {"capture_output": True, "text": True, "preexec_fn": full, "env": complete}
+    finished = subprocess.run([*PROGRAM, *line.split()], **options)
+    assert "out.partial: cannot be written (File too large)" in one_line(finished)
+    assert ".bayes_toe" not in finished.stderr
     assert (file.read_text(), list(file.parent.iterdir())) == ("old", [file])
 
 
@@ -61,20 +61,20 @@ def test_what_will_not_fit_is_known_before_the_work(study_folder, tmp_path, monk
     free = shutil._ntuple_diskusage(10**5, 0, 10**5)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: free)
     monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
-    done = inside(f"{command} {study_folder}/study.csv -o {tmp_path}/out -q")
-    assert "MB are needed, " in one_line(done)
+    finished = inside(f"{command} {study_folder}/study.csv -o {tmp_path}/out -q")
+    assert "MB are needed, " in one_line(finished)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(
     study_folder, tmp_path, monkeypatch, blank_pictures
 ):
-    def deleted(*given):
+    def deleted(*argument):
         shutil.rmtree(tmp_path / "out")
-        write_report(*given)
+        write_report(*argument)
 
     (tmp_path / "out").mkdir()
-    line = f"run {study_folder}/study.csv -o {tmp_path}/out --draws 100 {ONE} --figures none"
+    line = f"run {study_folder}/study.csv -o {tmp_path}/out --draws 100 {ONE_WORKER} --figures none"
     monkeypatch.setattr("bayes_toe.cli.results_folder.write_report", deleted)
     assert "cannot be written" in one_line(inside(line))
     monkeypatch.setattr("bayes_toe.cli.results_folder.write_report", lambda *_: None)
@@ -82,13 +82,13 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(
 
 
 def test_what_is_stored_already_needs_no_more_room(study_folder, tmp_path, monkeypatch):
-    def begun(*_):
+    def started(*_):
         raise OutputError("the work began")
 
     line = f"sample {study_folder}/study.csv -o {tmp_path}/out.nc --resume -q"
     free = shutil._ntuple_diskusage(10**5, 0, 10**5)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: free)
-    monkeypatch.setattr("bayes_toe.analysis._survivors", begun)
+    monkeypatch.setattr("bayes_toe.analysis._survivors", started)
     assert "MB are needed, " in one_line(inside(line))
     folder = tmp_path / "out.nc.partial"
     folder.mkdir()
@@ -103,16 +103,21 @@ def test_a_log_that_is_closed_costs_no_subject(tmp_path):
     grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
     line = "fit study.csv --seed 1 --replicates 5"
     good(f"{line} -o calm.csv --workers 1", cwd=tmp_path)
-    done = shell("<&- >&- 2>&-", f"{line} -o out.csv --workers 2", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    finished = shell("<&- >&- 2>&-", f"{line} -o out.csv --workers 2", cwd=tmp_path)
+    assert (finished.returncode, finished.stderr) == (0, "")
     assert (tmp_path / "out.csv").read_bytes() == (tmp_path / "calm.csv").read_bytes()
 
 
 def test_closed_and_full_streams(study_folder, tmp_path):
-    done = shell("| :", "--help")
-    assert (done.returncode, done.stderr) == (0, "")
-    done = shell(">/dev/full", f"fit {study_folder}/study.csv -o {tmp_path}/fit.csv --replicates 2")
-    assert one_line(done) == "error: standard output: cannot be written (No space left on device)\n"
+    finished = shell("| :", "--help")
+    assert (finished.returncode, finished.stderr) == (0, "")
+    finished = shell(
+        ">/dev/full", f"fit {study_folder}/study.csv -o {tmp_path}/fit.csv --replicates 2"
+    )
+    assert (
+        one_line(finished)
+        == "error: standard output: cannot be written (No space left on device)\n"
+    )
     assert (tmp_path / "fit.csv").exists()  # a log that is full costs no results
 
 
@@ -122,10 +127,10 @@ def test_a_plain_environment_without_a_home_and_a_temporary_folder(study_folder,
     plain |= dict.fromkeys(["PYTHONUTF8", "PYTHONCOERCECLOCALE"], "0")
     plain |= dict.fromkeys(["HOME", "TMPDIR"], str(study_folder / "study.csv" / "home"))
     grouped_csv(tmp_path / "study.csv", few_pairs(["\xe9"]))
-    line = f"run study.csv -o out --figures none --draws 100 {ONE}"  # which draws figures
-    done = call(*line.split(), cwd=tmp_path, **plain)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert r"\xe9" in done.stdout  # a letter that ASCII lacks
+    line = f"run study.csv -o out --figures none --draws 100 {ONE_WORKER}"  # which draws figures
+    finished = call(*line.split(), cwd=tmp_path, **plain)
+    assert (finished.returncode, finished.stderr) == (0, "")
+    assert r"\xe9" in finished.stdout  # a letter that ASCII lacks
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "study.csv"]
 
 
@@ -140,30 +145,30 @@ def test_pipes_and_devices_are_refused(study_folder, tmp_path):
 def test_a_name_that_leaves_no_room_for_its_partial_folder_is_refused(
     study_folder, tmp_path, command
 ):
-    done = inside(f"{command} {study_folder}/study.csv -o {tmp_path}/{'y' * 250} -q")
-    assert "File name too long" in one_line(done)
+    finished = inside(f"{command} {study_folder}/study.csv -o {tmp_path}/{'y' * 250} -q")
+    assert "File name too long" in one_line(finished)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["''", ".", ".."])
 def test_a_folder_where_a_file_should_be_is_refused(study_folder, tmp_path, name):
     for command in ("evidence", "sample", "fit"):
-        done = inside(f"{command} {study_folder}/study.csv -o {name} -q", cwd=tmp_path)
-        assert "is a folder" in one_line(done)
+        finished = inside(f"{command} {study_folder}/study.csv -o {name} -q", cwd=tmp_path)
+        assert "is a folder" in one_line(finished)
 
 
 def test_a_working_folder_that_is_gone_is_refused_in_one_line(tmp_path):
-    gone = tmp_path / "gone"
-    gone.mkdir()
-    script = f'cd "{gone}" && rmdir "{gone}" && "$@"'
+    removed = tmp_path / "gone"
+    removed.mkdir()
+    script = f'cd "{removed}" && rmdir "{removed}" && "$@"'
     words = ["sh", "-c", script, "sh", *PROGRAM, "check", "study.csv"]
-    done = subprocess.run(words, capture_output=True, text=True)
-    assert "the working folder cannot be used" in one_line(done)
+    finished = subprocess.run(words, capture_output=True, text=True)
+    assert "the working folder cannot be used" in one_line(finished)
 
 
 def test_python_without_docstrings_is_refused_in_one_line():
-    done = call("check", "study.csv", PYTHONOPTIMIZE="2", PYTHONDONTWRITEBYTECODE="1")
-    assert "unset the variable" in one_line(done)
+    finished = call("check", "study.csv", PYTHONOPTIMIZE="2", PYTHONDONTWRITEBYTECODE="1")
+    assert "unset the variable" in one_line(finished)
 
 
 @pytest.mark.parametrize(

@@ -36,16 +36,16 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def done(folder):
-    more = "--covariates people.csv --categorical site --hyperprior wide.toml"
+def finished(folder):
+    extra = "--covariates people.csv --categorical site --hyperprior wide.toml"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_toe.groups.population.sample_group", independent_draws)
-        return good(f"population study.csv -o group.nc {more} {OPTIONS}", cwd=folder)
+        return good(f"population study.csv -o group.nc {extra} {OPTIONS}", cwd=folder)
 
 
-def test_files_and_answer(done, folder):
+def test_files_and_answer(finished, folder):
     assert sorted(path.name for path in folder.glob("group*")) == [*FILES]
-    text = " ".join(done.split())
+    text = " ".join(finished.split())
     assert "Answer Group of 5 (site 0, age mean): mean PSE shift " in text
     assert re.search(r"\], SD .*, differs from 0: [\w ]+ \(BF .*\)\.", text)
     assert "Effects of covariates" in text
@@ -53,9 +53,9 @@ def test_files_and_answer(done, folder):
     assert text.endswith("Written: group.nc, group.csv, group_subjects.csv, group.png. Seed 1.")
 
 
-def test_files_are_those_of_the_group(done, folder):
+def test_files_are_those_of_the_group(finished, folder):
     result = bt.load(folder / "group.nc")
-    text = " ".join(done.split())
+    text = " ".join(finished.split())
     shift = format_signed(Size(*result.effect("constant_error").percent), "%")
     contraction = format_share(Size(*result.effect("contraction").mean))
     assert f"mean PSE shift {shift}" in text
@@ -86,7 +86,7 @@ def test_files_are_those_of_the_group(done, folder):
         ("--draws 5", "draws=5; allowed is a whole number from 100"),
     ],
 )
-def test_what_is_refused(done, folder, options, words):
+def test_what_is_refused(finished, folder, options, words):
     assert words in refused(f"population study.csv {OPTIONS} {options}", cwd=folder, silent=False)
 
 
@@ -106,19 +106,19 @@ def test_same_or_different_and_what_is_not_reliable(tmp_path, monkeypatch):
 
 
 def test_an_sd_near_zero_is_given_as_a_bound():
-    made = made_result(simulated_group(1, n_subjects=6))
-    small = made.draws.sd.copy()
+    built = made_result(simulated_group(1, n_subjects=6))
+    small = built.draws.sd.copy()
     small[..., 1] = 0.001 + 0.02 * np.random.default_rng(1).uniform(size=small.shape[:2])
-    [line] = group_answer(replace(made, draws=replace(made.draws, sd=small)))
+    [line] = group_answer(replace(built, draws=replace(built.draws, sd=small)))
     assert "], SD at most .02, differs from 0: " in line.partition("contraction")[2]
 
 
 def test_conditions_have_a_line_and_a_table():
-    made = made_result(two_conditions(1, n_subjects=4))
-    lines = group_answer(made)
+    built = made_result(two_conditions(1, n_subjects=4))
+    lines = group_answer(built)
     assert lines[1].startswith("Difference right - left in the group: PSE shift ")
     assert lines[1].count("BF") == 3
-    (title, _, differences), (group, headings, rows) = group_tables(made)
+    (title, _, differences), (group, headings, rows) = group_tables(built)
     assert title == "Differences between conditions"
     assert group == "4 subjects, median [95 % interval]"
     assert differences[0][:2] == ["right - left", "PSE shift"]

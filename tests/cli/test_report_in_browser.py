@@ -33,9 +33,9 @@ def opened(browser, path):
         return pages[-1]
 
     yield open_page
-    for made in pages:
-        made.page.close()
-        assert made.problems == []
+    for built in pages:
+        built.page.close()
+        assert built.problems == []
 
 
 def names(page):
@@ -52,12 +52,14 @@ def names(page):
     ],
 )
 def test_nothing_overflows(opened, medium, width, scheme, background):
-    made = opened(width, medium, scheme)
+    built = opened(width, medium, scheme)
     if medium == "screen":
-        made.page.evaluate("document.querySelectorAll('details').forEach(part => part.open = true)")
-    assert made.wide() == width
+        built.page.evaluate(
+            "document.querySelectorAll('details').forEach(part => part.open = true)"
+        )
+    assert built.wide() == width
     colour = "getComputedStyle(document.body).backgroundColor"
-    assert made.page.evaluate(colour) == background
+    assert built.page.evaluate(colour) == background
 
 
 def test_folded_it_has_four_screens_with_answer_and_figure_in_the_first(opened):
@@ -65,7 +67,7 @@ def test_folded_it_has_four_screens_with_answer_and_figure_in_the_first(opened):
     assert page.locator("details[open]").count() == 0
     assert page.evaluate("document.documentElement.scrollHeight") <= 4 * SCREEN
     places = (".lead", "#answer figure .parts", "#overview-table", "#trust", "#details")
-    boxes = [page.locator(place).first.bounding_box() for place in places]
+    boxes = [page.locator(position).first.bounding_box() for position in places]
     assert [box["y"] for box in boxes] == sorted(box["y"] for box in boxes)
     assert boxes[1]["y"] + 0.5 * boxes[1]["height"] < SCREEN
 
@@ -96,11 +98,11 @@ def test_a_telephone_shows_a_card_for_each_subject(opened):
 
 
 @pytest.mark.parametrize(
-    ("width", "shown", "hidden"), [(400, "narrow", "wide"), (1200, "wide", "narrow")]
+    ("width", "visible", "hidden"), [(400, "narrow", "wide"), (1200, "wide", "narrow")]
 )
-def test_letters_of_figures_are_legible(opened, width, shown, hidden):
+def test_letters_of_figures_are_legible(opened, width, visible, hidden):
     page = opened(width).page
-    assert page.locator(f"figure .{shown} svg").is_visible()
+    assert page.locator(f"figure .{visible} svg").is_visible()
     assert not page.locator(f"figure .{hidden} svg").is_visible()
     pixels = page.locator("figure svg text").evaluate_all(
         "texts => texts.filter(text => text.getClientRects().length)"
@@ -137,7 +139,7 @@ def test_a_link_unfolds_its_subject(opened):
 
 
 def test_a_column_sorts_both_ways_and_what_has_no_value_stays_last(opened, marked):
-    known = [answer.probabilities["constant_error"] for answer in marked.answers[:2]]
+    reference = [answer.probabilities["constant_error"] for answer in marked.answers[:2]]
     page = opened().page
     head = page.locator("#overview-table thead tr:last-child th:nth-child(3)")
     cells = page.locator("#overview-table tbody td:nth-child(3)")
@@ -146,7 +148,7 @@ def test_a_column_sorts_both_ways_and_what_has_no_value_stays_last(opened, marke
         values = cells.evaluate_all("cells => cells.map(cell => cell.dataset.value)")
         numbers = [float(value or math.nan) for value in values]
         assert head.get_attribute("aria-sort") == order
-        assert numbers[:2] == sorted(known, reverse=order == "descending")
+        assert numbers[:2] == sorted(reference, reverse=order == "descending")
         assert math.isnan(numbers[2])
     page.locator("#overview-table thead tr:last-child th:first-child button").press("Enter")
     assert names(page) == ["A", "B", "C"]

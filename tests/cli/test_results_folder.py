@@ -136,9 +136,9 @@ def test_run_leaves_with_3_if_the_group_did_not_converge(analysis, tmp_path, mon
     group = made_result(simulated_group(1, n_subjects=4), n_divergent=2)
     monkeypatch.setattr("bayes_toe.run", lambda *_, **__: replace(analysis, group=group))
     grouped_csv(tmp_path / "study.csv", analysis.study)
-    done = inside("run study.csv -o out --figures none --seed 5 --workers 1", cwd=tmp_path)
-    assert done.returncode == 3
-    printed = " ".join(done.stdout.split())
+    finished = inside("run study.csv -o out --figures none --seed 5 --workers 1", cwd=tmp_path)
+    assert finished.returncode == 3
+    printed = " ".join(finished.stdout.split())
     assert "NOT RELIABLE: Group of 4: mean PSE shift" in printed
     assert "! The group's result is not reliable: 2 of 1600 trajectories" in printed
     assert "trajectories diverged" in page(tmp_path / "out")
@@ -147,8 +147,8 @@ def test_run_leaves_with_3_if_the_group_did_not_converge(analysis, tmp_path, mon
 def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_toe.explorer.page.MOST_ENTRIES", 2)
     command = f"run {study_csv} -o out --explore"
-    many = "explore: found 3 subjects, allowed: at most 2 in a page"
-    assert many in refused(command, cwd=tmp_path, silent=False)
+    numerous = "explore: found 3 subjects, allowed: at most 2 in a page"
+    assert numerous in refused(command, cwd=tmp_path, silent=False)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert "pip install 'bayes_toe[explore]'" in refused(command, cwd=tmp_path)
 
@@ -170,23 +170,23 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
     text = re.sub(r"data:image[^\"]*", "", page(out)) + methods
     for other in ("'equal'", "called equal", "P(equal)", "q0", "half-width"):
         assert other not in text, other
-    for own in (
+    for separate in (
         "a constant error and a response bias predict the same responses",
         "Just noticeable difference",
         "lapse_rate",
         "% &#39;second&#39;",
         "The maximum of the likelihood lies at an edge",
     ):
-        assert own in text, own
+        assert separate in text, separate
     number = r"(−?[\d.]+)"
     for published in ("pse_shift", "jnd"):  # in natural log, and in per cent of the intensity
         interval = rf"{number} \[{number}, {number}\]</td>"
         percent = rf"<td class=\"words\">{number} % \["
         row = re.search(rf">{published}</td><td class=\"words\">{interval}{percent}", text)
-        *shown, in_percent = (float(part.replace("−", "-")) for part in row.groups())
+        *visible, in_percent = (float(part.replace("−", "-")) for part in row.groups())
         draws = stronger.draws.values("pulled", published)
         expected = np.quantile(draws, [0.5, 0.025, 0.975])
-        assert shown == pytest.approx(expected, abs=0.02)
+        assert visible == pytest.approx(expected, abs=0.02)
         assert in_percent == pytest.approx(100.0 * np.expm1(expected[0]), abs=0.6)
     summary = stronger.summary().set_index("subject")
     names = [*stronger.draws.posterior("plain").names.natural, "gamma"]

@@ -186,9 +186,9 @@ def screens(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_toe.groups.population.sample_group", independent_draws)
         for name, line in COMMANDS.items():
-            done = inside(f"{name} {line}", cwd=folder)
-            assert done.returncode in (0, 3), (name, done.stderr)
-            texts[name] = done.stdout
+            finished = inside(f"{name} {line}", cwd=folder)
+            assert finished.returncode in (0, 3), (name, finished.stderr)
+            texts[name] = finished.stdout
     return texts
 
 

@@ -27,7 +27,7 @@ def shown_subjects(text):
 
 
 @pytest.fixture
-def many(analysis):
+def numerous(analysis):
     """Answers of a hundred subjects: the last does not fit, and the blocks of S98 differ."""
     answers = [
         replace(analysis.answers[i % 3], subject=f"S{i}", flags=(), problems=()) for i in range(100)
@@ -39,9 +39,9 @@ def many(analysis):
     return answers
 
 
-def test_of_many_subjects_the_table_has_those_that_need_action(many, capsys, monkeypatch):
+def test_of_many_subjects_the_table_has_those_that_need_action(numerous, capsys, monkeypatch):
     monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", ["run", "study.csv"])
-    print_subjects(Terminal(), many, "evidence.csv")
+    print_subjects(Terminal(), numerous, "evidence.csv")
     text = capsys.readouterr().out
     assert shown_subjects(text) == ["S98", "S99"]
     assert "The other 98 subjects need no action. All 100 subjects: evidence.csv" in text
@@ -51,9 +51,11 @@ def test_of_many_subjects_the_table_has_those_that_need_action(many, capsys, mon
     assert text.endswith(f"To apply all of these, type:\n  {command}\n")
 
 
-def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(many):
-    assert without_decision(many[:98], {}) == ["No subject needs a decision."]
-    assert without_decision(many[:98], {"S3": "R-hat 1.2"}) == without_decision(many, {}) == []
+def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(numerous):
+    assert without_decision(numerous[:98], {}) == ["No subject needs a decision."]
+    assert (
+        without_decision(numerous[:98], {"S3": "R-hat 1.2"}) == without_decision(numerous, {}) == []
+    )
 
 
 def test_many_draws_are_shown_if_they_did_not_converge(analysis, capsys, monkeypatch):
@@ -130,7 +132,7 @@ def test_estimates_and_options_stay_on_one_line():
 
 
 @pytest.mark.parametrize(
-    ("value", "error", "most", "shown"),
+    ("value", "error", "limit", "visible"),
     [
         (0.123456, 0.004, 2, "0.12"),  # never more than asked for
         (0.123456, 0.0096, 6, "0.12"),  # 0.01 to one digit
@@ -146,12 +148,12 @@ def test_estimates_and_options_stay_on_one_line():
         (math.nan, 0.1, 2, "nan"),
     ],
 )
-def test_digits_end_where_the_error_begins(value, error, most, shown):
-    assert allowed_in_order([value], [error], most) == [shown]
+def test_digits_end_where_the_error_begins(value, error, limit, visible):
+    assert allowed_in_order([value], [error], limit) == [visible]
 
 
 @pytest.mark.parametrize(
-    ("values", "errors", "shown"),
+    ("values", "errors", "visible"),
     [
         # Each by its own error, in their order.
         ([0.12, 0.51, 2.34], [0.01, 0.002, 0.2], ["0.12", "0.51", "2.3"]),
@@ -161,8 +163,8 @@ def test_digits_end_where_the_error_begins(value, error, most, shown):
         ([0.0, 0.0, 0.0], [math.nan] * 3, ["0.00"] * 3),
     ],
 )
-def test_a_median_is_shown_between_its_limits(values, errors, shown):
-    assert allowed_in_order(values, errors, 2) == shown
+def test_a_median_is_shown_between_its_limits(values, errors, visible):
+    assert allowed_in_order(values, errors, 2) == visible
 
 
 def test_who_must_be_looked_at_and_why(marked):

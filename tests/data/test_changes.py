@@ -60,8 +60,11 @@ def test_leaving_out_is_as_if_the_file_had_no_such_rows(study):
         [0, 0, 1, 1],
     )
     assert left.swap("a", 3).changes == ("--exclude a:2", "--swap a:3")
-    for gone in (study.exclude("a"), study.exclude("a", [1, 2, 3])):
-        assert (gone.names, [one.name for one in gone if one.answers]) == (("b:1",), ["b:1"])
+    for removed in (study.exclude("a"), study.exclude("a", [1, 2, 3])):
+        assert (removed.names, [element.name for element in removed if element.answers]) == (
+            ("b:1",),
+            ["b:1"],
+        )
     assert study.exclude("a").notes[-1] == "subject a: excluded"
     assert study.exclude("a").select("b:1").changes == ("--exclude a",)
 

@@ -50,12 +50,12 @@ def test_numbers_have_a_slope_over_their_range():
 
 
 def test_units_have_the_scales_of_their_subject(read):
-    study, whole = read(), read(ignore="condition")
+    study, complete = read(), read(ignore="condition")
     assert study.names == ("a@left", "a@right", "b@left", "b@right")
     assert [(unit.person, unit.condition) for unit in study][:2] == [("a", "left"), ("a", "right")]
     assert study.conditions == Conditions("condition", ("left", "right"))
     for unit in study:
-        subject = whole[unit.person]
+        subject = complete[unit.person]
         assert unit.felt == stimuli_of(unit) == pytest.approx(stimuli_of(subject))
         of_unit, of_subject = map(bt.model.paper_posterior, (unit, subject))
         assert of_unit.sbar == pytest.approx(of_subject.sbar)
@@ -100,9 +100,9 @@ def test_names_of_pairs_or_of_their_order_are_no_condition_unless_asked_for(read
     assert (study.names, study.conditions) == (("a",), None)
     assert "found no pair at two of its levels" in study.notes[-1]
     assert not any("as --ignore has it" in note for note in study.notes)
-    asked = read(text, condition="condition")
-    assert len(asked) == n_levels
-    assert any("trial numbers are missing (a 1)" in note for note in asked.notes)
+    request = read(text, condition="condition")
+    assert len(request) == n_levels
+    assert any("trial numbers are missing (a 1)" in note for note in request.notes)
     assert read(text + "\na,16,0.0,0.3,equal,other").conditions is not None  # a pair at two levels
 
 
@@ -121,7 +121,7 @@ def test_check_warns_where_no_pair_is_in_two_conditions(read):
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "said"),
+    ("text", "options", "sentence"),
     [
         (
             ROWS.replace("left", "l@ft"),
@@ -137,8 +137,8 @@ def test_check_warns_where_no_pair_is_in_two_conditions(read):
         (ROWS, {"condition": "hand"}, "there is no column hand"),
     ],
 )
-def test_what_is_refused(read, text, options, said):
-    with pytest.raises(bt.InputError, match=said):
+def test_what_is_refused(read, text, options, sentence):
+    with pytest.raises(bt.InputError, match=sentence):
         read(text, **options)
 
 
@@ -153,10 +153,10 @@ def test_tables_have_subject_and_condition(tmp_path):
 
 
 def test_check_warns_of_time_stimuli_and_missing_levels(read):
-    found = messages(read())
-    assert "by 1.9 standard deviations" in found["a", "stimuli_by_condition"]
-    assert "right, left, for 2 subjects" in found["", "conditions_in_order"]
-    assert ("a", "missing_condition") not in found
+    observed = messages(read())
+    assert "by 1.9 standard deviations" in observed["a", "stimuli_by_condition"]
+    assert "right, left, for 2 subjects" in observed["", "conditions_in_order"]
+    assert ("a", "missing_condition") not in observed
     header, *lines = ROWS.splitlines()
     mixed = messages(read("\n".join([header, *lines[0:6:2], *lines[1:6:2], *lines[6:9]])))
     assert ("", "conditions_in_order") not in mixed

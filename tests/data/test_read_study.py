@@ -60,7 +60,7 @@ def content(study):
 AMPLITUDES = "subject,i1,i2,response\n"
 EQUAL = {"a": [(0.0, 0.0, 1, 1)]}
 DIFFERENT = {"a": [(0.0, 0.0, 0, 1)]}
-EACH = {"a": [(0.0, 0.0, 1, 2)]}
+EACH_CASE = {"a": [(0.0, 0.0, 1, 2)]}
 FIVE = {"a": [(0.0, 0.0, 0, 5)]}
 QUARTER = {"a": [(0.25, -0.25, 1, 1)]}
 
@@ -72,7 +72,7 @@ READ_TRIALS = [
         {"b": [(0.1, 0.3, 1, 2)], **DIFFERENT},
     ),
     ("b,0,0,\na,0,0,equal\nb,0,0,equal", {"b": [(0.0, 0.0, 1, 1)], **EQUAL}),
-    ("a,-0.0,0,same\na,0,-0,different", EACH),
+    ("a,-0.0,0,same\na,0,-0,different", EACH_CASE),
     ("a,+0.25,-0.25,same", QUARTER),
     ("a,.25,-.25,same", QUARTER),
     ("a,25E-2,-25E-2,same", QUARTER),
@@ -120,11 +120,11 @@ def test_files_are_read(text, expected):
 def test_codes_are_exact_and_one_leaves_the_words_of_the_other_side():
     coded = "subject;s1;s2;response\na;0;0;1,0\na;0;0;0,0\na;0;0;1\n"
     require_read(coded, {"a": [(0.0, 0.0, 2, 3)]}, equal_code="1")
-    require_read(f"{TRIALS}a,0,0,f\na,0,0, J \n", EACH, equal_code="f", different_code="J")
-    require_read(f"{TRIALS}a,0,0,0\na,0,0,1\n", EACH, equal_code="0", different_code="1")
+    require_read(f"{TRIALS}a,0,0,f\na,0,0, J \n", EACH_CASE, equal_code="f", different_code="J")
+    require_read(f"{TRIALS}a,0,0,0\na,0,0,1\n", EACH_CASE, equal_code="0", different_code="1")
     rows = "a,0,0,z\na,0,0,different\na,0,0,Different\n"
     require_read(TRIALS + rows, {"a": [(0.0, 0.0, 1, 3)]}, equal_code="z")
-    require_read(f"{TRIALS}a,0,0,None\na,0,0,none\na,0,0,different\n", EACH, equal_code="None")
+    require_read(f"{TRIALS}a,0,0,None\na,0,0,none\na,0,0,different\n", EACH_CASE, equal_code="None")
 
 
 def test_columns_are_chosen_by_options():
@@ -132,8 +132,8 @@ def test_columns_are_chosen_by_options():
     require_read("block,s1,s2,response\na,0,0,equal\n", EQUAL, **block)
     swapped = {"columns": {"s1": "s2", "s2": "s1"}}
     require_read(f"{TRIALS}a,1,2,equal\n", {"a": [(2.0, 1.0, 1, 1)]}, **swapped)
-    both = "subject,s1,s2,i1,i2,response\na,7,8,0.087,0.087,equal\n"
-    require_read(both, EQUAL, intensity=0.087)  # the reference itself is exactly 0
+    joint = "subject,s1,s2,i1,i2,response\na,7,8,0.087,0.087,equal\n"
+    require_read(joint, EQUAL, intensity=0.087)  # the reference itself is exactly 0
 
 
 @pytest.mark.parametrize(
@@ -308,8 +308,8 @@ def test_trials_that_are_there_twice_are_told():
         (doubt,) = read(text).reading.doubts
         assert expected in doubt
     # In another block, without a number, or without blocks they may be other trials.
-    others = without_blocks + "a,0,0,equal,1\n", TRIALS + words("a,0,1,1\na,0,1,1\n")
-    for text in (rows, rows + words("a,0,0,0,1,x\na,0,0,0,1,x\n"), *others):
+    remaining = without_blocks + "a,0,0,equal,1\n", TRIALS + words("a,0,1,1\na,0,1,1\n")
+    for text in (rows, rows + words("a,0,0,0,1,x\na,0,0,0,1,x\n"), *remaining):
         assert read(text).reading.doubts == ()
 
 
@@ -347,24 +347,24 @@ def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
     other = text.replace("a,", "b,")
     files = written(tmp_path, first=text, other=other, copy=text, longer=text + "a,0,0,same\n")
     (doubt,) = bt.read_study(files).reading.doubts
-    same = "copy.csv has the same 20 trials of subject a as first.csv: repeated trials make"
-    assert doubt.startswith(same)
+    identical = "copy.csv has the same 20 trials of subject a as first.csv: repeated trials make"
+    assert doubt.startswith(identical)
     assert bt.read_study([files[0], files[1], files[3]]).reading.doubts == ()
 
 
 def test_of_several_files_the_problems_of_the_first_are_all_told_and_the_other_files_counted(
     tmp_path,
 ):
-    bad, many = TRIALS + "a,x,0,equal\n" * 3, TRIALS + "a,x,0,equal\n" * 12
-    files = written(tmp_path, a=many, b=bad, c=bad, d=bad)
+    bad, numerous = TRIALS + "a,x,0,equal\n" * 3, TRIALS + "a,x,0,equal\n" * 12
+    files = written(tmp_path, a=numerous, b=bad, c=bad, d=bad)
     ends = [
         (files[:1], "... and 2 more problems"),
         (files, "... and problems in 3 more files"),
         (files[1:3], "c.csv: row 4, column s1: found 'x', allowed: a finite number"),
         (files[1:], "... and the same in 2 more files"),
     ]
-    for asked, last in ends:
-        assert problems(bt.read_study, asked)[-1] == last
+    for request, last in ends:
+        assert problems(bt.read_study, request)[-1] == last
 
 
 # --- Options --------------------------------------------------------------------------------------
@@ -394,8 +394,8 @@ def test_options_that_make_no_sense_are_refused(options, expected):
 
 def test_options_are_refused_all_at_once():
     wrong = {"intensity": -1, "equal_code": "", "columns": {"x": "y"}}
-    found = problems(lambda: ReadOptions(**wrong))
-    assert [problem.partition(":")[0] for problem in found] == [
+    observed = problems(lambda: ReadOptions(**wrong))
+    assert [problem.partition(":")[0] for problem in observed] == [
         "--equal-code",
         "--intensity",
         "--columns",
@@ -430,7 +430,7 @@ def test_dialects(codec, label, end, delimiter, name):
 
 # --- Files of other labs; tests/data/test_shapes.py has more of them ------------------------------
 
-BOTH = {"a": [(0.0, 0.3, 1, 1), (0.3, 0.0, 0, 1)]}
+BOTH_ORDERS = {"a": [(0.0, 0.3, 1, 1), (0.3, 0.0, 0, 1)]}
 
 
 def test_two_columns_that_may_be_the_subject_are_none():
@@ -445,7 +445,7 @@ def test_a_third_code_beside_that_of_second_is_refused():
 
 @pytest.mark.parametrize("code", [1, True, 1.0])
 def test_codes_may_be_numbers_as_in_a_data_frame(code):
-    assert content(read(f"{TRIALS}a,0,0.3,1\na,0.3,0,0\n", second_code=code)) == BOTH
+    assert content(read(f"{TRIALS}a,0,0.3,1\na,0.3,0,0\n", second_code=code)) == BOTH_ORDERS
 
 
 def typed_remedies(data, **options):
@@ -470,7 +470,7 @@ a,0.3,0,0,,
 
 def test_missed_trials_that_are_scored_wrong_are_no_responses():
     study = read(MISSED, correct="correct")
-    assert content(study) == BOTH
+    assert content(study) == BOTH_ORDERS
     assert "no response where column key, rt is empty" in study.notes
     assert "2 trials without a response dropped: a 2" in study.notes
     # No sign: an empty cell beside a right response, a reaction time of 999 ms, no such column.
@@ -539,21 +539,21 @@ def test_responses_to_a_standard_and_a_comparison_follow_the_interval(text):
 
 
 def test_first_and_second_name_intervals_whatever_was_presented_there():
-    assert content(read(ABSOLUTE, standard_interval="order")) == BOTH
+    assert content(read(ABSOLUTE, standard_interval="order")) == BOTH_ORDERS
     always = read(ABSOLUTE.replace(",2,first", ",1,first"), standard_first=True)
     assert content(always) == {"a": [(0.0, 0.3, 1, 2)]}
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "expected"),
+    ("earlier", "after", "expected"),
     [
         ("3,2,", "3,3,", "row 3, column interval: found '3', allowed: 1 or 2"),
         ("a,0,0.3,1", "a,x,0.3,1", "row 2, column standard: found 'x', allowed: a finite number"),
         ("comparison,interval", "level,interval", "row 1: there is no column comparison."),
     ],
 )
-def test_what_is_refused_of_a_standard_and_a_comparison(before, after, expected):
-    text = STANDARDS.replace(before, after, 1)
+def test_what_is_refused_of_a_standard_and_a_comparison(earlier, after, expected):
+    text = STANDARDS.replace(earlier, after, 1)
     (problem,) = refused(text, standard_interval="interval")
     assert problem.startswith(expected)
 
@@ -567,7 +567,7 @@ def test_another_code_than_that_of_the_comparison_is_refused():
 
 NUMBER = "a finite number"
 UNGROUPED = f"{NUMBER}, without thousands separators"
-WHOLE = "a whole number from 0 to 2**53, without thousands separators"
+WHOLE_NUMBER = "a whole number from 0 to 2**53, without thousands separators"
 OTHER_CODES = "or empty; other codes by --equal-code, --different-code"
 ANSWERS = f"equal, same (equal) or different (different), {OTHER_CODES}"
 CODES = f"'f' (equal) or 'J' (different), {OTHER_CODES}"
@@ -611,17 +611,17 @@ CELLS = [
         COUNTS + 'a,0,0,"{}",9007199254740992',
         {},
         "n_equal",
-        WHOLE,
+        WHOLE_NUMBER,
         "-1|2.5||inf|9007199254740993|1e3|5.000|1,5|٣",
     ),
     (
         COUNTS + 'a,0,0,0,"{}"',
         {},
         "n_trials",
-        WHOLE,
+        WHOLE_NUMBER,
         "-1|2.5||inf|9007199254740993|1e3|5.000|1,5|٣",
     ),
-    ("subject;s1;s2;n_equal;n_trials\na;0;0;5;{}", {}, "n_trials", WHOLE, "12.000"),
+    ("subject;s1;s2;n_equal;n_trials\na;0;0;5;{}", {}, "n_trials", WHOLE_NUMBER, "12.000"),
     (
         TRIALS + "a,0,0,{}\na,0,0,equal",
         {},
@@ -646,10 +646,10 @@ CELLS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "options", "column", "allowed", "cells"), CELLS)
-def test_a_cell_that_cannot_be_used_is_refused(text, options, column, allowed, cells):
+@pytest.mark.parametrize(("text", "options", "column", "rule", "cells"), CELLS)
+def test_a_cell_that_cannot_be_used_is_refused(text, options, column, rule, cells):
     for cell in cells.split("|"):
-        expected = f"row 2, column {column}: found {cell!r}, allowed: {allowed}"
+        expected = f"row 2, column {column}: found {cell!r}, allowed: {rule}"
         assert refused(text.format(cell), **options) == [expected]
 
 

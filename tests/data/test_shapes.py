@@ -135,7 +135,7 @@ def linked_73():
     return data.getvalue()
 
 
-def named(table, **names):
+def labelled(table, **names):
     return table.rename(columns=names)
 
 
@@ -220,9 +220,9 @@ READ = {
     "german.csv": (csv(GERMAN, sep=";"), {"columns": REIZE}),
     "german_windows.csv": (csv(GERMAN, "cp1252", sep=";"), {"columns": REIZE}),
     "french.csv": (csv(answered(IN_LOGS, "première", "deuxième", "réponse")), {}),
-    "participant.csv": (csv(named(IN_LOGS, subject="Participant ID", response="choice")), {}),
+    "participant.csv": (csv(labelled(IN_LOGS, subject="Participant ID", response="choice")), {}),
     "psychopy.csv": (
-        csv(named(answered(IN_LOGS, "f", "j", "key_resp.keys"), subject="participant")),
+        csv(labelled(answered(IN_LOGS, "f", "j", "key_resp.keys"), subject="participant")),
         {"columns": {"response": "key_resp.keys"}, **KEYS},
     ),
     "one_code.csv": (csv(answered(IN_LOGS, "left", "right")), {"second_code": "right"}),
@@ -249,16 +249,16 @@ READ = {
     "vectors_73.mat": (matlab_73(LISTS), {}),
     "struct_array_73.mat": (matlab_73(LISTS, is_struct=True), {}),
     "counts.csv": (csv(COUNTS), {}),
-    "other_counts.csv": (csv(named(COUNTS, n_second="second", n_trials="total")), {}),
+    "other_counts.csv": (csv(labelled(COUNTS, n_second="second", n_trials="total")), {}),
     "proportions.csv": (csv(SHARES), {}),
-    "p_and_n.csv": (csv(named(SHARES, n_second="p_second", n_trials="n")), {}),
+    "p_and_n.csv": (csv(labelled(SHARES, n_second="p_second", n_trials="n")), {}),
     "percent_and_n.csv": (
-        csv(named(SHARES.assign(n_second=SHARES.n_second.map("{:.1%}".format)),
+        csv(labelled(SHARES.assign(n_second=SHARES.n_second.map("{:.1%}".format)),
                   n_second="% second", n_trials="N")),
         {},
     ),
     "grams.csv": (csv(IN_GRAMS), WEIGHTS),
-    "grams_by_unit.csv": (csv(named(IN_GRAMS, w1="i1", w2="i2")), {"unit": "g"}),
+    "grams_by_unit.csv": (csv(labelled(IN_GRAMS, w1="i1", w2="i2")), {"unit": "g"}),
     "decibel.csv": (csv(DECIBEL), {"unit": "dB", "columns": {"s1": "s1_dB", "s2": "s2_dB"}}),
     "decadic.csv": (
         csv(IN_LOGS.assign(s1=np.log10(TRIALS.w1), s2=np.log10(TRIALS.w2))), {"unit": "log10"},
@@ -362,7 +362,7 @@ REFUSED = {
         ["--standard-interval interval"],
     ),
     "point_for_thousands.csv": (
-        csv(named(IN_GRAMS, w1="i1", w2="i2").replace({"i1": {1105: "1.105", 1350: "1.350"}}),
+        csv(labelled(IN_GRAMS, w1="i1", w2="i2").replace({"i1": {1105: "1.105", 1350: "1.350"}}),
             sep=";").replace(b"1105", b"1.105").replace(b"1350", b"1.350"),
         ["'1.105' can be 1105 or 1.105", "--decimal ,"],
         {"intensity": 1000},
@@ -379,11 +379,11 @@ REFUSED = {
         {"intensity": 1, "columns": {"i1": "s1_dB", "i2": "s2_dB"}},
     ),
     "percent.csv": (
-        csv(named(COUNTS, n_second="percent second").drop(columns="n_trials")),
+        csv(labelled(COUNTS, n_second="percent second").drop(columns="n_trials")),
         ["there is no column n_trials", "--columns n_trials=NAME"],
     ),
     "proportion_of_others.csv": (
-        csv(named(SHARES.assign(n_trials=7), n_second="p_second")),
+        csv(labelled(SHARES.assign(n_trials=7), n_second="p_second")),
         ["column p_second: found '0.", "a share that makes a whole number of 7 trials"],
     ),
     "few_decimals.csv": (
@@ -426,7 +426,7 @@ REFUSED = {
     ),
     "likert.csv": (csv(IN_LOGS.assign(response=np.arange(80) % 5)), ["does not know"]),
     "zero.csv": (
-        csv(named(IN_GRAMS, w1="i1", w2="i2").replace({"i1": {740: 0}})),
+        csv(labelled(IN_GRAMS, w1="i1", w2="i2").replace({"i1": {740: 0}})),
         ["column i1: found '0', allowed: a positive finite number"],
         {"intensity": 1000},
     ),
@@ -435,7 +435,7 @@ REFUSED = {
 
 #: Name, content, and what the screen of `check` warns of.
 WARNED = {
-    "grams_as_logs.csv": (csv(named(IN_GRAMS, w1="s1", w2="s2")), "look like raw intensities"),
+    "grams_as_logs.csv": (csv(labelled(IN_GRAMS, w1="s1", w2="s2")), "look like raw intensities"),
     "two_conditions.csv": (
         csv(IN_LOGS.assign(modality=["light", "sound"] * 40)), "--condition modality",
     ),
@@ -475,8 +475,8 @@ def check(folder, name, content, options):
 
 @pytest.mark.parametrize("name", READ)
 def test_a_shape_is_read_as_it_is_meant(name, tmp_path):
-    content, options, *meant = READ[name]
-    table = meant[0] if meant else TRIALS
+    content, options, *intended = READ[name]
+    table = intended[0] if intended else TRIALS
     result = check(tmp_path, name, content, options)
     assert (result.returncode, result.stderr) == (0, "")
     study = bt.read_study(tmp_path / name, bt.ReadOptions(**options))
@@ -520,9 +520,9 @@ def test_a_study_file_reads_a_study_again(name, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     assert "bayes-toe run study.toml" in result.stdout
     study = bt.read_study(tmp_path / "study.toml")
-    meant = bt.read_study(tmp_path / "data" / name, bt.ReadOptions(**options)).exclude("P12")
-    assert (study.names, study.notes) == (meant.names, meant.notes)
-    assert counts_read(study, ["P03"]) == counts_read(meant, ["P03"])
+    intended = bt.read_study(tmp_path / "data" / name, bt.ReadOptions(**options)).exclude("P12")
+    assert (study.names, study.notes) == (intended.names, intended.notes)
+    assert counts_read(study, ["P03"]) == counts_read(intended, ["P03"])
 
 
 @pytest.mark.parametrize(
@@ -550,12 +550,12 @@ def test_a_study_file_that_is_wrong_is_refused(lines, words, message, tmp_path):
 def mutated(text, rng):
     """A table with some characters, cells or rows changed."""
     for _ in range(rng.choice([1, 1, 2, 5])):
-        place = rng.randrange(len(text) or 1)
+        position = rng.randrange(len(text) or 1)
         kind = rng.randrange(5)
         if kind == 0:
-            text = text[:place] + text[place + 1 :]
+            text = text[:position] + text[position + 1 :]
         elif kind == 1:
-            text = text[:place] + rng.choice(",;\t|.\"'059 -e\nx\u2212\u00a0é") + text[place:]
+            text = text[:position] + rng.choice(",;\t|.\"'059 -e\nx\u2212\u00a0é") + text[position:]
         elif kind == 2:
             rows = text.split("\n")
             rows.insert(rng.randrange(len(rows)), rng.choice(rows))
@@ -596,14 +596,14 @@ def test_a_changed_table_is_read_as_it_stands_or_refused(tmp_path):
         except bt.InputError:
             continue
         with suppress(csv_module.Error):
-            meant = read_strictly(changed)
-            if meant is not None:
+            intended = read_strictly(changed)
+            if intended is not None:
                 n_equal += 1
                 counts = Counter()
                 for subject, first, second, n_yes, n in study.frame().to_numpy().tolist():
                     counts[subject, first, second, "second"] += n_yes
                     counts[subject, first, second, "first"] += n - n_yes
-                assert +counts == meant, changed
+                assert +counts == intended, changed
     assert n_equal > 50
 
 

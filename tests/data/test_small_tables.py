@@ -89,9 +89,9 @@ def test_rows_of_another_width_are_refused(written, kind):
     width = header.count(",") + 1
     path = written("\n".join([header, row, "", other.rpartition(",")[0], *[f"{row},7"] * 11]))
     short, *long, last = problems_of(kind, path)
-    allowed = f"allowed: {width} cells as in the header"
-    assert short == f"row 4: found {width - 1} cells, {allowed}"
-    assert long == [f"row {5 + i}: found {width + 1} cells, {allowed}" for i in range(9)]
+    rule = f"allowed: {width} cells as in the header"
+    assert short == f"row 4: found {width - 1} cells, {rule}"
+    assert long == [f"row {5 + i}: found {width + 1} cells, {rule}" for i in range(9)]
     assert last == "... and 2 more problems"
 
 

@@ -204,13 +204,13 @@ def test_a_study_gives_the_frame_that_it_is_read_from(isi):
 def test_a_damaged_parquet_file_is_one_line(tmp_path):
     pytest.importorskip("pyarrow")
     path = write_table(COUNTS, tmp_path / "study.parquet")
-    whole, plain = path.read_bytes(), content(bt.read_study(path))
+    complete, plain = path.read_bytes(), content(bt.read_study(path))
     rng = random.Random(1)
-    for place in rng.sample(range(len(whole)), 60):
-        path.write_bytes(whole[:place])
+    for position in rng.sample(range(len(complete)), 60):
+        path.write_bytes(complete[:position])
         assert len(problems(bt.read_study, path)) == 1
-        changed = bytearray(whole)
-        changed[place] ^= 1 << rng.randrange(8)
+        changed = bytearray(complete)
+        changed[position] ^= 1 << rng.randrange(8)
         path.write_bytes(changed)
         # In what is not read, such as statistics, a change does no harm.
         with suppress(bt.InputError):
@@ -245,18 +245,18 @@ def test_a_damaged_matlab_file_is_one_line(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("reader", "found"),
+    ("reader", "observed"),
     [
         ("import os; os.abort()", "found a damaged MATLAB file (its reader ended with -"),
         ("import time; time.sleep(60)", "not read within 0.5 s"),
     ],
 )
-def test_a_matlab_file_that_ends_or_stops_its_reader(reader, found, tmp_path, monkeypatch):
+def test_a_matlab_file_that_ends_or_stops_its_reader(reader, observed, tmp_path, monkeypatch):
     monkeypatch.setattr(matlab_file, "_READER", reader)
     monkeypatch.setattr(matlab_file, "_LONGEST", 0.5)
     savemat(tmp_path / "trials.mat", {"subject": "M1", "s1": 0.0, "s2": 0.3, "response": 1})
     (problem,) = problems(bt.read_study, tmp_path / "trials.mat")
-    assert problem.startswith(f"trials.mat: {found}")
+    assert problem.startswith(f"trials.mat: {observed}")
     assert problem.endswith("allowed: one that MATLAB has saved with '-v7'")
 
 
@@ -282,11 +282,11 @@ def test_a_file_with_changed_bytes_is_read_or_refused(tmp_path, suffix, changes)
         savemat(path, frame.to_dict("list"))
     else:
         frame.to_excel(path, index=False)
-    whole = path.read_bytes()
-    first, last = (128, 500) if suffix == "mat" else (0, len(whole))
+    complete = path.read_bytes()
+    first, last = (128, 500) if suffix == "mat" else (0, len(complete))
     rng = random.Random(1)
     for _ in range(16):
-        changed = bytearray(whole)
+        changed = bytearray(complete)
         for _ in range(changes):
             changed[rng.randrange(first, last)] = rng.randrange(256)
         path.write_bytes(changed)

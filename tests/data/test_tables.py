@@ -48,10 +48,10 @@ def test_formulas_get_an_apostrophe_and_our_reader_takes_it_off(tmp_path):
     first = [line.split(",")[0] for line in safe.read_text().splitlines()[1:]]
     assert first == ["'=1+1", "'+a", "-2", "'@x", "'-b c", "'q"]
     assert read_study(safe).names == tuple(names)
-    both = pd.concat(
+    joint = pd.concat(
         [frame, frame.assign(subject=["'=1+1", *"abcde"])]
     )  # two names must not become one
-    assert "'=1+1" in read_study(write_table(both, tmp_path / "both.csv")).names
+    assert "'=1+1" in read_study(write_table(joint, tmp_path / "both.csv")).names
 
 
 def test_a_terminal_obeys_no_cell(tmp_path):

@@ -284,9 +284,9 @@ def test_some_reversed_subjects_are_found_with_what_to_type():
 
 
 def test_a_study_of_reversed_subjects_is_refused():
-    both = bt.Study((answering("b", falling), answering("c", falling)))
+    joint = bt.Study((answering("b", falling), answering("c", falling)))
     with pytest.raises(bt.InputError, match=r"correlation -0\.[67].*n_second counts those"):
-        bt.read_study(both.frame())
+        bt.read_study(joint.frame())
     trials = pd.DataFrame(GRID * 3, columns=["s1", "s2"]).assign(subject="a")
     trials["response"] = np.where(trials.s2 > trials.s1, "first", "second")
     options = r"the opposite, ReadOptions\(second_code='first', first_code='second'\)"

@@ -32,14 +32,14 @@ def tree(folder):
 
     The manifest left out.
     """
-    found = {}
+    observed = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
         if path.is_file() and path.name != MANIFEST:
-            found[name] = path.read_text(encoding="utf-8")
+            observed[name] = path.read_text(encoding="utf-8")
         elif path.is_dir() and not any(path.iterdir()):
-            found[name + "/"] = ""
-    return found
+            observed[name + "/"] = ""
+    return observed
 
 
 def manifest(folder):
@@ -83,7 +83,7 @@ def produce(path, files, *, overwrite=False, names=NAMES, meanwhile=int):
 
 def test_a_file_appears_whole(tmp_path):
     target = tmp_path / "new" / "deep" / "fit.nc"
-    for before, text in ((None, "whole"), ("whole", "new")):
+    for earlier, text in ((None, "whole"), ("whole", "new")):
         with whole_file(target, overwrite=True) as temporary:
             assert (temporary.exists(), temporary.parent.parent, temporary.name) == (
                 False,
@@ -91,7 +91,7 @@ def test_a_file_appears_whole(tmp_path):
                 target.name,
             )
             temporary.write_text(text)
-            assert (target.read_text() if target.exists() else None) == before
+            assert (target.read_text() if target.exists() else None) == earlier
         assert tree(tmp_path) == {"new/deep/fit.nc": text}
 
 
@@ -114,7 +114,7 @@ def test_what_exists_or_appears_meanwhile_is_kept(tmp_path):
 def test_failure_leaves_everything_as_it_was(tmp_path, error):
     (tmp_path / "b").write_text("old")
     produce(tmp_path / "out", {"table.csv": "1", "corner/a.png": "1"})
-    before = tree(tmp_path)
+    earlier = tree(tmp_path)
     for name in ("b", "new/deep/a.csv"):
         with pytest.raises(error):
             write(tmp_path / name, "half", overwrite=True, meanwhile=failing(error()))
@@ -123,7 +123,7 @@ def test_failure_leaves_everything_as_it_was(tmp_path, error):
             produce(
                 tmp_path / name, {"table.csv": "half"}, overwrite=True, meanwhile=failing(error())
             )
-    assert tree(tmp_path) == before
+    assert tree(tmp_path) == earlier
     assert not (tmp_path / "new").exists()
 
 
@@ -152,7 +152,7 @@ def test_folders_that_others_use_meanwhile_stay(tmp_path):
 def test_impossible_places(tmp_path, name, reason):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file.txt").write_text("x")
-    before = tree(tmp_path)
+    earlier = tree(tmp_path)
     for action in (
         lambda path: write(path, "x", overwrite=True),
         lambda path: require_writable(path, overwrite=False),
@@ -160,16 +160,16 @@ def test_impossible_places(tmp_path, name, reason):
         with pytest.raises(OutputError, match=reason) as caught:
             action(tmp_path / name)
         assert len(str(caught.value).splitlines()) == 1
-    assert tree(tmp_path) == before
+    assert tree(tmp_path) == earlier
 
 
 def test_places_without_permission(tmp_path, monkeypatch):
     real = Path.mkdir
 
-    def mkdir(path, **how):
+    def mkdir(path, **options):
         if path.name.startswith(HIDDEN):
             raise PermissionError(13, "Permission denied", str(path))
-        real(path, **how)
+        real(path, **options)
 
     monkeypatch.setattr(Path, "mkdir", mkdir)
     message = re.escape(
@@ -310,7 +310,7 @@ def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("there", "said"),
+    ("existing", "sentence"),
     [
         (["table.csv"], "table.csv"),
         (["corner/"], "corner"),
@@ -318,16 +318,16 @@ def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
         ("abcd", "a, b, c and 1 more"),
     ],
 )
-def test_existing_names_are_refused_before_any_work(tmp_path, there, said):
-    for name in there:
+def test_existing_names_are_refused_before_any_work(tmp_path, existing, sentence):
+    for name in existing:
         (tmp_path / name).mkdir() if name.endswith("/") else (tmp_path / name).write_text("mine")
-    before, message = (
+    earlier, message = (
         tree(tmp_path),
-        re.escape(f"{tmp_path}: already holds {said}; overwrite=True replaces it"),
+        re.escape(f"{tmp_path}: already holds {sentence}; overwrite=True replaces it"),
     )
     with pytest.raises(OutputError, match=f"^{message}$"):
         produce(tmp_path, {}, names=[*NAMES, *"abcd"], meanwhile=BEFORE_WORK)
-    assert tree(tmp_path) == before
+    assert tree(tmp_path) == earlier
 
 
 def test_a_file_in_place_of_the_folder(tmp_path):
@@ -397,8 +397,8 @@ def test_damaged_manifests_remove_nothing(tmp_path, text):
         text.replace("/victim", f"{tmp_path}/victim").encode("utf-8", "surrogateescape")
     )
     produce(out, {"table.csv": "2"}, overwrite=True)
-    kept = {"out/corner/a.png": "1", "out/corner/deep/b.png": "1"}
-    assert tree(tmp_path) == {"victim": "v", "out/table.csv": "2", **kept}
+    stored = {"out/corner/a.png": "1", "out/corner/deep/b.png": "1"}
+    assert tree(tmp_path) == {"victim": "v", "out/table.csv": "2", **stored}
 
 
 @POSIX
@@ -425,13 +425,13 @@ def test_what_others_put_there_meanwhile_is_kept(tmp_path):
     assert tree(tmp_path / "out") == {"mine.txt": "m", "table.csv": "1"}
 
 
-@pytest.mark.parametrize("taken", ["table.csv/mine", "corner"])
-def test_a_folder_in_place_of_a_file_and_a_file_in_place_of_a_folder_stay(tmp_path, taken):
-    (tmp_path / taken).parent.mkdir(exist_ok=True)
-    (tmp_path / taken).write_text("mine")
-    with pytest.raises(OutputError, match=taken.partition("/")[0]):
+@pytest.mark.parametrize("occupied", ["table.csv/mine", "corner"])
+def test_a_folder_in_place_of_a_file_and_a_file_in_place_of_a_folder_stay(tmp_path, occupied):
+    (tmp_path / occupied).parent.mkdir(exist_ok=True)
+    (tmp_path / occupied).write_text("mine")
+    with pytest.raises(OutputError, match=occupied.partition("/")[0]):
         produce(tmp_path, {"table.csv": "t", "corner/a.png": "a"}, overwrite=True)
-    assert tree(tmp_path) == {taken: "mine"}
+    assert tree(tmp_path) == {occupied: "mine"}
 
 
 def test_what_is_required_must_be_there_and_only_what_was_named(tmp_path):
@@ -457,9 +457,9 @@ def test_what_is_required_must_be_there_and_only_what_was_named(tmp_path):
 
 def test_a_folder_of_a_process_that_lives_is_left_alone(tmp_path):
     def another():
-        found = [path.name for path in tmp_path.iterdir()]
+        observed = [path.name for path in tmp_path.iterdir()]
         produce(tmp_path, {"corner/a.png": "1"})
-        assert set(found) <= {path.name for path in tmp_path.iterdir()}
+        assert set(observed) <= {path.name for path in tmp_path.iterdir()}
 
     produce(tmp_path, {"table.csv": "1"}, meanwhile=another)
     assert tree(tmp_path) == {"table.csv": "1", "corner/a.png": "1"}

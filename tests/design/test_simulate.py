@@ -120,7 +120,9 @@ def test_expectations_of_trials_are_those_of_serial_dependence(kind):
             "constant_error": p * (0.3 - posterior.observer.sbar),
             "contraction": p,
         }
-    order = posterior.observer.points({name: np.array([own]) for name, own in values.items()})
+    order = posterior.observer.points(
+        {name: np.array([separate]) for name, separate in values.items()}
+    )
     probability = posterior.trial_probabilities(np.column_stack([order, ndtri([0.7])]))[0]
     rng = generator(1, "A", "trials")
     rng.uniform(size=(20, subject.n_pairs))
@@ -155,12 +157,12 @@ def test_named_populations():
 
 
 def test_populations_of_files(tmp_path):
-    paper, own = tmp_path / "paper.csv", tmp_path / "own.csv"
+    paper, separate = tmp_path / "paper.csv", tmp_path / "own.csv"
     paper.write_text("subject,mu1,sigma_p,sigma_l,q0\nx,0,0.3,0.1,0.9\n")
-    own.write_text("subject,noise,q0,contraction\ny,0.2,0.9,0.25\n")
+    separate.write_text("subject,noise,q0,contraction\ny,0.2,0.9,0.25\n")
     (observer,) = draw_population(str(paper), 99, 1, reference_design())
     assert (observer.name, observer.parameters["q0"]) == ("x", 0.9)
-    (observer,) = draw_population(str(own), 99, 1, reference_design())
+    (observer,) = draw_population(str(separate), 99, 1, reference_design())
     assert observer.parameters["contraction"] == 0.25
     assert observer.parameters["lapse_rate"] == 0.0
     trials = simulate_trials([observer], reference_design(batches=2), 1)

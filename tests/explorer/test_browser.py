@@ -45,12 +45,12 @@ class Explorer(Opened):
         self.page.get_by_role("tab", name=name).click()
         self.settle()
 
-    def shown(self):
+    def visible(self):
         """Quantities of the panels."""
         return self.page.evaluate("window.explorer.state.names")
 
-    def choose(self, what, value):
-        self.page.select_option(what, value)
+    def choose(self, selector, value):
+        self.page.select_option(selector, value)
         self.settle()
 
     def drag(self, cell, start, end):
@@ -75,9 +75,9 @@ def path(explorer, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(browser, path):
-    made = Explorer(browser, path, 1200)
-    yield made
-    made.page.close()
+    built = Explorer(browser, path, 1200)
+    yield built
+    built.page.close()
 
 
 @pytest.fixture
@@ -100,8 +100,8 @@ def shown_rows(page):
 def thinned(draws, subject, rows):
     """The natural parameters of the draws that the page holds."""
     theta = draws.natural(subject)
-    at = np.arange(rows) * theta.mu1.size // rows
-    return {name: values.ravel()[at] for name, values in theta._asdict().items()}
+    index = np.arange(rows) * theta.mu1.size // rows
+    return {name: values.ravel()[index] for name, values in theta._asdict().items()}
 
 
 def test_a_drag_selects_the_draws_and_moves_the_curves(opened, analysis):
@@ -110,7 +110,7 @@ def test_a_drag_selects_the_draws_and_moves_the_curves(opened, analysis):
     limits = opened.limits()
     assert set(limits) == {"sigma_p", "sigma_l"}
     for letter, subject in (("a", "A"), ("b", "C")):
-        kept, every = opened.data(f"kept-{letter}-3-0"), opened.data(f"all-{letter}-3-0")
+        stored, every = opened.data(f"kept-{letter}-3-0"), opened.data(f"all-{letter}-3-0")
         theta = thinned(analysis.draws, subject, len(every["x"]))
         inside = np.all(
             [
@@ -119,10 +119,10 @@ def test_a_drag_selects_the_draws_and_moves_the_curves(opened, analysis):
             ],
             axis=0,
         )
-        assert kept["row"].tolist() == np.flatnonzero(inside).tolist()
-        np.testing.assert_allclose(kept["y"], theta["q0"][inside], rtol=1e-6)
-        said = f"{inside.sum():,} of {len(inside):,} shown draws are selected"
-        assert said in opened.page.inner_text("#share")
+        assert stored["row"].tolist() == np.flatnonzero(inside).tolist()
+        np.testing.assert_allclose(stored["y"], theta["q0"][inside], rtol=1e-6)
+        message = f"{inside.sum():,} of {len(inside):,} shown draws are selected"
+        assert message in opened.page.inner_text("#share")
     size, rows = shown_rows(opened)
     assert 5 < len(rows) < 0.9 * size
     theta = thinned(analysis.draws, "A", size)
@@ -140,13 +140,13 @@ def test_a_drag_selects_the_draws_and_moves_the_curves(opened, analysis):
 
 
 def test_a_drag_on_the_diagonal_takes_a_range_and_reset_gives_all_back(opened):
-    before = opened.data("curve-a-weaker")["kept"]
+    earlier = opened.data("curve-a-weaker")["kept"]
     opened.drag("0-0", (0.6, 0.5), (0.9, 0.6))
     assert list(opened.limits()) == ["mu1"]
-    assert not np.allclose(opened.data("curve-a-weaker")["kept"], before, atol=1e-4)
+    assert not np.allclose(opened.data("curve-a-weaker")["kept"], earlier, atol=1e-4)
     opened.page.click("#reset")
     opened.settle()
-    np.testing.assert_array_equal(opened.data("curve-a-weaker")["kept"], before)
+    np.testing.assert_array_equal(opened.data("curve-a-weaker")["kept"], earlier)
     assert "2,000 of 10,240 draws are shown" in opened.page.inner_text("#share .a")
 
 
@@ -162,10 +162,10 @@ def test_the_keyboard_alone_selects_some_or_none_which_have_no_numbers(opened, a
     assert rows.tolist() == np.flatnonzero(np.float32(theta["q0"]) >= 0.9).tolist()
     assert opened.page.inner_text("#where") == "selected: q₀ from 0.9"
     quantiles = np.quantile(theta["q0"][theta["q0"] >= 0.9], 0.5)
-    shown = (
+    visible = (
         opened.page.locator("#table-a tr", has_text="q₀").locator("td:nth-child(3) b").inner_text()
     )
-    assert float(shown) == pytest.approx(quantiles, abs=6e-4)
+    assert float(visible) == pytest.approx(quantiles, abs=6e-4)
     opened.page.fill("#from", "1e6")
     opened.page.press("#from", "Enter")
     opened.settle()
@@ -186,9 +186,9 @@ def test_subjects_and_models_can_be_switched(opened, symmetric):
     opened.settle()
     assert opened.shown() == ["constant_error", "contraction", "jnd", "noise"]
     noise = symmetric.values("B", "noise").ravel()
-    kept = opened.data("kept-b-3-2")
-    rows = np.arange(len(kept["row"])) * noise.size // len(kept["row"])
-    np.testing.assert_allclose(kept["y"], noise[rows], rtol=1e-6)
+    stored = opened.data("kept-b-3-2")
+    rows = np.arange(len(stored["row"])) * noise.size // len(stored["row"])
+    np.testing.assert_allclose(stored["y"], noise[rows], rtol=1e-6)
     label = "Bokeh.documents[0].get_model_by_name('panel-3-2').below[0].axis_label"
     assert opened.page.evaluate(label) == "JND, %"
     opened.drag("1-1", (0.2, 0.5), (0.5, 0.6))
@@ -205,8 +205,8 @@ def test_effects_are_averaged_over_the_four_models_with_the_words_of_the_answer(
     assert opened.page.locator("#answer-a span").all_inner_texts() == words
     row = opened.page.locator("#table-a tr", has_text="contraction p")
     size = answer.sizes["contraction_p"]
-    shown = row.locator("td:nth-child(2)").inner_text().replace("−", "-")
-    numbers = [float(text.strip("[],")) for text in shown.split()]
+    visible = row.locator("td:nth-child(2)").inner_text().replace("−", "-")
+    numbers = [float(text.strip("[],")) for text in visible.split()]
     assert numbers == pytest.approx([size.q50, size.q025, size.q975], abs=6e-3)
     # Draws without the effect are in no panel of it.
     n_with = int(row.locator("th small").first.inner_text().split()[1].replace(",", ""))
@@ -248,10 +248,10 @@ def test_hovering_reads_a_draw(opened):
     border, side = 3, frame["width"] - 6
     x, y = border + shares[middle, 0] * side, border + (1 - shares[middle, 1]) * side
     opened.page.mouse.move(frame["x"] + x, frame["y"] + y, steps=3)
-    told = opened.page.locator(".bk-tooltip-row-value:visible")
-    told.first.wait_for()
-    assert told.nth(0).inner_text() == "A"
-    assert float(told.nth(1).inner_text().replace("−", "-")) == pytest.approx(
+    wording = opened.page.locator(".bk-tooltip-row-value:visible")
+    wording.first.wait_for()
+    assert wording.nth(0).inner_text() == "A"
+    assert float(wording.nth(1).inner_text().replace("−", "-")) == pytest.approx(
         data["x"][middle], abs=0.02
     )
 
@@ -264,31 +264,33 @@ def test_what_is_known_and_badged_and_fits_a_wide_screen(opened):
 
 
 def test_a_narrow_screen_has_the_curves_first_and_panels_that_can_be_read(browser, path):
-    made = Explorer(browser, path, 400)
-    assert made.page.evaluate("window.explorer.state.tab") == "effects"
-    assert made.shown() == ["constant_error", "contraction", "jnd"]
-    curves, corner = (made.page.locator(at).bounding_box() for at in ("#curves-a", "#corner"))
+    built = Explorer(browser, path, 400)
+    assert built.page.evaluate("window.explorer.state.tab") == "effects"
+    assert built.shown() == ["constant_error", "contraction", "jnd"]
+    curves, corner = (
+        built.page.locator(index).bounding_box() for index in ("#curves-a", "#corner")
+    )
     assert curves["y"] + curves["height"] < min(900, corner["y"])
-    made.drag("1-0", (0.5, 0.2), (0.9, 0.8))
-    assert len(made.limits()) == 2
-    assert made.wide() <= 400
-    sides = [made.page.locator(f"#cell-{i}-{i}").bounding_box() for i in range(3)]
+    built.drag("1-0", (0.5, 0.2), (0.9, 0.8))
+    assert len(built.limits()) == 2
+    assert built.wide() <= 400
+    sides = [built.page.locator(f"#cell-{i}-{i}").bounding_box() for i in range(3)]
     assert all(
         box["x"] >= 0 and box["x"] + box["width"] <= 400 and box["width"] > 90 for box in sides
     )
-    made.tab("paper's parameters")
-    assert made.page.locator("#cell-3-3").is_hidden()
-    made.page.close()
-    assert made.problems == []
+    built.tab("paper's parameters")
+    assert built.page.locator("#cell-3-3").is_hidden()
+    built.page.close()
+    assert built.problems == []
 
 
 def test_figures_follow_the_colours_of_the_page(browser, path):
-    made = Explorer(browser, path, 1200, color_scheme="dark")
+    built = Explorer(browser, path, 1200, color_scheme="dark")
     colours = """[getComputedStyle(document.body).backgroundColor,
         Bokeh.documents[0].get_model_by_name('panel-1-0').border_fill_color]"""
-    assert made.page.evaluate(colours) == ["rgb(23, 24, 27)", "#17181B"]
-    made.page.emulate_media(color_scheme="light")
-    made.settle()
-    assert made.page.evaluate(colours) == ["rgb(255, 255, 255)", "#FFFFFF"]
-    made.page.close()
-    assert made.problems == []
+    assert built.page.evaluate(colours) == ["rgb(23, 24, 27)", "#17181B"]
+    built.page.emulate_media(color_scheme="light")
+    built.settle()
+    assert built.page.evaluate(colours) == ["rgb(255, 255, 255)", "#FFFFFF"]
+    built.page.close()
+    assert built.problems == []

@@ -23,10 +23,10 @@ from bayes_toe.inference.predictive_checks import FitSummary
 
 
 def islands(html):
-    found = re.findall(
+    observed = re.findall(
         r'<script type="application/json" id="(index|entry-\d+)">(.*?)</script>', html
     )
-    return {name: json.loads(content) for name, content in found}
+    return {name: json.loads(content) for name, content in observed}
 
 
 def numbers(text, kind="<f4"):
@@ -38,7 +38,7 @@ def held(explorer):
     return islands(explorer.html)
 
 
-def shown(subject, draws=3000, copies=1):
+def visible(subject, draws=3000, copies=1):
     """The page of made draws of a subject under the symmetric model."""
     target = bt.model.observer_posterior(subject, model="none")
     x = np.tile(np.linspace(-1, 0, draws)[:, None], len(target.coordinates))
@@ -51,8 +51,8 @@ def rows(packed):
 
 
 def test_the_page_asks_nothing_of_the_network_and_a_notebook_shows_it_as_it_is(explorer):
-    own = re.sub(r"<script.*?</script>", "", explorer.html, flags=re.DOTALL)
-    assert re.findall(r"https?://", own) == []
+    separate = re.sub(r"<script.*?</script>", "", explorer.html, flags=re.DOTALL)
+    assert re.findall(r"https?://", separate) == []
     frame = explorer._repr_html_()
     assert frame.startswith("<iframe srcdoc=")
     assert unescape(frame.split('"')[1]) == explorer.html
@@ -62,12 +62,12 @@ def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
     first = held["entry-0"]
     assert (first["subject"], first["names"][0], first["of"]) == ("A", "mu1", 10_240)
     assert held["index"]["tabs"] == ["effects", "paper's parameters"]
-    place = first["names"].index("gain")
+    position = first["names"].index("gain")
     values = numbers(first["values"]).reshape(len(first["names"]), first["rows"])
     gain = analysis.draws.values("A", "gain").ravel()
-    np.testing.assert_array_equal(values[place], gain[rows(first)].astype(np.float32))
+    np.testing.assert_array_equal(values[position], gain[rows(first)].astype(np.float32))
     quantiles = np.quantile(gain, [0.025, 0.5, 0.975])
-    np.testing.assert_allclose(first["marked"][place], quantiles, rtol=1e-9)
+    np.testing.assert_allclose(first["marked"][position], quantiles, rtol=1e-9)
     summary = analysis.draws.summary().query("subject == 'A'").set_index("parameter")
     weak = summary.index[summary["posterior_contraction"] < 0.5]
     badged = {name for kind, name in first["badges"] if kind == "dominated"}
@@ -136,7 +136,7 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
 
 
 def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval(monkeypatch):
-    one = bt.Subject(
+    element = bt.Subject(
         "S",
         [0, 0, 0.1, 0.2, 0],
         [0.2, 0.2, 0.2, 0.2, 0],
@@ -145,14 +145,16 @@ def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval(monk
         isi=[1, 2, 1, 1, 1],
     )
     monkeypatch.setattr("bayes_toe.explorer.entry.MOST_SLICES", 2)
-    found = slices(one)
-    assert [(each.weaker, each.isi, each.orders) for each in found] == [
+    observed = slices(element)
+    assert [(panel.weaker, panel.isi, panel.orders) for panel in observed] == [
         (0.0, 1.0, (-1, 0)),
         (0.0, 2.0, (-1,)),
     ]
     monkeypatch.undo()
-    assert len(slices(one)) == 3
-    assert sorted((one.s1[pair], one.s2[pair], one.isi[pair]) for pair in found[0].pairs) == [
+    assert len(slices(element)) == 3
+    assert sorted(
+        (element.s1[pair], element.s2[pair], element.isi[pair]) for pair in observed[0].pairs
+    ) == [
         (0, 0, 1),
         (0, 0.2, 1),
         (0.2, 0.2, 1),
@@ -160,7 +162,7 @@ def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval(monk
 
 
 @pytest.mark.parametrize(
-    ("missed", "p_overall", "p_deviance", "freedom", "said"),
+    ("missed", "p_overall", "p_deviance", "freedom", "message"),
     [
         (
             {"A": "R-hat"},
@@ -174,27 +176,27 @@ def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval(monk
         ({}, 0.4, np.nan, 0, [("fine", "converged"), ("untold", "fit: not testable")]),
     ],
 )
-def test_badges_say_what_is_wrong(missed, p_overall, p_deviance, freedom, said):
+def test_badges_say_what_is_wrong(missed, p_overall, p_deviance, freedom, message):
     fit = FitSummary(9.0, freedom, p_overall, 0.0, 0.5, 0.0, 0.0, p_deviance=p_deviance)
-    assert list(badges(SimpleNamespace(fit=lambda name: fit, not_converged=missed), "A")) == said
+    assert list(badges(SimpleNamespace(fit=lambda name: fit, not_converged=missed), "A")) == message
 
 
 def test_a_name_cannot_end_the_page(small_study):
-    html = shown(replace(small_study["A"], name="</script><b>"), 30)
+    html = visible(replace(small_study["A"], name="</script><b>"), 30)
     assert islands(html)["index"]["entries"][0]["subject"] == "</script><b>"
     assert "</script><b>" not in html
 
 
 def test_characters_that_turn_a_text_around_are_escapes(small_study):
-    html = shown(replace(small_study["A"], name="a\u202eb"), 30)
+    html = visible(replace(small_study["A"], name="a\u202eb"), 30)
     assert islands(html)["index"]["entries"][0]["subject"] == "a\\u202eb"
 
 
-MANY = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
+MANY_SUBJECTS = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
 
 
 @pytest.mark.parametrize(
-    ("explored", "said"),
+    ("explored", "message"),
     [
         (lambda draws, *_: bt.explore(draws, subjects=["D"]), "no subject 'D' among the draws"),
         (lambda draws, *_: bt.explore(draws, subjects=[]), "found no subjects"),
@@ -204,13 +206,13 @@ MANY = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
         ),
         (lambda *_: bt.explore([]), "found no draws"),
         (
-            lambda *_: entries(MANY),
+            lambda *_: entries(MANY_SUBJECTS),
             "found 201 subjects, allowed: at most 200 in a page; name some with --subject",
         ),
     ],
 )
-def test_what_cannot_be_shown_is_refused(analysis, symmetric, explored, said):
-    with pytest.raises(bt.InputError, match=said):
+def test_what_cannot_be_shown_is_refused(analysis, symmetric, explored, message):
+    with pytest.raises(bt.InputError, match=message):
         explored(analysis.draws, symmetric)
 
 
@@ -224,12 +226,12 @@ def test_a_lone_subject_has_all_its_curves_and_many_posteriors_have_fewer_draws(
     small_study, monkeypatch
 ):
     s1, s2 = np.transpose(list(product(np.arange(5) / 5, repeat=2)))
-    alone = islands(shown(bt.Subject("S", s1, s2, np.full(25, 3), np.full(25, 9))))["entry-0"]
+    alone = islands(visible(bt.Subject("S", s1, s2, np.full(25, 3), np.full(25, 9))))["entry-0"]
     assert (len(alone["slices"]), alone["undrawn"], alone["rows"]) == (4, 0, 2000)
     monkeypatch.setattr(page_module, "_BYTES", 3 * 100e3)
-    made = islands(shown(small_study["A"], copies=3))["entry-0"]
-    assert 300 <= made["rows"] < 2000
-    assert len(made["values"]) + len(made["slices"][0]["yes"]) < 100e3 * 4 / 3
+    built = islands(visible(small_study["A"], copies=3))["entry-0"]
+    assert 300 <= built["rows"] < 2000
+    assert len(built["values"]) + len(built["slices"][0]["yes"]) < 100e3 * 4 / 3
 
 
 def test_the_command_writes_the_page_and_refuses_to_replace_it(symmetric, tmp_path):
@@ -245,15 +247,15 @@ def test_the_command_writes_the_page_and_refuses_to_replace_it(symmetric, tmp_pa
 
 def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimulus(stronger):
     subject, fitted = stronger.study["pulled"], Predictor.of(stronger.draws, "pulled", most=50)
-    found = slices(subject)
-    assert [one.orders for one in found] == [(0,)] * 6
-    middle = found[1]
+    observed = slices(subject)
+    assert [element.orders for element in observed] == [(0,)] * 6
+    middle = observed[1]
     assert {subject.s1[pair] for pair in middle.pairs} == {middle.weaker}
     assert middle.title(True) == f"first stimulus {middle.weaker:.3g}"
     [curve] = middle.yes(fitted)
     np.testing.assert_allclose(
         curve[3], fitted.yes(np.array([middle.weaker]), middle.weaker + middle.x[3:4])[:, 0]
     )
-    told = page(entries(stronger.draws)).html
-    assert "P(second)" in told
-    assert "'equal'" not in told.partition('<section id="answers"')[2].partition("</section>")[0]
+    wording = page(entries(stronger.draws)).html
+    assert "P(second)" in wording
+    assert "'equal'" not in wording.partition('<section id="answers"')[2].partition("</section>")[0]

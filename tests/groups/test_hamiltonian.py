@@ -18,8 +18,8 @@ PRECISION, CENTRE = np.linalg.inv(COVARIANCE), np.array([1.0, -2.0, 0.0, 3.0, 5.
 
 
 def normal(x):
-    away = (x - CENTRE) @ PRECISION
-    return -0.5 * (away * (x - CENTRE)).sum(axis=1), -away
+    deviation = (x - CENTRE) @ PRECISION
+    return -0.5 * (deviation * (x - CENTRE)).sum(axis=1), -deviation
 
 
 @pytest.fixture(scope="module")
@@ -59,8 +59,8 @@ def test_draws_that_are_not_reliable_say_why():
     empty, subjects = np.empty((4, 300, 0, 2)), rng.standard_normal((4, 300, 3, 4))
     assert GroupDraws(mean, sd, empty, subjects).shortfall == ""
     assert "2 of 1200 trajectories diverged" in GroupDraws(mean, sd, empty, subjects, 2).shortfall
-    apart = mean + np.arange(4)[:, None, None]
-    assert "R-hat" in GroupDraws(apart, sd, empty, subjects).shortfall
+    separation = mean + np.arange(4)[:, None, None]
+    assert "R-hat" in GroupDraws(separation, sd, empty, subjects).shortfall
     few = GroupDraws(mean[:, :50], sd[:, :50], empty[:, :50], subjects[:, :50])
     assert "effective draws, 300 required" in few.shortfall
 

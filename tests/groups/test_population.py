@@ -48,9 +48,9 @@ def test_tables_have_what_the_draws_say(result):
     assert table.loc[("jnd_percent", "mean"), "q50"] == pytest.approx(jnd)
     subjects = result.subject_table.frame()
     assert subjects["subject"].unique().tolist() == list(result.subjects)
-    own = {"lapse_rate", "noise_slope"}
+    separate = {"lapse_rate", "noise_slope"}
     computed = {"pse_shift_percent", "jnd_percent"}
-    assert set(subjects["parameter"]) == {*result.names, *computed, *own}
+    assert set(subjects["parameter"]) == {*result.names, *computed, *separate}
     new = table.loc[("constant_error", "new_subject")]
     mean = table.loc[("constant_error", "mean")]
     assert new["q975"] - new["q025"] > mean["q975"] - mean["q025"]
@@ -67,10 +67,10 @@ def test_a_normal_group_is_not_contradicted(result):
 
 def test_a_subject_of_another_kind_contradicts_a_normal_group():
     study = simulated_group(7, n_subjects=24, n_each=60)
-    first, *others = study
+    first, *remaining = study
     odd = replace(first, n_yes=first.n_trials, answers=None)
     # The group's own draws are those of the ordinary subjects.
-    result = replace(made_result(study), study=bt.Study([odd, *others]))
+    result = replace(made_result(study), study=bt.Study([odd, *remaining]))
     warnings = "\n".join(predictive_check(result).warnings)
     assert "farthest in its share of 'second'" in warnings
 

@@ -20,7 +20,7 @@ def with_covariates():
     return made_result(study, columns, n_divergent=1)
 
 
-MADE = {
+BUILT = {
     "which is stronger": lambda: made_result(simulated_group(1, n_subjects=4)),
     "same or different": lambda: made_result(
         bt.example_study("same/different").select(["S01", "S02", "S03"])
@@ -30,9 +30,9 @@ MADE = {
 }
 
 
-@pytest.mark.parametrize("kind", MADE)
+@pytest.mark.parametrize("kind", BUILT)
 def test_there_and_back(kind, tmp_path):
-    result = MADE[kind]()
+    result = BUILT[kind]()
     loaded = bt.load(result.save(tmp_path / "population.nc"))
     for name in ("mean", "sd", "effects", "subjects"):
         assert np.array_equal(getattr(loaded.draws, name), getattr(result.draws, name))
@@ -45,7 +45,7 @@ def test_there_and_back(kind, tmp_path):
 
 
 def test_the_draws_are_named_for_arviz(tmp_path):
-    MADE["conditions"]().save(tmp_path / "population.nc")
+    BUILT["conditions"]().save(tmp_path / "population.nc")
     with xr.open_datatree(tmp_path / "population.nc", engine="h5netcdf") as tree:
         drawn = tree["posterior"]
         assert drawn["mean"].dims == ("chain", "draw", "coefficient")
@@ -69,7 +69,7 @@ def test_what_is_not_a_population_is_refused(tmp_path):
 
 
 def test_damage_is_refused(tmp_path):
-    path = MADE["which is stronger"]().save(tmp_path / "population.nc")
+    path = BUILT["which is stronger"]().save(tmp_path / "population.nc")
     with h5py.File(path, "a") as file:
         del file["posterior/subjects"]
     with pytest.raises(InputError, match=r"population\.nc: not a population that can be read"):
@@ -78,7 +78,7 @@ def test_damage_is_refused(tmp_path):
 
 @pytest.mark.parametrize(("name", "value"), [("mean", np.nan), ("sd", -1.0)])
 def test_draws_that_no_group_has_are_refused(tmp_path, name, value):
-    MADE["conditions"]().save(tmp_path / "p.nc")
+    BUILT["conditions"]().save(tmp_path / "p.nc")
     with h5py.File(tmp_path / "p.nc", "r+") as file:
         file["posterior"][name][0, 0] = value
     with pytest.raises(InputError, match="its draws are no numbers, or a standard deviation"):

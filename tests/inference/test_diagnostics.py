@@ -67,18 +67,18 @@ def test_every_number_is_that_of_the_arviz_that_users_have(case):
 
 def test_many_quantities_have_the_numbers_of_each_and_constants_have_none():
     shape = (4, 500)
-    found = {
+    observed = {
         "slow": walk(0.9, shape),
         "constant": np.ones(shape),
         "one step": np.arange(4.0)[:, None] * np.ones(shape),
     }
-    for name, draws in found.items():
+    for name, draws in observed.items():
         np.testing.assert_array_equal(
-            convergence_of(found)[name], convergence(np.asfortranarray(draws))
+            convergence_of(observed)[name], convergence(np.asfortranarray(draws))
         )
-        np.testing.assert_array_equal(errors_of(found)[name], errors(draws))
-    assert np.isnan([*convergence(found["constant"]), *errors(found["constant"])]).all()
-    assert convergence(found["one step"]).r_hat > 1e10
+        np.testing.assert_array_equal(errors_of(observed)[name], errors(draws))
+    assert np.isnan([*convergence(observed["constant"]), *errors(observed["constant"])]).all()
+    assert convergence(observed["one step"]).r_hat > 1e10
 
 
 def test_errors_of_quantiles_of_so_many_independent_draws_are_those_of_the_textbook():
@@ -107,17 +107,17 @@ FLAT = {
 @pytest.mark.parametrize("case", WEIGHTS | FLAT)
 def test_smoothed_weights_sum_to_one_and_only_the_tail_is_smoothed(case):
     raw = (WEIGHTS | FLAT)[case]
-    found = smoothed_weights(raw)
-    assert np.exp(found.log_weights).sum() == pytest.approx(1.0, abs=1e-12)
+    observed = smoothed_weights(raw)
+    assert np.exp(observed.log_weights).sum() == pytest.approx(1.0, abs=1e-12)
     if case in FLAT:  # no tail can be fitted
         finite = np.isfinite(raw)
         normalised = raw[finite] - logsumexp(raw)
-        np.testing.assert_allclose(found.log_weights[finite], normalised, rtol=1e-12, atol=1e-12)
-        assert found.pareto_k == np.inf
+        np.testing.assert_allclose(observed.log_weights[finite], normalised, rtol=1e-12, atol=1e-12)
+        assert observed.pareto_k == np.inf
         return
     n_tail = int(np.ceil(min(raw.size / 5, 3 * np.sqrt(raw.size))))
     body = np.argsort(raw)[:-n_tail]
     body = body[np.isfinite(raw[body])]
-    shift = found.log_weights[body] - raw[body]
+    shift = observed.log_weights[body] - raw[body]
     np.testing.assert_allclose(shift, shift[0], rtol=0.0, atol=1e-12)
-    assert found.log_weights.max() - raw.max() <= shift[0] + 1e-12
+    assert observed.log_weights.max() - raw.max() <= shift[0] + 1e-12

@@ -33,8 +33,8 @@ def _joint(subject, theta):
         return -np.inf
     sp = np.sqrt(v)
     q = bt.model.equal_probability(subject.s1, subject.s2, mu1, sp, np.sqrt(small), q0)
-    rest = subject.n_trials - subject.n_yes
-    likelihood = (subject.n_yes * np.log(q) + rest * np.log1p(-q)).sum()
+    remainder = subject.n_trials - subject.n_yes
+    likelihood = (subject.n_yes * np.log(q) + remainder * np.log1p(-q)).sum()
     prior = stats.norm.logpdf(mu1, 0, 10) + stats.halfnorm.logpdf(sp)
     return likelihood + prior - np.log(2 * sp**3)
 
@@ -45,9 +45,9 @@ def _log_determinant_of_curvature(function, x, steps):
     hessian = np.empty((4, 4))
     for i in range(4):
         for j in range(4):
-            ahead, behind = unit[i] + unit[j], unit[i] - unit[j]
-            corners = function(x + ahead) - function(x + behind)
-            corners += function(x - ahead) - function(x - behind)
+            ahead, backward = unit[i] + unit[j], unit[i] - unit[j]
+            corners = function(x + ahead) - function(x + backward)
+            corners += function(x - ahead) - function(x - backward)
             hessian[i, j] = corners / (4 * steps[i] * steps[j])
     return np.linalg.slogdet(-hessian)[1]
 
@@ -102,8 +102,8 @@ def test_the_few_starts_lead_as_high_as_a_grid_over_all_that_a_study_can_look_li
     posterior = bt.model.paper_posterior(CASES[name], bt.Prior())  # the paper's
     maxima = find_maxima(posterior)
     few, _ = laplace_evidence_natural(posterior, maxima)
-    many, _ = laplace_evidence_natural(posterior, maxima, posterior.starts())
-    assert few == pytest.approx(many, abs=1e-6)
+    numerous, _ = laplace_evidence_natural(posterior, maxima, posterior.starts())
+    assert few == pytest.approx(numerous, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["a million trials a pair", "a hundred million trials"])

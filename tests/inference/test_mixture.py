@@ -58,8 +58,8 @@ def test_a_joined_mixture_is_the_weighted_sum(mixture):
     x = np.random.default_rng(3).normal(size=(10, 2))
     second = StudentMixture(np.ones(1), np.array([[5.0, 5.0]]), np.eye(2)[None], df=6)
     third = StudentMixture(np.ones(1), np.array([[-3.0, 2.0]]), 2.0 * np.eye(2)[None], df=6)
-    first, *others = (np.exp(part.log_density(x)) for part in (mixture, second, third))
-    expected = 0.8 * (0.8 * first + 0.2 * others[0]) + 0.2 * others[1]
+    first, *remaining = (np.exp(part.log_density(x)) for part in (mixture, second, third))
+    expected = 0.8 * (0.8 * first + 0.2 * remaining[0]) + 0.2 * remaining[1]
     joined = mixture.joined([second, third], 0.2)
     assert np.exp(joined.log_density(x)) == pytest.approx(expected, rel=1e-12)
 
@@ -86,19 +86,19 @@ def test_a_step_with_inertia_lies_between_the_old_mixture_and_the_whole_step(mix
     rng = np.random.default_rng(4)
     x = rng.normal(0.3, 1.0, (3000, 2))
     weights = rng.dirichlet(np.ones(len(x)))
-    whole = mixture.updated(x, weights)
+    complete = mixture.updated(x, weights)
     spread = 1e-3 * np.diag(weights @ np.square(x - weights @ x))  # only the whole step adds it
     free = mixture.drawn_toward(x, weights, floor=0.0, inertia=0.0)
-    assert free.weights == pytest.approx(whole.weights, rel=1e-12)
-    assert free.means == pytest.approx(whole.means, rel=1e-12)
-    assert free.scales == pytest.approx(whole.scales - spread, rel=1e-8, abs=1e-8)
+    assert free.weights == pytest.approx(complete.weights, rel=1e-12)
+    assert free.means == pytest.approx(complete.means, rel=1e-12)
+    assert free.scales == pytest.approx(complete.scales - spread, rel=1e-8, abs=1e-8)
 
-    effective = whole.weights / np.square(weights).sum()
+    effective = complete.weights / np.square(weights).sum()
     share = (effective / (effective + 50.0))[:, None]
     half = mixture.drawn_toward(x, weights, floor=1.0, inertia=50.0)
-    assert half.weights == pytest.approx((whole.weights + 0.5) / 2.0)
-    assert half.means == pytest.approx(mixture.means + share * (whole.means - mixture.means))
-    separation = whole.means - half.means
+    assert half.weights == pytest.approx((complete.weights + 0.5) / 2.0)
+    assert half.means == pytest.approx(mixture.means + share * (complete.means - mixture.means))
+    separation = complete.means - half.means
     outer = np.einsum("ja,jb->jab", separation, separation)
     # Near points count more: their weights do not sum to what a component holds.
     scatter = (half.scales - mixture.scales) / share[..., None] + mixture.scales

@@ -136,8 +136,8 @@ def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain(funn
     short, _ = sampled(5000, limit / 2)
     assert (short.converged, short.reason, short.thin) == (True, "", 1)
     match = re.fullmatch(r"a 5 or 95 % quantile of .*: ([0-9,]+) draws would do", short.imprecise)
-    enough, worst_enough = sampled(int(match[1].replace(",", "")), limit / 2)
-    assert enough.imprecise == ""
+    sufficient, worst_enough = sampled(int(match[1].replace(",", "")), limit / 2)
+    assert sufficient.imprecise == ""
     assert worst_enough <= limit / 2
     cut, _ = sampled(5000, limit, max_thin=1)
     assert cut.converged

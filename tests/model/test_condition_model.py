@@ -38,15 +38,17 @@ def test_gradient_and_what_happens_where_nothing_differs(task):
     np.testing.assert_allclose(value, posterior.log_density(points), rtol=1e-12)
     numeric = np.empty_like(gradient)
     for j, step in enumerate(1e-6 * np.eye(n)):
-        ahead, behind = posterior.log_density(points + step), posterior.log_density(points - step)
-        numeric[:, j] = (ahead - behind) / 2e-6
+        ahead, backward = posterior.log_density(points + step), posterior.log_density(points - step)
+        numeric[:, j] = (ahead - backward) / 2e-6
     np.testing.assert_allclose(gradient, numeric, rtol=1e-5, atol=1e-5)
 
     u = points[:, :k]
-    same = posterior.without_differences(u)
+    identical = posterior.without_differences(u)
     pooled = bt.model.observer.OrderModel("both").posterior(posterior.subject)
-    np.testing.assert_allclose(posterior.log_likelihood(same), pooled.log_likelihood(u), rtol=1e-12)
-    for in_condition in posterior.in_conditions(same):
+    np.testing.assert_allclose(
+        posterior.log_likelihood(identical), pooled.log_likelihood(u), rtol=1e-12
+    )
+    for in_condition in posterior.in_conditions(identical):
         np.testing.assert_array_equal(in_condition, u)
 
 

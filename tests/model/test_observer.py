@@ -103,10 +103,10 @@ def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
         assert values == pytest.approx([float(log_density(point)) for point in x], rel=1e-12)
         for point, slopes in zip(x[2:], gradient[2:], strict=True):
             for j, slope in enumerate(slopes):
-                ahead, behind = list(map(mpmath.mpf, point)), list(map(mpmath.mpf, point))
+                ahead, backward = list(map(mpmath.mpf, point)), list(map(mpmath.mpf, point))
                 ahead[j] += step
-                behind[j] -= step
-                expected = (log_density(ahead) - log_density(behind)) / (2 * step)
+                backward[j] -= step
+                expected = (log_density(ahead) - log_density(backward)) / (2 * step)
                 assert slope == pytest.approx(float(expected), rel=1e-9, abs=1e-9)
 
 
@@ -316,9 +316,9 @@ def test_quantities_are_those_of_the_definition_and_points_their_inverse(posteri
             expected["jnd"] = mpmath.erfinv(0.5) * mpmath.sqrt(2) * expected["noise"]
             if "q0" in expected:
                 expected["zone"] = definitions.criterion(expected["q0"]) * expected["noise"]
-            found = {name: value[i] for name, value in values.items()}
+            observed = {name: value[i] for name, value in values.items()}
             expected = {name: float(value) for name, value in expected.items()}
-            assert found == pytest.approx(expected, rel=1e-12)
+            assert observed == pytest.approx(expected, rel=1e-12)
 
 
 def test_other_pairs_keep_the_scales_and_the_curve_is_that_of_its_distances(posterior):

@@ -25,8 +25,8 @@ CASES = hard_cases()
 def test_points_in_blocks_are_points_one_by_one():
     posterior = paper_posterior(CASES["400 pairs with 3 trials"])
     x = np.random.default_rng(0).normal(size=(500, 4))
-    one_by_one = np.concatenate([posterior.log_density(point) for point in x])
-    assert posterior.log_density(x) == pytest.approx(one_by_one, rel=1e-13)
+    single_points = np.concatenate([posterior.log_density(point) for point in x])
+    assert posterior.log_density(x) == pytest.approx(single_points, rel=1e-13)
 
 
 @pytest.mark.parametrize(("point", "message"), [([np.nan, 0, 0, 0], "NaN"), ([0.0, 0.0], "shape")])

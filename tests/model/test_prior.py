@@ -180,10 +180,10 @@ def test_files_that_are_refused(read, text, message):
 def test_all_problems_at_once(read):
     with pytest.raises(bt.InputError) as caught:
         read("x = 2\n[paper]\nmu1_sd = 'stimulus'\ngamma_a = 'stimuli'")
-    allowed = [line.partition("allowed: ")[2] for line in caught.value.problems]
-    assert allowed[0].startswith("sections [noise], [q0]")
-    assert allowed[1].startswith("a number from 1e-100 to 1e+100 or 'stimuli'")
-    assert allowed[2:] == ["a number from 0.05 to 1000"]
+    rule = [line.partition("allowed: ")[2] for line in caught.value.problems]
+    assert rule[0].startswith("sections [noise], [q0]")
+    assert rule[1].startswith("a number from 1e-100 to 1e+100 or 'stimuli'")
+    assert rule[2:] == ["a number from 0.05 to 1000"]
 
 
 def test_paths_that_are_refused(tmp_path):
@@ -218,19 +218,19 @@ def test_a_beta_of_gamma_is_exact_wherever_the_pull_is(a, b):
             value = float(exact(mpmath.mpf(logit)))
             slope = float((exact(logit + h) - exact(logit - h)) / (2 * h))
         assert values[i] == pytest.approx(value, rel=1e-12, abs=1e-300), logit
-        found = log_prior[i] - uniform[i], gradient[i, 1] - of_uniform[i, 1]
-        assert found == pytest.approx((value, slope), rel=1e-9, abs=1e-9), logit
+        observed = log_prior[i] - uniform[i], gradient[i, 1] - of_uniform[i, 1]
+        assert observed == pytest.approx((value, slope), rel=1e-9, abs=1e-9), logit
 
 
 @pytest.mark.parametrize("distribution", [LogitOfBeta(1.0, 9.0), LogitOfBeta(0.3, 4.0)])
 def test_a_share_keeps_its_digits_at_both_ends(distribution):
     a, b, logits = distribution.a, distribution.b, np.array([-700.0, -2.0, 0.3, 40.0, 700.0])
-    found = distribution.log_density(logits)
+    observed = distribution.log_density(logits)
     expected = -a * np.logaddexp(0, -logits) - b * np.logaddexp(0, logits) - betaln(a, b)
-    assert found == pytest.approx(expected, rel=1e-13)
+    assert observed == pytest.approx(expected, rel=1e-13)
     share = expit(logits[1:3])
     plain = stats.beta.logpdf(share, a, b) + np.log(share * (1.0 - share))
-    assert found[1:3] == pytest.approx(plain, rel=1e-12)
+    assert observed[1:3] == pytest.approx(plain, rel=1e-12)
     slope = distribution.slope(logits)
     values = [distribution.log_density(logits[1:3] + step) for step in (-1e-5, 1e-5)]
     assert slope[1:3] == pytest.approx((values[1] - values[0]) / 2e-5, rel=1e-7)

@@ -32,8 +32,8 @@ def two_sessions(task=WHICH_STRONGER, seed=1, n_trials=60, missed=5):
     answered = np.ones(n_trials, int)
     answered[rng.choice(n_trials, missed, replace=False)] = 0
     n_yes = rng.integers(0, 2, n_trials) * answered
-    place = np.arange(n_trials) + (np.arange(n_trials) >= n_trials // 3)
-    answers = Answers(keys, n_yes, answered, trials=True, place=place)
+    position = np.arange(n_trials) + (np.arange(n_trials) >= n_trials // 3)
+    answers = Answers(keys, n_yes, answered, trials=True, place=position)
     return Subject.from_answers("A", answers, task)
 
 
@@ -108,8 +108,10 @@ def test_large_batches_of_points_are_done_in_parts():
     posterior = make_posterior(two_sessions(n_trials=300))
     x = draw_points(posterior, 900)
     assert len(x) * 300 > 1 << 17
-    one_by_one = np.concatenate([posterior.log_likelihood(x[i : i + 1]) for i in range(0, 900, 90)])
-    np.testing.assert_allclose(posterior.log_likelihood(x)[::90], one_by_one, rtol=1e-12)
+    single_points = np.concatenate(
+        [posterior.log_likelihood(x[i : i + 1]) for i in range(0, 900, 90)]
+    )
+    np.testing.assert_allclose(posterior.log_likelihood(x)[::90], single_points, rtol=1e-12)
 
 
 def test_everything_carried_over_is_a_kalman_filter_through_all_stimuli():
@@ -171,15 +173,15 @@ def test_a_contraction_beyond_1_is_impossible():
 
 
 def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
-    low, ones = np.repeat([0.0, 0.3, 0.1, 0.5], 12), np.ones(48, int)
+    low, unit_counts = np.repeat([0.0, 0.3, 0.1, 0.5], 12), np.ones(48, int)
     keys = np.column_stack([low, low + 0.2])
     is_turned = np.random.default_rng(1).random(48) >= 0.5
     keys[is_turned] = keys[is_turned][:, ::-1]
-    answers = Answers(keys, ones, ones, None, (), True, np.arange(48))
+    answers = Answers(keys, unit_counts, unit_counts, None, (), True, np.arange(48))
     assert not looks_sorted(answers)
     in_order = keys[np.lexsort(keys.T[::-1])]
     assert looks_sorted(replace(answers, keys=in_order))
     assert looks_sorted(replace(answers, keys=in_order[::-1]))
     sessions = [half[np.lexsort(half.T[::-1])] for half in np.split(keys, 2)]
-    place = np.r_[0:24, 25:49]
-    assert looks_sorted(replace(answers, keys=np.concatenate(sessions), place=place))
+    position = np.r_[0:24, 25:49]
+    assert looks_sorted(replace(answers, keys=np.concatenate(sessions), place=position))

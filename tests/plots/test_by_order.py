@@ -19,7 +19,7 @@ from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST
 FIGURES = (bt.plots.curves_by_order, bt.plots.posterior_predictive, bt.plots.jnd_by_order)
 
 
-def many(analysis, size):
+def numerous(analysis, size):
     """The analysis with so many subjects under other names."""
     index = np.arange(size) % len(analysis.study)
     subjects, rows = [], []
@@ -88,7 +88,7 @@ def test_curves_of_one_weaker_stimulus_are_shares_of_correct_responses(analysis,
     s1, s2 = [0.0, 0.0, 0.2, 0.4], [0.2, 0.4, 0.0, 0.0]
     subject = bt.Subject("A", s1, s2, [30, 38, 16, 3], [40] * 4, task=stronger.study.task)
     fitted = at_point(subject, contraction=0.2)
-    one_subject = replace(many(stronger, 1), study=bt.Study([subject]), curves=(fitted,))
+    one_subject = replace(numerous(stronger, 1), study=bt.Study([subject]), curves=(fitted,))
     [ax] = bt.plots.curves_by_order(one_subject).axes
     weaker_first, stronger_first = curves_of(ax, 40)
     x, share = weaker_first.get_data()
@@ -117,7 +117,7 @@ def test_a_subject_without_an_estimate_of_contraction_is_counted(analysis):
 @pytest.mark.parametrize("size", [1, 8, 40])
 def test_figures_are_legible_and_as_wide_as_a_column_or_a_page(analysis, stronger, draw, size):
     for source in (analysis, stronger):
-        figure = draw(many(source, size))
+        figure = draw(numerous(source, size))
         require_legible(figure)
         width = 25.4 * figure.get_figwidth()
         assert width == pytest.approx(85.0) or width == pytest.approx(175.0)
@@ -127,10 +127,10 @@ def test_figures_are_legible_and_as_wide_as_a_column_or_a_page(analysis, stronge
 
 def test_what_cannot_be_drawn_is_refused(analysis):
     with pytest.raises(bt.InputError, match="found 41, allowed: 1 to 40"):
-        bt.plots.curves_by_order(many(analysis, 41))
+        bt.plots.curves_by_order(numerous(analysis, 41))
     with pytest.raises(bt.InputError, match="Z"):
         bt.plots.posterior_predictive(analysis, ["Z"])
-    one = analysis.study["A"]
-    timed = replace(one, isi=np.where(np.arange(one.n_pairs) % 2, 0.5, 2.0))
+    element = analysis.study["A"]
+    timed = replace(element, isi=np.where(np.arange(element.n_pairs) % 2, 0.5, 2.0))
     with pytest.raises(bt.InputError, match="curves by order"):
-        bt.plots.curves_by_order(replace(many(analysis, 1), study=bt.Study([timed])))
+        bt.plots.curves_by_order(replace(numerous(analysis, 1), study=bt.Study([timed])))

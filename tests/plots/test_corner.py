@@ -20,7 +20,7 @@ from bayes_toe.model.parameters import QUANTITY_BY_NAME, quantity_named
 from bayes_toe.plots.corner import BINS, OVERLAID, TRUTH, Density, support
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
-KNOWN = quantities(Natural(*map(np.float64, TRUE.values())), 0.0)
+REFERENCE = quantities(Natural(*map(np.float64, TRUE.values())), 0.0)
 
 
 def words(figure):
@@ -44,8 +44,11 @@ def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
         assert ax.get_xlim()[0] < value < ax.get_xlim()[1]
         drawn = [line.get_xdata()[0] for line in ax.lines]
         assert all(
-            np.isclose(drawn, one).any()
-            for one in (*np.quantile(analysis.draws.values("A", name), [0.025, 0.5, 0.975]), value)
+            np.isclose(drawn, element).any()
+            for element in (
+                *np.quantile(analysis.draws.values("A", name), [0.025, 0.5, 0.975]),
+                value,
+            )
         )
     assert axes[3, 3].get_xlim()[1] <= 1.0
     assert "prior\ntrue value" in words(figure)
@@ -55,15 +58,15 @@ def held(areas, points):
     """Share of points within each area: a ring in a ring is a hole."""
     rings = [area.to_polygons() for area in areas]
     return [
-        np.mean(np.sum([Path(ring).contains_points(points) for ring in within], axis=0) % 2)
-        for within in rings
+        np.mean(np.sum([Path(ring).contains_points(points) for ring in inside_ring], axis=0) % 2)
+        for inside_ring in rings
     ]
 
 
-def drawn_contours(found):
+def drawn_contours(observed):
     """The outer and the inner line."""
     ax = Figure().subplots()
-    return ax.contour(found.x, found.y, found.values, sorted(found.levels)).get_paths()
+    return ax.contour(observed.x, observed.y, observed.values, sorted(observed.levels)).get_paths()
 
 
 def _gaussian(rng, n):
@@ -98,12 +101,12 @@ def test_contours_of_a_normal_density_are_circles():
 
 def test_draws_that_are_one_point_have_one_level():
     x = np.full(100, 0.5 / BINS)  # the middle of the first bin, where the density is largest
-    found = Density.from_draws(x, x, (0.0, 1.0), (0.0, 1.0))
-    assert found.levels == (found.values.max(),) * 2
+    observed = Density.from_draws(x, x, (0.0, 1.0), (0.0, 1.0))
+    assert observed.levels == (observed.values.max(),) * 2
 
 
 @pytest.mark.parametrize(
-    ("asked", "named"),
+    ("request", "named"),
     [
         ({"coordinates": "polar"}, "must be one of"),
         ({"coordinates": ["gain", "x"]}, "unknown parameter"),
@@ -117,9 +120,9 @@ def test_draws_that_are_one_point_have_one_level():
         ({"subject": ["A", "B"], "truths": TRUE}, "a mapping of each one's values by its name"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(analysis, asked, named):
+def test_what_cannot_be_drawn_is_refused(analysis, request, named):
     with pytest.raises(InputError, match=named):
-        bt.plots.corner(analysis.draws, **{"subject": "A"} | asked)
+        bt.plots.corner(analysis.draws, **{"subject": "A"} | request)
 
 
 @pytest.mark.parametrize("names", [["gain"], ["mu1", "width"], list(QUANTITIES)], ids=len)
@@ -131,10 +134,10 @@ def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, nam
     key = figure.legends[0].get_window_extent()
     assert not any(key.overlaps(panel) for panel in panels)
     labelled = [label for ax in axes[-1] for label in ax.get_xticklabels()]
-    at = [label.get_transform().transform(label.get_position())[0] for label in labelled]
+    index = [label.get_transform().transform(label.get_position())[0] for label in labelled]
     # Labels at 45 degrees touch where their ticks are nearer than a line's height times the root of
     # 2.
-    assert np.diff(at).min() > labelled[0].get_fontsize() * figure.dpi / 72 * 1.42
+    assert np.diff(index).min() > labelled[0].get_fontsize() * figure.dpi / 72 * 1.42
     assert all(2 <= len(ax.get_xticks()) <= 6 for ax in axes[-1])
 
 
@@ -152,8 +155,9 @@ def test_drawn_into_a_part_of_a_figure(analysis):
     "names", [["offset", "pull", "width", "q0"], ["sigma1", "gamma", "gain"]], ids=len
 )
 def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis, names):
-    true = KNOWN | {
-        "offset": (1 - KNOWN["gain"]) * (TRUE["mu1"] - paper_posterior(analysis.study["A"]).sbar)
+    true = REFERENCE | {
+        "offset": (1 - REFERENCE["gain"])
+        * (TRUE["mu1"] - paper_posterior(analysis.study["A"]).sbar)
     }
     axes = np.array(
         bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes
@@ -201,7 +205,7 @@ def test_several_subjects_share_their_panels(analysis):
     )
     axes = np.array(figure.axes).reshape(2, 2)
     for i, name in enumerate(["gain", "offset"]):
-        values = [analysis.draws.values(one, name).ravel() for one in ("A", "C")]
+        values = [analysis.draws.values(element, name).ravel() for element in ("A", "C")]
         low, high = axes[i, i].get_xlim()
         assert all(
             low < np.quantile(value, 0.01) and np.quantile(value, 0.99) < high for value in values
@@ -223,7 +227,7 @@ def test_several_subjects_share_their_panels(analysis):
     ]
     assert (square.get_color(), square.get_xdata()[0]) == (
         OVERLAID[1][0],
-        pytest.approx(float(KNOWN["gain"])),
+        pytest.approx(float(REFERENCE["gain"])),
     )
     assert "A, median\nC, median\nprior\ntrue values" in words(figure)
 
@@ -244,32 +248,32 @@ print(corner_package().__name__, len(lost) in (0, 2))  # ArviZ 1.x notes nothing
 
 def test_two_processes_may_import_arviz_for_the_first_time_of_a_day(tmp_path):
     fresh = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)}
-    done = subprocess.run(
+    finished = subprocess.run(
         [sys.executable, "-c", _AT_ONCE], env=fresh, capture_output=True, text=True, check=False
     )
-    assert (done.stdout.split(), done.stderr) == (["corner", "True"], "")
+    assert (finished.stdout.split(), finished.stderr) == (["corner", "True"], "")
 
 
 # --- the four models of the observer --------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def both(small_study):
+def joint(small_study):
     return bt.sample(small_study.select(["A", "B"]), model="both", draws=200, seed=1, workers=1)
 
 
-def test_the_four_models_show_constant_error_contraction_and_jnd(both):
-    figure = bt.plots.corner(both, "A", prior=bt.Prior(), truths={"contraction": 0.1})
+def test_the_four_models_show_constant_error_contraction_and_jnd(joint):
+    figure = bt.plots.corner(joint, "A", prior=bt.Prior(), truths={"contraction": 0.1})
     require_legible(figure)
     labels = [ax.get_xlabel() for ax in figure.axes[-3:]]
     assert labels == ["constant error $c$, %", "contraction $p$", "JND, %"]
     assert "model 'both'" in words(figure)
     assert marked(figure.axes[4]) == ([0.1], [])
-    middle = 100.0 * np.expm1(np.median(both.values("A", "jnd")))
+    middle = 100.0 * np.expm1(np.median(joint.values("A", "jnd")))
     assert np.isclose([line.get_xdata()[0] for line in figure.axes[8].lines], middle).any()
     assert "natural log" not in words(figure)
-    every = bt.plots.corner(both, ["A", "B"], coordinates="identified")
+    every = bt.plots.corner(joint, ["A", "B"], coordinates="identified")
     assert "intensities: natural log" in words(every)
     assert len(every.axes) == 49
-    assert support(both.posterior("A"), "contraction") == pytest.approx((-1.0, 1.0))
-    assert support(both.posterior("A"), "zone") == (0.0, np.inf)
+    assert support(joint.posterior("A"), "contraction") == pytest.approx((-1.0, 1.0))
+    assert support(joint.posterior("A"), "zone") == (0.0, np.inf)

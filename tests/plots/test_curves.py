@@ -85,8 +85,8 @@ def test_marks_of_both_orders_stand_beside_each_other_in_sight():
     ax = order_panel(new_figure(6.4, 4.8).subplots(), subject, None, 0.0)
     x = {}
     for container in ax.containers:
-        place = container.lines[0].get_transform().transform([0.3, 0.5])
-        x[container.get_label()] = place[0]
+        position = container.lines[0].get_transform().transform([0.3, 0.5])
+        x[container.get_label()] = position[0]
     step = ax.get_figure().dpi / 72 * 0.7 * 5.5
     assert x["weaker first"] - x["equal stimuli"] == pytest.approx(-step)
     assert x["stronger first"] - x["equal stimuli"] == pytest.approx(step)

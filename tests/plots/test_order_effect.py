@@ -22,11 +22,11 @@ def changed(row, **values):
 def renamed(table, size, pattern="S{}"):
     """So many rows under other names."""
     rows = [table.rows[i % len(table)] for i in range(size)]
-    named = []
+    labelled = []
     for i, row in enumerate(rows):
         name = pattern.format(i)
-        named.append(replace(changed(row, subject=name), subject=name))
-    return EvidenceTable(tuple(named))
+        labelled.append(replace(changed(row, subject=name), subject=name))
+    return EvidenceTable(tuple(labelled))
 
 
 def medians(ax):
@@ -117,10 +117,10 @@ def test_figures_of_any_study_are_legible(analysis, size):
 
 def test_a_figure_of_many_subjects_is_sorted_and_no_higher(analysis):
     figures = [bt.plots.order_effect(renamed(analysis.evidence, size)) for size in (60, 61, 500)]
-    named, crowded, more = figures
-    assert len(named.axes[0].get_yticklabels()) == 60
-    assert named.get_figheight() > crowded.get_figheight() == more.get_figheight()
-    errors, _ = more.axes
+    labelled, crowded, extra = figures
+    assert len(labelled.axes[0].get_yticklabels()) == 60
+    assert labelled.get_figheight() > crowded.get_figheight() == extra.get_figheight()
+    errors, _ = extra.axes
     assert not errors.get_yticklabels()
     words = [row.answer.words["constant_error"] for row in renamed(analysis.evidence, 500)]
     counts = f"{words.count(Word.YES)} yes, {words.count(Word.PROBABLY)} probably"

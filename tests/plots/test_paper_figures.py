@@ -178,9 +178,9 @@ def test_names_on_the_map_are_not_written_over_each_other():
     places |= {"west": np.array([-2.0, 0.3]), "east": np.array([2.0, 0.3])}
     n_unnamed = write_names(ax, places)
     require_legible(ax.figure)
-    named = set(words_of(ax.texts))
-    assert len(named) + n_unnamed == len(places)
-    assert {"west", "east"} < named < set(places)
+    labelled = set(words_of(ax.texts))
+    assert len(labelled) + n_unnamed == len(places)
+    assert {"west", "east"} < labelled < set(places)
 
 
 def test_the_plane_shows_axis_and_tested_pairs(analysis):
@@ -201,10 +201,10 @@ def test_the_plane_shows_axis_and_tested_pairs(analysis):
 
 def test_many_subjects_are_sorted_by_their_largest_asymmetry_in_a_figure_of_one_height(table):
     rows = [replace(table.rows[i % len(table)], subject=f"S{i}") for i in range(200)]
-    many = AsymmetryTable((*rows, replace(rows[0], subject="none", comparisons=())))
+    numerous = AsymmetryTable((*rows, replace(rows[0], subject="none", comparisons=())))
     heights = [asymmetry_height(AsymmetryTable(tuple(rows[:n]))) for n in (1, 60, 61)]
-    assert asymmetry_height(many) == heights[2] < heights[1]
-    ax = bt.plots.asymmetry(many)
+    assert asymmetry_height(numerous) == heights[2] < heights[1]
+    ax = bt.plots.asymmetry(numerous)
     drawn = sorted(points_of(ax), key=lambda point: point[1])
     assert [x for x, *_ in drawn] == sorted((row.maximal.asymmetry for row in rows), reverse=True)
     assert ax.get_ylabel().endswith("1 without a pair in both orders")

@@ -61,19 +61,19 @@ def test_the_title_has_both_effects_and_warns(few):
 
 
 @pytest.mark.parametrize(
-    ("place", "name", "family"),
+    ("position", "name", "family"),
     [
         (0, "constant_error", stats.t(3)),
         (1, "contraction", stats.norm()),
         (2, "noise", stats.norm()),
     ],
 )
-def test_the_mean_stands_before_its_prior(few, place, name, family):
-    ax = bt.plots.population(few, CHECK).axes[3 + place]
+def test_the_mean_stands_before_its_prior(few, position, name, family):
+    ax = bt.plots.population(few, CHECK).axes[3 + position]
     [prior] = [line for line in ax.lines if line.get_label() == "its prior"]
     x, density = prior.get_data()
     # The share of the prior between the ends of the panel, by its own distribution.
-    unit = {0: few.shift_percent, 1: np.asarray, 2: few.jnd_percent}[place]
+    unit = {0: few.shift_percent, 1: np.asarray, 2: few.jnd_percent}[position]
     grid = np.linspace(-3.0, 3.0, 60_001)
     ends = np.interp(x[[0, -1]], unit(grid), grid)
     hyperprior = getattr(few.settings.hyperprior, name)
@@ -100,9 +100,9 @@ def test_the_check_marks_what_contradicts_a_normal_group(few):
 
 
 def test_many_subjects_are_sorted_and_have_no_names():
-    made = made_result(simulated_group(2, n_subjects=MAX_NAMES_IN_GROUP + 1, n_each=4))
+    built = made_result(simulated_group(2, n_subjects=MAX_NAMES_IN_GROUP + 1, n_each=4))
     ax = new_figure(3.0, 3.0).subplots()
-    forest(ax, made, "constant_error")
+    forest(ax, built, "constant_error")
     [points] = marks_of(ax, "o")
     assert (np.diff(points.get_xdata()) >= 0.0).all()
     assert not ax.get_yticklabels()

@@ -27,8 +27,8 @@ def test_psychometric_curves_cross_one_half_at_the_point_of_subjective_equality(
 
 def test_many_first_stimuli_are_taken_together(stronger):
     s1 = np.random.default_rng(1).normal(size=40)
-    many = bt.Subject("many", s1, s1 + 0.1, [1] * 40, [2] * 40, task=stronger.study.task)
-    lines = lines_along(many, 0.0, 9)
+    numerous = bt.Subject("many", s1, s1 + 0.1, [1] * 40, [2] * 40, task=stronger.study.task)
+    lines = lines_along(numerous, 0.0, 9)
     assert len(lines) == 6
     assert (np.sum([line.rows for line in lines], axis=0) == 1).all()
     assert " to " in lines[0].mark.label
@@ -59,12 +59,12 @@ def test_no_figure_speaks_of_another_task(stronger):
 
 
 def test_captions_speak_of_it_too(stronger):
-    said = captions(stronger)
-    assert "'equal'" not in said
-    assert "q0" not in said
-    assert "P('second')" in said
-    assert "P(wrong) of the comparison" in said
-    assert "point of subjective equality" in said
+    message = captions(stronger)
+    assert "'equal'" not in message
+    assert "q0" not in message
+    assert "P('second')" in message
+    assert "P(wrong) of the comparison" in message
+    assert "point of subjective equality" in message
 
 
 def test_asymmetry_is_of_wrong_answers(stronger):

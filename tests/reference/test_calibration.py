@@ -101,28 +101,28 @@ def test_what_is_judged_is_what_the_commands_say(monkeypatch):
     """
     job = Job("sparse", True, "sparse-h1-0001", True, True, calibration_settings(3))
     subject, theta = calibration.observed(job)
-    ranks, known = work(job)
+    ranks, known_value = work(job)
     monkeypatch.setattr("bayes_toe.analysis.subject_fit", subject_fit)  # with all replicates
-    both = bt.run(bt.Study((subject,)), draws=DRAWS, seed=3, workers=1)
-    row = both.evidence.rows[0]
-    assert {key: known[key] for key in ESTIMATORS} == pytest.approx(
+    joint = bt.run(bt.Study((subject,)), draws=DRAWS, seed=3, workers=1)
+    row = joint.evidence.rows[0]
+    assert {key: known_value[key] for key in ESTIMATORS} == pytest.approx(
         log_bayes_factors(row), abs=1e-6, nan_ok=True
     )
-    assert known[DEFAULT] == pytest.approx(row.log_bayes_factor, abs=1e-6)
-    assert known["H0 by Laplace"] == pytest.approx(
+    assert known_value[DEFAULT] == pytest.approx(row.log_bayes_factor, abs=1e-6)
+    assert known_value["H0 by Laplace"] == pytest.approx(
         row.log_evidence_h1 - row.log_evidence_h0_laplace, abs=1e-6
     )
-    assert ranks == {"design": "sparse", **calibration.ranks_of(both.draws, subject, theta, 3)}
+    assert ranks == {"design": "sparse", **calibration.ranks_of(joint.draws, subject, theta, 3)}
 
 
 def test_the_ranked_likelihood_is_the_posteriors():
     subject = bt.Subject("A", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [10, 0, 4], [10, 10, 9])
     posterior = bt.model.paper_posterior(subject)
     x = np.random.default_rng(1).normal(size=(20, 4))
-    found = ranked_quantities(subject, posterior.natural(x))
-    np.testing.assert_allclose(found["log_likelihood"], posterior.log_likelihood(x), rtol=1e-9)
+    outcome = ranked_quantities(subject, posterior.natural(x))
+    np.testing.assert_allclose(outcome["log_likelihood"], posterior.log_likelihood(x), rtol=1e-9)
     held = bt.model.equal_probability(np.log(1.15), np.log(1.55), *posterior.natural(x))
-    np.testing.assert_allclose(np.exp(found["q(1.15, 1.55)"]), held, rtol=1e-12)
+    np.testing.assert_allclose(np.exp(outcome["q(1.15, 1.55)"]), held, rtol=1e-12)
 
 
 def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monkeypatch, capsys):
@@ -148,10 +148,10 @@ def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monk
     )  # nor need all be drawn again
     monkeypatch.setattr(sys, "argv", [*sys.argv, "--overwrite"])
     assert calibration_script.main() == 3
-    said = capsys.readouterr().out
-    assert "16 of 16 inside" in said
-    assert "NOT calibrated: made to fail" in said
-    assert "seed 3; results in" in said
+    message = capsys.readouterr().out
+    assert "16 of 16 inside" in message
+    assert "NOT calibrated: made to fail" in message
+    assert "seed 3; results in" in message
 
 
 def test_failures_and_what_did_not_converge_are_named():
@@ -191,19 +191,19 @@ def test_wrong_evidences_fail_and_withheld_ones_are_named():
     rows += [
         {"design": "sparse", "data_set": "x", "from": "H1", **dict.fromkeys(ESTIMATORS, np.nan)}
     ]
-    found = judged(Plan(0, 40, 1), [], rows)
-    assert found.failures == [
+    outcome = judged(Plan(0, 40, 1), [], rows)
+    assert outcome.failures == [
         f"{design} design: probabilities of H1 by {DEFAULT} are not calibrated"
         for design in DESIGNS
     ]
-    assert verdict_lines(found)[-2:] == [
+    assert verdict_lines(outcome)[-2:] == [
         "evidence, sparse design: the default estimator gives no number",
         "evidence not reported by the default estimator: s7, x",
     ]
     assert (
-        list(found.evidence_verdicts.median_shift[:6])
-        == list(found.evidence_verdicts.largest_shift[:6])
+        list(outcome.evidence_verdicts.median_shift[:6])
+        == list(outcome.evidence_verdicts.largest_shift[:6])
         == [0, 0, 0, 0, 0, -2]
     )
-    assert list(found.evidence_verdicts.missing_h1) == [0] * 6 + [1] * 6
-    assert list(found.evidence_verdicts.missing_h0) == [1] + [0] * 11
+    assert list(outcome.evidence_verdicts.missing_h1) == [0] * 6 + [1] * 6
+    assert list(outcome.evidence_verdicts.missing_h0) == [1] + [0] * 11

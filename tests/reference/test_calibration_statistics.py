@@ -88,28 +88,31 @@ def statements(seed, stretch=1.0, size=2000):
 
 
 def test_right_probabilities_pass_and_their_error_is_the_floor():
-    found = [reliability(*statements(seed)) for seed in range(12)]
-    assert all(one.calibrated for one in found)
-    errors, floors = np.array([one.error for one in found]), np.array([one.floor for one in found])
+    outcome = [reliability(*statements(seed)) for seed in range(12)]
+    assert all(element.calibrated for element in outcome)
+    errors, floors = (
+        np.array([element.error for element in outcome]),
+        np.array([element.floor for element in outcome]),
+    )
     assert abs(errors.mean() - floors.mean()) < 4.0 * errors.std(ddof=1) / np.sqrt(len(errors))
-    assert min(one.p_value for one in found) > 1e-3
+    assert min(element.p_value for element in outcome) > 1e-3
 
 
 @pytest.mark.parametrize(("stretch", "shift"), [(2.5, 0.0), (0.3, 0.0), (-1.0, 0.0), (1.0, 1.0)])
 def test_overconfident_timid_reversed_and_shifted_ones_fail(stretch, shift):
     odds, answers, rng = statements(4, stretch)
-    found = reliability(odds + shift, answers, rng)
-    assert not found.calibrated
-    assert found.p_value < 0.001
-    assert found.log_score > reliability(*statements(4)).log_score
+    outcome = reliability(odds + shift, answers, rng)
+    assert not outcome.calibrated
+    assert outcome.p_value < 0.001
+    assert outcome.log_score > reliability(*statements(4)).log_score
 
 
 def test_scores_by_hand():
     odds, answers = np.log([0.8 / 0.2, 0.25 / 0.75]), np.array([True, True])
-    found = reliability(odds, answers, np.random.default_rng(0))
-    assert found.brier == pytest.approx((0.04 + 0.5625) / 2)
-    assert found.log_score == pytest.approx(-(np.log(0.8) + np.log(0.25)) / 2)
-    assert found.error == pytest.approx((0.2 + 0.75) / 2)
+    outcome = reliability(odds, answers, np.random.default_rng(0))
+    assert outcome.brier == pytest.approx((0.04 + 0.5625) / 2)
+    assert outcome.log_score == pytest.approx(-(np.log(0.8) + np.log(0.25)) / 2)
+    assert outcome.error == pytest.approx((0.2 + 0.75) / 2)
     assert log_score([800.0], [False]) == pytest.approx(
         800.0
     )  # beyond where the probability itself is 1

@@ -41,8 +41,8 @@ def held(folder, table, study, subjects, commands):
     )
     frozen.run(folder / "made" / f"{name}-7", chosen, 7, commands, ())
     numbers, outside = frozen.check(folder / "made", table)
-    is_asked = table["row"].str.split(" / ").str[0].isin(subjects) & (table["study"] == name)
-    assert numbers == is_asked.sum() >= 60 * len(subjects)
+    is_selected = table["row"].str.split(" / ").str[0].isin(subjects) & (table["study"] == name)
+    assert numbers == is_selected.sum() >= 60 * len(subjects)
     assert not frozen.too_far(numbers, outside), outside.to_string()
 
 

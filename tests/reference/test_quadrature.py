@@ -107,10 +107,10 @@ def test_evidence_of_a_normal_density_and_quantiles_of_functions_of_two_coordina
 
     def below(i, threshold):
         slope = covariance[i, 1] / covariance[1, 1]
-        rest = np.sqrt(covariance[i, i] - slope * covariance[i, 1])
+        remainder = np.sqrt(covariance[i, i] - slope * covariance[i, 1])
         return scipy_integrate.quad(
             lambda a: (
-                stats.norm.cdf((threshold(a) - Normal.mean[i] - slope * (a - mean_a)) / rest)
+                stats.norm.cdf((threshold(a) - Normal.mean[i] - slope * (a - mean_a)) / remainder)
                 * stats.norm.pdf(a, mean_a, sd_a)
             ),
             mean_a - 9 * sd_a,
@@ -165,14 +165,15 @@ def test_a_density_that_is_zero_is_refused():
 
 
 def test_a_stored_case_is_reproduced():
-    found, stored = (
+    observed, stored = (
         integrate(paper_posterior(hard_cases()["stimuli offset by 100"], Prior()), tolerance=1e-3),
         STORED["stimuli offset by 100"],
     )
     assert (
-        abs(found.log_evidence - stored["log_evidence"])
-        <= found.log_evidence_error + stored["log_evidence_error"]
+        abs(observed.log_evidence - stored["log_evidence"])
+        <= observed.log_evidence_error + stored["log_evidence_error"]
     )
     assert np.all(
-        np.abs(found.means - stored["means"]) <= found.means_error + np.array(stored["means_error"])
+        np.abs(observed.means - stored["means"])
+        <= observed.means_error + np.array(stored["means_error"])
     )

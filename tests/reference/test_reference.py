@@ -71,9 +71,9 @@ def test_stored_cases_belong_to_todays_counts_prior_and_method():
 
 def parts(fitted, count):
     """The judging draws in equal parts, each with an evidence and an error bar of its own."""
-    for at in np.array_split(np.arange(len(fitted.draws.x)), count):
+    for index in np.array_split(np.arange(len(fitted.draws.x)), count):
         draws = WeightedDraws(
-            *(getattr(fitted.draws, field.name)[at] for field in fields(WeightedDraws))
+            *(getattr(fitted.draws, field.name)[index] for field in fields(WeightedDraws))
         )
         yield replace(fitted, draws=draws, efficiency=efficiency(draws.log_weights))
 
@@ -88,7 +88,9 @@ def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fi
         fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima)
         for seed in range(fits)
     )
-    estimates = [importance_evidence(part) for one in fitted for part in parts(one, 100 // fits)]
+    estimates = [
+        importance_evidence(part) for element in fitted for part in parts(element, 100 // fits)
+    ]
     z = np.array(
         [
             (estimate.value - case["log_evidence"]) / estimate.se
@@ -222,8 +224,8 @@ def order_errors(seed, names):
 @pytest.fixture(scope="module")
 def errors_and_sds():
     names = [name for name in ORDER_CASES if name != PERFECT]
-    made = [order_errors(seed, names) for seed in (1, 2)]
-    return tuple(np.concatenate(parts) for parts in zip(*made, strict=True))
+    built = [order_errors(seed, names) for seed in (1, 2)]
+    return tuple(np.concatenate(parts) for parts in zip(*built, strict=True))
 
 
 def test_evidences_of_the_four_models_agree_with_tempering(errors_and_sds):

@@ -15,7 +15,7 @@ from bayes_toe.answers.words import Word
 from bayes_toe.model.parameters import ORDER_MODELS
 
 DOCUMENT = data_dictionary.OUTPUT.read_text(encoding="utf-8")
-KNOWN = {
+REFERENCE = {
     section.partition("\n")[0]: data_dictionary.words(section)
     for section in DOCUMENT.split(data_dictionary.SECTION)[1:]
 }
@@ -28,7 +28,7 @@ def written(analysis, small_study, tmp_path_factory):
     """By file, the columns of one that is made as its command makes it."""
     folder = tmp_path_factory.mktemp("dictionary")
     good("simulate -o study.csv --truth truth.csv --subjects 1 --seed 1", cwd=folder)
-    judged = calibrate(studies=1, data_sets=1, seed=3, workers=1)
+    verdicts = calibrate(studies=1, data_sets=1, seed=3, workers=1)
     group, asymmetry = made_result(small_study), bt.asymmetry(small_study)
     return {
         "summary.csv": analysis.summary(),
@@ -39,10 +39,10 @@ def written(analysis, small_study, tmp_path_factory):
         "population_subjects.csv": group.subject_table.frame(),
         "study.csv": pd.read_csv(folder / "study.csv"),
         "truth.csv": pd.read_csv(folder / "truth.csv"),
-        "calibration.csv": judged.rank_verdicts,
-        "calibration_ranks.csv": judged.ranks,
-        "evidence_calibration.csv": judged.evidence_verdicts,
-        "evidence_data_sets.csv": judged.data_sets,
+        "calibration.csv": verdicts.rank_verdicts,
+        "calibration_ranks.csv": verdicts.ranks,
+        "evidence_calibration.csv": verdicts.evidence_verdicts,
+        "evidence_data_sets.csv": verdicts.data_sets,
         "posterior.nc, group sample_stats": [*analysis.draws.group("sample_stats").data_vars],
         **planned(folder),
     }
@@ -73,7 +73,7 @@ def test_a_column_without_words_is_named():
 
 
 @pytest.mark.parametrize(
-    ("file", "column", "said"),
+    ("file", "column", "message"),
     [
         ("evidence.csv", "order_effect", [word.value for word in Word]),
         ("evidence.csv", "best_model", ORDER_MODELS),
@@ -85,14 +85,14 @@ def test_a_column_without_words_is_named():
         ),
     ],
 )
-def test_words_that_a_column_holds_are_listed(file, column, said):
-    assert [word for word in said if word not in KNOWN[file][column]] == []
+def test_words_that_a_column_holds_are_listed(file, column, message):
+    assert [word for word in message if word not in REFERENCE[file][column]] == []
 
 
 def test_every_column_that_is_written_is_in_it(written):
-    assert data_dictionary.FILES.keys() <= KNOWN.keys()
-    undeclared = KNOWN.keys() - written.keys()
+    assert data_dictionary.FILES.keys() <= REFERENCE.keys()
+    undeclared = REFERENCE.keys() - written.keys()
     assert undeclared == {"contrast.csv", "history.csv"}  # whose frames have declared columns
     for name, columns in written.items():
-        assert {*columns} - KNOWN[name].keys() == set(), name
-        assert KNOWN[name].keys() - {*columns} - AT_TIMES == set(), name
+        assert {*columns} - REFERENCE[name].keys() == set(), name
+        assert REFERENCE[name].keys() - {*columns} - AT_TIMES == set(), name

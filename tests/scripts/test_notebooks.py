@@ -9,7 +9,7 @@ import pytest
 from nbclient import NotebookClient
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[2] / "notebooks").glob("*.ipynb"))
-EACH = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+EACH_CASE = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 #: As in the fixture with seven bundled subjects, and pictures drawn once. The site runs the
 #: notebooks as they are.
 QUICKER = """
@@ -40,7 +40,7 @@ def run():
         yield executed
 
 
-@EACH
+@EACH_CASE
 def test_stored_without_output_and_says_that_the_data_are_synthetic(path):
     notebook = nbformat.read(path, as_version=nbformat.NO_CONVERT)
     nbformat.validate(notebook)
@@ -52,7 +52,7 @@ def test_stored_without_output_and_says_that_the_data_are_synthetic(path):
     assert "data are synthetic" in " ".join(words)
 
 
-@EACH
+@EACH_CASE
 def test_runs_from_any_folder_and_draws(path, run, tmp_path):
     notebook = nbformat.read(path, as_version=4)
     for cell in notebook.cells:
@@ -61,9 +61,9 @@ def test_runs_from_any_folder_and_draws(path, run, tmp_path):
     fresh = nbformat.v4.new_code_cell(f"%reset -f\nimport os\nos.chdir({str(tmp_path)!r})")
     outputs = [output for cell in run(fresh, *notebook.cells) for output in cell.get("outputs", [])]
     pictures = [
-        base64.b64decode(one["data"]["image/png"])
-        for one in outputs
-        if "image/png" in one.get("data", {})
+        base64.b64decode(element["data"]["image/png"])
+        for element in outputs
+        if "image/png" in element.get("data", {})
     ]
     assert len(pictures) == IMAGES[path.stem]
     assert all(

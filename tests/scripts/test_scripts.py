@@ -42,9 +42,9 @@ def inside(line, cwd):
 
 def good(line, cwd):
     """What a program prints that ends well."""
-    done = inside(line, cwd)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    finished = inside(line, cwd)
+    assert finished.returncode == 0, finished.stderr
+    return finished.stdout
 
 
 def is_drawn(path):
@@ -61,10 +61,10 @@ def folder(tmp_path_factory, small_study):
     grouped_csv(folder / "study.csv", bt.Study([first, replace(second, name="b/2")]))
     words = ["study.csv", "-o", "p.nc", "--draws", "500", "--seed", "1", "--workers", "1"]
     program = [sys.executable, SCRIPTS / "sample_posteriors.py"]
-    done = subprocess.run([*program, *words], capture_output=True, text=True, cwd=folder)
-    assert done.returncode == 0, done.stderr
-    assert "sigma_p" in done.stdout
-    assert "seed 1" in done.stdout
+    finished = subprocess.run([*program, *words], capture_output=True, text=True, cwd=folder)
+    assert finished.returncode == 0, finished.stderr
+    assert "sigma_p" in finished.stdout
+    assert "seed 1" in finished.stdout
     return folder
 
 
@@ -111,11 +111,11 @@ def test_corner_plots_of_all_subjects_or_one(folder, tmp_path, options, pictures
     ],
 )
 def test_problems_are_told_before_the_work_and_end_with_exit_code_2(folder, line, message):
-    before = (folder / "p.nc").read_bytes()
-    done = inside(line, folder)
-    assert done.returncode == 2
-    assert message in done.stderr.splitlines()[-1]
-    assert (folder / "p.nc").read_bytes() == before
+    earlier = (folder / "p.nc").read_bytes()
+    finished = inside(line, folder)
+    assert finished.returncode == 2
+    assert message in finished.stderr.splitlines()[-1]
+    assert (folder / "p.nc").read_bytes() == earlier
     assert not (folder / "z").exists()
 
 
@@ -133,18 +133,18 @@ def test_problems_are_told_before_the_work_and_end_with_exit_code_2(folder, line
 )
 def test_error_bars_of_a_case_are_judged(folder, option, name, subject, case):
     line = f"error_bars.py -o bars {option} --seeds 12 --subjects '{subject}' --workers 1"
-    done = inside(line, folder)
-    assert done.returncode in (0, 3), done.stdout + done.stderr
+    finished = inside(line, folder)
+    assert finished.returncode in (0, 3), finished.stdout + finished.stderr
     row = pd.read_csv(folder / "bars" / f"{name}.csv").iloc[0]
     assert (row["case"], row["seeds"], row["withheld"]) == (case, 12, 0)
     assert 0.4 < row["sd_z"] < 1.8
-    assert bool(row["honest"]) == (0.8 < row["sd_z"] < 1.25) == (done.returncode == 0)
+    assert bool(row["honest"]) == (0.8 < row["sd_z"] < 1.25) == (finished.returncode == 0)
     assert f"| {case} |" in (folder / "bars" / f"{name}.md").read_text(encoding="utf-8")
 
 
 def test_a_small_calibration_of_the_four_models_is_written(folder):
-    done = inside("order_calibration.py -o cal --observers 3 --workers 1", folder)
-    assert done.returncode in (0, 3), done.stderr
+    finished = inside("order_calibration.py -o cal --observers 3 --workers 1", folder)
+    assert finished.returncode in (0, 3), finished.stderr
     table = pd.read_csv(folder / "cal" / "calibration_order.csv")
     assert set(table["part"]) == {"probability", "rank"}
     of_all = table[(table["design"] == "all") & (table["part"] == "probability")]
