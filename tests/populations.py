@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.random import default_rng
 from scipy.special import ndtr
 
 import bayes_toe as bt
@@ -37,7 +38,7 @@ def neighbours(name, c, p, sigma, n_each, rng, **fields):
 
 def simulated_group(seed, n_subjects=10, n_each=20, mean_c=0.0, sd_c=0.0, mean_p=0.0):
     """A study of neighbours who differ in c, in units of D, and not in p."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     subjects = []
     for i in range(n_subjects):
         c, p = rng.normal([mean_c, mean_p], [sd_c, 0.0])
@@ -48,7 +49,7 @@ def simulated_group(seed, n_subjects=10, n_each=20, mean_c=0.0, sd_c=0.0, mean_p
 
 def two_conditions(seed, n_subjects=8, n_each=20, difference=0.5):
     """A study of neighbours at left and right, whose constant errors differ by so many D."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     units = []
     for i in range(n_subjects):
         for level, sign in (("left", -0.5), ("right", 0.5)):
@@ -61,7 +62,7 @@ def two_conditions(seed, n_subjects=8, n_each=20, difference=0.5):
 
 def independent_draws(posterior, n_draws=DRAWS, rng=None, n_chains=8):
     """Draws in the place of the sampler's: independent points about the separate fits."""
-    rng = np.random.default_rng(0) if rng is None else rng
+    rng = default_rng(0) if rng is None else rng
     lead = n_chains, -(-n_draws // n_chains)
     point = posterior.points(posterior.start(lead[0] * lead[1], rng))
     parts = point.mean, point.sd, point.effects, point.w.swapaxes(0, 1)

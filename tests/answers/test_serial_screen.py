@@ -4,6 +4,7 @@ from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from scipy.special import logit
 from scipy.stats import kstest, norm
 from serial_observers import LAPSE_RATE, NOISE, Q0, answered
@@ -91,7 +92,7 @@ def test_the_first_trial_of_a_session_has_no_trial_before():
 
 
 def test_a_constant_first_stimulus_leaves_the_second():
-    rng = np.random.default_rng(7)
+    rng = default_rng(7)
     keys = np.column_stack([np.zeros(300), rng.choice([-0.3, 0.3, 0.6], 300)])
     n_yes = (rng.random(300) < norm.cdf(keys[:, 1] / NOISE)).astype(int)
     answers = Answers(keys, n_yes, np.ones(300, int), trials=True, place=np.arange(300))
@@ -102,7 +103,7 @@ def test_a_constant_first_stimulus_leaves_the_second():
 @pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT], ids=["2afc", "same"])
 def test_slopes_are_those_of_the_logit_in_a_shift(task):
     posterior = OrderModel("both").posterior(answered(8, task))
-    x = np.random.default_rng(9).normal(0.0, 0.5, len(posterior.coordinates))
+    x = default_rng(9).normal(0.0, 0.5, len(posterior.coordinates))
     shift = np.zeros_like(x)
     shift[posterior.coordinates.index("constant_error")] = 1e-5
     ahead, backward = (

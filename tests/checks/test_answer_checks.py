@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.random import default_rng
 from scipy.special import ndtr
 
 import bayes_toe as bt
@@ -48,7 +49,7 @@ def from_trials(name, keys, yes, block=None, task=SAME_DIFFERENT):
 
 
 def make_subject(seed, **options):
-    return from_trials("S", *make_trials(np.random.default_rng(seed), **options))
+    return from_trials("S", *make_trials(default_rng(seed), **options))
 
 
 def signal_trials(rng, task, shifts, difficulty=0.8, reversed_=False):
@@ -99,7 +100,7 @@ def test_clean_observers_are_flagged_as_rarely_as_stated():
 @BOTH_TASKS
 def test_constant_errors_are_no_flaw_of_the_answers(task, constant_error):
     for seed in range(10):
-        trials = signal_trials(np.random.default_rng(seed), task, np.full(400, constant_error))
+        trials = signal_trials(default_rng(seed), task, np.full(400, constant_error))
         subject = from_trials("S", *trials, task=task)
         assert messages(subject).keys() <= {"drift", "one_answer"}
 
@@ -116,7 +117,7 @@ def test_constant_errors_are_no_flaw_of_the_answers(task, constant_error):
     ],
 )
 def test_sequences_of_trials_that_come_again_are_flagged(rows, message):
-    keys, yes = signal_trials(np.random.default_rng(1), SAME_DIFFERENT, np.zeros(84))
+    keys, yes = signal_trials(default_rng(1), SAME_DIFFERENT, np.zeros(84))
     (finding,) = find(from_trials("S", keys[rows], yes[rows]))
     assert finding.code == "repeated_trials"
     assert finding.message.startswith(message)
@@ -126,7 +127,7 @@ def test_sequences_of_trials_that_come_again_are_flagged(rows, message):
 @pytest.mark.parametrize("noise", [0.05, 0.1, 0.2], ids=["hardly an error", "some", "many"])
 def test_a_list_of_stimuli_that_is_used_again_is_no_repetition(noise):
     for seed in range(40):
-        rng = np.random.default_rng(seed)
+        rng = default_rng(seed)
         keys, _ = signal_trials(rng, SAME_DIFFERENT, np.zeros(200))
         keys = np.tile(keys, (3, 1))
         perceived = keys[:, 1] - keys[:, 0] + rng.normal(0, noise, len(keys))
@@ -135,7 +136,7 @@ def test_a_list_of_stimuli_that_is_used_again_is_no_repetition(noise):
 
 
 def test_roved_stimuli_with_sure_answers_that_come_again_are_no_repetition():
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     s1 = rng.normal(0, 1, 150)
     keys = np.tile(np.column_stack([s1, s1 + rng.choice([-0.5, 0.5], 150)]), (2, 1))
     certain = (keys[:, 1] > keys[:, 0]).astype(int)
@@ -171,7 +172,7 @@ def test_few_trials_are_flagged(n_trials, is_flagged):
 
 @BOTH_TASKS
 def test_guesses_and_reversed_answers_are_distinguished(task):
-    rng = np.random.default_rng(2)
+    rng = default_rng(2)
     keys, yes = signal_trials(rng, task, np.zeros(400), reversed_=True)
     reversed_ = from_trials("S", keys, yes, task=task)
     (finding,) = find(reversed_)
@@ -186,7 +187,7 @@ def test_guesses_and_reversed_answers_are_distinguished(task):
 
 @BOTH_TASKS
 def test_answers_to_the_other_question_flag_every_subject(task):
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     other = WHICH_STRONGER if task == SAME_DIFFERENT else SAME_DIFFERENT
     s1, s2 = np.transpose(list(itertools.product(LEVELS[:4], repeat=2)))
     n_trials = np.full(len(s1), 30)
@@ -209,7 +210,7 @@ def p_yes(distance, task):
 @BOTH_TASKS
 def test_the_number_of_trials_costs_nothing(task, n_trials):
     keys = np.array(NEIGHBOURS)
-    scatter = np.random.default_rng(1).normal(0, 0.08, len(keys))
+    scatter = default_rng(1).normal(0, 0.08, len(keys))
     share = np.clip(p_yes(keys[:, 1] - keys[:, 0], task) + scatter, 0.0, 1.0)
     counts = (share * n_trials).astype(np.int64)
     assert find(Subject("S", *keys.T, counts, [n_trials] * len(keys), task=task)) == ()
@@ -267,7 +268,7 @@ def moving_criterion(rng, kind, count, sd):
 def test_a_moving_criterion_is_flagged_and_never_called_swapped_blocks(task, kind, sd):
     n_flagged = 0
     for seed in range(25):
-        rng = np.random.default_rng(seed)
+        rng = default_rng(seed)
         keys, yes = signal_trials(rng, task, moving_criterion(rng, kind, 650, sd))
         findings = find(from_trials("S", keys, yes, np.arange(650) // 65, task))
         assert not any("--swap" in finding.option for finding in findings)
@@ -277,15 +278,15 @@ def test_a_moving_criterion_is_flagged_and_never_called_swapped_blocks(task, kin
 
 
 def test_lax_blocks_are_unlike_but_not_swapped():
-    keys, equal, block = make_trials(np.random.default_rng(1))
-    equal[(block == 4) & (np.random.default_rng(2).random(len(block)) < 0.9)] = 1
+    keys, equal, block = make_trials(default_rng(1))
+    equal[(block == 4) & (default_rng(2).random(len(block)) < 0.9)] = 1
     finding, *_ = find(from_trials("S", keys, equal, block))
     assert (finding.code, finding.option) == ("block_dispersion", "--exclude S:5")
     assert finding.message.startswith("Block 5 differs from the others (p ")
 
 
 def test_drift_is_flagged_with_its_size_and_a_small_one_is_not():
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     keys, _ = signal_trials(rng, WHICH_STRONGER, np.zeros(1300))
     share, time = ndtr((keys[:, 1] - keys[:, 0]) / 0.3), np.arange(1300) / 1300 - 0.5
 

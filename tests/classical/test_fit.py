@@ -1,7 +1,10 @@
 """The bootstrap: its resampling, its optima, what is made of them, and Appendix C's evidence."""
 
+from itertools import product
+
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from scipy.stats import norm
 
@@ -41,7 +44,7 @@ def variance_scale(parameters):
 
 def test_resampled_counts_are_beta_binomial():
     subject = Subject("x", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [50, 20, 0], [50, 50, 10])
-    counts = resample(subject, np.random.default_rng(1), 20_000)
+    counts = resample(subject, default_rng(1), 20_000)
     a, b, n = subject.n_yes + 1.0, subject.n_trials - subject.n_yes + 1.0, subject.n_trials
     mean, variance = n * a / (a + b), n * a * b * (a + b + n) / ((a + b) ** 2 * (a + b + 1))
     assert np.abs((counts.mean(axis=0) - mean) / np.sqrt(variance / 20_000)).max() < 4
@@ -56,7 +59,7 @@ def test_a_study_of_which_is_stronger_has_the_same_table_with_lapses():
     natural = ["mu1", "sigma_p", "sigma_l", "lapse_rate"]
     assert list(frame.columns[:6]) == [*natural, "log_likelihood", "at_edge"]
     assert frame.loc["S07", natural].tolist() == table["S07"].parameters.tolist()
-    limits = [f"{name}_{end}" for name in natural for end in ("lower", "upper")]
+    limits = [f"{name}_{end}" for name, end in product(natural, ("lower", "upper"))]
     intervals = table["S07"].bootstrap.intervals(0.95)
     assert frame.loc["S07", limits].tolist() == intervals.ravel().tolist()
     low, high = table["S07"].bootstrap.bands(0.0, [-0.3, 0.3])
@@ -84,7 +87,7 @@ def test_intervals_bands_and_covariance_are_those_of_the_replicates(replicates):
 
 
 def test_evidence_by_appendix_c_is_the_formula():
-    rng = np.random.default_rng(2)
+    rng = default_rng(2)
     values = np.array([0.1, 0.3, 0.1, 0.9]) + rng.normal(size=(500, 4)) * [0.2, 0.02, 0.01, 0.02]
     value, note = bootstrap_evidence(make_bootstrap(values), Prior())
     mu1, v_p, v_l = 0.1, 0.09, 0.01
@@ -118,13 +121,13 @@ def test_evidence_says_what_is_wrong_with_it(name, has_value, word):
 
 @pytest.mark.parametrize("mu1", [-9.0, 9.0])
 def test_a_fit_outside_its_interval_is_said_to_be_so(mu1):
-    values = np.array([0.1, 0.3, 0.1, 0.9]) + np.random.default_rng(2).normal(size=(50, 4)) / 10
+    values = np.array([0.1, 0.3, 0.1, 0.9]) + default_rng(2).normal(size=(50, 4)) / 10
     (remark,) = make_bootstrap(values, (mu1, 0.3, 0.1, 0.9)).remarks()
     assert remark.startswith("outside the 95 % interval: mu1, because")
 
 
 def test_a_covariance_that_is_singular_gives_no_evidence():
-    identical = np.random.default_rng(1).normal(size=(50, 4)) * [1, 0, 0.1, 0.1] + [
+    identical = default_rng(1).normal(size=(50, 4)) * [1, 0, 0.1, 0.1] + [
         0,
         0.3,
         0.5,

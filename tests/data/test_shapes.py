@@ -26,7 +26,7 @@ from bayes_toe.data.messages import bare
 from bayes_toe.errors import Remedy
 
 GRAMS = (740, 905, 1105, 1350)
-TEXTS = ("subject", "response")
+MATLAB_CLASSES = {"subject": "char", "response": "char"}
 
 
 def made_up_trials():
@@ -114,11 +114,12 @@ def matlab_73(columns, is_struct=False):
         for name, values in columns.items():
             cells = np.empty((1, len(values)), h5py.ref_dtype)
             for i, value in enumerate(values):
-                letters = np.array([list(map(ord, value))], np.uint16).T if name in TEXTS else value
-                cell = references.create_dataset(f"{name}{i}", data=letters)
-                cell.attrs["MATLAB_class"] = np.bytes_("char" if name in TEXTS else "double")
+                if name in MATLAB_CLASSES:
+                    value = np.array([list(map(ord, value))], np.uint16).T
+                cell = references.create_dataset(f"{name}{i}", data=value)
+                cell.attrs["MATLAB_class"] = np.bytes_(MATLAB_CLASSES.get(name, "double"))
                 cells[0, i] = cell.ref
-            if name in TEXTS or is_struct:
+            if name in MATLAB_CLASSES or is_struct:
                 home.create_dataset(name, data=cells)
             else:
                 column = home.create_dataset(name, data=np.array([values]))

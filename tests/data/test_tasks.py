@@ -3,6 +3,8 @@
 What is read, refused, doubted.
 """
 
+from itertools import product
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,7 +19,7 @@ from bayes_toe.data.tasks import WHICH_STRONGER
 
 TRIALS, RIGHT, TASK = "subject,s1,s2,response", "subject,s1,s2,acc", "subject,s1,s2,response,task"
 COUNTS = "subject,s1,s2,n_second,n_trials"
-GRID = [(a, b) for a in (-0.4, -0.2, 0.0, 0.2, 0.4) for b in (-0.4, -0.2, 0.0, 0.2, 0.4)]
+GRID = list(product((-0.4, -0.2, 0.0, 0.2, 0.4), repeat=2))
 
 
 def written(folder, head, *rows):

@@ -6,6 +6,7 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from scipy.special import entr
 
 import bayes_toe as bt
@@ -39,7 +40,7 @@ def start_session(**options):
 
 @pytest.fixture(scope="module")
 def session():
-    session, rng = start_session(draws=2000), np.random.default_rng(3)
+    session, rng = start_session(draws=2000), default_rng(3)
     for _ in range(100):
         pair = session.next()
         assert pair in PAIRS
@@ -79,7 +80,7 @@ def test_information_is_the_expected_fall_of_entropy(about):
     mean, left = 0.0, 0.0
     for number, (name, probability) in enumerate(MODEL_PRIOR.items()):
         posterior = OrderModel(name).posterior(DESIGN.unanswered)
-        x = posterior.sample_prior(np.random.default_rng(number), 8_000)
+        x = posterior.sample_prior(default_rng(number), 8_000)
         p_yes = np.exp(posterior.log_answers(x).yes)
         average = p_yes.mean(axis=0)
         mean = mean + probability * average
@@ -112,7 +113,7 @@ def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
 def test_sessions_of_which_is_stronger_take_true_for_second(tmp_path):
     parameters = {"noise": 0.2, "lapse_rate": 0.02, "constant_error": 0.3}
     observer = make_observer("O", "k", parameters, WHICH_STRONGER)
-    session, rng = start_session(task="2afc", draws=512), np.random.default_rng(1)
+    session, rng = start_session(task="2afc", draws=512), default_rng(1)
     for _ in range(60):
         answer_pair(session, session.next(), rng, observer)
     assert session.quantiles("constant_error")[0] > 0.0
@@ -123,10 +124,10 @@ def test_sessions_of_which_is_stronger_take_true_for_second(tmp_path):
 
 def test_draws_made_anew_weigh_what_all_answers_say(session):
     rule = OrderModel("both").posterior(DESIGN.unanswered)
-    particles = Particles.from_prior(rule, 2000, np.random.default_rng(1))
+    particles = Particles.from_prior(rule, 2000, default_rng(1))
     new_trial = bt.Subject.from_trials("one", [0.0], [0.1], [True])
     particles.add(session.subject)
-    particles.renew(session.subject, np.random.default_rng(2))
+    particles.renew(session.subject, default_rng(2))
     particles.add(new_trial)
     posterior = rule.for_subject(pooled((session.subject, new_trial)))
     expected = posterior.log_density(particles.x)

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
+from numpy.random import default_rng
 from scipy.stats import norm
 
 import bayes_toe as bt
@@ -107,7 +108,7 @@ def test_draws_of_the_four_models_open_with_shift_contraction_and_jnd(small_stud
 
 
 def test_contours_are_of_the_draws_that_have_both_quantities():
-    x, y = np.random.default_rng(1).normal(size=(2, 40_000))
+    x, y = default_rng(1).normal(size=(2, 40_000))
     spans = [(-4.0, 4.0)] * 2
     half = np.where(np.arange(x.size) % 2, np.nan, y)
     [lines] = outlined({"x": x, "y": half}, spans)
@@ -120,7 +121,7 @@ def test_contours_are_of_the_draws_that_have_both_quantities():
 
 
 def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     block = np.repeat(np.arange(1, 5), 100)
     s1 = rng.choice([0.0, 0.2, 0.4], 400)
     s2 = s1 + rng.choice([-0.4, -0.2, 0.2, 0.4], 400)

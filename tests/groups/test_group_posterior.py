@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from populations import simulated_group, two_conditions
 from scipy import stats
 from scipy.special import ndtr
@@ -72,8 +73,8 @@ def study():
 
 def test_density_is_that_of_the_definition(study):
     scales, posterior = StudyScales.from_study(study), posterior_of(study, X)
-    theta = posterior.start(4, np.random.default_rng(2))
-    theta[:, 6 : posterior.n_shared] = np.random.default_rng(3).normal(0.0, 0.2, (4, 6))
+    theta = posterior.start(4, default_rng(2))
+    theta[:, 6 : posterior.n_shared] = default_rng(3).normal(0.0, 0.2, (4, 6))
     point = posterior.points(theta)
     expected = np.array([log_joint(study, scales, point, i) for i in range(4)])
     log_density = posterior(theta)[0] - log_volume(posterior, theta)
@@ -86,7 +87,7 @@ def test_gradient_is_the_derivative(kind, study):
     example = bt.example_study("same/different").select(["S01", "S02", "S03"])
     studies = {"conditions": two_conditions(1, n_subjects=3), "same or different": example}
     posterior = posterior_of(studies.get(kind, study), X if kind == "covariates" else X[:, :0])
-    theta = posterior.start(3, np.random.default_rng(1))
+    theta = posterior.start(3, default_rng(1))
     gradient = posterior(theta)[1]
     for j, step in enumerate(1e-5 * np.eye(posterior.n_coordinates)):
         rise = posterior(theta + step)[0] - posterior(theta - step)[0]
@@ -98,7 +99,7 @@ def test_without_precision_coordinates_are_non_centred(study):
     fits = posterior.fits
     plain = fits._replace(information=0.0 * fits.information, precision=0.0 * fits.precision)
     posterior = GroupPosterior(posterior.rows, posterior.numbers, X, plain)
-    theta = posterior.start(3, np.random.default_rng(1))
+    theta = posterior.start(3, default_rng(1))
     point = posterior.points(theta)
     xi = theta[:, posterior.n_shared :].reshape(3, 3, -1)[..., :3].swapaxes(0, 1)
     expected = point.mean + np.einsum("nr,prq->npq", X, point.effects) + point.sd * xi

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from populations import simulated_group
 
 from bayes_toe.groups import group_sampler
@@ -10,7 +11,7 @@ from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.population import StudyScales, group_posterior
 
 #: Two shared coordinates and two blocks of two, all correlated.
-_ROOT = np.tril(np.random.default_rng(5).normal(0.0, 0.4, (6, 6)), -1) + np.diag(
+_ROOT = np.tril(default_rng(5).normal(0.0, 0.4, (6, 6)), -1) + np.diag(
     [3.0, 0.05, 1.0, 0.2, 2.0, 0.7]
 )
 COVARIANCE = _ROOT @ _ROOT.T
@@ -24,7 +25,7 @@ def normal(x):
 
 @pytest.fixture(scope="module")
 def trace():
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     start = CENTRE + rng.standard_normal((8, 6))
     sampler = Hamiltonian(normal, start, Metric(2, 2, 2), rng)
     sampler.warm_up()
@@ -46,7 +47,7 @@ def test_a_cliff_makes_trajectories_diverge_and_none_crosses_it():
         value, gradient = -0.5 * np.square(x).sum(axis=1), -x
         return np.where(x[:, 0] > 0.0, value, -1e6), gradient
 
-    rng = np.random.default_rng(2)
+    rng = default_rng(2)
     sampler = Hamiltonian(cliff, np.abs(rng.standard_normal((8, 3))), Metric(1, 1, 2), rng)
     trace = sampler.advance(200)
     assert trace.is_divergent.any()
@@ -54,7 +55,7 @@ def test_a_cliff_makes_trajectories_diverge_and_none_crosses_it():
 
 
 def test_draws_that_are_not_reliable_say_why():
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     mean, sd = rng.standard_normal((4, 300, 2)), rng.uniform(1.0, 2.0, (4, 300, 2))
     empty, subjects = np.empty((4, 300, 0, 2)), rng.standard_normal((4, 300, 3, 4))
     assert GroupDraws(mean, sd, empty, subjects).shortfall == ""
@@ -71,7 +72,7 @@ def test_twice_the_draws_where_the_first_are_not_reliable(monkeypatch):
     posterior = group_posterior(study, scales, Hyperprior(), np.zeros((3, 0)))
 
     def drawn():
-        return sample_group(posterior, 40, np.random.default_rng(1))
+        return sample_group(posterior, 40, default_rng(1))
 
     monkeypatch.setattr(group_sampler, "MAX_R_HAT", 9.0)
     monkeypatch.setattr(group_sampler, "MIN_EFFECTIVE_DRAWS", 0)

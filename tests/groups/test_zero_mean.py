@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from scipy import integrate, stats
 
 from bayes_toe.groups.group_sampler import GroupDraws
@@ -23,7 +24,7 @@ def known_draws(y, effects=None, mean=None):
 
 @pytest.mark.parametrize("centre", [0.0, 0.2, 1.0])
 def test_of_a_mean_with_either_prior(centre):
-    y = centre + np.random.default_rng(1).normal(0.0, 0.3, (9, 2))
+    y = centre + default_rng(1).normal(0.0, 0.3, (9, 2))
     rows = [
         ParameterHyperprior(0.0, 0.5, 1.0, has_heavy_tails=True),
         ParameterHyperprior(0, 0.2, 1),
@@ -43,7 +44,7 @@ def test_of_a_mean_with_either_prior(centre):
 
 
 def test_of_an_effect_given_all_else():
-    rng = np.random.default_rng(2)
+    rng = default_rng(2)
     x = rng.standard_normal((8, 2))
     y = 0.3 + 0.4 * x[:, [0]] + rng.normal(0.0, 0.3, (8, 2))
     numbers = HyperpriorNumbers.from_rows([ParameterHyperprior(0.0, 1.0, 0.25)] * 2)
@@ -60,7 +61,7 @@ def test_of_an_effect_given_all_else():
 
 
 def test_of_a_difference_of_several_columns():
-    y = np.random.default_rng(3).normal(0.2, 0.3, (7, 2))
+    y = default_rng(3).normal(0.2, 0.3, (7, 2))
     numbers = HyperpriorNumbers.from_rows([ParameterHyperprior(0.0, 0.4, 1.0)] * 2)
     weights = np.array([0.7, -0.5])
     variance = np.square(TAU) / 7

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 
 from bayes_toe.data.study import Subject
@@ -20,7 +21,7 @@ CASES = hard_cases()
 @pytest.mark.parametrize("name", list(CASES))
 def test_proposals_fit_every_hard_case(name):
     """Evidences of the same cases: reference/test_reference."""
-    fitted = fit_proposal(paper_posterior(CASES[name]), np.random.default_rng(7))
+    fitted = fit_proposal(paper_posterior(CASES[name]), default_rng(7))
     assert fitted.trusted == (fitted.pareto_k < 0.7 and fitted.efficiency > 0.02)
     assert (fitted.trusted, fitted.efficiency > 0.55) == (True, True)
 
@@ -41,12 +42,12 @@ def test_a_fit_survives_starting_components_of_enormous_scale():
 
 def test_draws_that_chose_the_proposal_give_no_evidence():
     chosen = adapt_proposal(
-        paper_posterior(CASES["all different"]), np.random.default_rng(7)
+        paper_posterior(CASES["all different"]), default_rng(7)
     )  # refitted to the draws that judged it
     assert not chosen.independent
     with pytest.raises(ValueError, match="helped to choose"):
         importance_evidence(chosen)
-    again = with_fresh_draws(chosen, np.random.default_rng(4))
+    again = with_fresh_draws(chosen, default_rng(4))
     assert again.independent
     assert len(again.draws.x) == 2 * len(chosen.draws.x)
     assert not set(again.draws.log_posterior) & set(chosen.draws.log_posterior)
@@ -57,14 +58,14 @@ def test_a_fit_that_begins_with_another_one_needs_no_maxima_and_finds_the_same_e
 ):
     posterior = paper_posterior(CASES["one order missing"])
     subject = posterior.subject
-    fitted = fit_proposal(posterior, np.random.default_rng(5))
+    fitted = fit_proposal(posterior, default_rng(5))
     fewer = posterior.for_subject(
         Subject("fewer", subject.s1, subject.s2, subject.n_yes // 2, subject.n_trials // 2)
     )
-    plain = importance_evidence(fit_proposal(fewer, np.random.default_rng(6)))
+    plain = importance_evidence(fit_proposal(fewer, default_rng(6)))
     moved = replace(fitted.draws, log_posterior=fewer.log_density(fitted.draws.x))
     start = replace(fitted, proposal=replace(fitted.proposal, posterior=fewer), draws=moved)
     monkeypatch.setattr(adaptation, "find_maxima", None)
-    again = importance_evidence(fit_proposal(fewer, np.random.default_rng(6), start=start))
+    again = importance_evidence(fit_proposal(fewer, default_rng(6), start=start))
     assert again.value == pytest.approx(plain.value, abs=5 * np.hypot(plain.se, again.se))
     assert again.se < 0.01

@@ -8,6 +8,7 @@ import importlib.metadata
 import arviz
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from scipy.special import logsumexp
 
 from bayes_toe.inference.diagnostics import (
@@ -20,12 +21,12 @@ from bayes_toe.inference.diagnostics import (
 )
 
 IS_ARVIZ_1 = int(importlib.metadata.version("arviz").split(".")[0]) >= 1
-RNG = np.random.default_rng(6)
+RNG = default_rng(6)
 
 
 def walk(rho, shape=(4, 1500), seed=4):
     """An AR(1) series: slow with a coefficient near 1, antithetic with a negative one."""
-    steps = np.random.default_rng(seed).normal(size=shape)
+    steps = default_rng(seed).normal(size=shape)
     for i in range(1, shape[1]):
         steps[:, i] += rho * steps[:, i - 1]
     return steps
@@ -83,7 +84,7 @@ def test_many_quantities_have_the_numbers_of_each_and_constants_have_none():
 
 def test_errors_of_quantiles_of_so_many_independent_draws_are_those_of_the_textbook():
     """sqrt(p (1 - p)) over the density at the quantile and the root of the number."""
-    draws, tail = np.random.default_rng(1).normal(size=(4, 10_000)), np.sqrt(0.0475) / 0.1031 / 200
+    draws, tail = default_rng(1).normal(size=(4, 10_000)), np.sqrt(0.0475) / 0.1031 / 200
     expected = [tail, np.sqrt(np.pi / 2) / 200, tail]
     assert quantile_errors(draws, [0.05, 0.5, 0.95], 40_000) == pytest.approx(expected, rel=0.2)
     assert np.isnan(quantile_errors(draws, [0.5], np.nan)).all()

@@ -4,6 +4,7 @@ The same container, its summary, what ArviZ finds in it, and whose draws they ar
 """
 
 import json
+from itertools import chain
 
 import arviz as az
 import matplotlib.pyplot as plt
@@ -157,7 +158,7 @@ def test_arviz_functions_take_it(data, analysis):
         assert np.asarray(loo.elpd_i if hasattr(loo, "elpd_i") else loo.loo_i).size == n_pairs
     az.plot_pair(subject, var_names=["mu1", "gain"])
     az.plot_forest(data, var_names=["gain"], combined=True)
-    axes = [ax for number in plt.get_fignums() for ax in plt.figure(number).axes]
+    axes = chain.from_iterable(plt.figure(number).axes for number in plt.get_fignums())
     # ArviZ 1.x can draw an empty forest without a word.
     assert sum(len(ax.lines) + len(ax.collections) for ax in axes) > 3
     plt.close("all")

@@ -5,6 +5,7 @@ Maxima of posteriors against a general optimiser, several of them, and none.
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from scipy.optimize import minimize
 
@@ -37,7 +38,7 @@ def saddle(x, index):
 
 @pytest.fixture
 def quadratics():
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     factors = rng.normal(size=(50, 4, 4))
     matrices = factors @ factors.transpose(0, 2, 1) + 0.01 * np.eye(4)
     return Quadratics(matrices, rng.normal(size=(4, 50)).T)
@@ -72,7 +73,7 @@ def test_bounds_hold_and_the_multipliers_have_the_right_sign(quadratics):
 
 
 def test_held_coordinates_stay(quadratics):
-    start = np.random.default_rng(2).normal(size=(50, 4))
+    start = default_rng(2).normal(size=(50, 4))
     result = ascend(quadratics.expand, start, is_held=[True, False, True, False])
     assert np.array_equal(result.x[:, [0, 2]], start[:, [0, 2]])
     assert np.abs(result.gradient[:, [1, 3]]).max() < 1e-4

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
@@ -32,7 +33,7 @@ def log_density_of(means, scales, df, x):
     ("dim", "df"), [(1, 1), (1, 3), (2, 8), (3, 9), (4, 4), (4, 8), (5, 9), (13, 3)]
 )
 def test_mixture_density_in_any_dimension(dim, df):
-    rng = np.random.default_rng([dim, df])
+    rng = default_rng([dim, df])
     roots, means = rng.normal(size=(3, dim, dim)), rng.normal(size=(3, dim))
     scales = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(dim)
     # More than two blocks of points.
@@ -49,13 +50,13 @@ def test_mixture_density_of_narrow_components_far_apart(apart):
     means = np.array([[0.0, 0.0], [apart, -apart]])
     scales = np.stack([np.eye(2), np.eye(2)])
     mixture = StudentMixture(np.array([0.5, 0.5]), means, scales, 8)
-    x = means[1] + np.random.default_rng(1).normal(size=(500, 2))
+    x = means[1] + default_rng(1).normal(size=(500, 2))
     expected = log_density_of(means, scales, 8, x)
     assert mixture.log_density(x) == pytest.approx(expected, abs=1e-13 + 1e-15 * apart)
 
 
 def test_a_joined_mixture_is_the_weighted_sum(mixture):
-    x = np.random.default_rng(3).normal(size=(10, 2))
+    x = default_rng(3).normal(size=(10, 2))
     second = StudentMixture(np.ones(1), np.array([[5.0, 5.0]]), np.eye(2)[None], df=6)
     third = StudentMixture(np.ones(1), np.array([[-3.0, 2.0]]), 2.0 * np.eye(2)[None], df=6)
     first, *remaining = (np.exp(part.log_density(x)) for part in (mixture, second, third))
@@ -65,12 +66,12 @@ def test_a_joined_mixture_is_the_weighted_sum(mixture):
 
 
 def test_the_covariance_is_that_of_draws(mixture):
-    x = mixture.sample(np.random.default_rng(1), 400_000)
+    x = mixture.sample(default_rng(1), 400_000)
     assert mixture.covariance == pytest.approx(np.cov(x.T), abs=0.05)
 
 
 def test_em_climbs_and_recovers_the_mixture(mixture):
-    x = mixture.sample(np.random.default_rng(2), 20_000)
+    x = mixture.sample(default_rng(2), 20_000)
     weights = np.full(len(x), 1 / len(x))
     means, scales = np.array([[-1.0, 0.0], [1.0, 0.0]]), np.stack([np.eye(2), np.eye(2)])
     fits = [StudentMixture(np.array([0.5, 0.5]), means, scales, 6)]
@@ -83,7 +84,7 @@ def test_em_climbs_and_recovers_the_mixture(mixture):
 
 
 def test_a_step_with_inertia_lies_between_the_old_mixture_and_the_whole_step(mixture):
-    rng = np.random.default_rng(4)
+    rng = default_rng(4)
     x = rng.normal(0.3, 1.0, (3000, 2))
     weights = rng.dirichlet(np.ones(len(x)))
     complete = mixture.updated(x, weights)
@@ -110,8 +111,8 @@ def test_a_step_with_inertia_lies_between_the_old_mixture_and_the_whole_step(mix
 def test_log_proposal_density_integrates_to_one():
     """Prior over proposal density, at draws of the proposal, averages to the prior's mass."""
     posterior = paper_posterior(hard_cases()["one batch"])
-    proposal = fit_proposal(posterior, np.random.default_rng(9)).proposal
-    draws = importance_draws(proposal, np.random.default_rng(10), 200_000)
+    proposal = fit_proposal(posterior, default_rng(9)).proposal
+    draws = importance_draws(proposal, default_rng(10), 200_000)
     ratio = np.exp(draws.log_prior - draws.log_proposal)
     assert ratio.mean() == pytest.approx(1.0, abs=5 * ratio.std() / np.sqrt(len(ratio)))
 
@@ -122,7 +123,7 @@ def test_efficiency_of_even_and_of_single_weights():
 
 
 def test_weights_are_flattened_only_until_enough_draws_count():
-    log_weights = np.random.default_rng(6).normal(0.0, 4.0, 1000)
+    log_weights = default_rng(6).normal(0.0, 4.0, 1000)
     raw = log_weights - logsumexp(log_weights)
     assert np.log(tempered(log_weights, 1.0)) == pytest.approx(raw)
     flattened = tempered(log_weights, 60.0)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from scipy.special import xlogy
 
@@ -73,11 +74,11 @@ def test_predictive_p_values_against_simulated_repetitions(small_study):
     """Any draws serve: these lie about the maximum, wide enough to matter."""
     subject = small_study["B"]
     posterior = bt.model.paper_posterior(subject)
-    scatter = np.random.default_rng(2).normal(size=(4000, 4)) * [0.03, 0.15, 0.075, 0.15]
+    scatter = default_rng(2).normal(size=(4000, 4)) * [0.03, 0.15, 0.075, 0.15]
     x = find_maxima(posterior).x[0] + scatter
     check = gof.predictive_check(posterior, x, seed=1)
     q = np.exp(posterior.log_answers(x)[0])
-    counts = np.random.default_rng(3).binomial(subject.n_trials, np.repeat(q, 25, axis=0))
+    counts = default_rng(3).binomial(subject.n_trials, np.repeat(q, 25, axis=0))
     error = 5 * 0.5 / np.sqrt(len(counts))
     assert check.expected == pytest.approx(q.mean(axis=0))
     assert check.p_fewer == pytest.approx((counts <= subject.n_yes).mean(axis=0), abs=error)
@@ -95,7 +96,7 @@ def test_the_reference_of_the_deviance_against_simulated_sessions(n, q, pairs):
     # No parameter is fitted, so there are as many degrees of freedom as pairs. P(p < 0.01) is 0.01,
     # to 4 s.e. and 0.005 of the shape.
     session = np.full(pairs, n), np.full(pairs, np.log(q)), np.full(pairs, np.log1p(-q))
-    counts = np.random.default_rng(3).binomial(n, q, (2000, pairs))
+    counts = default_rng(3).binomial(n, q, (2000, pairs))
     values = gof.binomial_deviance(counts, n, *session[1:]).sum(axis=1)
     p_values = np.array([gof.deviance_p_value(value, pairs, *session) for value in values])
     error = 4 * np.sqrt(0.01 * 0.99 / 2000)

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from reference.hard_cases import hard_cases, twins
 from scipy.special import logsumexp
 
@@ -51,7 +52,7 @@ def test_far_tails_do_not_come_in_lumps(name):
     # have about the tail that it should.
     posterior = paper_posterior(bt.example_study("same/different")[name])
     fitted = fit_proposal(posterior, generator(1, name, "proposal"))
-    draws = importance_draws(fitted.proposal, np.random.default_rng(0), 400_000)
+    draws = importance_draws(fitted.proposal, default_rng(0), 400_000)
     weights = np.exp(draws.log_weights - logsumexp(draws.log_weights))
     q0 = posterior.natural(draws.x).q0
     level = np.sort(q0)[np.searchsorted(np.cumsum(weights[np.argsort(q0)]), 0.997)]
@@ -192,5 +193,5 @@ def test_settings_out_of_range_are_refused(name, value):
 def test_walkers_that_never_move_do_not_pass_for_a_converged_sample():
     # 256 dispersed starts, repeated: far from 4 effective draws a walker, whatever was asked.
     assert SamplerSettings(draws=10).required == 4 * 4 * 64
-    frozen = np.repeat(np.random.default_rng(0).normal(size=(4, 64)), 32, axis=1)
+    frozen = np.repeat(default_rng(0).normal(size=(4, 64)), 32, axis=1)
     assert convergence(frozen).ess_bulk < SamplerSettings(draws=10).required

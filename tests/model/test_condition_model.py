@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from scipy import stats
 from scipy.special import logsumexp, ndtr
 
@@ -33,7 +34,7 @@ def test_gradient_and_what_happens_where_nothing_differs(task):
     posterior = condition_posterior(everything, task)
     n, k = len(posterior.coordinates), len(task_parameters(task))
     assert n == k + 2 * len(everything)
-    points = posterior.starts()[:4] + 0.3 * np.random.default_rng(1).standard_normal((4, n))
+    points = posterior.starts()[:4] + 0.3 * default_rng(1).standard_normal((4, n))
     value, gradient = posterior.gradient(points)
     np.testing.assert_allclose(value, posterior.log_density(points), rtol=1e-12)
     numeric = np.empty_like(gradient)
@@ -54,7 +55,7 @@ def test_gradient_and_what_happens_where_nothing_differs(task):
 
 def test_any_two_levels_differ_by_half_a_unit_beforehand():
     posterior = condition_posterior((NOISE, CONSTANT_ERROR, CONTRACTION))
-    draws = posterior.sample_prior(np.random.default_rng(1), 40_000)
+    draws = posterior.sample_prior(default_rng(1), 40_000)
     values = posterior.quantities(draws)
     n_trials = np.full(5, 12.0)
     unequal = S1 != S2

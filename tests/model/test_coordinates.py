@@ -5,6 +5,7 @@ import pytest
 from definitions import natural
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.maxima import find_maxima
@@ -22,7 +23,7 @@ def test_there_and_back(x, sbar):
 
 @pytest.mark.parametrize("logit_pull", [30.0, 36.0, 40.0, 700.0])
 def test_a_draw_next_to_the_edge_comes_back_near_it_or_on_it(logit_pull):
-    x = np.random.default_rng(1).normal(size=(20_000, 4))
+    x = default_rng(1).normal(size=(20_000, 4))
     x[:, 1] = logit_pull
     back = unconstrained(natural(x, 0.3), 0.3)
     assert np.allclose(back[:, [0, 2, 3]], x[:, [0, 2, 3]], rtol=1e-12, atol=1e-12)
@@ -31,7 +32,7 @@ def test_a_draw_next_to_the_edge_comes_back_near_it_or_on_it(logit_pull):
 
 
 def test_derived_quantities_follow_their_definitions():
-    theta = natural(np.random.default_rng(0).normal(size=(50, 4)), 0.1)
+    theta = natural(default_rng(0).normal(size=(50, 4)), 0.1)
     values = quantities(theta, 0.0)
     sigma1, variance = values["sigma1"], theta.sigma_l**2
     assert values["gain"] == pytest.approx(sigma1**2 / (sigma1**2 + variance), rel=1e-12)

@@ -7,6 +7,7 @@ import mpmath
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.random import default_rng
 from scipy import stats
 from scipy.integrate import quad
 
@@ -47,7 +48,7 @@ def posterior(subject):
 
 
 def prior_draws(posterior, size=200, seed=1):
-    return posterior.sample_prior(np.random.default_rng(seed), size)
+    return posterior.sample_prior(default_rng(seed), size)
 
 
 # --- Against many digits --------------------------------------------------------------------------
@@ -129,7 +130,7 @@ def test_far_out_the_log_density_is_the_definition_and_never_nan(posterior, valu
 
 @pytest.mark.parametrize("signs", [1.0, -1.0])
 def test_all_coordinates_far_out_at_once_give_no_nan(posterior, signs):
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     x = signs * rng.choice([700.0, -700.0, 40.0, -40.0, 0.0], (400, len(posterior.coordinates)))
     assert not np.isnan(posterior.log_density(x)).any()
     for answers in posterior.log_answers(x):
@@ -138,7 +139,7 @@ def test_all_coordinates_far_out_at_once_give_no_nan(posterior, signs):
 
 def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
     best = find_maxima(posterior).x[0]
-    rng = np.random.default_rng(2)
+    rng = default_rng(2)
     scales = rng.choice([0.01, 0.1, 0.5, 1.0, 2.0], size=(3000, 1))
     points = best + scales * rng.normal(size=(3000, len(best)))
     values = posterior.log_likelihood(points)
@@ -166,7 +167,7 @@ def test_rows_are_single_posteriors_and_pairs_without_trials_change_nothing(task
     first, second, third = bt.example_study(task).subjects[:3]
     subjects = [first, first_pairs(second, second.n_pairs - 2), third]
     batch = ObserverBatch.from_subjects(subjects, PRIOR)
-    u = np.random.default_rng(6).normal(size=(3, 50, batch.n_coordinates))
+    u = default_rng(6).normal(size=(3, 50, batch.n_coordinates))
     values, slopes = batch.gradient(u)
     values = values + batch.log_prior(u)
     slopes = slopes + batch.prior_slopes(u)[0]

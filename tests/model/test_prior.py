@@ -5,6 +5,7 @@ from dataclasses import asdict, fields, replace
 import mpmath
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from scipy import stats
 from scipy.special import betaln, expit
 
@@ -53,7 +54,7 @@ def test_distributions_by_name():
 )
 def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
     n, p = 200_000, np.array([0.05, 0.5, 0.95])
-    values = quantities(prior.sample(np.random.default_rng(8), n), SBAR)[parameter]
+    values = quantities(prior.sample(default_rng(8), n), SBAR)[parameter]
     target = bt.model.paper_posterior(bt.Subject("S", [0.0], [0.3], [4], [10]), prior)
     low, median, high = (target.prior_quantile(parameter, share) for share in p)
     shares = [(values < limit).mean() for limit in (low, median, high)]
@@ -266,7 +267,7 @@ def test_families_are_scipys(ours, theirs):
         assert ours.slope_of_log(np.log(x)) == pytest.approx(rise / 2e-5, rel=1e-6, abs=1e-6)
         of_log = ours.log_density(x) + np.log(x)
         assert ours.log_density_of_log(np.log(x)) == pytest.approx(of_log, rel=1e-12)
-    for rng in (np.random.default_rng(11), np.random.RandomState(11)):
+    for rng in (default_rng(11), np.random.RandomState(11)):
         # 14 such tests at 1e-4 each: a false alarm in 700
         assert stats.kstest(ours.sample(rng, 20_000), theirs.cdf).pvalue > 1e-4
 
@@ -297,7 +298,7 @@ def test_draws_of_a_share_with_poles_have_finite_coordinates_of_its_distribution
     s1, s2 = [0.0, 0.0, 0.3], [0.0, 0.3, 0.0]
     subject = bt.Subject("S01", s1, s2, [45, 20, 15], [50, 50, 50], task=WHICH_STRONGER)
     posterior = bt.model.paper_posterior(subject, prior)
-    x = posterior.sample_prior(np.random.default_rng(3), 4000)
+    x = posterior.sample_prior(default_rng(3), 4000)
     assert np.isfinite(x).all()
     assert not np.isnan(posterior.log_density(x)).any()
     values = np.sort(posterior.quantities(x)[name])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 
 import bayes_toe as bt
 from bayes_toe.data.conditions import Stimuli
@@ -56,7 +57,7 @@ def test_a_subject_without_different_stimuli_has_no_default_prior():
 def test_the_unit_of_intensity_changes_nothing(task, factor, shift):
     plain = bt.model.paper_posterior(make_subject(task=task))
     moved = bt.model.paper_posterior(make_subject(factor=factor, shift=shift, task=task))
-    x = np.random.default_rng(5).normal(size=(30, 4)) * 0.5
+    x = default_rng(5).normal(size=(30, 4)) * 0.5
     log_factor = np.log(factor)
     y = x * [factor, 1.0, 1.0, 1.0] + [0.0, 0.0, log_factor, 0.0]
     assert moved.log_likelihood(y) == pytest.approx(plain.log_likelihood(x), rel=1e-9)
@@ -117,7 +118,7 @@ def test_one_interval_is_none(name, seconds):
         model = require_model(name, study.task)
         posteriors.append(model_posterior(model, study["S"], prior_for(study)))
     timed, plain = posteriors
-    x = np.random.default_rng(6).normal(size=(20, len(timed.coordinates)))
+    x = default_rng(6).normal(size=(20, len(timed.coordinates)))
     assert timed.log_density(x).tolist() == plain.log_density(x).tolist()
     expected = plain.gradient(x)[1]
     sums_in_another_order = 1e-12 * np.abs(expected).max()
@@ -130,7 +131,7 @@ def test_the_unit_of_time_changes_nothing():
     seconds, minutes = make_subject(isi=ISI), make_subject(isi=ISI / 60)
     first = bt.model.paper_posterior(seconds, prior_for(bt.Study([seconds])))
     second = bt.model.paper_posterior(minutes, prior_for(bt.Study([minutes])))
-    x = np.random.default_rng(6).normal(size=(20, 4))
+    x = default_rng(6).normal(size=(20, 4))
     assert first.log_density(x) == pytest.approx(second.log_density(x), rel=1e-12)
     assert first.gain(x, ISI) == pytest.approx(second.gain(x, ISI / 60), rel=1e-12)
 

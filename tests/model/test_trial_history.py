@@ -5,6 +5,7 @@ from dataclasses import replace
 import mpmath as mp
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from scipy import stats
 
 from bayes_toe.data.answers import Answers
@@ -27,7 +28,7 @@ HISTORIES = pytest.mark.parametrize(
 
 def two_sessions(task=WHICH_STRONGER, seed=1, n_trials=60, missed=5):
     """Two sessions of random pairs and answers, some trials without one."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     keys = rng.choice(np.linspace(-0.4, 0.6, 5), (n_trials, 2))
     answered = np.ones(n_trials, int)
     answered[rng.choice(n_trials, missed, replace=False)] = 0
@@ -43,7 +44,7 @@ def make_posterior(subject, has_response=True, has_carry_over=True, order="both"
 
 
 def draw_points(posterior, n_points=20, seed=2):
-    return posterior.sample_prior(np.random.default_rng(seed), n_points)
+    return posterior.sample_prior(default_rng(seed), n_points)
 
 
 def loop_log_likelihood(subject, value, kappa, rho):
@@ -175,7 +176,7 @@ def test_a_contraction_beyond_1_is_impossible():
 def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
     low, unit_counts = np.repeat([0.0, 0.3, 0.1, 0.5], 12), np.ones(48, int)
     keys = np.column_stack([low, low + 0.2])
-    is_turned = np.random.default_rng(1).random(48) >= 0.5
+    is_turned = default_rng(1).random(48) >= 0.5
     keys[is_turned] = keys[is_turned][:, ::-1]
     answers = Answers(keys, unit_counts, unit_counts, None, (), True, np.arange(48))
     assert not looks_sorted(answers)

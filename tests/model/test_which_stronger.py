@@ -3,6 +3,7 @@
 import mpmath as mp
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from scipy.stats import norm
 
 from bayes_toe.data.study import Subject
@@ -34,7 +35,7 @@ def test_answers_are_those_of_a_simulated_belief():
     theta = {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_l, "lapse_rate": 1e-12}
     x = target.points({name: np.array([value]) for name, value in theta.items()})
     p = np.exp(target.log_answers(x)[0][0])
-    rng, s1, s2 = np.random.default_rng(1), target.subject.s1, target.subject.s2
+    rng, s1, s2 = default_rng(1), target.subject.s1, target.subject.s2
     memory = s1 + pull(gamma) * (mu1 - s1) + sigma_p * np.sqrt(ratio) * rng.standard_normal((n, 1))
     simulated = (s2 + sigma_l * rng.standard_normal((n, 1)) > memory).mean(axis=0)
     assert np.abs(p - simulated).max() < 4.5 * np.sqrt(0.25 / n)
@@ -54,7 +55,7 @@ def test_probabilities_keep_their_digits(z, rate):
 @pytest.mark.parametrize("isi", [None, [1, 2, 4, 1, 2, 4, 1, 2]])
 def test_coordinates_come_back_from_quantities(isi):
     target = paper_posterior(subject(isi=isi), Prior())
-    x = target.sample_prior(np.random.default_rng(2), 30)
+    x = target.sample_prior(default_rng(2), 30)
     x = x[np.abs(x).max(axis=1) < 20.0]
     assert target.points(target.quantities(x)) == pytest.approx(x, rel=1e-9, abs=1e-9)
 

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from itertools import chain
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from legible import require_legible
 from matplotlib.figure import Figure
 from matplotlib.path import Path
 from matplotlib.text import Text
+from numpy.random import default_rng
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
@@ -85,14 +87,14 @@ def _narrow_peak_with_long_tails(rng, n):
 @pytest.mark.parametrize("n", [800, 20_000])
 @pytest.mark.parametrize("draw", [_gaussian, _bounded, _narrow_peak_with_long_tails])
 def test_contours_hold_their_shares_of_the_draws(draw, n):
-    x, y = draw(np.random.default_rng(1), n)
+    x, y = draw(default_rng(1), n)
     spans = np.quantile([x, y], [0.005, 0.995], axis=1).T.tolist()
     lines = drawn_contours(Density.from_draws(x, y, *spans))
     assert held(lines, np.column_stack([x, y])) == pytest.approx([0.95, 0.5], abs=0.01)
 
 
 def test_contours_of_a_normal_density_are_circles():
-    x, y = np.random.default_rng(1).normal(size=(2, 20_000))
+    x, y = default_rng(1).normal(size=(2, 20_000))
     lines = drawn_contours(Density.from_draws(x, y, (-3.5, 3.5), (-3.5, 3.5)))
     radii = [np.hypot(*line.vertices.T) for line in lines]
     assert [radius.mean() for radius in radii] == pytest.approx([2.448, 1.177], rel=0.02)
@@ -133,7 +135,7 @@ def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, nam
     panels = [axes[i, j].get_window_extent() for i in range(len(names)) for j in range(i + 1)]
     key = figure.legends[0].get_window_extent()
     assert not any(key.overlaps(panel) for panel in panels)
-    labelled = [label for ax in axes[-1] for label in ax.get_xticklabels()]
+    labelled = list(chain.from_iterable(ax.get_xticklabels() for ax in axes[-1]))
     index = [label.get_transform().transform(label.get_position())[0] for label in labelled]
     # Labels at 45 degrees touch where their ticks are nearer than a line's height times the root of
     # 2.
@@ -205,18 +207,17 @@ def test_several_subjects_share_their_panels(analysis):
     )
     axes = np.array(figure.axes).reshape(2, 2)
     for i, name in enumerate(["gain", "offset"]):
-        values = [analysis.draws.values(element, name).ravel() for element in ("A", "C")]
+        values = np.array([analysis.draws.values(subject, name).ravel() for subject in ("A", "C")])
         low, high = axes[i, i].get_xlim()
-        assert all(
-            low < np.quantile(value, 0.01) and np.quantile(value, 0.99) < high for value in values
-        )
+        inner = np.quantile(values, [0.01, 0.99], axis=1)
+        assert low < inner.min() < inner.max() < high
         upright = {
             line.get_color(): line.get_xdata()[0]
             for line in axes[i, i].lines
             if len(line.get_xdata()) == 2
         }
         assert [upright[colour] for colour, _ in OVERLAID[:2]] == pytest.approx(
-            [np.median(value) for value in values]
+            np.median(values, axis=1)
         )
         tallest = max(np.histogram(value, np.linspace(low, high, 41))[0].max() for value in values)
         assert axes[i, i].get_ylim()[1] >= 1.09 * tallest

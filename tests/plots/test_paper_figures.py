@@ -2,11 +2,13 @@
 
 import warnings
 from dataclasses import replace
+from itertools import chain, product
 
 import numpy as np
 import pytest
 from legible import curves_of, marks_of, require_legible, titles_of, words_of
 from matplotlib.colors import to_hex
+from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
@@ -73,21 +75,26 @@ def points_of(ax):
 def test_asymmetries_are_where_the_table_has_them(table):
     ax = bt.plots.asymmetry(table)
     drawn = sorted(points_of(ax), key=lambda point: point[1])
-    expected = [comparison for row in table for comparison in row.comparisons]
+    expected = list(chain.from_iterable(row.comparisons for row in table))
     asymmetries = np.array([comparison.asymmetry for comparison in expected])
     errors = np.array([comparison.asymmetry_se for comparison in expected])
     assert [x for x, *_ in drawn] == pytest.approx(asymmetries)
     places = np.repeat(range(len(table)), [len(row.comparisons) for row in table])
     assert [round(y) for _, y, *_ in drawn] == places.tolist()
-    bars = [bar for container in ax.containers for bar in container.lines[2]]
+    bars = chain.from_iterable(container.lines[2] for container in ax.containers)
     ends = np.concatenate([bar.get_segments() for bar in bars])[:, :, 0]
     limits = np.column_stack([asymmetries - errors, asymmetries + errors])
     assert np.sort(ends, axis=0) == pytest.approx(np.sort(limits, axis=0))
+    assert ax.get_xlim()[0] == -ax.get_xlim()[1]
+
+
+def test_asymmetries_have_the_colour_of_the_order_that_is_better(table):
+    drawn = sorted(points_of(bt.plots.asymmetry(table)), key=lambda point: point[1])
+    comparisons = chain.from_iterable(row.comparisons for row in table)
     colours = {1.0: STRONGER_FIRST, -1.0: WEAKER_FIRST, 0.0: EQUAL}
-    for comparison, (_, _, edge, face) in zip(expected, drawn, strict=True):
+    for comparison, (_, _, edge, face) in zip(comparisons, drawn, strict=True):
         assert edge == colours[np.sign(comparison.asymmetry)]
         assert (face == edge) == (comparison.p_adjusted < 0.05)
-    assert ax.get_xlim()[0] == -ax.get_xlim()[1]
 
 
 def test_one_comparison_is_red_for_weaker_first_and_blue_for_stronger_first(table):
@@ -138,7 +145,7 @@ def test_both_orders_fall_on_one_curve(analysis):
 def test_bars_of_the_map_reach_over_the_central_60_percent(analysis, kind):
     clouds = posterior_clouds(analysis.draws)
     if kind == "replicates":  # some without a maximum
-        values = np.random.default_rng(1).normal(0.3, 0.1, (2, 400))
+        values = default_rng(1).normal(0.3, 0.1, (2, 400))
         values[0, :40] = np.nan
         clouds = dict.fromkeys("ABC", tuple(values))
     ax = map_panel(map_figure(analysis.draws, clouds=clouds))
@@ -162,7 +169,7 @@ def test_the_map_names_everybody(analysis):
 
 
 def test_a_subject_far_away_is_counted_and_the_others_are_seen(analysis):
-    near = np.random.default_rng(1).normal(0.3, 0.02, (2, 500))
+    near = default_rng(1).normal(0.3, 0.02, (2, 500))
     far = near + np.array([[300.0], [0.0]])
     clouds = {"A": near, "B": far, "C": near + 0.1}
     ax = map_panel(map_figure(analysis.draws, clouds=clouds))
@@ -291,7 +298,7 @@ def test_captions_name_subjects_and_what_did_not_converge(analysis):
 def test_files_are_all_there_and_the_same_each_time(analysis, tmp_path):
     folder = tmp_path / "figures"
     write_figures(analysis, folder)
-    expected = {f"{name}.{suffix}" for name in NAMES for suffix in ("pdf", "png")} | {CAPTIONS}
+    expected = {CAPTIONS, *map(".".join, product(NAMES, ("pdf", "png")))}
     assert {path.name for path in folder.iterdir()} == expected
     assert "of 3 subjects gave more " in (folder / CAPTIONS).read_text(encoding="utf-8")
     name, figure = next(iter(paper_figures(analysis).items()))

@@ -1,6 +1,7 @@
 """Calibration: a correct posterior passes, wrong densities are caught, files say what was found."""
 
 import sys
+from itertools import product
 
 import calibration as calibration_script
 import numpy as np
@@ -77,19 +78,21 @@ def test_everything_planned_is_there(table):
     assert len({job.name for job in jobs}) == len(jobs)
     assert list(table.ranks.subject) == [job.name for job in jobs if job.with_draws]
     assert list(table.data_sets.data_set) == [job.name for job in jobs if job.with_evidence]
-    ranks, evidence = table.rank_verdicts, table.evidence_verdicts
-    assert [*zip(ranks.design, ranks.quantity, ranks.studies, strict=True)] == [
-        (d, q, 1) for d in DESIGNS for q in RANKED
-    ]
-    assert [*zip(evidence.design, evidence.estimator, evidence.data_sets, strict=True)] == [
-        (d, e, 2) for d in DESIGNS for e in ESTIMATORS
-    ]
     assert list(table.data_sets["from"]) == [
         "H1" if "-h1-" in job.name else "H0" for job in jobs if job.with_evidence
     ]
-    assert (
-        0 <= Plan(1, 100, 5).from_h1("paper") - Plan(1, 90, 5).from_h1("paper") <= 10
-    )  # a smaller plan is a part of a larger one
+
+
+def test_every_quantity_and_estimator_has_a_verdict(table):
+    ranks, evidence = table.rank_verdicts, table.evidence_verdicts
+    verdicts = [*zip(ranks.design, ranks.quantity, ranks.studies, strict=True)]
+    assert verdicts == [*product(DESIGNS, RANKED, [1])]
+    verdicts = [*zip(evidence.design, evidence.estimator, evidence.data_sets, strict=True)]
+    assert verdicts == [*product(DESIGNS, ESTIMATORS, [2])]
+
+
+def test_a_smaller_plan_is_a_part_of_a_larger_one():
+    assert 0 <= Plan(1, 100, 5).from_h1("paper") - Plan(1, 90, 5).from_h1("paper") <= 10
     with pytest.raises(InputError):
         Plan(0, 0, 1)
 
@@ -130,14 +133,10 @@ def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monk
     monkeypatch.setattr(sys, "argv", ["calibration.py", "-o", str(tmp_path), "--seed", "3"])
     assert calibration_script.main() == 0
     assert {path.name for path in tmp_path.iterdir()} - {".bayes_toe_files.json"} == set(PRODUCTS)
-    assert all(
-        (tmp_path / name).read_bytes().startswith(b"\x89PNG")
-        for name in PRODUCTS
-        if name.endswith(".png")
-    )
-    assert set(pd.read_csv(tmp_path / "calibration.csv").verdict) == {"inside"}
+    assert {path.read_bytes()[:4] for path in tmp_path.glob("*.png")} == {b"\x89PNG"}
+    verdicts = set(pd.read_csv(tmp_path / "calibration.csv").verdict)
     sets = pd.read_csv(tmp_path / "evidence_data_sets.csv")
-    assert (len(sets), sets[DEFAULT].notna().all()) == (4, True)
+    assert (verdicts, len(sets), sets[DEFAULT].notna().all()) == ({"inside"}, 4, True)
     assert "--studies 1 --data-sets 2 --seed 3" in (tmp_path / "calibration.md").read_text(
         encoding="utf-8"
     )

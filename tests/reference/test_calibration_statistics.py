@@ -5,6 +5,7 @@ Stated probabilities: right ones pass, wrong ones fail.
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from reference.calibration_statistics import (
     POINTS,
     Band,
@@ -30,7 +31,7 @@ def inside(limits, u):
 @pytest.mark.parametrize(("size", "level"), [(40, 0.9), (150, 0.99)])
 def test_a_band_holds_as_often_as_it_says(size, level):
     """Independent route: uniform numbers. 4 standard errors: a false alarm in 16,000 runs."""
-    rng, limits, trials = np.random.default_rng(11), band(size, level), 8000
+    rng, limits, trials = default_rng(11), band(size, level), 8000
     held = (
         sum(inside(limits, rng.uniform(size=(500, size))).sum() for _ in range(trials // 500))
         / trials
@@ -51,7 +52,7 @@ def test_a_band_that_binds_at_one_point_has_its_binomial_probability():
 
 
 def test_p_values_are_uniform_and_agree_with_the_band():
-    sets = np.random.default_rng(5).uniform(size=(1000, 60))
+    sets = default_rng(5).uniform(size=(1000, 60))
     p = np.array([uniformity(u) for u in sets])
     for level in (0.05, 0.2, 0.5):
         assert (
@@ -62,7 +63,7 @@ def test_p_values_are_uniform_and_agree_with_the_band():
 
 
 def test_shifts_and_too_narrow_or_wide_posteriors_are_seen():
-    rng = np.random.default_rng(2)
+    rng = default_rng(2)
     for power in (0.7, 1.4):
         u = rng.uniform(size=500) ** power
         difference = ecdf_difference(u)
@@ -82,7 +83,7 @@ def test_impossible_ranks_are_refused():
 
 def statements(seed, stretch=1.0, size=2000):
     """Log odds as stated and answers; stated ones are the right ones times `stretch`."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     odds = rng.normal(0.3, 2.0, size)
     return stretch * odds, rng.uniform(size=size) < expit(odds), rng
 
@@ -109,7 +110,7 @@ def test_overconfident_timid_reversed_and_shifted_ones_fail(stretch, shift):
 
 def test_scores_by_hand():
     odds, answers = np.log([0.8 / 0.2, 0.25 / 0.75]), np.array([True, True])
-    outcome = reliability(odds, answers, np.random.default_rng(0))
+    outcome = reliability(odds, answers, default_rng(0))
     assert outcome.brier == pytest.approx((0.04 + 0.5625) / 2)
     assert outcome.log_score == pytest.approx(-(np.log(0.8) + np.log(0.25)) / 2)
     assert outcome.error == pytest.approx((0.2 + 0.75) / 2)
@@ -135,4 +136,4 @@ def test_bins_hold_frequencies_with_exact_intervals():
 )
 def test_nothing_to_judge_is_refused(odds, answers):
     with pytest.raises(InputError):
-        reliability(odds, answers, np.random.default_rng(0))
+        reliability(odds, answers, default_rng(0))

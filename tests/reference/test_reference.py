@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from reference.order_cases import order_cases
 from reference.tempering import (
@@ -84,10 +85,7 @@ def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fi
     # get right.
     posterior, case = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
     maxima = find_maxima(posterior)
-    fitted = (
-        fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima)
-        for seed in range(fits)
-    )
+    fitted = (fit_proposal(posterior, default_rng([seed, 7]), start=maxima) for seed in range(fits))
     estimates = [
         importance_evidence(part) for element in fitted for part in parts(element, 100 // fits)
     ]
@@ -109,7 +107,7 @@ def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fi
 )
 def test_evidence_and_draws_agree(name):
     posterior, case = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
-    fitted = fit_proposal(posterior, np.random.default_rng(1))
+    fitted = fit_proposal(posterior, default_rng(1))
     estimate = importance_evidence(fitted)
     if estimate.value is None:  # said, not hidden
         assert "withheld" in estimate.why_not
@@ -155,7 +153,7 @@ def test_the_references_have_the_default_prior():
 
 def plain_mean(name, size):
     """Log mean likelihood of 'both' over draws from the prior, with its standard error."""
-    s, rng = ORDER_CASES[name], np.random.default_rng(5)
+    s, rng = ORDER_CASES[name], default_rng(5)
     share = s.n_trials / s.n_trials.sum()
     sbar = share @ s.s1
     unequal = s.s1 != s.s2
@@ -194,7 +192,7 @@ def test_tempering_of_a_narrow_hill():
     def hill(x):
         return -50.0 * ((x - 1.0) ** 2).sum(axis=1)
 
-    rng, exact = np.random.default_rng(1), -1.5 * np.log(101) - 150 / 101
+    rng, exact = default_rng(1), -1.5 * np.log(101) - 150 / 101
     points, log_mean = tempered(hill, 3, rng, 2000)
     assert log_mean == pytest.approx(exact, abs=0.2)
     value, error = refined(hill, points, rng, 5000)

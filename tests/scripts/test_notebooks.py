@@ -2,6 +2,7 @@
 
 import base64
 import re
+from itertools import chain
 from pathlib import Path
 
 import nbformat
@@ -59,7 +60,8 @@ def test_runs_from_any_folder_and_draws(path, run, tmp_path):
         for stored, fewer in FEWER.items():
             cell.source = re.sub(stored, fewer, cell.source)
     fresh = nbformat.v4.new_code_cell(f"%reset -f\nimport os\nos.chdir({str(tmp_path)!r})")
-    outputs = [output for cell in run(fresh, *notebook.cells) for output in cell.get("outputs", [])]
+    cells = run(fresh, *notebook.cells)
+    outputs = list(chain.from_iterable(cell.get("outputs", []) for cell in cells))
     pictures = [
         base64.b64decode(element["data"]["image/png"])
         for element in outputs
