@@ -49,21 +49,21 @@ def test_the_example_takes_the_place_of_a_file():
 
 
 @pytest.mark.parametrize(
-    ("typed", "request"),
+    ("typed", "study_file"),
     [
         ("  ", StudyFile(example=True)),
         ("'my study.csv' ", StudyFile(files=[Path("my study.csv")])),
     ],
 )
-def test_run_asks_in_a_terminal_which_file(monkeypatch, typed, request):
+def test_run_asks_in_a_terminal_which_file(monkeypatch, typed, study_file):
     for stream in ("sys.stdin", "sys.stdout"):
         monkeypatch.setattr(stream, SimpleNamespace(isatty=lambda: True))
     monkeypatch.setattr("typer.prompt", lambda *_, **__: typed)
     study, task = Task(inputs=(Path("prior.toml"),)).ask(StudyFile())
-    assert study == request
-    assert task.inputs == (Path("prior.toml"), *(request.files or ()))
+    assert study == study_file
+    assert task.inputs == (Path("prior.toml"), *(study_file.files or ()))
     monkeypatch.setattr("typer.prompt", pytest.fail)
-    assert Task().ask(request)[0] is request
+    assert Task().ask(study_file)[0] is study_file
 
 
 def test_a_bug_shows_itself(monkeypatch):

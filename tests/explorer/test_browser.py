@@ -184,7 +184,7 @@ def test_subjects_and_models_can_be_switched(opened, symmetric):
     opened.choose("#label-b", "model 'none'")
     opened.page.check("#boxes input[value=noise]")
     opened.settle()
-    assert opened.shown() == ["constant_error", "contraction", "jnd", "noise"]
+    assert opened.visible() == ["constant_error", "contraction", "jnd", "noise"]
     noise = symmetric.values("B", "noise").ravel()
     stored = opened.data("kept-b-3-2")
     rows = np.arange(len(stored["row"])) * noise.size // len(stored["row"])
@@ -215,7 +215,7 @@ def test_effects_are_averaged_over_the_four_models_with_the_words_of_the_answer(
     assert np.isnan(drawn["y"]).mean() == pytest.approx(1.0 - n_with / 4000, abs=0.04)
     opened.tab("paper's parameters")
     assert opened.page.locator("#banner").is_visible()
-    assert opened.shown() == ["mu1", "sigma_p", "sigma_l", "q0"]
+    assert opened.visible() == ["mu1", "sigma_p", "sigma_l", "q0"]
 
 
 def test_the_selection_becomes_a_table(opened, analysis):
@@ -266,7 +266,7 @@ def test_what_is_known_and_badged_and_fits_a_wide_screen(opened):
 def test_a_narrow_screen_has_the_curves_first_and_panels_that_can_be_read(browser, path):
     built = Explorer(browser, path, 400)
     assert built.page.evaluate("window.explorer.state.tab") == "effects"
-    assert built.shown() == ["constant_error", "contraction", "jnd"]
+    assert built.visible() == ["constant_error", "contraction", "jnd"]
     curves, corner = (
         built.page.locator(index).bounding_box() for index in ("#curves-a", "#corner")
     )

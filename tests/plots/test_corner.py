@@ -108,7 +108,7 @@ def test_draws_that_are_one_point_have_one_level():
 
 
 @pytest.mark.parametrize(
-    ("request", "named"),
+    ("chosen", "named"),
     [
         ({"coordinates": "polar"}, "must be one of"),
         ({"coordinates": ["gain", "x"]}, "unknown parameter"),
@@ -122,9 +122,9 @@ def test_draws_that_are_one_point_have_one_level():
         ({"subject": ["A", "B"], "truths": TRUE}, "a mapping of each one's values by its name"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(analysis, request, named):
+def test_what_cannot_be_drawn_is_refused(analysis, chosen, named):
     with pytest.raises(InputError, match=named):
-        bt.plots.corner(analysis.draws, **{"subject": "A"} | request)
+        bt.plots.corner(analysis.draws, **{"subject": "A"} | chosen)
 
 
 @pytest.mark.parametrize("names", [["gain"], ["mu1", "width"], list(QUANTITIES)], ids=len)
