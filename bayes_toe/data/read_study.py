@@ -310,12 +310,12 @@ class _Rows:
     def names_not_read(self) -> list[str]:
         """The columns that are not read, without those that the options ignore."""
         columns = (*self.columns.values(), *self.signs)
-        other_columns = {column.name for column in columns} | {*self.options.where}
+        names_to_skip = {column.name for column in columns} | {*self.options.where}
         for ours in self.options.ignore:
-            other_columns.add(self.options.name(ours))
-            other_columns.update(name for name in self.table.names if looks_like(name, ours))
+            names_to_skip.add(self.options.name(ours))
+            names_to_skip.update(name for name in self.table.names if looks_like(name, ours))
         return [
-            name for name in dict.fromkeys(self.table.names) if name and name not in other_columns
+            name for name in dict.fromkeys(self.table.names) if name and name not in names_to_skip
         ]
 
     @property
@@ -513,8 +513,8 @@ def _require_decimal_sign(
     text = ambiguous_number(stimuli, sign)
     if not text:
         return
-    other_columns = [other for column in stimuli for other in column.texts if sign not in other]
-    has_large = any(abs(number(other)) >= _NO_LOG_INTENSITY for other in other_columns)
+    other_texts = [text for column in stimuli for text in column.texts if sign not in text]
+    has_large = any(abs(number(text)) >= _NO_LOG_INTENSITY for text in other_texts)
     if not options.has_intensities and not has_large:
         # Logarithms of intensities are no thousands.
         return
