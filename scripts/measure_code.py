@@ -28,7 +28,7 @@ HIGHEST_COMPLEXITY = 15
 LIMITS = {
     "bayes_toe": {
         "files": 142,
-        "nodes": 239_390,
+        "nodes": 239_300,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 4.09,

@@ -20,7 +20,7 @@ from scipy.special import logsumexp, softmax
 
 from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_share, format_signed
 from bayes_toe.answers.study_summary import count_words
-from bayes_toe.arrays import FloatArray, Rng, StrPath
+from bayes_toe.arrays import FloatArray, NamedArrays, Rng, StrPath
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import bare, capitalized, counted, listed
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
@@ -386,7 +386,7 @@ def subject_contrast(
 
 def _difference(
     quantity: str,
-    values: Mapping[str, FloatArray],
+    values: NamedArrays,
     pair: tuple[int, int],
     pooled: ConditionPosterior,
 ) -> tuple[Any, ...]:

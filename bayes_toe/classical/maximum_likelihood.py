@@ -295,6 +295,7 @@ def _ascended(
         largest_step=3.0,
         most_steps=most_steps,
         least_gain=least_gain,
+        value_at=lambda u, index: fitted.value(u, row[index]),
     )
 
 

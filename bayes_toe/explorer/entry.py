@@ -30,7 +30,7 @@ from bayes_toe.answers.order_effect import (
     Size,
     answer_subject,
 )
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, Record
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays, Record
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject
@@ -136,7 +136,7 @@ class Entry:
         n_curves = sum(len(part.orders) for part in slices(self.target.subject))
         return 4 * (len(self.names) + 2) + 2 * POINTS * n_curves
 
-    def columns(self, quantities: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    def columns(self, quantities: NamedArrays) -> dict[str, FloatArray]:
         """What axes show of the draws, (draws,) each; NaN where a draw lacks the effect."""
         columns = {}
         for name in self.names:
@@ -197,7 +197,7 @@ class Entry:
                 truth[name] = value
         return all_true_values(truth, self.target) if truth else {}
 
-    def _dominated(self, quantities: Mapping[str, FloatArray]) -> list[tuple[str, str]]:
+    def _dominated(self, quantities: NamedArrays) -> list[tuple[str, str]]:
         """Quantities whose 5 to 95 % range is not much narrower than the prior's."""
         dominated = list[tuple[str, str]]()
         if self.is_averaged:
@@ -208,7 +208,7 @@ class Entry:
                 dominated.append(("dominated", name))
         return dominated
 
-    def _responses(self, x: FloatArray, quantities: Mapping[str, FloatArray]) -> Record:
+    def _responses(self, x: FloatArray, quantities: NamedArrays) -> Record:
         """Counts, and curves over them."""
         counts = self.target.subject
         stimuli = counts.stimuli
@@ -245,7 +245,7 @@ def _is_plottable(is_present: BoolArray) -> bool:
     return bool(is_present.sum() >= min(_FEWEST_WITH, len(is_present)))
 
 
-def outlined(columns: Mapping[str, FloatArray], spans: Sequence[Span]) -> list[list[str]]:
+def outlined(columns: NamedArrays, spans: Sequence[Span]) -> list[list[str]]:
     """Contours that hold shares of the draws, of every two quantities; the inner one first.
 
     None where few draws have both quantities.
@@ -479,7 +479,7 @@ def _slice(counts: Subject, fixed: float, isi: float) -> Slice:
     return Slice(counts.task, counts.unit, fixed, seconds, index, x, tuple(orders))
 
 
-def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float]) -> FloatArray:
+def axis(quantities: NamedArrays, sbar: float, ends: Sequence[float]) -> FloatArray:
     """Second stimulus that seems equal to the first, at both ends of a line.
 
     s2 = s1 - p (s1 - sbar) + c, (draws,) -> (2, draws).

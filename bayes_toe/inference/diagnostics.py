@@ -20,7 +20,7 @@ import numpy.typing as npt
 from arviz_stats.base import array_stats
 from scipy.special import betaincinv, logsumexp
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, NamedArrays
 
 #: Tail ESS is the smaller of the two at these probabilities.
 TAIL = (0.05, 0.95)
@@ -72,7 +72,7 @@ def errors(draws: npt.ArrayLike) -> Errors:
     return Errors(*_measured(_ERRORS, np.asarray(draws, np.float64)[None])[0])
 
 
-def convergence_of(quantities: Mapping[str, FloatArray]) -> dict[str, Convergence]:
+def convergence_of(quantities: NamedArrays) -> dict[str, Convergence]:
     """:func:`convergence` of many quantities of one shape, by name, in one go."""
     if not quantities:
         return {}
@@ -80,7 +80,7 @@ def convergence_of(quantities: Mapping[str, FloatArray]) -> dict[str, Convergenc
     return dict(zip(quantities, map(Convergence._make, values), strict=True))
 
 
-def errors_of(quantities: Mapping[str, FloatArray]) -> dict[str, Errors]:
+def errors_of(quantities: NamedArrays) -> dict[str, Errors]:
     """:func:`errors` of many quantities of one shape, by name, in one go."""
     values = _measured(_ERRORS, np.stack(list(quantities.values())))
     return dict(zip(quantities, map(Errors._make, values), strict=True))

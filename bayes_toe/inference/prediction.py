@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
@@ -122,7 +122,7 @@ def predict(
 
 
 def _table(
-    columns: Mapping[str, FloatArray], draws: int, predicted: Callable[[slice], FloatArray]
+    columns: NamedArrays, draws: int, predicted: Callable[[slice], FloatArray]
 ) -> pd.DataFrame:
     """The columns, (rows,) each, with mean and quantiles over draws of the predictions.
 

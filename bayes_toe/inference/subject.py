@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import EVIDENCE_DRAWS as EVIDENCE_DRAWS
@@ -184,7 +184,7 @@ class SubjectDraws:
 
     subject: Subject
     # (chains, draws): the natural ones, from which all others follow
-    quantities: Mapping[str, FloatArray]
+    quantities: NamedArrays
     units: Mapping[str, str]
     # of the unconstrained space in which `log_posterior`, (chains, draws), is a density
     coordinates: tuple[str, ...]
@@ -235,7 +235,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
 
 def summary_rows(
     target: AnswerPosterior,
-    values: Mapping[str, FloatArray],
+    values: NamedArrays,
     convergences: Mapping[str, Convergence] | None = None,
 ) -> tuple[SummaryRow, ...]:
     """Rows with the columns of summary.csv from values of shape (chains, draws).

@@ -16,7 +16,7 @@ and 'both'. All other parameters are free in all four. The coordinates are those
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erf, expit, log_ndtr, logit, ndtr, xlogy
 
-from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
@@ -230,9 +230,7 @@ class ObserverBatch:
         """The distance z of every pair, (rows, points, pairs)."""
         return self.distance_at(self.quantities(u))
 
-    def distance_at(
-        self, values: Mapping[str, FloatArray], expectation: FloatArray | float = 0.0
-    ) -> FloatArray:
+    def distance_at(self, values: NamedArrays, expectation: FloatArray | float = 0.0) -> FloatArray:
         """The distance z of every pair, (rows, points, pairs).
 
         Where an expectation other than sbar draws the first stimulus, it is given in D from sbar.
@@ -245,11 +243,11 @@ class ObserverBatch:
             # In logs, because 0 over a scale beyond the smallest float is 0.
             return np.sign(numerator) * np.exp(np.log(np.abs(numerator)) - log_scale)
 
-    def _log_scale_at(self, values: Mapping[str, FloatArray]) -> FloatArray:
+    def _log_scale_at(self, values: NamedArrays) -> FloatArray:
         """Log of the noise at every pair, (rows, points, pairs)."""
         return values["log_noise"][..., None] + values["noise_slope"][..., None] * self.middle
 
-    def criterion_at(self, values: Mapping[str, FloatArray]) -> FloatArray | None:
+    def criterion_at(self, values: NamedArrays) -> FloatArray | None:
         """The criterion k_m of every pair, (rows, points, pairs); None of which is stronger."""
         if not self.is_same_different:
             return None
@@ -274,16 +272,14 @@ class ObserverBatch:
         k = criterion(values["logit_q0"])[..., None] if self.is_same_different else None
         return self._answers_at(values, z, k)
 
-    def _answers_at(
-        self, values: Mapping[str, FloatArray], z: FloatArray, k: FloatArray | None
-    ) -> LogAnswers:
+    def _answers_at(self, values: NamedArrays, z: FloatArray, k: FloatArray | None) -> LogAnswers:
         """Log probability of both answers at distances and criteria, with lapses."""
         if k is None:
             return self._with_lapses(values, second_answers(z), _GUESS)
         return self._with_lapses(values, equal_answers(z, k), equal_answers(np.zeros(1), k))
 
     def _with_lapses(
-        self, values: Mapping[str, FloatArray], attending: LogAnswers, blind: LogAnswers
+        self, values: NamedArrays, attending: LogAnswers, blind: LogAnswers
     ) -> LogAnswers:
         """Log probability of both answers from those with and without regard to the stimuli."""
         log_lapse, log_attend = self._lapse_logs(values)
@@ -291,7 +287,7 @@ class ObserverBatch:
         no = np.logaddexp(log_lapse + blind.no, log_attend + attending.no)
         return LogAnswers(yes, no)
 
-    def _lapse_logs(self, values: Mapping[str, FloatArray]) -> ArrayPair:
+    def _lapse_logs(self, values: NamedArrays) -> ArrayPair:
         """Log of the lapse rate and of its complement, (rows, points, 1) each."""
         log_lapse, log_attend = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
         return log_lapse[..., None], log_attend[..., None]
@@ -313,7 +309,7 @@ class ObserverBatch:
         return (xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1)
 
     def plain_answers_at(
-        self, values: Mapping[str, FloatArray], z: FloatArray, k: FloatArray | None
+        self, values: NamedArrays, z: FloatArray, k: FloatArray | None
     ) -> ArrayPair:
         """Probability of both answers at distances and criteria, (rows, points, pairs) each."""
         lapse, attend = map(np.exp, self._lapse_logs(values))
@@ -404,7 +400,7 @@ class ObserverBatch:
 
     def _slope_terms(
         self,
-        values: Mapping[str, FloatArray],
+        values: NamedArrays,
         z: FloatArray,
         in_z: FloatArray,
         in_log_k: FloatArray | None,
@@ -423,7 +419,7 @@ class ObserverBatch:
             terms = [by_noise, in_log_k, in_lapse, *slope_terms]
         return [*terms, -by_shift, by_shift * self.first]
 
-    def _slope_units(self, values: Mapping[str, FloatArray], lapse_unit: FloatArray) -> FloatArray:
+    def _slope_units(self, values: NamedArrays, lapse_unit: FloatArray) -> FloatArray:
         """Derivatives of those quantities in their coordinates, (rows, points, k)."""
         prior = self.prior
         noise, lapse = np.full((1, 1), prior.noise_sd), lapse_unit
@@ -741,7 +737,7 @@ class ObserverPosterior:
         derived = ("jnd", "zone") if "q0" in self.coordinates else ("jnd",)
         return Names(self.coordinates, self.coordinates, derived, ("jnd",))
 
-    def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
+    def points(self, quantities: NamedArrays) -> FloatArray:
         """Points, shape (..., k), from quantities of shape (...).
 
         The inverse of :meth:`quantities`.

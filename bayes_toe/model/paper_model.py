@@ -22,7 +22,6 @@ with respect to the unconstrained coordinates: its integral over them is the evi
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 from typing import cast
@@ -32,7 +31,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import expit, log_expit, logit, ndtri
 
-from bayes_toe.arrays import BLOCK, ArrayPair, FloatArray, IndexArray, IntArray
+from bayes_toe.arrays import BLOCK, ArrayPair, FloatArray, IndexArray, IntArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, NumericalError
@@ -529,7 +528,7 @@ class PaperPosterior:
             "pse_shift": x[..., 0],
         }
 
-    def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
+    def points(self, quantities: NamedArrays) -> FloatArray:
         """Unconstrained coordinates, shape (..., 4), from the natural quantities of shape (...)."""
         mu1, sigma_p, sigma_l, share = (
             np.asarray(quantities[name], np.float64) for name in self.names.natural

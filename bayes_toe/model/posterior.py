@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import ArrayPair, FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.distributions import Random
@@ -141,7 +140,7 @@ class AnswerPosterior(Protocol):
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every quantity, each with the shape of x without its last axis."""
 
-    def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
+    def points(self, quantities: NamedArrays) -> FloatArray:
         """Points from quantities, the inverse of :meth:`quantities`."""
 
 

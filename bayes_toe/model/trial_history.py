@@ -18,7 +18,6 @@ coordinates of both are standard normal.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -26,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import bdtr, ndtr, xlogy
 
-from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, NamedArrays
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -207,9 +206,7 @@ class TrialHistoryPosterior:
         n_cells = len(self._cells.pair)
         return np.array_split(x, max(1, -(-len(x) * n_cells // _BLOCK)))
 
-    def _observer_at(
-        self, x: FloatArray
-    ) -> tuple[Mapping[str, FloatArray], FloatArray, FloatArray | None]:
+    def _observer_at(self, x: FloatArray) -> tuple[NamedArrays, FloatArray, FloatArray | None]:
         """The observer's parameters at points, distances and criteria, (1, points, cells) each."""
         batch = self._batch
         values = batch.quantities(self.observer.full_points(self._of_order(x)))

@@ -24,7 +24,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.messages import listed
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.errors import InputError
@@ -205,7 +205,7 @@ def _quantity_names(target: AnswerPosterior, coordinates: str | Sequence[str]) -
     return target.names.natural
 
 
-def prior_values(target: AnswerPosterior) -> Mapping[str, FloatArray]:
+def prior_values(target: AnswerPosterior) -> NamedArrays:
     """Draws from the prior of a posterior by quantity, shape (PRIOR_DRAWS,) each."""
     return target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
 

@@ -18,7 +18,7 @@ from matplotlib.transforms import Bbox
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.evidence_table import EvidenceTable
-from bayes_toe.arrays import ArrayPair, FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
 from bayes_toe.classical.asymmetry import (
     LEVEL,
     AsymmetryTable,
@@ -379,7 +379,7 @@ def _set_map_limits(ax: Axes, points: FloatArray, draws: Draws) -> None:
 
 
 @any_characters()
-def write_names(ax: Axes, centres: Mapping[str, FloatArray]) -> int:
+def write_names(ax: Axes, centres: NamedArrays) -> int:
     """Write each name beside its dot where no other name or dot is; return how many have none."""
     figure = ax.get_figure(root=True)
     assert figure is not None
