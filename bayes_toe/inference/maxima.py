@@ -19,7 +19,7 @@ from bayes_toe.model.posterior import SampledPosterior
 _CONVERGED = 5e-13  # predicted gain, in nats, at which a search has converged
 _ROUNDING = 1e-3  # of the value, in units of this, where that is large
 _LIGHT, _HEAVY = 1e-2, 1e12  # damping of a search that converges, and of one that fails
-_FIRST, _LEAST = 1e-3, 1e-12  # damping to begin with, also again after a failure; the smallest
+_FIRST, _LEAST = 1e-3, 1e-12  # damping to begin with, and the smallest
 _SMALL_DISTANCE = 1e-3  # distance, in every coordinate, of points that are one maximum
 _FAR = 30.0  # nats below the best at which a maximum does not matter
 _TINY = 1e-300
@@ -92,6 +92,7 @@ def ascend(
     least_gain: float = 0.0,
     largest_step: float = 5.0,
     most_steps: int = 200,
+    retry_damping: float = 1e-3,
     value_at: Callable[[FloatArray, IndexArray], FloatArray] | None = None,
 ) -> Ascent:
     """Damped Newton ascent from every start; no step is taken that lowers the value.
@@ -111,6 +112,8 @@ def ascend(
     largest_step : float
         In every coordinate.
     most_steps : int
+    retry_damping : float
+        Least damping after a step that would have lowered the value.
     value_at : callable, optional
         The log density alone, where it costs much less than `expand`: steps that would lower it
         then cost no more.
@@ -151,7 +154,7 @@ def ascend(
         )
         has_converged[active] = is_small & (damping[active] <= _LIGHT)
         lighter = np.maximum(0.1 * damping[active], _LEAST)
-        heavier = np.maximum(10.0 * damping[active], _FIRST)
+        heavier = np.maximum(10.0 * damping[active], retry_damping)
         damping[active] = np.where(is_better, lighter, heavier)
         # No further where slopes are beyond all floats.
         is_finite = np.isfinite(curvature[active]).all(axis=(1, 2))

@@ -198,6 +198,7 @@ def _ascend(
         least_gain=least_gain,
         largest_step=_LARGEST_STEP,
         most_steps=_MOST_STEPS,
+        retry_damping=0.0,
     )
 
 
