@@ -28,10 +28,10 @@ HIGHEST_COMPLEXITY = 15
 LIMITS = {
     "bayes_toe": {
         "files": 142,
-        "nodes": 239_300,
+        "nodes": 239_260,
         "long lines": 0,
         "complex functions": 0,
-        "comprehensions": 4.09,
+        "comprehensions": 3.95,
         "nested comprehensions": 13,
         "conditional expressions": 1.81,
         "filler names": 0.63,

@@ -59,12 +59,12 @@ ANSWER_COLUMNS = (
     "flags",
     *(f"p_{question}" for question in QUESTIONS),
     *(f"ln_bf_{question}" for question in QUESTIONS),
-    *("_".join(parts) for parts in product(SIZES, QUANTILES)),
+    *map("_".join, product(SIZES, QUANTILES)),
     "best_model",
     "predictive_p",
     "deviance_p",
     "history_p",
-    *("".join(parts) for parts in product(_EVIDENCES, ("", "_se", "_laplace"))),
+    *map("".join, product(_EVIDENCES, ("", "_se", "_laplace"))),
 )
 #: By what a prior scale is multiplied to see whether it decides a word.
 SCALE_FACTORS = (0.5, 2.0)

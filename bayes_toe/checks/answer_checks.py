@@ -451,7 +451,7 @@ def _unlike_blocks(subject: Subject, answers: Answers, level: float) -> Finding 
 def _swapped_finding(name: str, blocks: list[str]) -> Finding:
     """Blocks with swapped response keys."""
     noun = "block" if len(blocks) == 1 else "blocks"
-    message = f"Responses look swapped in {noun} {join_words([bare(block) for block in blocks])}."
+    message = f"Responses look swapped in {noun} {join_words([*map(bare, blocks)])}."
     return Finding(name, "swapped_blocks", message, f"--swap {as_option(name, blocks)}")
 
 

@@ -153,7 +153,7 @@ def _columns(reading: Reading) -> Iterator[Finding]:
         message = f"Column {bare(name)} differs within subjects, and its levels are pooled."
         yield Finding("", "pooled_condition", message, f"--condition {bare(name)}")
     if reading.ignored:
-        names = listed([bare(name) for name in reading.ignored])
+        names = listed([*map(bare, reading.ignored)])
         yield Finding("", "columns_ignored", f"Ignored columns: {names}.")
 
 

@@ -131,7 +131,7 @@ class PenalisedLikelihood:
         parts = []
         for block in self._blocks(len(u)):
             parts.append(self.posterior.likelihood_gradient(x[block], self.n_yes[row[block]]))
-        value, slopes = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        value, slopes = map(np.concatenate, zip(*parts, strict=True))
         of_logits = 1.0 / np.expm1(-np.maximum(u, _FULL))
         slopes *= np.stack([unit, of_logits[:, 1], -unit, self.sign * of_logits[:, 3]], axis=-1)
         by_mu1 = self._far(u) * np.exp(u[:, 1]) / MAX_PULL

@@ -102,7 +102,7 @@ def _read_designs(files: list[Path] | None, question: str) -> Mapping[str, Study
 def _whole_numbers(option: str, text: str) -> list[int]:
     """Whole numbers of an option, ascending, each once."""
     try:
-        numbers = sorted({int(part) for part in text.split(",")})
+        numbers = sorted({*map(int, text.split(","))})
     except ValueError:
         numbers = []
     if not numbers or numbers[0] < 1:

@@ -54,7 +54,7 @@ def explore(
 
     require_bokeh()
     task.require_files(output)
-    loaded = [load_draws(path) for path in posteriors]
+    loaded = [*map(load_draws, posteriors)]
     names = subject or list(chain.from_iterable(draws.names for draws in loaded))
     truths = None if truth is None else read_truth(truth, loaded, names)
     page_entries = entries(loaded, subject, truths)

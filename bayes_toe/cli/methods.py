@@ -152,7 +152,7 @@ def _results(analysis: Analysis) -> list[str]:
             sentences.append(f"{line[:-1]} [@penny2010].")
     if analysis.contrast is not None:
         _, *differences = analysis.contrast.sentences()
-        sentences += [_text(line) for line in differences]
+        sentences += [*map(_text, differences)]
     return [*sentences, *_limits_of_design(analysis.study), *_limits(analysis)]
 
 

@@ -374,7 +374,7 @@ def _responses_caption(analysis: Analysis) -> str:
     colours = "orange: weaker stimulus first, blue: stronger stimulus first"
     if analysis.study.task == SAME_DIFFERENT:
         colours += ", grey: equal stimuli"
-    if any(is_by_first(counts) for counts in subjects):
+    if any(map(is_by_first, subjects)):
         colours = "a colour for each first stimulus"
     return (
         "Responses with standard errors, and curves averaged over the four models with 95 % bands "
@@ -577,7 +577,7 @@ def _group(result: PopulationResult | None, check: PredictiveCheck | None) -> Re
     return {
         "problems": [*result.problems, *check.warnings],
         "is_reliable": result.is_reliable,
-        "answer": [_typeset(line) for line in group_answer(result)],
+        "answer": [*map(_typeset, group_answer(result))],
         "tables": group_tables(result),
         "hyperprior": result.settings.hyperprior.describe(result.study.task),
         "subjects": len(result.subjects),

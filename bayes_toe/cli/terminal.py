@@ -141,7 +141,7 @@ def note_lines(mark: str, subjects: Sequence[str], text: str, option: str = "") 
     """
     label = f"{mark} "
     if subjects:
-        label += f"{listed([visible(name) for name in subjects], 5)}  "
+        label += f"{listed([*map(visible, subjects)], 5)}  "
     indent = len(label) if len(label) <= 12 else 7
     lines = wrap_line(label + text, indent)
     if option:

@@ -109,6 +109,6 @@ class Conditions:
     @property
     def about(self) -> str:
         """The column and its levels in words."""
-        names = [bare(level) for level in self.levels]
+        names = [*map(bare, self.levels)]
         kind = ", as numbers" if self.numeric else f"; {names[0]} is the reference"
         return f"{bare(self.name)}: {counted(len(names), 'level')}, {listed(names)}{kind}"

@@ -91,7 +91,7 @@ def read_covariates(path: Covariates | StrPath) -> Covariates:
     table = read_table(path, set)
     has_one_name_each = len(table.names) == len(table.columns) and "" not in table.names
     if "subject" not in table.names or len(table.names) < 2 or not has_one_name_each:
-        finding = listed([quoted(name) for name in table.names])
+        finding = listed([*map(quoted, table.names)])
         table.require(
             [
                 f"found columns {finding}, allowed: subject and at least one covariate, each with "

@@ -74,7 +74,7 @@ class StandardOrder:
         """
         texts = [text for text in column.texts if not is_no_response(text)]
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
-            codes = listed([quoted(text) for text in texts])
+            codes = listed([*map(quoted, texts)])
             raise InputError(
                 f"{table.source}: column {bare(column.name)}: found {codes}, allowed: "
                 f"{quoted(comparison_code)} for 'comparison' and one other code for 'standard'"

@@ -348,7 +348,7 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
     names = [name for name in study.names if text == name or text.startswith(f"{name}:")]
     name = max(names, key=len, default=text.partition(":")[0])
     if name not in study.names:
-        subject_names = listed([bare(other) for other in study.names])
+        subject_names = listed([*map(bare, study.names)])
         raise InputError(
             f"{option} {text}: no subject {quoted(name)}; the subjects are {subject_names}"
         )

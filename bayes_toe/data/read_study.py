@@ -640,7 +640,7 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
         )
     notes = rows.layout("trial", answers.note)
     if signs:
-        notes.append(f"no response where column {listed([bare(name) for name in signs])} is empty")
+        notes.append(f"no response where column {listed([*map(bare, signs)])} is empty")
     unanswered = ~answers.is_answered & ~answers.is_unscorable
     notes += _dropped_note(rows, unanswered, "without a response")
     equal_stimuli = "with equal stimuli, of which no answer is right,"

@@ -225,7 +225,7 @@ def _unknown_meaning(column: Column, difference: FloatArray) -> tuple[str, list[
 
 def _code_remedies(column: Column, texts: Sequence[str], difference: FloatArray) -> list[Remedy]:
     """What to type where these codes tell no task."""
-    plain = dict.fromkeys(_plain(text) for text in texts)
+    plain = dict.fromkeys(map(_plain, texts))
     by_word = {text.lower(): text for text in plain}
     likely = next((by_word[word] for word in ("1", "true", "yes") if word in by_word), texts[0])
     stronger = _commoner_for_stronger_second(column, difference) or likely

@@ -493,7 +493,7 @@ class Study:
         """The study with the responses of a subject changed; notes and `changes` report it."""
         subject = self[name]
         given_blocks = [blocks] if isinstance(blocks, str | int) else blocks
-        asked = [as_name(block) for block in given_blocks]
+        asked = [*map(as_name, given_blocks)]
         change_made = f"{option} {as_option(subject.name, asked)}"
         earlier = subject.answers
         if earlier is None:

@@ -230,7 +230,7 @@ def read_numbers(
     keys = () if key is None else (key,)
     table = _read(path, (*keys, *names), optional)
     if not names and len(table.columns) < 2:
-        finding = listed([quoted(name) for name in table.names])
+        finding = listed([*map(quoted, table.names)])
         table.require(
             [
                 f"found {finding}, allowed: {', '.join(map(bare, keys))} and some of "
@@ -250,7 +250,7 @@ def _read(path: StrPath, required: Sequence[str], optional: Sequence[str] = ()) 
     """The table with columns of these names, each of them once."""
     table = read_table(path, lambda _: {*required, *optional})
     counts = {name: table.names.count(name) for name in (*required, *optional)}
-    finding = listed([quoted(name) for name in table.names])
+    finding = listed([*map(quoted, table.names)])
     missing = [
         f"column {bare(name)}: missing, found {finding}, allowed: a column of this name"
         for name in required

@@ -639,7 +639,7 @@ def truth_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
 def _numbers(option: str, values: str | Sequence[float]) -> list[float]:
     parts = values.split(",") if isinstance(values, str) else values
     try:
-        return [float(part) for part in parts]
+        return [*map(float, parts)]
     except ValueError:
         raise InputError(
             f"{option}: found {values!r}, allowed: positive numbers separated by commas"

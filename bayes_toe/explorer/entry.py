@@ -175,7 +175,7 @@ class Entry:
             "main": [name for name in self.main if name in columns],
             "values": text_of([values[index] for values in columns.values()]),
             "marked": [marked[name] for name in columns],
-            "with": [len(values) for values in present.values()],
+            "with": [*map(len, present.values())],
             "truth": {name: true_values[name] for name in columns if name in true_values},
             "spans": spans,
             "contours": outlined(columns, spans),

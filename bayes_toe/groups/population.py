@@ -223,7 +223,7 @@ class PopulationResult:
     @cached_property
     def identified(self) -> frozenset[str]:
         """The parameters that the pairs of a subject can show; other means rest on the prior."""
-        designs = [identify(subject) for subject in self.study]
+        designs = [*map(identify, self.study)]
         names = set(self.names)
         for name in (CONSTANT_ERROR.name, CONTRACTION.name):
             if not any(getattr(design, name) for design in designs):

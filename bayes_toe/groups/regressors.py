@@ -125,7 +125,7 @@ def regressors(
     notes = []
     outside = set().union(*table.values()).difference(subjects)
     if outside:
-        names = listed([quoted(subject) for subject in sorted(outside)])
+        names = listed([*map(quoted, sorted(outside))])
         notes.append(f"covariates of subjects that are not in the study ignored: {names}")
     if reasons:
         notes.append(f"subjects left out: {reasons}")
@@ -136,7 +136,7 @@ def _require_known(categorical: Collection[str], names: Collection[str]) -> None
     """Refuse a categorical covariate that is not in the table."""
     for name in categorical:
         if name not in names:
-            covariates = listed([quoted(name_of_table) for name_of_table in names])
+            covariates = listed([*map(quoted, names)])
             raise InputError(f"categorical: found {quoted(name)}, allowed: {covariates}")
 
 

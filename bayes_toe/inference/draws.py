@@ -71,7 +71,7 @@ class Draws:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Subject identifiers, in the order of the study."""
-        return tuple(str(name) for name in self.group("posterior")["subject"].values)
+        return tuple(map(str, self.group("posterior")["subject"].values))
 
     @property
     def attrs(self) -> Record:
@@ -148,7 +148,7 @@ class Draws:
 
     def _texts(self, column: str) -> list[str]:
         """A text of every subject."""
-        return [str(text) for text in self.group("sample_stats")[column].values]
+        return [*map(str, self.group("sample_stats")[column].values)]
 
     @property
     def failed(self) -> dict[str, str]:

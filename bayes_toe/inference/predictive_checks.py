@@ -171,7 +171,7 @@ def predictive_check(posterior: AnswerPosterior, x: npt.ArrayLike, seed: int) ->
     for start in range(0, len(points), rows):
         block = points[start : start + rows]
         logs = posterior.log_answers(block)
-        q, complement = (np.exp(values) for values in logs)
+        q, complement = map(np.exp, logs)
         tails = (
             np.where(x < n, betainc(np.maximum(n - x, 1), x + 1, share), 1.0)
             for x, share in ((k, complement), (n - k, q))

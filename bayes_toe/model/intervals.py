@@ -112,7 +112,7 @@ def reference_interval(reference: float | None, *subjects: Subject) -> float:
     timed = [(subject.isi, subject.n_trials) for subject in subjects if subject.isi is not None]
     if not timed:
         return 1.0
-    isi, n_trials = (np.concatenate(columns) for columns in zip(*timed, strict=True))
+    isi, n_trials = map(np.concatenate, zip(*timed, strict=True))
     if np.ptp(isi) == 0.0:
         return float(isi[0])
     return float(typical_interval(isi, n_trials)[0])

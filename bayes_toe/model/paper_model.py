@@ -433,7 +433,7 @@ class PaperPosterior:
         size = max(1, BLOCK // self.subject.n_pairs)
         starts = range(0, max(1, len(points)), size)
         blocks = [self.likelihood_gradient(points[i : i + size]) for i in starts]
-        value, gradient = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+        value, gradient = map(np.concatenate, zip(*blocks, strict=True))
         return value + self.log_prior(points), gradient + self.prior_gradient(points)
 
     def sample_prior(self, rng: Random, size: int) -> FloatArray:

@@ -248,7 +248,7 @@ def _write_names(
         label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
         ax.set_ylabel(label, fontsize=LETTERS)
     else:
-        rows += [float(row) for row in range(len(answers))]
+        rows += [*map(float, range(len(answers)))]
         names += [plain(answer.subject, 20) for answer in answers]
     if group is not None:
         rows.append(len(answers) + 0.25)
