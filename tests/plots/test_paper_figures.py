@@ -98,11 +98,14 @@ def test_asymmetries_have_the_colour_of_the_order_that_is_better(table):
 
 
 def test_one_comparison_is_red_for_weaker_first_and_blue_for_stronger_first(table):
-    maximal = table["A"].maximal
+    maximal = replace(table["A"].maximal, q_weak_first_se=0.02, q_strong_first_se=0.05)
     ax = order_axes(replace(maximal, subject="P-01", s_weak=-0.5))
     weaker, stronger = points_of(ax)
     assert weaker[1:3] == (pytest.approx(maximal.q_weak_first), WEAKER_FIRST)
     assert stronger[1:3] == (pytest.approx(maximal.q_strong_first), STRONGER_FIRST)
+    bars = [container.lines[2][0] for container in ax.containers if hasattr(container, "lines")]
+    heights = np.ptp([bar.get_segments()[0][:, 1] for bar in bars], axis=1)
+    assert heights == pytest.approx([0.04, 0.1])
     assert ax.get_title().startswith("P-01\n$r$ = −0.5")  # a hyphen in a name stays one
 
 
