@@ -77,10 +77,7 @@ READ_TRIALS = [
     ("a,.25,-.25,same", QUARTER),
     ("a,25E-2,-25E-2,same", QUARTER),
     ("a,00.250,-00.250,same", QUARTER),
-    ("a,0,0,equal", EQUAL),
-    ("a,0,0,EQUAL", EQUAL),
-    ("a,0,0, Same ", EQUAL),
-    ("a,0,0,different", DIFFERENT),
+    ("a,0,0, SAME ", EQUAL),
     ("a,0,0,Different", DIFFERENT),
 ]
 READ_FILES = [
@@ -498,8 +495,9 @@ def test_other_numbers_show_that_a_sign_groups_no_thousands():
     decimal = read(POINTS.replace("850", "0.850"), intensity=1.0)["a"]
     assert np.exp(decimal.s1) == pytest.approx([0.85, 1.05])
     # Natural logs are never thousands.
-    logs = "subject;s1;s2;response\na;1.625;2.125;second\na;2.125;1.625;first\n"
-    assert read(logs)["a"].s1.tolist() == [1.625, 2.125]
+    logs = "subject;s1;s2;response\na;99;2.125;second\na;2.125;99;first\n"
+    assert read(logs)["a"].s1.tolist() == [2.125, 99.0]
+    assert typed_remedies(logs.replace("99", "-100"))  # too large for one
 
 
 def test_spaces_apostrophes_a_minus_sign_and_a_line_that_names_the_delimiter():
@@ -685,7 +683,6 @@ FILES = {
         "row 3: found 2 cells, allowed: 3 cells as in the header"
     ),
     "": EMPTY,
-    "\n\n": EMPTY,
     "  \n": EMPTY,
     "\ufeff": EMPTY,
     TRIALS: HEADER_ONLY,
@@ -834,6 +831,11 @@ def test_trials_that_do_not_fit_the_options_are_refused(rows, options, problem):
     assert refused(TRIALS + rows, **options) == [problem]
 
 
+def test_a_column_that_chooses_rows_is_there_once():
+    problem = "row 1, column kind: found 2 columns of this name, allowed: one"
+    assert refused("subject,s1,s2,response,kind,kind\n", where={"kind": "x"}) == [problem]
+
+
 @pytest.mark.parametrize(
     ("n_rows", "last"), [(10, []), (11, ["1 more problem"]), (45, ["35 more problems"])]
 )
@@ -901,9 +903,9 @@ def test_any_dialect_gives_the_same_study(trials, delimiter, comma, codec, end, 
 
 
 @pytest.mark.parametrize("sign", ["", ".", "e"])
-@pytest.mark.parametrize("digit", ["0", "1"])
-def test_a_hopeless_number_of_many_digits_is_none(digit, sign):
+def test_a_hopeless_number_of_many_digits_is_none(sign):
     """A pattern that tries every split of the digits would not end."""
-    text = digit * 60_000 + sign + digit * 60_000 + "x"
-    assert math.isnan(number(text))
-    assert whole_number(text) == -1
+    for digit in "01":
+        text = digit * 60_000 + sign + digit * 60_000 + "x"
+        assert math.isnan(number(text))
+        assert whole_number(text) == -1
