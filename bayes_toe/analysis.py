@@ -99,11 +99,11 @@ class Analysis:
 
     @property
     def answers(self) -> tuple[OrderEffect, ...]:
-        """What is concluded of every subject."""
+        """The conclusion for every subject."""
         return self.evidence.answers
 
     def curve(self, subject: str) -> Predictor:
-        """What the draws of one subject that are averaged over the four models predict.
+        """Predictions for one subject, averaged over the four models.
 
         Raises
         ------

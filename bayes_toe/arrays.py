@@ -31,7 +31,7 @@ np.empty(1 << 21)
 
 
 def run_starts(*sorted_keys: npt.NDArray[np.generic]) -> IndexArray:
-    """Where runs of rows with equal keys start, keys of shape (rows,) each.
+    """The first row of every run of rows with equal keys, keys of shape (rows,) each.
 
     Examples
     --------

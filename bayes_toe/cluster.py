@@ -181,7 +181,7 @@ def _run_there(expected: Mapping[str, str], job: Callable[[], Result]) -> Result
 
 @cache
 def versions() -> Mapping[str, str]:
-    """What has to be the same everywhere, with its version in this process."""
+    """The programs whose versions must agree, with their versions in this process."""
     return {"Python": platform.python_version(), **library_versions("distributed")}
 
 

@@ -54,7 +54,7 @@ class Remedy(NamedTuple):
 
     @property
     def python(self) -> str:
-        """In Python."""
+        """The name in Python."""
         value: object = dict(self.value) if isinstance(self.value, tuple) else self.value or True
         return f"ReadOptions({self.option}={value!r})"
 

@@ -217,7 +217,7 @@ def require_ours(folder: Path) -> None:
 
 
 def count_stored(folder: Path) -> int:
-    """How many results a folder holds."""
+    """The number of results that a folder holds."""
     return sum(1 for _ in folder.glob(f"*{SUFFIX}"))
 
 

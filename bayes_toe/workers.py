@@ -125,7 +125,7 @@ def run_or_fail(
     progress: Progress | None,
     names: Sequence[tuple[str, ...]],
 ) -> list[Result | Failed]:
-    """As :func:`run_in_order`, with :class:`Failed` for each job that failed."""
+    """Run jobs as :func:`run_in_order` does, with :class:`Failed` for each job that failed."""
     results: dict[int, Result | Failed] = {}
     with closing(run_jobs(jobs, workers)) as outcomes:
         for index, result in outcomes:

@@ -1,1 +1,1 @@
-"""What the program concludes: of a subject, of a study, of conditions, of the trial before."""
+"""The conclusions: for a subject, a study, conditions, and the trial before."""

@@ -1,4 +1,4 @@
-"""What differs between the conditions of a subject: constant error, contraction, JND.
+"""Differences between the conditions of a subject in constant error, contraction and JND.
 
 All conditions are fitted together (:mod:`bayes_toe.model.condition_model`), once for each of the
 2^3 sets of quantities that may differ. The Bayes factor of a quantity is that of inclusion: the
@@ -226,7 +226,7 @@ class ContrastTable(Table[Difference]):
     failed: dict[str, str] = field(default_factory=dict)
 
     def frame(self) -> pd.DataFrame:
-        """With the columns of contrast.csv."""
+        """The table with the columns of contrast.csv."""
         frame = frame_of(self.rows, CONTRAST_COLUMNS[:-2])
         prior = OrderModel("both").describe(self.prior, self.task)
         return frame.assign(model="both", prior=prior)
@@ -263,7 +263,7 @@ def contrast(
     progress: Progress | None = None,
     keep: StrPath | None = None,
 ) -> ContrastTable:
-    """What differs between the conditions of each subject, and by how much.
+    """Differences between the conditions of each subject, and their sizes.
 
     Parameters
     ----------

@@ -152,7 +152,7 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 
     @property
     def answers(self) -> tuple[OrderEffect, ...]:
-        """Those of its subjects."""
+        """The answers of the subjects."""
         return tuple(row.answer for row in self.rows if row.answer is not None)
 
 

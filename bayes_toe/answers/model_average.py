@@ -53,7 +53,7 @@ class AveragedDraws:
         return self.posterior.quantities(self.points)
 
     def resampled(self, rng: Rng, size: int) -> FloatArray:
-        """So many points drawn by their weights, shape (size, k)."""
+        """Points drawn by their weights, shape (size, k)."""
         chosen = rng.choice(len(self.weights), size, p=self.weights)
         return self.points[chosen]
 

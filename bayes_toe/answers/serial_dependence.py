@@ -74,7 +74,7 @@ _START_SPREAD = 0.7
 
 @dataclass(frozen=True, eq=False)
 class SubjectDependence:
-    """What is concluded of one subject.
+    """The conclusion for one subject.
 
     Attributes
     ----------

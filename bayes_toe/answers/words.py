@@ -6,7 +6,7 @@ from enum import Enum
 
 
 class Word(Enum):
-    """What a probability and a Bayes factor say of a question; the value is the word in files."""
+    """The word for a probability and a Bayes factor; the value is the word in files."""
 
     YES = "yes"
     PROBABLY = "probably"

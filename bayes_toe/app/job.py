@@ -89,7 +89,7 @@ class Job:
         self.write(_READING, reading)
 
     def reading(self) -> Record | None:
-        """What reading the files gave; None where they were not read with these options."""
+        """The result of reading the files; None if they were not read with these options."""
         reading: Record | None = self._read(_READING)
         return reading
 

@@ -24,7 +24,7 @@ _MOST_ROWS, _MOST_TEXTS = 6, 12
 
 
 def read_job(job: Job) -> Record:
-    """What the files hold, and the study, or what is wrong and what solves it."""
+    """The columns of the files and the study, or the problem and its remedies."""
     record = job.record()
     paths = [job.folder / name for name in record["files"]]
     options = dict(record["options"])

@@ -57,7 +57,7 @@ _REPORT_POLICY = "sandbox allow-scripts allow-downloads; frame-ancestors 'self'"
 
 @dataclass
 class Site:
-    """What the handlers share: the home folder, the port and the token."""
+    """State that the handlers share: the home folder, the port and the token."""
 
     home: Path
     port: int
@@ -134,7 +134,7 @@ class Handler(RequestHandler):
 
     @property
     def site(self) -> Site:
-        """What the handlers share."""
+        """State that the handlers share."""
         site: Site = self.application.settings["site"]
         return site
 

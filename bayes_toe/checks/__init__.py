@@ -1,1 +1,1 @@
-"""What a design can identify, and problems in the responses; known before any sampling."""
+"""Checks before any sampling: what a design can identify, and problems in the responses."""

@@ -100,7 +100,7 @@ class Finding:
 
     @property
     def words(self) -> str:
-        """What tables call a problem of the responses."""
+        """The words that tables have for a problem of the responses."""
         return FLAG_KINDS[self.code].words
 
     @property
@@ -349,7 +349,7 @@ class AnswerTable:
 
     @property
     def is_mixed(self) -> BoolArray:
-        """Which pairs were answered in both ways: the others cannot deviate."""
+        """Pairs with both answers: the others cannot deviate."""
         n_yes, n_all = self.k.sum(1), self.n.sum(1)
         return (n_yes > 0) & (n_yes < n_all)
 
@@ -363,7 +363,7 @@ class AnswerTable:
         return int(np.maximum((self.n > 0).sum(1) - 1, 0).sum())
 
     def block_chi_square(self, k: IntArray) -> FloatArray:
-        """What each block adds to X^2 of tables with these margins.
+        """Each block's contribution to X^2 of tables with these margins.
 
         From the shape (..., pairs, blocks) to (..., blocks).
         """
@@ -551,7 +551,7 @@ def _drift(subject: Subject, answers: Answers, level: float) -> Iterator[Finding
 
 
 def _kinds_of_drift(subject: Subject, difference: FloatArray) -> dict[str, FloatArray]:
-    """What may drift, and how much of it is in a counted answer to each pair."""
+    """Statistics that may drift, with their value for a counted answer to each pair."""
     kinds = {
         f"P({subject.task.yes})": np.ones(len(difference)),
         "share of correct responses": subject.task.right(difference),

@@ -1,4 +1,4 @@
-"""What the design of a study cannot show, from its file, its pairs and its blocks."""
+"""Checks of the design: what files, pairs and blocks cannot show."""
 
 from __future__ import annotations
 
@@ -258,7 +258,7 @@ def identification_findings(study: Study) -> Iterator[Finding]:
 
 
 def _notes(study: Study) -> Iterator[Finding]:
-    """What a reader of the words must know, once if it holds for all subjects."""
+    """Notes on the conclusions, one note if it holds for all subjects."""
     names_by_note: dict[str, list[str]] = {}
     for subject in study:
         for note in identify(subject).notes:
@@ -320,7 +320,7 @@ def _rounding(subject: Subject) -> Iterator[Finding]:
 
 
 def _conditions(study: Study) -> Iterator[Finding]:
-    """What can look like a difference between conditions."""
+    """Findings that can look like a difference between conditions."""
     if study.conditions is None:
         return
     orders = Counter[str]()

@@ -1,4 +1,4 @@
-"""Which of the three questions the pairs and the order of trials of a subject can answer."""
+"""Identification: the questions that a subject's pairs and order of trials can answer."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ DELAYS_NOTE = "the four models ignore the delays (isi); analyse the delays as a 
 
 @dataclass(frozen=True)
 class Identification:
-    """Which questions the design of a subject can answer; the answers are not looked at.
+    """The questions that the design of a subject can answer, whatever the responses are.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Identification:
 
 
 def identify(subject: Subject) -> Identification:
-    """Which questions the pairs of a subject, and the order of its trials, can answer.
+    """The questions that a subject's pairs and order of trials can answer.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
 
 
 def _no_question(subject: Subject, order: FloatArray) -> str:
-    """Why no question can be told; empty if some can."""
+    """The reason why no question can be answered; empty if some can."""
     if not order.any():
         return NO_DIFFERENCE
     if order.min() >= 0 or order.max() <= 0:
@@ -116,7 +116,7 @@ def _no_question(subject: Subject, order: FloatArray) -> str:
 
 
 class _Pairs(NamedTuple):
-    """What of a subject decides whether a contraction can be told."""
+    """Properties of a subject's pairs that decide whether a contraction can be identified."""
 
     task: Task
     s1: tuple[float, ...]
@@ -128,7 +128,7 @@ class _Pairs(NamedTuple):
 
 @lru_cache(maxsize=1024)
 def _no_contraction(pairs: _Pairs) -> str:
-    """Why a contraction cannot be told although a constant error can; empty if it can.
+    """The reason why only a constant error can be identified; empty if a contraction can too.
 
     The subjects of a study often have the same pairs, so that one answer serves them all.
     """

@@ -160,12 +160,12 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
 
     @property
     def share_of(self) -> str:
-        """What q is the share of, in words."""
+        """The responses of which q is the share, in words."""
         return SHARE_OF[self.task]
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the design does not show: pairs presented in one order only."""
+        """Notes on the pairs that were presented in one order only."""
         notes = []
         for row in self.rows:
             if row.pooled and not row.comparisons:
@@ -196,7 +196,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         return pd.DataFrame(rows, columns=columns)
 
     def describe(self) -> str:
-        """How many subjects have a positive and a negative maximal asymmetry, without a full stop.
+        """The numbers of positive and negative maximal asymmetries, in words without a full stop.
 
         Source: Results, 'Across participants, 6 showed positive maximal asymmetries (5 significant
         at p < 0.05) ...'. The data choose the maximum, so 'significant' means Holm's p-value over
@@ -378,7 +378,7 @@ def holm(p_values: npt.ArrayLike) -> FloatArray:
 
 
 def _tables(k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: npt.ArrayLike) -> IntArray:
-    """Counts, shape (..., 4)."""
+    """The counts k1, n1, k2 and n2, shape (..., 4)."""
     counts = [np.asarray(values, np.int64) for values in (k1, n1, k2, n2)]
     tables = np.stack(np.broadcast_arrays(*counts), axis=-1)
     totals = tables[..., 1] + tables[..., 3]

@@ -104,7 +104,7 @@ class Bootstrap:
         return np.cov(columns) if np.isfinite(columns).all() and len(self) > 1 else None
 
     def remarks(self) -> tuple[str, ...]:
-        """What a reader of the fit and its intervals has to know, one sentence each."""
+        """Remarks on the fit and its intervals, a sentence each."""
         remarks = []
         if not self.fitted.arrived[0]:
             remarks.append("the fit did not converge: the best point found is given")
@@ -142,8 +142,7 @@ def bootstrap_subject(
 ) -> Bootstrap:
     """Bootstrap the fit of one subject; the prior's normal of mu1 is the penalty.
 
-    The random stream is keyed by the seed and the subject's name. The paper has of the order of
-    1,000 replicates.
+    The seed and the name of the subject determine the random stream.
     """
     counts = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
     return Bootstrap(subject.name, fit_counts(subject, prior), fit_counts(subject, prior, counts))
@@ -197,7 +196,7 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | Non
     return value, f"{_LABEL}: the maximum {lies}, beyond which its Gaussian reaches" if edge else ""
 
 
-#: Bootstrap replicates of a subject, as many as in the paper.
+#: Bootstrap replicates of a subject; the paper has about 1,000.
 REPLICATES = 400
 UNCERTAINTY_COLUMNS = (
     *("subject", "parameter", "posterior_median", "posterior_lower", "posterior_upper"),
@@ -231,7 +230,7 @@ class SubjectFit:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What has to be said of them."""
+        """Remarks on the fit and its intervals."""
         return self.bootstrap.remarks()
 
     @property

@@ -1,4 +1,4 @@
-"""What the answers alone say: frequencies of 'equal' with their uncertainty, accuracy, order.
+"""Statistics without a model: frequencies of 'equal', their uncertainty, accuracy, order.
 
 The Laplace estimator is the mean, and its error the standard deviation, of the posterior Beta(n_Eq
 + 1, n_Diff + 1) that a uniform prior gives each frequency; neither degenerates where every answer

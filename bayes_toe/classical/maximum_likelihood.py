@@ -1,29 +1,29 @@
 """Maximum-likelihood fit of the paper's observer with its penalty on mu1.
 
-It takes one count vector or thousands at once, in either task.
+One call fits one vector of counts, or thousands at once, in either task.
 
-Maximised is log likelihood (no binomial coefficients) - (mu1 - mean)^2 / (2 V_1) over 0 <= gamma <=
-1, a share of 0..1 of answers that lapses leave, q0 or 1 - lambda, and any width. The supremum often
-lies on an edge, sometimes where a parameter is infinite or 0 or does not matter: each of these is
-found and said. Source: Eq. mod:logp_grouped. (The paper calls it minimising the log-likelihood; it
-is maximising.)
+The fit maximises log likelihood (no binomial coefficients) - (mu1 - mean)^2 / (2 V_1), over 0 <=
+gamma <= 1, any width w, and a share of 0 to 1: q0, or 1 - lambda. The supremum often lies on an
+edge, sometimes one where a parameter is infinite, 0 or without effect. The fit finds and reports
+each of these edges. Source: Eq. mod:logp_grouped. (The paper calls it minimising the
+log-likelihood; it is maximising.)
 
-The likelihood is that of the task's predictive update, ascended in u = (c, -log(p/p_max), -log w,
--log share): gamma = 1 and a whole share are the bounds u_1 = 0 and u_3 = 0, on which Newton can
-rest. gamma = 0 (mu1 at the penalty's mean, no order effect) is fitted on its own. Other edges lie
-at infinity: an ascent that ends where going there costs nothing, and going elsewhere does, is on
-its way there.
+Points are u = (c, -log(p/p_max), -log w, -log share), where c is the offset and p the pull. gamma =
+1 and a share of 1 are the bounds u_1 = 0 and u_3 = 0, on which Newton's method can end. gamma = 0
+(no order effect, mu1 at the penalty's mean) is fitted separately. All other edges lie at infinity:
+a search is on its way to one if the edge is as high as its end, and another point in the same
+direction is not.
 
-Ascents start at the highest points of the parts of a grid. Several maxima differ in the pull: a
-vanishing one with the prior mean far to either side, a middle one, the largest. At each pull the
-rest is nearly determined, so that the highest grid point of a range of pulls lies close to the
-ridge. At points of a grid the probabilities are the same for all rows: their likelihoods there are
-one matrix product.
+Searches start at the highest points of the parts of a grid. Several maxima differ in the pull: a
+vanishing one with the prior mean far to either side, a middle one, and the largest. A pull nearly
+determines the other coordinates, so the highest grid point of a range of pulls lies close to the
+maximum. The probabilities at grid points are the same for all rows, so that one matrix product
+gives all likelihoods there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -54,22 +54,18 @@ EDGES: Mapping[Task, tuple[str, ...]] = {
     )
     for task in TASKS
 }
-#: Values of one temporary array: of some tens together they stay in the processor's cache.
-_BLOCK = 1 << 14
-#: -log of a share that is 1 or 0 to all digits; how far a width may be from the steps between
-#: stimuli, natural log.
-_FULL, _EMPTY, _FAR = 1e-15, 80.0, 30.0
-#: Curvatures below which a direction counts as flat: nats, and what differences can tell of those
-#: of its coordinates.
-_FLAT, _ROUGH = 1e-6, 1e-7
-#: A parameter may change this little along a flat direction and still count as determined; the step
-#: by which that is seen.
-_STILL, _STEP = 1e-3, 1e-4
-#: When only the best start of each row goes on: after this many steps, or where a step promises
-#: fewer nats than this.
-_MOST_STEPS, _LEAST_GAIN = 40, 1e-9
-#: The grid: pulls as shares of the largest with sides of the offset, the edge gamma = 0 last;
-#: offsets and log widths on the scale of the design; shares of answers that lapses leave.
+_BLOCK = 1 << 14  # values of a temporary array; some tens of them fit into the processor's cache
+_FULL = 1e-15  # -log of a share that is 1 to all digits
+_EMPTY = 80.0  # -log of a share that is 0 to all digits
+_FAR = 30.0  # largest log ratio of a width to the steps between stimuli
+_FLAT = 1e-6  # nats: a direction with less curvature is flat
+_ROUGH = 1e-7  # error of a curvature by differences, over the curvature of its coordinates
+_STILL = 1e-3  # a parameter is determined if it changes less than this along a flat direction
+_STEP = 1e-4  # step along a flat direction
+_MOST_STEPS = 40  # of the first searches; after them only the best one of each row goes on
+_LEAST_GAIN = 1e-9  # nats: the first searches end where a step promises less
+#: Parts of the grid: pulls as shares of the largest one, and signs of the offset. The edge gamma =
+#: 0 comes last.
 _PARTS = (
     ((0.003, 0.01, 0.03), (-1.0,)),
     ((0.003, 0.01, 0.03), (1.0,)),
@@ -77,98 +73,110 @@ _PARTS = (
     ((1.0,), (-1.0, 1.0)),
     ((0.0,), (0.0,)),
 )
-_OFFSETS, _WIDTHS, _SHARES = (
-    (0.05, 0.15, 0.4, 1.0, 2.0),
-    np.arange(-2.0, 1.6, 0.5),
-    (0.05, 0.2, 0.5, 0.8, 0.95, 0.99),
-)
+#: Offsets and log widths of the grid on the scale of the design, and its shares.
+_OFFSETS = (0.05, 0.15, 0.4, 1.0, 2.0)
+_LOG_WIDTHS = np.arange(-2.0, 1.6, 0.5)
+_SHARES = (0.05, 0.2, 0.5, 0.8, 0.95, 0.99)
+#: Offset and pull without an order effect.
+_NO_PULL = (0.0, _EMPTY)
+#: The coordinates that the edge gamma = 0 holds: offset and pull.
+_HELD_WITHOUT_PULL = np.array([True, True, False, False])
 
 
 @dataclass(frozen=True, eq=False)
 class PenalisedLikelihood:
-    """What a fit maximises, for the counts of many rows, (rows, pairs).
+    """The function that a fit maximises, for the counts of many rows, (rows, pairs).
 
-    Points u have the shape (points, 4) and belong to rows (points,).
-
-    It is the likelihood of a subject's predictive update; of its prior the normal of mu1 is the
-    penalty, the paper's has mean 0 and V_1 = 10^2.
+    Points u have the shape (points, 4); `row`, (points,), tells the counts of each point. The
+    likelihood is that of the paper's model. The normal prior of mu1 is the penalty; the paper's has
+    mean 0 and V_1 = 10^2.
     """
 
     posterior: PaperPosterior
-    n_yes: npt.NDArray[np.int64]
+    n_yes: IntArray
 
     @cached_property
     def scale(self) -> float:
         """Root mean square step between the stimuli of a pair, natural-log intensity."""
         subject = self.posterior.subject
         steps = np.abs(subject.s2 - subject.s1)
-        moved = steps[steps > 0] if np.any(steps > 0) else np.abs(subject.s1 - self.posterior.sbar)
-        return float(np.sqrt(np.mean(np.square(moved)))) if np.any(moved > 0) else 0.3
+        steps = steps[steps > 0.0]
+        if len(steps) == 0:
+            steps = np.abs(subject.s1 - self.posterior.sbar)
+        if not steps.any():
+            return 0.3
+        return float(np.sqrt(np.mean(np.square(steps))))
 
     @cached_property
     def sign(self) -> float:
-        """Of the logit of q0 the share's is the logit, of that of a lapse rate minus it."""
+        """1 if the last coordinate of the posterior rises with the share, -1 if it falls."""
         return -1.0 if self.posterior.share == "lapse_rate" else 1.0
 
     def coordinates(self, u: FloatArray) -> FloatArray:
-        """Those of the posterior, (points, 4)."""
+        """The coordinates of the posterior at points, (points, 4)."""
         logits = -u - np.log(-np.expm1(-np.maximum(u, _FULL)))
         return np.stack([u[:, 0], logits[:, 1], -u[:, 2], self.sign * logits[:, 3]], axis=-1)
 
     def value(self, u: FloatArray, row: IndexArray) -> FloatArray:
-        """What is maximised, (points,)."""
-        x, blocks = self.coordinates(u), self._blocks(len(u))
-        return np.concatenate(
-            [self._log_likelihood(x[at], self.n_yes[row[at]]) for at in blocks]
-        ) - self.penalty(u)
+        """The objective, (points,)."""
+        x = self.coordinates(u)
+        parts = []
+        for block in self._blocks(len(u)):
+            parts.append(self._log_likelihood(x[block], self.n_yes[row[block]]))
+        return np.concatenate(parts) - self.penalty(u)
 
     def gradient(self, u: FloatArray, row: IndexArray) -> ArrayPair:
-        """What is maximised, (points,), and its gradient, (points, 4).
+        """The objective, (points,), and its gradient, (points, 4).
 
-        That of the penalty follows from mu1 = sbar + c/p and d(1/p)/du_1 = 1/p.
+        The gradient of the penalty follows from mu1 = sbar + c/p and d(1/p)/du_1 = 1/p.
         """
-        x, unit = self.coordinates(u), np.ones(len(u))
+        x = self.coordinates(u)
         parts = []
         for block in self._blocks(len(u)):
             parts.append(self.posterior.likelihood_gradient(x[block], self.n_yes[row[block]]))
         value, slopes = map(np.concatenate, zip(*parts, strict=True))
-        of_logits = 1.0 / np.expm1(-np.maximum(u, _FULL))
-        slopes *= np.stack([unit, of_logits[:, 1], -unit, self.sign * of_logits[:, 3]], axis=-1)
-        by_mu1 = self._far(u) * np.exp(u[:, 1]) / MAX_PULL
-        slopes[:, :2] -= by_mu1[:, None] * np.stack([unit, u[:, 0]], axis=-1)
+        logit_slopes = 1.0 / np.expm1(-np.maximum(u, _FULL))
+        slopes[:, 1] *= logit_slopes[:, 1]
+        slopes[:, 2] *= -1.0
+        slopes[:, 3] *= self.sign * logit_slopes[:, 3]
+        offset_slope = self._penalty_slope(u) * np.exp(u[:, 1]) / MAX_PULL
+        slopes[:, 0] -= offset_slope
+        slopes[:, 1] -= offset_slope * u[:, 0]
         return value - self.penalty(u), slopes
 
     def penalty(self, u: FloatArray) -> FloatArray:
         """(mu1 - mean)^2 / (2 V_1), (points,).
 
-        At p = 0 the offset is 0 and mu1 rests at the mean.
+        At p = 0 the offset is 0, and mu1 is the mean.
         """
         sd = self.posterior.prior.penalty.sd
-        return 0.5 * np.square(self._far(u) * sd)
+        return 0.5 * np.square(self._penalty_slope(u) * sd)
 
-    def _far(self, u: FloatArray) -> FloatArray:
-        """(mu1 - mean) / V_1."""
+    def _penalty_slope(self, u: FloatArray) -> FloatArray:
+        """The derivative of the penalty in mu1: (mu1 - mean) / V_1, (points,)."""
         penalty = self.posterior.prior.penalty
-        far = self.posterior.sbar - penalty.mean + u[:, 0] * np.exp(u[:, 1]) / MAX_PULL
-        return np.where(u[:, 1] < _EMPTY, far, 0.0) / penalty.sd**2
+        deviation = self.posterior.sbar - penalty.mean + u[:, 0] * np.exp(u[:, 1]) / MAX_PULL
+        return np.where(u[:, 1] < _EMPTY, deviation, 0.0) / penalty.sd**2
 
-    def highest(self, u: FloatArray) -> FloatArray:
-        """Of points, (points, 4), the one that is highest for each row, (rows, 4)."""
-        table = np.concatenate(self.posterior.log_answers(self.coordinates(u)), axis=1).T
-        answers = np.concatenate([self.n_yes, self.posterior.subject.n_trials - self.n_yes], axis=1)
-        penalty, size = self.penalty(u), max(1, 32 * _BLOCK // len(u))
-        best = [
-            (answers[i : i + size] @ table - penalty).argmax(axis=1)
-            for i in range(0, len(answers), size)
-        ]
+    def highest_points(self, u: FloatArray) -> FloatArray:
+        """The highest one of some points for each row, (points, 4) -> (rows, 4)."""
+        log_answers = np.concatenate(self.posterior.log_answers(self.coordinates(u)), axis=1).T
+        n_no = self.posterior.subject.n_trials - self.n_yes
+        answers = np.concatenate([self.n_yes, n_no], axis=1)
+        penalty = self.penalty(u)
+        size = max(1, 32 * _BLOCK // len(u))
+        best = []
+        for i in range(0, len(answers), size):
+            objective = answers[i : i + size] @ log_answers - penalty
+            best.append(objective.argmax(axis=1))
         return u[np.concatenate(best)]
 
-    def _blocks(self, points: int) -> list[slice]:
+    def _blocks(self, n_points: int) -> list[slice]:
         size = max(1, _BLOCK // self.n_yes.shape[1])
-        return [slice(i, i + size) for i in range(0, max(1, points), size)]
+        return [slice(i, i + size) for i in range(0, max(1, n_points), size)]
 
     def _log_likelihood(self, x: FloatArray, n_yes: IntArray) -> FloatArray:
-        """Log likelihood of points of which each has counts of its own, (points, pairs)."""
+        """Log likelihood of points with counts of their own, (points, pairs) -> (points,)."""
         answers = self.posterior.log_answers(x)
         pairs = log_likelihoods(n_yes, self.posterior.subject.n_trials, answers)
         return pairs.sum(axis=1)
@@ -176,40 +184,51 @@ class PenalisedLikelihood:
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """Maximum-likelihood fits of one design to one or many count vectors.
+    """Maximum-likelihood fits of one design to one or many vectors of counts.
 
-    Parameters, (rows, 4), are mu1, sigma_p, sigma_l (natural-log intensity) and q0 or the lapse
-    rate; NaN where the data leave one open ("not unique"). Curves follow from the points, (rows,
-    4), in the coordinates of the posterior, also where this has no value.
+    Attributes
+    ----------
+    parameters : ndarray, shape (rows, 4)
+        mu1, sigma_p, sigma_l (natural-log intensity), and q0 or the lapse rate. NaN where the data
+        leave one open ("not unique").
+    log_likelihood : ndarray, shape (rows,)
+        At the maximum, without binomial coefficients and penalty, nats.
+    objective : ndarray, shape (rows,)
+        Log likelihood minus penalty, which is maximised.
+    edges : ndarray, shape (rows, edges)
+        On which of the task's :data:`EDGES` the maximum lies.
+    arrived : ndarray, shape (rows,)
+        False where the search did not converge; the row is then the best point that it found.
+    points : ndarray, shape (rows, 4)
+        The maximum in the coordinates of the posterior, also where a parameter is open.
+    subject : Subject
+        The pairs.
     """
 
     parameters: FloatArray
-    # (rows,): at the maximum, without binomial coefficients and without the penalty, nats
     log_likelihood: FloatArray
-    objective: FloatArray  # (rows,): log likelihood minus penalty: what was maximised
-    edges: BoolArray  # (rows, edges): on which of the task's :data:`EDGES` the maximum lies
-    # (rows,): False where the ascent did not meet its criterion; the row is then the best point
-    # found
+    objective: FloatArray
+    edges: BoolArray
     arrived: BoolArray
     points: FloatArray
-    subject: Subject  # whose pairs they are
+    subject: Subject
 
     def __len__(self) -> int:
         return len(self.objective)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Names of the parameters."""
         return natural_names(self.subject.task)
 
     @property
     def edge_names(self) -> tuple[str, ...]:
-        """Of the columns of `edges`."""
+        """Names of the columns of `edges`."""
         return EDGES[self.subject.task]
 
     @property
     def curves(self) -> Predictor:
-        """What every row predicts."""
+        """The predictions of every row."""
         return Predictor(paper_posterior(self.subject), self.points)
 
     @property
@@ -224,7 +243,7 @@ def fit_counts(
 ) -> Fits:
     """Fit counts, (rows, pairs), over a subject's pairs at one interval, by default its own.
 
-    All in one batch of Newton ascents. The prior's normal of mu1 is the penalty.
+    The prior's normal of mu1 is the penalty.
 
     Examples
     --------
@@ -237,188 +256,222 @@ def fit_counts(
     posterior = paper_posterior(subject, prior)
     posterior = replace(posterior, centre=posterior.sbar)
     counts = np.atleast_2d(np.asarray(subject.n_yes if n_yes is None else n_yes))
-    fitted = PenalisedLikelihood(posterior, counts)
-    starts, rows = _starts(fitted), np.arange(len(fitted.n_yes))
-    row_of_start = np.repeat(rows, starts.shape[1])
-    _, ascent = _ascended(
-        fitted,
-        row_of_start,
+    likelihood = PenalisedLikelihood(posterior, counts)
+    rows, starts = np.arange(len(counts)), _grid_starts(likelihood)
+    n_starts = starts.shape[1]
+    _, first = _search(
+        likelihood,
+        np.repeat(rows, n_starts),
         starts.reshape(-1, 4),
         most_steps=_MOST_STEPS,
         least_gain=_LEAST_GAIN,
     )
-    value = ascent.value.reshape(len(rows), -1)
+    value = first.value.reshape(-1, n_starts)
     is_highest = value > value.max(axis=1, keepdims=True) - _rounding(value)
-    # Of equal ones the first: rather inside than on gamma = 0.
-    best = is_highest.argmax(axis=1) + rows * starts.shape[1]
-    density, ended = _ascended(fitted, rows, ascent.x[best], most_steps=10 * _MOST_STEPS)
-    return _described(fitted, ended, density.curvature(ended.x, rows))
+    # Of equal ones the first, so that gamma = 0 is chosen only where it is higher.
+    best = is_highest.argmax(axis=1) + rows * n_starts
+    density, ended = _search(likelihood, rows, first.x[best], most_steps=10 * _MOST_STEPS)
+    suprema = _find_suprema(likelihood, ended.x, ended.value)
+    is_flat = _flat_parameters(likelihood, ended, density.curvature(ended.x, rows))
+    return _make_fits(likelihood, ended, suprema, is_flat)
 
 
-def _starts(fitted: PenalisedLikelihood) -> FloatArray:
+def _grid_starts(likelihood: PenalisedLikelihood) -> FloatArray:
     """The highest points of the parts of the grid, (rows, parts, 4).
 
-    Of 6,400 rows (replicates of 16 subjects, blunt and hard ones most) 3 stayed below the best that
-    these or other grids led to.
+    Of 6,400 rows (replicates of 16 subjects, most of them with few or extreme counts) 3 stayed
+    below the best maximum that these or other grids led to.
     """
+    scale = likelihood.scale
+    minus_log_widths = -np.log(scale) - _LOG_WIDTHS
     starts = []
-    for shares, sides in _PARTS:
-        pulls = np.array(
-            [_EMPTY if share == 0.0 else max(-np.log(share), _FULL) for share in shares]
-        )
-        offsets = fitted.scale * np.unique(np.outer(sides, _OFFSETS))
-        axes = np.meshgrid(offsets, pulls, -np.log(fitted.scale) - _WIDTHS, -np.log(_SHARES))
-        starts.append(fitted.highest(np.stack([axis.ravel() for axis in axes], axis=-1)))
+    for shares, signs in _PARTS:
+        pulls = [_EMPTY if share == 0.0 else max(-np.log(share), _FULL) for share in shares]
+        offsets = scale * np.unique(np.outer(signs, _OFFSETS))
+        axes = np.meshgrid(offsets, pulls, minus_log_widths, -np.log(_SHARES))
+        grid = np.stack([axis.ravel() for axis in axes], axis=-1)
+        starts.append(likelihood.highest_points(grid))
     return np.stack(starts, axis=1)
 
 
-def _ascended(
-    fitted: PenalisedLikelihood,
+def _search(
+    likelihood: PenalisedLikelihood,
     row: IndexArray,
     start: FloatArray,
     *,
     most_steps: int,
     least_gain: float = 0.0,
 ) -> tuple[Differenced, Ascent]:
-    """Newton from starts, (points, 4), of rows, (points,).
-
-    On the edge gamma = 0 offset and pull stay.
-    """
-    is_held = (start[:, 1:2] == _EMPTY) & [True, True, False, False]
-    lower = np.array([-np.inf, _FULL, -np.log(fitted.scale) - _FAR, _FULL])
-    density = Differenced(lambda u, index: fitted.gradient(u, row[index]), *start.shape)
+    """Newton's method from starts, (points, 4), of rows, (points,)."""
+    lower = np.array([-np.inf, _FULL, -np.log(likelihood.scale) - _FAR, _FULL])
+    density = Differenced(lambda u, index: likelihood.gradient(u, row[index]), *start.shape)
     return density, ascend(
         density.expand,
         start,
         lower=lower,
-        is_held=is_held,
+        is_held=_held_coordinates(start),
         largest_step=3.0,
         most_steps=most_steps,
         least_gain=least_gain,
-        value_at=lambda u, index: fitted.value(u, row[index]),
+        value_at=lambda u, index: likelihood.value(u, row[index]),
     )
+
+
+def _held_coordinates(u: FloatArray) -> BoolArray:
+    """The coordinates that are not searched, (points, 4): offset and pull where gamma is 0."""
+    return (u[:, 1:2] == _EMPTY) & _HELD_WITHOUT_PULL
 
 
 def _rounding(value: FloatArray) -> FloatArray:
-    """Differences up to this are rounding, nats: two such values are one maximum, found twice."""
+    """The rounding error of values, nats; two maxima that differ by less are one."""
     return 1e-9 + 4e-15 * np.abs(value)
 
 
-def _described(fitted: PenalisedLikelihood, ended: Ascent, curvature: FloatArray) -> Fits:
-    """Natural parameters, edges and what stays open, all rows at once."""
-    sup = _suprema(fitted, ended.x, ended.value)
-    _, pull, _, share = sup.u.T
-    beyond = sup.wide | sup.never
-    open_ = _left_open(fitted, ended, curvature)
-    open_[:, :3] &= ~beyond[:, None]
-    open_[:, 1:3] = (open_[:, 1:3] & ~sup.narrow[:, None]) | sup.never[:, None]
-    open_[:, 3] &= ~sup.never
-    x, posterior = fitted.coordinates(sup.u), fitted.posterior
-    quantities = posterior.quantities(x)
-    is_full, no_pull = (share <= _FULL) & ~open_[:, 3], pull >= _EMPTY
-    parameters = np.stack([quantities[name] for name in posterior.names.natural], axis=-1)
-    parameters[no_pull, 0] = posterior.prior.penalty.mean
-    parameters[no_pull, 2] = 0.0
-    parameters[sup.narrow, 1:3], parameters[sup.wide, 1:3] = 0.0, np.inf
-    parameters[is_full, 3], parameters[sup.never, 3] = (1.0, 0.0)[:: int(fitted.sign)]
-    plain = ~(beyond | sup.narrow)
+class _Suprema(NamedTuple):
+    """The suprema, (rows, 4), and the edges at infinity on which they lie, (rows,) each."""
+
+    u: FloatArray
+    has_infinite_width: BoolArray
+    has_no_share: BoolArray
+    has_no_width: BoolArray
+    has_no_pull_and_width: BoolArray
+
+
+def _find_suprema(likelihood: PenalisedLikelihood, u: FloatArray, value: FloatArray) -> _Suprema:
+    """The suprema from the points at which searches ended, (rows, 4), and their values, (rows,).
+
+    A supremum lies on an edge if the edge is as high as the end of the search, and another point in
+    the same direction is lower.
+    """
+    (c, pull, width, share), rows = u.T, np.arange(len(u))
+    subject, penalty = likelihood.posterior.subject, likelihood.posterior.prior.penalty
+    usual_width = -np.log(likelihood.scale)
+
+    def point(*coordinates: npt.ArrayLike) -> FloatArray:
+        return np.stack(np.broadcast_arrays(*coordinates, rows)[:4], axis=-1)
+
+    def is_as_high(points: FloatArray) -> BoolArray:
+        return likelihood.value(points, rows) >= value - _rounding(value)
+
+    infinite_width = point(*_NO_PULL, usual_width - _FAR, share)
+    finite_width = point(*_NO_PULL, usual_width, share)
+    is_wide = is_as_high(infinite_width) & ~is_as_high(finite_width)
+
+    no_share = point(*_NO_PULL, width, _EMPTY)
+    half_share = point(*_NO_PULL, usual_width, np.log(2.0))
+    is_never = ~is_wide & is_as_high(no_share) & ~is_as_high(half_share)
+
+    # Without a width different stimuli are told apart for certain; equal ones still differ by
+    # p (mu1 - s1) / w.
+    can_narrow = ~(is_wide | is_never) & (subject.s1 != subject.s2).any()
+    no_pull_and_width = point(c * np.exp(-_FAR), pull + _FAR, width + _FAR, share)
+    no_width = point(c, pull, width + _FAR, share)
+    is_vanishing = can_narrow & is_as_high(no_pull_and_width)
+    is_narrow_only = can_narrow & ~is_vanishing & is_as_high(no_width)
+
+    # gamma = 0, where the largest pull with the same mu1 is lower.
+    is_inside = ~(is_wide | is_never | is_vanishing | is_narrow_only)
+    offset_at_mean = MAX_PULL * (penalty.mean - likelihood.posterior.sbar)
+    offset = np.where(pull < _EMPTY, c * np.exp(np.minimum(pull, _EMPTY)), offset_at_mean)
+    no_pull = point(*_NO_PULL, width, share)
+    largest_pull = point(offset, _FULL, width, share)
+    has_no_pull = is_inside & is_as_high(no_pull) & ~is_as_high(largest_pull)
+
+    suprema = u.copy()
+    for is_there, points in (
+        (is_wide, infinite_width),
+        (is_never, no_share),
+        (is_vanishing, no_pull_and_width),
+        (is_narrow_only, no_width),
+        (has_no_pull, no_pull),
+    ):
+        suprema[is_there] = points[is_there]
+    return _Suprema(suprema, is_wide, is_never, is_narrow_only | is_vanishing, is_vanishing)
+
+
+def _flat_parameters(
+    likelihood: PenalisedLikelihood, ended: Ascent, curvature: FloatArray
+) -> BoolArray:
+    """The natural parameters that change along a flat direction of the objective, (rows, 4).
+
+    Directions are in units of the width for the offset, and logarithmic for the other coordinates.
+    """
+    u = ended.x
+    is_at_bound = (u <= _FULL) & (ended.gradient < -_FLAT) & [False, True, False, True]
+    is_free = ~(_held_coordinates(u) | is_at_bound)
+    unit = np.ones(u.shape)
+    unit[:, 0] = np.exp(-u[:, 2])
+    both_free = is_free[:, :, None] & is_free[:, None, :]
+    scaled = curvature * unit[:, :, None] * unit[:, None, :]
+    scaled = np.where(both_free, scaled, np.eye(4))
+    values, vectors = np.linalg.eigh(scaled)
+    error = _ROUGH * np.einsum("rcd,rcc->rd", np.square(vectors), np.abs(scaled))
+    is_flat = values < np.maximum(_FLAT, error)
+    is_open = np.zeros(u.shape, bool)
+    for i in range(4):
+        step = _STEP * vectors[:, :, i] * unit
+        change = _log_parameters(likelihood, u + step) - _log_parameters(likelihood, u - step)
+        is_open |= is_flat[:, i, None] & (np.abs(change) / (2.0 * _STEP) > _STILL)
+    return is_open
+
+
+def _log_parameters(likelihood: PenalisedLikelihood, u: FloatArray) -> FloatArray:
+    """mu1, log sigma_p, log sigma_l and the last natural parameter at points, (points, 4)."""
+    values = _natural_parameters(likelihood, likelihood.coordinates(u))
+    values[:, 1:3] = np.log(values[:, 1:3])
+    return values
+
+
+def _natural_parameters(likelihood: PenalisedLikelihood, x: FloatArray) -> FloatArray:
+    """The natural parameters at points in the coordinates of the posterior, (points, 4)."""
+    quantities = likelihood.posterior.quantities(x)
+    return np.stack([quantities[name] for name in likelihood.posterior.names.natural], axis=-1)
+
+
+def _make_fits(
+    likelihood: PenalisedLikelihood, ended: Ascent, suprema: _Suprema, is_flat: BoolArray
+) -> Fits:
+    """Natural parameters, edges and what stays open, for all rows."""
+    u, is_wide, is_never, is_narrow, is_vanishing = suprema
+    is_outside = is_wide | is_never
+    has_no_pull, has_largest_pull = u[:, 1] >= _EMPTY, u[:, 1] <= _FULL
+
+    is_open = is_flat.copy()
+    is_open[is_outside, :3] = False
+    is_open[is_narrow, 1:3] = False
+    is_open[is_never] = [False, True, True, False]
+    is_full = (u[:, 3] <= _FULL) & ~is_open[:, 3]
+
+    x, posterior = likelihood.coordinates(u), likelihood.posterior
+    parameters = _natural_parameters(likelihood, x)
+    parameters[has_no_pull, 0] = posterior.prior.penalty.mean
+    parameters[has_no_pull, 2] = 0.0
+    parameters[is_narrow, 1:3] = 0.0
+    parameters[is_wide, 1:3] = np.inf
+    # A share of 1 is q0 = 1, or a lapse rate of 0.
+    is_zero, is_one = is_never, is_full
+    if likelihood.sign < 0.0:
+        is_zero, is_one = is_full, is_never
+    parameters[is_zero, 3] = 0.0
+    parameters[is_one, 3] = 1.0
+
+    is_regular = ~(is_outside | is_narrow)
     edges = (
-        *((plain & no_pull) | sup.vanished, plain & (pull <= _FULL) & ~open_[:, 2]),
-        *(sup.never, is_full)[:: int(fitted.sign)],
-        *(sup.narrow, sup.wide, open_.any(axis=1)),
+        (is_regular & has_no_pull) | is_vanishing,
+        is_regular & has_largest_pull & ~is_open[:, 2],
+        is_zero,
+        is_one,
+        is_narrow,
+        is_wide,
+        is_open.any(axis=1),
     )
-    objective = np.maximum(ended.value, fitted.value(sup.u, np.arange(len(x))))
+    objective = np.maximum(ended.value, likelihood.value(u, np.arange(len(u))))
     return Fits(
-        parameters=np.where(open_, np.nan, parameters),
-        log_likelihood=objective + fitted.penalty(sup.u),
+        parameters=np.where(is_open, np.nan, parameters),
+        log_likelihood=objective + likelihood.penalty(u),
         objective=objective,
         edges=np.stack(edges, axis=-1),
-        arrived=ended.has_converged | beyond,
+        arrived=ended.has_converged | is_outside,
         points=x,
         subject=posterior.subject,
     )
-
-
-class _Suprema(NamedTuple):
-    """Where suprema lie, (rows, 4), and which of them lie at an edge.
-
-    The edges are an infinite width, a share of 0, no width, and no width with no pull.
-    """
-
-    u: FloatArray
-    wide: BoolArray
-    never: BoolArray
-    narrow: BoolArray
-    vanished: BoolArray
-
-
-def _suprema(fitted: PenalisedLikelihood, u: FloatArray, value: FloatArray) -> _Suprema:
-    """From where ascents ended, (rows, 4).
-
-    The edge where going there costs nothing and going elsewhere does.
-    """
-    (c, pull, width, share), row, end = u.T, np.arange(len(u)), u.copy()
-    design, middle, penalty = (
-        fitted.posterior.subject,
-        -np.log(fitted.scale),
-        fitted.posterior.prior.penalty,
-    )
-
-    def goes(
-        rows: BoolArray, toward: Sequence[npt.ArrayLike], against: Sequence[npt.ArrayLike] = ()
-    ) -> BoolArray:
-        """Which rows go there, of some."""
-        points = [
-            np.stack(np.broadcast_arrays(*where, row)[:4], axis=-1)
-            for where in (toward, against)
-            if where
-        ]
-        high, *others = (fitted.value(at, row) >= value - _rounding(value) for at in points)
-        has_gone = np.asarray(rows & high & ~np.any(others, axis=0))
-        end[has_gone] = points[0][has_gone]
-        return has_gone
-
-    no_pull = (0.0, _EMPTY)
-    wide = goes(np.ones(len(u), bool), (*no_pull, middle - _FAR, share), (*no_pull, middle, share))
-    never = goes(~wide, (*no_pull, width, _EMPTY), (*no_pull, middle, np.log(2.0)))
-    # Without a width different stimuli are told apart for certain; identical ones still differ by p
-    # (mu1 - s1) / w.
-    is_open = ~(wide | never) & bool(np.any(design.s1 != design.s2))
-    vanished = goes(is_open, (c * np.exp(-_FAR), pull + _FAR, width + _FAR, share))
-    narrow = goes(is_open & ~vanished, (c, pull, width + _FAR, share)) | vanished
-    far = np.where(
-        pull < _EMPTY,
-        c * np.exp(np.minimum(pull, _EMPTY)),
-        MAX_PULL * (penalty.mean - fitted.posterior.sbar),
-    )
-    goes(~(wide | never | narrow), (*no_pull, width, share), (far, _FULL, width, share))
-    return _Suprema(end, wide, never, narrow, vanished)
-
-
-def _left_open(fitted: PenalisedLikelihood, ended: Ascent, curvature: FloatArray) -> BoolArray:
-    """Which natural parameters can change along a flat direction of the objective, (rows, 4).
-
-    Directions count in units of the width for the offset and logarithmically for the rest.
-    """
-    u = ended.x
-    held = (u[:, 1:2] == _EMPTY) & [True, True, False, False]
-    bound = (u <= _FULL) & (ended.gradient < -_FLAT) & [False, True, False, True]
-    free, unit = ~(held | bound), np.ones(u.shape)
-    unit[:, 0] = np.exp(-u[:, 2])
-    both_free = free[:, :, None] & free[:, None, :]
-    bend = np.where(both_free, curvature * unit[:, :, None] * unit[:, None, :], np.eye(4))
-    values, vectors = np.linalg.eigh(bend)
-    flat = values < np.maximum(
-        _FLAT, _ROUGH * np.einsum("rcd,rcc->rd", np.square(vectors), np.abs(bend))
-    )
-
-    def described(points: FloatArray) -> FloatArray:
-        quantities = fitted.posterior.quantities(fitted.coordinates(points))
-        first, *sigmas, last = (quantities[name] for name in fitted.posterior.names.natural)
-        return np.stack([first, *map(np.log, sigmas), last], axis=-1)
-
-    steps = _STEP * np.moveaxis(vectors * unit[:, :, None], 2, 0)  # (directions, rows, coordinates)
-    along = np.abs(
-        np.stack([described(u + step) - described(u - step) for step in steps], axis=-1)
-    ) / (2.0 * _STEP)
-    return (flat[:, None, :] & (along > _STILL)).any(axis=2)

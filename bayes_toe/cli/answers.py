@@ -48,7 +48,7 @@ _MOST_EXCLUDED = 5  # names of subjects that are not counted
 
 
 def action_reasons(answer: OrderEffect) -> list[str]:
-    """Why a subject needs a decision before its conclusion is used, in a word or two."""
+    """The reasons why a subject needs a decision before its conclusion is used, in short."""
     reasons = []
     if answer.fits is False:
         reasons.append("poor fit")
@@ -171,7 +171,7 @@ def reason_letters(answers: Iterable[OrderEffect]) -> dict[str, str]:
 
 
 def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
-    """What needs action, with what to type; then what depends on the prior, and the rest."""
+    """Print problems: those that need action with an option to type, then all others."""
     notes: dict[str, list[tuple[str, str, str]]] = {"!": [], "?": [], "-": []}
     options = list[str]()  # the first of each subject
     marked = {answer.subject: _marked_problems(answer) for answer in answers}

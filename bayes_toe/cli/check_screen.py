@@ -77,7 +77,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: dict[str, list[Find
 def answer_of_check(
     study: Study, limits: list[str], by_subject: Mapping[str, Sequence[Finding]]
 ) -> tuple[list[str], list[str]]:
-    """What the design can show, who needs a decision, and the commands to type."""
+    """What the design can show, the subjects that need a decision, and the next commands."""
     lines = limits
     if not limits:
         lines = ["The design can show a constant error and a contraction."]

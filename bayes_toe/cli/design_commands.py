@@ -117,7 +117,7 @@ def _whole_numbers(option: str, text: str) -> list[int]:
 
 @dataclass(frozen=True, kw_only=True)
 class GoalOptions:
-    """What a design is for, and which pairs can be shown."""
+    """The goal of a design, and the pairs that can be presented."""
 
     lowest: Annotated[Number, option("--lowest", NUMBER, "Weakest stimulus, ln intensity.")] = None
     highest: Annotated[Number, option("--highest", NUMBER, "Strongest stimulus, ln intensity.")] = (
@@ -174,7 +174,7 @@ class GoalOptions:
         return grid(self.lowest, self.highest, self.step)
 
     def goal(self, question: str) -> DesignGoal:
-        """What the design is for."""
+        """The goal of the design."""
         from bayes_toe.data.tasks import task_of
 
         keep = None if self.keep is None else bt.design.read_study_design(self.keep, question)
@@ -195,7 +195,7 @@ class ListOptions:
     )
 
     def levels(self) -> tuple[str, ...]:
-        """Those of the condition, none without one."""
+        """The levels of the condition; none without a condition."""
         from bayes_toe.design.simulate import read_differences
 
         if self.conditions is not None and self.list_output is None:

@@ -66,7 +66,7 @@ def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck)
 
 
 def print_problems(out: Terminal, result: PopulationResult, contradictions: Sequence[str]) -> None:
-    """What to know before any number of the group is used."""
+    """Print what to know before any number of the group is used."""
     texts = (*result.problems, *contradictions)
     out.notes(("", capitalized(text), "") for text in texts)
 
@@ -186,7 +186,7 @@ def _comparison_tables(
 
 
 def _comparison_rows(result: PopulationResult, quantity: str) -> list[list[str]]:
-    """What is compared, the parameter, its difference, Bayes factor and word."""
+    """Rows with the comparison, the parameter, its difference, Bayes factor and word."""
     rows = []
     for row in result.table.select(quantity):
         if row.parameter in result.identified:

@@ -137,7 +137,7 @@ def _print_conclusion(
 
 
 def _group_lines(analysis: Analysis) -> list[str]:
-    """What the answer of a study says of the group."""
+    """The lines about the group in the answer of a study."""
     from bayes_toe.answers.study_summary import few_subjects_lines
     from bayes_toe.cli.group_screen import group_answer
 
@@ -299,7 +299,7 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT
 
 
 def describe_h1(table: EvidenceTable) -> str:
-    """For how many subjects the paper's model (H1) predicts better than H0."""
+    """The number of subjects for whom the paper's model (H1) predicts better than H0, in words."""
     from statistics import median
 
     from bayes_toe.answers.study_summary import APPENDIX_C

@@ -173,7 +173,7 @@ def _figure_options(
 def _quantities(
     coordinates: str | None, parameters: str | None, draws: bt.Draws
 ) -> str | tuple[str, ...]:
-    """Which quantities are drawn, from --coordinates or --parameters."""
+    """The quantities to draw, from --coordinates or --parameters."""
     if parameters is None:
         return coordinates or "natural"
     if coordinates is not None:

@@ -117,7 +117,7 @@ def _methods(analysis: Analysis, version: str) -> list[str]:
 
 
 def _data(study: Study) -> list[str]:
-    """What participants did, how much there is, and what was done to it."""
+    """The task, the amount of data, and the changes that were made to them."""
     trials = [subject.total_trials for subject in study.without_conditions()]
     amount = f"{sum(trials):,} trials"
     if len(trials) > 1:
@@ -157,7 +157,7 @@ def _results(analysis: Analysis) -> list[str]:
 
 
 def _count_present(answers: Sequence[OrderEffect], of_total: str) -> list[str]:
-    """In how many participants effects are present, with directions, and the other words."""
+    """The number of participants with each effect and direction, and with the other words."""
     sentences = []
     for question in QUESTIONS:
         words = [str(answer.words[question].value) for answer in answers]
@@ -197,7 +197,7 @@ def _group(group: PopulationResult) -> list[str]:
 
 
 def _limits(analysis: Analysis) -> list[str]:
-    """Which conclusions must not be used as they stand."""
+    """The conclusions that must not be used as they are."""
     answers = [answer for answer in analysis.answers if answer.is_interpretable]
     names_of = doubtful_subjects(answers)
     excluded = [answer.subject for answer in analysis.answers if not answer.is_interpretable]
@@ -219,7 +219,7 @@ def _limits(analysis: Analysis) -> list[str]:
 
 
 def _limits_of_design(study: Study) -> list[str]:
-    """What the pairs and the order of trials cannot identify, and for how many participants."""
+    """The effects that pairs and order of trials cannot identify, with numbers of participants."""
     limits = Counter[str]()
     for subject in study:
         identification = identify(subject)
@@ -252,7 +252,7 @@ def _table(answers: Sequence[OrderEffect]) -> list[str]:
 
 
 def _table_note(analysis: Analysis) -> str:
-    """What the table's signs and marks mean, and the priors."""
+    """The note of the table: signs, marks and priors."""
     note = (
         "Note. Estimates are averaged over the models that have the effect. p above 0 is "
         "contraction, below 0 repulsion."

@@ -239,7 +239,7 @@ class StudyFile:
         return paths
 
     def _read_options(self) -> ReadOptions:
-        """How to read the files."""
+        """The options of reading."""
         from bayes_toe.data.options import ReadOptions, parse_pairs
 
         options: dict[str, Any] = {

@@ -155,7 +155,7 @@ _MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """What a report says and shows besides the analysis."""
+    """Contents of a report besides the analysis."""
 
     flagged: Mapping[str, Sequence[str]]  # subjects that need action, with the reasons
     check: PredictiveCheck | None  # of the group
@@ -262,7 +262,7 @@ def _findings(analysis: Analysis, findings: Sequence[Finding]) -> Record:
 
 
 def _context(analysis: Analysis, facts: Facts) -> Record:
-    """What does not depend on a subject, nor on whether there are pages of them."""
+    """The values that all pages of the report share."""
     study, prior, draws = analysis.study, analysis.settings.prior, analysis.draws
     return {
         "study": study,
@@ -356,7 +356,7 @@ def _asymmetry_image(table: AsymmetryTable) -> str:
 
 
 def _caption(analysis: Analysis) -> str:
-    """What figure 1 shows."""
+    """The caption of figure 1."""
     sizes = (
         "PSE shift and contraction p: medians with 95 % intervals, averaged over the models that "
         "have the effect. A full marker of a subject means 'yes', a half marker 'probably'"
@@ -369,7 +369,7 @@ def _caption(analysis: Analysis) -> str:
 
 
 def _responses_caption(analysis: Analysis) -> str:
-    """What the panels of responses show."""
+    """The caption of the panels of responses."""
     subjects = [analysis.study[name] for name in shown_subjects(analysis.answers)]
     colours = "orange: weaker stimulus first, blue: stronger stimulus first"
     if analysis.study.task == SAME_DIFFERENT:
@@ -414,7 +414,7 @@ def _trust(analysis: Analysis) -> list[tuple[str, str]]:
 
 
 def _design(answers: Sequence[OrderEffect]) -> str:
-    """What the design cannot show."""
+    """The effects that the design cannot show."""
     sentences = []
     for names, note, _ in merge_notes(notes_of(answers)):
         sentence = capitalized(note)
@@ -571,7 +571,7 @@ def _by_condition(table: ContrastTable | None) -> Record | None:
 
 
 def _group(result: PopulationResult | None, check: PredictiveCheck | None) -> Record | None:
-    """What the section of the group says: warnings first, then the answer, tables."""
+    """The section of the group: warnings, the answer, tables."""
     if result is None or check is None:
         return None
     return {
@@ -587,7 +587,7 @@ def _group(result: PopulationResult | None, check: PredictiveCheck | None) -> Re
 def _subjects(
     analysis: Analysis, asymmetries: AsymmetryTable, findings: Sequence[Finding]
 ) -> Iterator[Record]:
-    """What each subject's section says, made when it is written."""
+    """The sections of the subjects; each one is made when it is written."""
     stats = analysis.draws.group("sample_stats")
     messages = defaultdict[str, list[str]](list)
     for finding in findings:

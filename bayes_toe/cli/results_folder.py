@@ -54,7 +54,7 @@ FIGURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
 
 @dataclass(frozen=True)
 class FigureChoice:
-    """Which figures a results folder has.
+    """The subjects whose figures a results folder has.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ def write_results(
 
 
 def _required_products(analysis: Analysis, figures: FigureChoice) -> list[str]:
-    """What the folder will have besides the figures of subjects."""
+    """The files of a folder besides the figures of subjects."""
     required = ["posterior.nc", *ALWAYS]
     if analysis.contrast is not None:
         required += CONTRAST_PRODUCTS
@@ -154,7 +154,7 @@ def _required_products(analysis: Analysis, figures: FigureChoice) -> list[str]:
 
 
 def open_later(posterior: Path) -> Callable[[], Draws]:
-    """What opens a file of draws in the process that needs it."""
+    """A function that opens a file of draws in the process that needs it."""
     return partial(opened, posterior.absolute(), posterior.stat().st_mtime_ns)
 
 

@@ -1,4 +1,4 @@
-"""How a function becomes a command, and what commands do with the options that they share."""
+"""Commands from functions, and the options that commands share."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ class Task:
         return f"Written: {', '.join(map(str, writers))}."
 
     def saving_of(self, study: Study) -> dict[str, Any]:
-        """How tables of subjects are written.
+        """Options for writing tables of subjects.
 
         With the condition of each, where subjects are units.
         """

@@ -1,4 +1,4 @@
-"""How commands print: lines of at most 80 columns, tables, a progress bar; numbers."""
+"""Printing: lines of at most 80 columns, tables, a progress bar, numbers."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _OPTION = re.compile(r"(?<=\s)(--?\w[\w-]*) (?!-)")
 
 
 class Terminal:
-    """Where a command prints; a `quiet` one prints nothing."""
+    """The output of a command; a `quiet` one prints nothing."""
 
     def __init__(self, quiet: bool = False) -> None:
         from rich.console import Console
@@ -113,7 +113,7 @@ class Terminal:
             self.line(line)
 
     def findings(self, findings: Iterable[Finding], mark: str = "!") -> None:
-        """Each message once, with its subjects, and what to type."""
+        """Print each message once, with its subjects and the option to type."""
         self.notes(((item.subject, item.message, item.option) for item in findings), mark)
 
 
@@ -150,7 +150,7 @@ def note_lines(mark: str, subjects: Sequence[str], text: str, option: str = "") 
 
 
 def command_lines(command: str, start: str) -> list[str]:
-    r"""What to type, in lines that a shell joins.
+    r"""A command in lines that a shell joins.
 
     Examples
     --------

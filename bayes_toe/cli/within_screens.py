@@ -60,7 +60,7 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
 
 
 def print_histories(out: Terminal, table: SerialDependence, file: str = OUTPUT) -> None:
-    """Both effects of every subject, and the meaning of their sizes."""
+    """Print both effects of every subject, and the meaning of their sizes."""
     rows, notes = [], []
     for row in table:
         if row.has_result:

@@ -1,1 +1,1 @@
-"""Studies and tables, in and out."""
+"""Reading studies, and writing tables and files."""

@@ -59,7 +59,7 @@ class Answers:
 
     @property
     def given(self) -> Answers:
-        """Those rows that have an answer."""
+        """The rows that have an answer."""
         none = self.n_trials == 0
         return self.without(none) if none.any() else self
 
@@ -80,16 +80,16 @@ class Answers:
 
     @property
     def begins(self) -> BoolArray:
-        """Where memory begins anew, shape (rows,).
+        """The rows at which a new block or session begins, shape (rows,).
 
-        A place that is not one more than that of the row before.
+        There, the place of a row is not one more than that of the row before.
         """
         if self.place is None:
             return np.ones(len(self.n_trials), np.bool_)
         return np.diff(self.place, prepend=self.place[:1] - 2) != 1
 
     def rows_of(self, blocks: Sequence[str]) -> BoolArray:
-        """Which rows are in one of these blocks; all rows where none is named.
+        """Whether rows are in one of these blocks; all are if none is named.
 
         An InputError where there is no such block.
         """
@@ -133,7 +133,7 @@ class Answers:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What a file told besides the counts.
+    """Facts that a file told besides the counts.
 
     `read` are the columns that were, by our names, `ignored` those that were not, by their names in
     the file; `doubts` say what is probably a mistake in the file, a sentence each, without its full

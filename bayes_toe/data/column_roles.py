@@ -1,4 +1,4 @@
-"""Which columns of a table are read as what: by our names, by names that are alike, by options.
+"""The roles of a table's columns: by our names, by similar names, by options.
 
 A subject, a response or a count is read from a column with another name where exactly one name is
 like ours. Stimuli are not: a column such as `stim1` may hold intensities or their logarithms.
@@ -211,7 +211,7 @@ def columns_to_read(
 def _meaning_problems(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> Iterator[str]:
-    """What is said of columns with two meanings, and of two columns for the subject."""
+    """Problems of columns with two meanings, and of two columns for the subject."""
     theirs = [options.name(ours) for ours in roles_read]
     for name in dict.fromkeys(theirs):
         if theirs.count(name) > 1:
@@ -290,7 +290,7 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
 def _answer_problems(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions, python: bool
 ) -> Iterator[str]:
-    """What is said where responses are there twice, are of two tasks, or are none."""
+    """Problems of responses that are there twice, belong to two tasks, or are missing."""
     counts = [bare(options.name(ours)) for ours in _COUNTS if ours in roles_read]
     response = options.name("response")
     if "response" in roles_read and counts:
@@ -323,7 +323,7 @@ def _unordered_stimuli(options: ReadOptions) -> str:
 
 
 def _order_remedies(names: Sequence[str]) -> list[Remedy]:
-    """What to type where a table has a standard and a comparison."""
+    """Options to type if a table has a standard and a comparison."""
     alike = [name for name in names if looks_like(name, "standard_interval")]
     return [
         Remedy("standard_interval", (alike or ["NAME"])[0], "if it says 1 or 2 for the standard"),
@@ -332,7 +332,7 @@ def _order_remedies(names: Sequence[str]) -> list[Remedy]:
 
 
 def _unit_remedies(unit: str) -> list[Remedy]:
-    """What to type where the name of a column tells its unit."""
+    """Options to type if the name of a column tells its unit."""
     choices = ("dB", "dB-power", "ln") if unit == "dB" else (unit, "ln")
     return [Remedy("unit", choice, f"if {_UNIT_MEANINGS[choice]}") for choice in choices]
 
@@ -350,7 +350,7 @@ def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:
 def _remedies(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> Iterator[Remedy]:
-    """What to type where columns are missing."""
+    """Options to type if columns are missing."""
     missing = [ours for ours in roles_read if options.name(ours) not in names]
     lacks_stimuli = not set(missing).isdisjoint(options.stimuli)
     if lacks_stimuli and not options.has_standard and _has_standard(names):
@@ -369,7 +369,7 @@ def _remedies(
 def _stimulus_remedies(
     names: Sequence[str], missing: Sequence[str], options: ReadOptions
 ) -> Iterator[Remedy]:
-    """What to type where counts of 'second' or intensities may stand for what is missing."""
+    """Options to type if counts of 'second' or intensities may replace missing columns."""
     if missing == ["n_equal"] and options.name("n_trials") in names:
         count = (("n_second", "NAME"),)
         yield Remedy("columns", count, "if it counts 'the second was stronger' (2AFC)")
@@ -387,7 +387,7 @@ def _has_standard(names: Sequence[str]) -> bool:
 
 
 def _answer_remedies(names: Sequence[str], missing: Sequence[str]) -> Iterator[Remedy]:
-    """What to type where the column of the responses, or of right and wrong, is missing."""
+    """Options to type if the column of responses, or of right and wrong, is missing."""
     scores = [name for name in names if looks_like(name, "correct")]
     if "response" in missing:
         for name in scores:

@@ -54,7 +54,7 @@ class Stimuli(NamedTuple):
         return cls(mean, sd, step, float(np.average(s1, weights=n_trials)))
 
     def number(self, symbol: str) -> float:
-        """What a key of :data:`bayes_toe.model.prior_fields.OF_STIMULI` stands for."""
+        """The value of a key of :data:`bayes_toe.model.prior_fields.OF_STIMULI`."""
         return {"M": self.mean, "2.5 R": 2.5 * self.sd, "D": self.step}[symbol]
 
 

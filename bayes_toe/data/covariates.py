@@ -1,4 +1,4 @@
-"""What is known of each subject besides the answers.
+"""Covariates: facts about each subject besides the answers.
 
 A CSV file with a column `subject` and one column per covariate.
 """
@@ -120,7 +120,7 @@ def read_covariates(path: Covariates | StrPath) -> Covariates:
 
 
 def _meanings(texts: Iterable[str], decimal_comma: bool) -> dict[str, str | float]:
-    """What each text of a column is: a level of a category, or a number, NaN where it is none.
+    """The meaning of each text of a column: the level of a category, or a number or NaN.
 
     Texts that say that a value is missing are left out.
     """

@@ -31,7 +31,7 @@ ALLOWED_INTERVALS = "1 or 2, the interval of the standard (also first or second)
 
 
 class StandardOrder:
-    """In which trials the standard came first; s1 is the standard where nothing else is said.
+    """The trials in which the standard came first; s1 is the standard by default.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ _STIMULUS = r"(-?[\d.,]+)"
 
 
 def pair_regex(pattern: str) -> re.Pattern[str]:
-    """What finds both stimuli in names or cells of a pattern.
+    """The regular expression that finds both stimuli in names or cells of a pattern.
 
     Examples
     --------

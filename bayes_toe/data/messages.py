@@ -1,4 +1,4 @@
-"""How messages show what was found.
+"""Names, numbers and lists in messages.
 
 Quoted, on one line, of bounded length, and nothing that a terminal would obey.
 
@@ -180,5 +180,5 @@ def with_policy(page: str, *more_sources: str) -> str:
 
 
 def one_line(error: Exception) -> str:
-    """What a library says of a file, on one line of bounded length."""
+    """The message of a library about a file, on one line of bounded length."""
     return bare(" ".join(str(error).split())[:200])

@@ -1,4 +1,4 @@
-"""How to read a file whose layout is not the default: intensities, answer codes, column names.
+"""Options of reading: intensities, codes of responses, names of columns.
 
 The options also say which of its columns are read.
 """
@@ -38,7 +38,7 @@ _TEXT_FIELDS = (
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """How to read a file whose layout is not the default.
+    """Options for files whose layout is not the default.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ class ReadOptions:
         return getattr(self, f"{task.yes}_code"), getattr(self, f"{task.no}_code")
 
     def name(self, ours: str) -> str:
-        """What the file calls a column of ours."""
+        """The file's name for a column of ours."""
         chosen_by_role = {
             "correct": self.correct,
             "condition": self.condition,
@@ -274,7 +274,7 @@ class ReadOptions:
 
     @property
     def unit_in_words(self) -> str:
-        """How the stimuli are read; empty for natural logs without a word."""
+        """The unit of the stimuli in words; empty for natural logs that no option names."""
         unit = "" if self.unit is None else bare(self.unit)
         if self.intensity is not None:
             return f"amplitude in units of {float(self.intensity)!r} {unit}".rstrip()

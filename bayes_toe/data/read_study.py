@@ -196,7 +196,7 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> Study:
 
 
 def _reversal_remedy(study: Study, options: ReadOptions, is_python: bool) -> str:
-    """What to do where all answers mean the opposite of what they say."""
+    """Options to type if all answers mean the opposite of what they say."""
     if "n_trials" in study.reading.read:
         return f"{bare(options.name('n_second'))} counts those"
     if options.correct:
@@ -303,7 +303,7 @@ class _Rows:
 
     @property
     def subject(self) -> Column:
-        """Whose row it is."""
+        """The subject of each row."""
         return self.columns["subject"]
 
     @property
@@ -613,7 +613,7 @@ def _merged_note(parts: Mapping[str, IndexArray], subjects: Sequence[Subject]) -
 
 
 def _percentage_doubts(n: IntArray) -> list[str]:
-    """What is said where each pair has 100 trials, as in a table of percentages."""
+    """A doubt if each pair has 100 trials, as in a table of percentages."""
     if len(n) < _FEWEST_PERCENTAGES or not (n == 100).all():
         return []
     return [

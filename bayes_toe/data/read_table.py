@@ -151,7 +151,7 @@ def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:
 
 
 def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
-    """What a TOML file holds; `lines` says which ones are allowed.
+    """The contents of a TOML file; `lines` describes the allowed ones.
 
     Raises
     ------
@@ -261,7 +261,7 @@ def _chosen_sheet(
 
 
 def _sheet_names(rows: Sequence[Sequence[Any]], choice: Choice) -> tuple[int, list[str]]:
-    """Which row has the names, from 0, and the names."""
+    """The index of the row that has the names, from 0, and the names."""
     texts = [_row_texts(cells) for cells in rows[:MOST_RECORDS]]
     index = header_place(texts, choice)
     return index, texts[index]

@@ -1,4 +1,4 @@
-"""What a column of answers says: words tell the task, numbers never do.
+"""The meaning of a column of answers: words tell the task, numbers never do.
 
 Right and wrong become answers by the sign of s2 - s1.
 """
@@ -200,7 +200,7 @@ def _both_codes(
 
 
 def _unknown_meaning(column: Column, difference: FloatArray) -> tuple[str, list[Remedy]]:
-    """What is said of a column whose words tell no task, or two, and what to type."""
+    """Problems of a column whose words tell no task, or two, with options to type."""
     texts = [text for text in column.texts if not is_no_response(text)]
     words_by_task = [_words_of(task, column) for task in TASKS]
     if all(words_by_task):
@@ -224,7 +224,7 @@ def _unknown_meaning(column: Column, difference: FloatArray) -> tuple[str, list[
 
 
 def _code_remedies(column: Column, texts: Sequence[str], difference: FloatArray) -> list[Remedy]:
-    """What to type where these codes tell no task."""
+    """Options to type if these codes tell no task."""
     plain = dict.fromkeys(map(_plain, texts))
     by_word = {text.lower(): text for text in plain}
     likely = next((by_word[word] for word in ("1", "true", "yes") if word in by_word), texts[0])
@@ -285,7 +285,7 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
 
 
 def _as_answered(column: Column, chosen: BoolArray, word: str) -> str:
-    """Which texts were read as an answer, and how often it was given."""
+    """A note on the texts that were read as an answer, with its number."""
     texts = [column.texts[code] for code in np.unique(column.codes[chosen]).tolist()]
     shown_texts = listed([*map(quoted, texts)]) if texts else repr(word)
     if any(text.lower() != word for text in texts):

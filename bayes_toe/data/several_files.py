@@ -144,7 +144,7 @@ def _require_alike(studies: Sequence[Study]) -> None:
 
 
 def _copies(name: str, answers: Sequence[tuple[str, Answers]]) -> Iterable[str]:
-    """What is said of files that have the same answers of a subject, trial by trial."""
+    """Doubts about files that have the same answers of a subject, trial by trial."""
     first_source: dict[tuple[bytes, bytes], str] = {}
     for source, in_order in answers:
         content = in_order.keys.tobytes(), in_order.n_yes.tobytes()
@@ -183,7 +183,7 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
 
 
 def _common_notes(studies: Sequence[Study]) -> Iterable[str]:
-    """What was noted, once where files differ in numbers only."""
+    """The notes of all files; notes that differ only in numbers become one."""
     alike: dict[str, list[tuple[str, str]]] = {}
     for study in studies:
         for note in study.notes:

@@ -1,4 +1,4 @@
-"""Who answered what: the counts of each subject, validated once and immutable.
+"""Studies and subjects: counts of answers to each pair, validated once and immutable.
 
 The likelihood needs only how often each answer was given to each ordered pair of stimuli, so trials
 are grouped on the way in: a million trials cost what their distinct pairs cost.
@@ -254,7 +254,7 @@ class Subject:
 
     @property
     def person(self) -> str:
-        """Whose answers they are: the name, of a unit without its condition."""
+        """The name of the subject, without a condition."""
         return self.name.removesuffix(f"{AT}{self.condition}") if self.condition else self.name
 
     @property
@@ -377,7 +377,7 @@ class Study:
 
     @property
     def task(self) -> Task:
-        """What was asked."""
+        """The task of all subjects."""
         return self.subjects[0].task
 
     @property

@@ -114,7 +114,7 @@ def _toml(value: object) -> str:
 
 
 def study_source(paths: Sequence[Any], options: ReadOptions) -> StudySource | None:
-    """What the study file among the paths names; None where there is none.
+    """The source that a study file among the paths names; None if there is none.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def study_source(paths: Sequence[Any], options: ReadOptions) -> StudySource | No
 
 
 def read_study_file(path: StrPath) -> StudySource:
-    """What a study file names; files are relative to its folder.
+    """The source that a study file names; files are relative to its folder.
 
     Raises
     ------

@@ -187,7 +187,7 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
 
 
 def _marked(name: str) -> str:
-    """What every system takes of a name, and its hash."""
+    """The characters of a name that every system accepts, and its hash."""
     clean = _FORBIDDEN.sub("_", name).lstrip(".")
     stem = f"_{clean}" if clean == "" or _RESERVED.fullmatch(clean) else clean
     digits = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:_HASH_DIGITS]

@@ -1,4 +1,4 @@
-"""What observers are asked after two stimuli, and which of the two answers is counted."""
+"""The tasks: the question after two stimuli, and the answer that is counted."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Task:
         return np.where(difference == 0, 1, -1) if self == SAME_DIFFERENT else np.sign(difference)
 
     def wrong(self, difference: FloatArray, n_yes: IntArray, n_trials: IntArray) -> IntArray:
-        """How often the wrong answer was given, where the counted one was so often, of s2 - s1.
+        """Numbers of wrong answers, from s2 - s1 and the numbers of the counted answer.
 
         0 where neither is wrong. Broadcasts.
 

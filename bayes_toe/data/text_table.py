@@ -95,7 +95,7 @@ class Column:
 
 
 def value_text(value: object) -> str | None:
-    """What a CSV file would have; None where a value has no text."""
+    """The text of a value in a CSV file; None if it has none."""
     plain = value.item() if isinstance(value, np.generic) else value
     if plain is None or type(plain).__name__ in _MISSING:
         return ""
@@ -112,7 +112,7 @@ def value_text(value: object) -> str | None:
 
 
 class Problems:
-    """What is wrong with a source, to be told at once in the order of its rows."""
+    """Problems of a source, reported together in the order of its rows."""
 
     def __init__(self, source: str) -> None:
         self.source, self.count, self._shown = source, 0, list[tuple[int, str]]()
@@ -180,7 +180,7 @@ class TextTable:
 
     @property
     def source(self) -> str:
-        """What messages call the file, or the frame."""
+        """The name of the file, or of the frame, in messages."""
         return self.problems.source
 
     @property
@@ -236,7 +236,7 @@ class TextTable:
 
 
 def name_places(names: Sequence[str], choice: Choice) -> dict[str, int]:
-    """Where the first column of each chosen name is."""
+    """The index of the first column of each chosen name."""
     chosen = choice(names)
     return {name: names.index(name) for name in dict.fromkeys(names) if name in chosen}
 
@@ -305,7 +305,7 @@ def _find_names(source: str, text: str, choice: Choice) -> tuple[str, int, int, 
 
 
 def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:
-    """Which of the first records has the names: the first one, unless a later one is clearer."""
+    """The index of the record with the names: the first, unless a later one is clearer."""
     counts = [len(name_places(record, choice)) for record in names]
     if not counts or counts[0] > 1:
         return 0

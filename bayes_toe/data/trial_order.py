@@ -31,7 +31,7 @@ def answers_in_order(
     k: IntArray,
     n: IntArray,
 ) -> tuple[dict[str, Answers], list[str], list[str]]:
-    """What each subject answered, with notes and doubts.
+    """The answers of each subject in order, with notes and doubts.
 
     Notes say what is missing; doubts are about trials that are there twice.
 
@@ -119,7 +119,7 @@ def _order_notes(
     n_missing: Mapping[str, int],
     n_untimed: int,
 ) -> list[str]:
-    """What is noted of trials whose order, number or time is not known."""
+    """Notes on trials whose order, number or time is not known."""
     notes = []
     if unordered:
         problem = f"column {bare(columns['trial'].name)} does not order all trials"
@@ -209,7 +209,7 @@ def _repeated(
     k: IntArray,
     n: IntArray,
 ) -> list[str]:
-    """What is said of answered trials with the number, subject and block of an earlier row.
+    """Doubts about answered trials with the number, subject and block of an earlier row.
 
     A row without a number repeats none.
     """

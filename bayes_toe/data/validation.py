@@ -1,4 +1,4 @@
-"""What every reader asks of the columns of a table alike: numbers, counts, names.
+"""Checks of columns that all readers share: numbers, counts, names.
 
 Small tables of numbers are read here too.
 """

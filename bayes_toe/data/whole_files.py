@@ -410,7 +410,7 @@ def _alive(pid: int) -> bool:
 
 @dataclass(frozen=True)
 class Standing:
-    """How many results of `what` were stored before (`taken`), are stored, and will be (`jobs`)."""
+    """Numbers of results of `what`: stored before (`taken`), stored now, and wanted (`jobs`)."""
 
     taken: int
     done: int
@@ -423,7 +423,7 @@ under_way: dict[Path, Standing] = {}
 
 
 def describe_stored() -> str:
-    """What another call need not compute again; empty if that is nothing."""
+    """The stored results that another call need not compute again; empty if there are none."""
     parts = [
         f"{standing.done} of {standing.jobs} {standing.what} are saved in {folder}"
         for folder, standing in under_way.items()

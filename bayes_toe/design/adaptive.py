@@ -85,17 +85,17 @@ class Particles:
 
     @property
     def log_evidence(self) -> float:
-        """Of all answers, nats."""
+        """Log evidence of all answers, nats."""
         return float(logsumexp(self.log_weight) - np.log(len(self.x)))
 
     @property
     def effective(self) -> float:
-        """How many draws count."""
+        """The effective number of draws."""
         return efficiency(self.log_weight) * len(self.x)
 
     @property
     def left(self) -> float:
-        """Share of the draws that counted when they were made, that count still."""
+        """Effective number of draws over the effective number when they were made."""
         first_efficiency = 1.0 if self.fitted is None else self.fitted.efficiency
         return self.effective / (len(self.x) * first_efficiency)
 
@@ -338,7 +338,7 @@ class Adaptive:
         return weighted_quantiles(np.concatenate(values), joined / joined.sum(), levels)
 
     def effective(self) -> dict[str, float]:
-        """How many particles of each model count.
+        """The effective number of particles of each model.
 
         The error of a log evidence is about one over the square root of it.
         """

@@ -1,4 +1,4 @@
-"""What one trial tells about the effects of order: Fisher information about assumed observers.
+"""Fisher information of one trial about the effects of order, for assumed observers.
 
 An answer to a pair with P(yes) = q has the information g g' q/(1 - q), g the gradient of log q in
 the coordinates of 'both'. With the curvature of the prior and the information of all trials it
@@ -154,7 +154,7 @@ class _Exchange:
         return self.fixed + (self.movable + self.movable[self.turned]) // 2
 
     def utility(self) -> float:
-        """Of the trials as they are."""
+        """The utility of the present trials."""
         return self.information.utility(self.information.total(self.n_trials()))
 
     def best(self, size: int) -> int:

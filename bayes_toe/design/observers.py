@@ -147,7 +147,7 @@ def make_observer(name: str, kind: str, values: Mapping[str, float], task: Task)
 def _problems(
     values: Mapping[str, object], names: Sequence[str], *, has_ranges: bool = False
 ) -> Iterator[str]:
-    """What is wrong with parameters, or with ranges of them, a line each."""
+    """Problems of parameters, or of their ranges, a line each."""
     limits = {parameter.name: parameter.limits for parameter in PARAMETERS}
     for name, value in values.items():
         if name not in names:

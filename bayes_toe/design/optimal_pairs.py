@@ -39,7 +39,7 @@ _LEVELS = 5  # of the full factorial
 
 @dataclass(frozen=True, eq=False)
 class DesignGoal:
-    """What a design is for.
+    """The goal of a design.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class OptimalDesign:
     seed: int
 
     def reasons(self) -> list[str]:
-        """Why the design has these pairs, and what they cannot show, in sentences."""
+        """The reasons for these pairs, and what they cannot show, in sentences."""
         share = self.design.n_trials / self.design.total
         first, index = np.unique(self.design.s1, return_inverse=True)
         of_first = np.bincount(index, share)
@@ -138,7 +138,7 @@ class OptimalDesign:
         return lines
 
     def sentences(self) -> list[str]:
-        """Why the design has these pairs, and what it and others can show."""
+        """The reasons for these pairs, and what this design and others can show, in sentences."""
         lines = self.reasons()
         for name, candidate in self.candidates.items():
             lines.append(f"{name}: expected SD of {candidate.describe()}.")

@@ -1,4 +1,4 @@
-"""How often a design answers the three questions: simulate assumed observers, count the words.
+"""Power of a design: simulate assumed observers, and count the words of their answers.
 
 Every simulated data set goes the way of a subject: the evidences of the four models, then the
 words. Counted are the words about the order effect, the constant error and the contraction; beside
@@ -126,7 +126,7 @@ class PowerEstimate:
 
     @property
     def hits(self) -> str:
-        """Of how many data sets it is so."""
+        """The number of data sets that are counted, of all of them, in words."""
         return f"{self.value * self.data_sets:.0f} of {self.data_sets}"
 
     @property
@@ -137,7 +137,7 @@ class PowerEstimate:
 
 @dataclass(frozen=True, eq=False)
 class PowerTable(Table[PowerEstimate]):
-    """What is counted of simulated data sets, a share or a mean a row.
+    """Shares and means over simulated data sets, one in each row.
 
     Attributes
     ----------
@@ -301,7 +301,7 @@ def power(
     workers: Workers = None,
     progress: Progress | None = None,
 ) -> PowerTable:
-    """How often a design shows the effects of assumed observers, how often wrongly, how precisely.
+    """How often and how precisely a design shows the effects of assumed observers.
 
     Parameters
     ----------

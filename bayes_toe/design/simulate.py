@@ -199,7 +199,7 @@ class ConditionDifferences:
 
     @property
     def steps(self) -> FloatArray:
-        """Where each level is between the first and the last one, shape (levels,)."""
+        """The position of each level between the first and the last one, shape (levels,)."""
         if self.conditions.numeric:
             return self.conditions.design()[:, 0]
         return np.linspace(-0.5, 0.5, len(self.conditions.levels))
@@ -241,7 +241,7 @@ def condition_differences(
 
 
 def read_differences(conditions: str | None, differ: str | None) -> ConditionDifferences | None:
-    """What `--conditions` and `--differ` say; None without conditions.
+    """The differences of `--conditions` and `--differ`; None without conditions.
 
     Examples
     --------
@@ -354,7 +354,7 @@ def simulate_trials(
 def _observer_trials(
     observer: SimulatedObserver, design: BatchDesign, seed: int, carry_over: float, missed: float
 ) -> SimulatedTrials:
-    """Those of one observer."""
+    """The trials of one observer."""
     rng = generator(seed, observer.name, "trials")
     n_pairs = len(design.s1)
     order = np.argsort(rng.uniform(size=(design.batches, n_pairs)), axis=1).ravel()
@@ -376,7 +376,7 @@ def _observer_trials(
 def carried_expectation(
     first: FloatArray, second: FloatArray, contraction: FloatArray, share: float
 ) -> FloatArray:
-    """What is expected of every first stimulus: a share of the belief after the trial before.
+    """The expectation of every first stimulus: a share of the belief after the trial before.
 
     Parameters
     ----------

@@ -108,7 +108,7 @@ def _block_counts(design: StudyDesign, blocks: int, rng: Rng) -> IntArray:
 
 
 def _units(design: StudyDesign) -> list[tuple[list[int], int]]:
-    """What stays together in a block, and how often.
+    """The units that stay together in a block, and how often each comes.
 
     Both orders of two stimuli, and what is left.
     """
@@ -129,7 +129,7 @@ def _units(design: StudyDesign) -> list[tuple[list[int], int]]:
 
 
 def _masks_of_equals(n_equal: IntArray, n_different: IntArray, rng: Rng) -> list[BoolArray]:
-    """Which trials of every block are equal pairs, (trials,) each.
+    """The trials of every block that are equal pairs, (trials,) each.
 
     All ways are equally probable.
     """

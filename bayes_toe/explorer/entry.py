@@ -1,4 +1,4 @@
-"""What the page holds of one subject under one model: draws, contours, curves, counts, answer.
+"""The page's data of a subject and model: draws, contours, curves, counts, answer.
 
 Arrays are text in a page: base64 of little-endian numbers, which a browser turns into typed arrays
 without parsing them.
@@ -137,7 +137,7 @@ class Entry:
         return 4 * (len(self.names) + 2) + 2 * POINTS * n_curves
 
     def columns(self, quantities: NamedArrays) -> dict[str, FloatArray]:
-        """What axes show of the draws, (draws,) each; NaN where a draw lacks the effect."""
+        """The draws as axes show them, (draws,) each; NaN where a draw lacks the effect."""
         columns = {}
         for name in self.names:
             values = quantities[name]
@@ -148,7 +148,7 @@ class Entry:
         return columns
 
     def packed(self, rows: int) -> Record:
-        """What the page holds of it, with about so many draws."""
+        """The entry as the page stores it, with about so many draws."""
         x = self.x.reshape(-1, self.x.shape[-1])
         n_rows = min(len(x), rows)
         index = np.arange(n_rows) * len(x) // n_rows  # by the rule that explorer.js goes back by
@@ -261,7 +261,7 @@ def outlined(columns: NamedArrays, spans: Sequence[Span]) -> list[list[str]]:
 
 
 def _contours(density: Density) -> list[str]:
-    """Of each level all x, then all y; NaN between two lines."""
+    """The x, then the y of the contours of each level; NaN between two lines."""
     from bokeh.plotting.contour import contour_data
 
     levels = sorted(set(density.levels))
@@ -396,7 +396,7 @@ class Slice:
         return ", ".join(parts).replace("-", "−")
 
     def packed(self, fitted: Predictor, title: str) -> Record:
-        """What the page holds of it."""
+        """The slice as the page stores it."""
         return {
             "title": title,
             "isi": self.isi,
@@ -438,7 +438,7 @@ def slice_keys(counts: Subject) -> FloatArray:
 
 
 def _fixed(counts: Subject) -> FloatArray:
-    """What a slice has one of.
+    """The value that all pairs of a slice share.
 
     The weaker stimulus of every pair, or the first one, shape (pairs,).
     """
@@ -446,7 +446,7 @@ def _fixed(counts: Subject) -> FloatArray:
 
 
 def along(counts: Subject) -> FloatArray:
-    """Where every pair stands along its slice.
+    """The position of every pair along its slice.
 
     At its stronger stimulus, or at s2 - s1, shape (pairs,).
     """
@@ -497,7 +497,7 @@ def axis(quantities: NamedArrays, sbar: float, ends: Sequence[float]) -> FloatAr
 
 
 def text_of(values: npt.ArrayLike, kind: str = "<f4") -> str:
-    """As float32, or as another kind, such as "<u2", unsigned integers of 16 bits.
+    """An array as text: float32 or another kind, such as "<u2", unsigned integers of 16 bits.
 
     Examples
     --------

@@ -121,7 +121,7 @@ def entries(
     subjects: Sequence[str] | None = None,
     truths: Truth | None = None,
 ) -> list[Entry]:
-    """What the page will hold, with the arguments and errors of :func:`explore`."""
+    """The entries of the page, with the arguments and errors of :func:`explore`."""
     by_label = _draws_by_label(draws)
     all_names = list(dict.fromkeys(chain.from_iterable(part.names for part in by_label.values())))
     names = all_names if subjects is None else list(dict.fromkeys(subjects))

@@ -1,4 +1,4 @@
-"""What a group of subjects has in common: the hierarchical posterior of a population.
+"""The hierarchical posterior of a group of subjects.
 
 It names no model.
 """

@@ -120,7 +120,7 @@ class SubjectRows:
 
     @cached_property
     def own_priors(self) -> list[int]:
-        """Which coordinates of the batch the group does not share."""
+        """The coordinates of the batch that the group does not share."""
         is_unshared = self.loading[0, :, self.n_coefficients :].any(axis=1)
         return np.flatnonzero(is_unshared).tolist()
 
@@ -154,7 +154,7 @@ class SubjectRows:
 
 
 class SeparateFits(NamedTuple):
-    """What the responses of each subject say without the others, about.
+    """Approximate posteriors of each subject without the others.
 
     Attributes
     ----------
@@ -299,7 +299,7 @@ class GroupPosterior:
         return value, np.concatenate([part.reshape(len(theta), -1) for part in parts], axis=1)
 
     def points(self, theta: FloatArray) -> GroupPoint:
-        """What coordinates stand for, theta of shape (points, n_coordinates)."""
+        """The parameters of coordinates theta, shape (points, n_coordinates)."""
         q = self.rows.n_coefficients
         mean, sd_score, effects, block = self._split(theta)
         tau = self.numbers.sds(sd_score).values

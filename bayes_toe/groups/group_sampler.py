@@ -62,7 +62,7 @@ class Trace(NamedTuple):
 
 
 class _Trajectory(NamedTuple):
-    """Where chains are after a trajectory, the chance to get there, and whether they diverged."""
+    """Positions of chains after a trajectory, its acceptance, and whether it diverged."""
 
     x: FloatArray
     acceptance: FloatArray
@@ -92,14 +92,14 @@ class Metric:
         self._following = np.zeros((n_shared, n_blocks * block_size))
 
     def to_position(self, momentum: FloatArray) -> FloatArray:
-        """How far a momentum carries, (chains, coordinates)."""
+        """The change of the position by a momentum, (chains, coordinates)."""
         n_shared = len(self._shared)
         shared = momentum[:, :n_shared] @ self._shared.T
         blocks = self._by_block(momentum[:, n_shared:], self._blocks.swapaxes(1, 2))
         return np.concatenate([shared, blocks + shared @ self._following], axis=1)
 
     def to_momentum(self, gradient: FloatArray) -> FloatArray:
-        """What a slope does to the momentum, (chains, coordinates)."""
+        """The change of the momentum by a slope, (chains, coordinates)."""
         n_shared = len(self._shared)
         by_block = gradient[:, n_shared:]
         shared = (gradient[:, :n_shared] + by_block @ self._following.T) @ self._shared
@@ -283,7 +283,7 @@ class GroupDraws:
 
     @property
     def shortfall(self) -> str:
-        """Why the draws are not reliable, in words; empty where they are."""
+        """The reasons why the draws are not reliable, in words; empty if they are."""
         (_, n_effective), (_, r_hat) = worst(self.convergence)
         problems = []
         if self.n_divergent:
@@ -297,7 +297,7 @@ class GroupDraws:
 
 
 def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraws:
-    """So many draws of all chains together.
+    """Draws of the group from all chains together.
 
     Where these are too few to be reliable, as many again are added to them. Where trajectories
     diverged, twice as many by shorter steps take their place.
@@ -319,7 +319,7 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
 
 
 def _group_draws(posterior: GroupPosterior, trace: Trace) -> GroupDraws:
-    """What the coordinates of the draws stand for."""
+    """The parameters of the draws."""
     n_draws, n_chains, n_coordinates = trace.x.shape
     theta = trace.x.swapaxes(0, 1).reshape(-1, n_coordinates)
     point = posterior.points(theta)

@@ -57,7 +57,7 @@ class GroupParameter(NamedTuple):
 
     @property
     def name(self) -> str:
-        """In files."""
+        """The name in files."""
         return self.parameter.name
 
 
@@ -102,7 +102,7 @@ class ParameterHyperprior:
 
     @property
     def difference(self) -> ParameterHyperprior:
-        """That of a difference between two conditions: normal, half as wide."""
+        """The prior of a difference between two conditions: normal, half as wide."""
         return ParameterHyperprior(0.0, 0.5 * self.mean_scale, 0.5 * self.sd_scale)
 
     def narrowed(self, share: float) -> ParameterHyperprior:
@@ -260,7 +260,7 @@ class HyperpriorNumbers(NamedTuple):
 
     @classmethod
     def from_rows(cls, rows: list[ParameterHyperprior]) -> HyperpriorNumbers:
-        """Those of some rows."""
+        """The numbers of some rows, as arrays."""
         return cls(
             np.array([row.mean for row in rows]),
             np.array([row.mean_scale for row in rows]),

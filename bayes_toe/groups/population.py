@@ -71,7 +71,7 @@ DIFFERING = (CONSTANT_ERROR.name, CONTRACTION.name, NOISE.name)
 
 @dataclass(frozen=True)
 class GroupSettings:
-    """What decides the numbers; stored with the results.
+    """The settings that decide the numbers; stored with the results.
 
     Attributes
     ----------
@@ -101,12 +101,12 @@ class Interval(NamedTuple):
 
     @classmethod
     def from_draws(cls, draws: FloatArray) -> Interval:
-        """Of draws of any shape."""
+        """The summary of draws of any shape."""
         return cls(*np.quantile(draws, _INTERVAL).tolist())
 
 
 class GroupEffect(NamedTuple):
-    """What is known of the constant error or the contraction of a group.
+    """The constant error or the contraction of a group.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class StudyScales(NamedTuple):
 
     @classmethod
     def from_study(cls, study: Study) -> StudyScales:
-        """Those of all subjects together."""
+        """The scales of all subjects together."""
         s1 = np.concatenate([subject.s1 for subject in study])
         s2 = np.concatenate([subject.s2 for subject in study])
         n_trials = np.concatenate([subject.n_trials for subject in study]).astype(np.float64)
@@ -210,7 +210,7 @@ class PopulationResult:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What to know before any number is believed, a line each."""
+        """Problems to know before any number is used, a line each."""
         lines = [
             f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()
         ]
@@ -301,7 +301,7 @@ class PopulationResult:
         return self.draws.mean + self.draws.sd * score
 
     def quantities(self, coefficients: FloatArray) -> dict[str, FloatArray]:
-        """What follows from coefficients, (..., coefficients) -> (...) each.
+        """Quantities that follow from coefficients, (..., coefficients) -> (...) each.
 
         The shift of the point of subjective equality and the JND in per cent, and the largest
         probability of 'equal' where that is a response.

@@ -102,7 +102,7 @@ def _posterior(
 
 
 def _regressors_record(regressors: Regressors) -> Record:
-    """What is known of covariates besides their values, as JSON has it."""
+    """The covariates without their values, for JSON."""
     return {
         "columns": [column._asdict() for column in regressors.columns],
         "left_out": dict(regressors.left_out),
@@ -134,7 +134,7 @@ def is_group_file(path: StrPath) -> bool:
 
 
 def load_group(path: StrPath) -> tuple[Study, Regressors, GroupDraws, Record]:
-    """What :func:`save_group` wrote; anything else, and what is damaged, is refused."""
+    """Read a file of :func:`save_group`; refuse other and damaged files."""
     name = format_path(Path(path))
     if not Path(path).is_file():
         problem = "not a file" if Path(path).exists() else "no such file"

@@ -1,4 +1,4 @@
-"""Whether a normal group fits: how subjects differ in their responses, beside new groups.
+"""Predictive check of the group: differences between subjects beside those of new groups.
 
 A new group has as many subjects with the same trials and covariates. Each is drawn from the group
 of one posterior draw, and its responses are simulated. A subject's own parameters are not used
@@ -28,7 +28,7 @@ _FEWEST_FOR_FORM = 3
 
 
 class Statistic(NamedTuple):
-    """How subjects differ in something, beside quantiles of new groups.
+    """A statistic of the differences between subjects, beside quantiles of new groups.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Statistic(NamedTuple):
 
     @property
     def label(self) -> str:
-        """What it is, in words."""
+        """The statistic in words."""
         return {
             "spread": "SD of {}",
             "skewness": "skewness of {}",
@@ -64,7 +64,7 @@ class Statistic(NamedTuple):
 
     @property
     def warning(self) -> str:
-        """How it contradicts a normal group, in words."""
+        """The contradiction to a normal group, in words."""
         if self.kind == "spread":
             size = "larger" if self.is_above else "smaller"
             text = f"the spread of the {self.quantity} between subjects is {size} than"
@@ -80,7 +80,7 @@ class Statistic(NamedTuple):
 
 @dataclass(frozen=True)
 class PredictiveCheck:
-    """What :func:`predictive_check` computes.
+    """The result of :func:`predictive_check`.
 
     Attributes
     ----------
@@ -92,12 +92,12 @@ class PredictiveCheck:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What contradicts a normal group, a line each."""
+        """The statistics that contradict a normal group, a line each."""
         return tuple(row.warning for row in self.statistics if row.p_value < CONTRADICTED)
 
 
 def predictive_check(result: PopulationResult) -> PredictiveCheck:
-    """How subjects differ, beside so many new groups drawn from the posterior."""
+    """Compare the differences between subjects with new groups drawn from the posterior."""
     rng = generator(result.settings.seed, "population", "predictive check")
     rows = subject_rows(result.study, result.scales)
     batch = rows.batch
@@ -130,7 +130,7 @@ def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
 def _measures(
     units: Sequence[Subject], rows: SubjectRows, n_yes: IntArray, n_trials: IntArray
 ) -> Iterator[tuple[str, FloatArray, tuple[str, ...]]]:
-    """What subjects did, (subjects, groups), and what to compare of it.
+    """Measures of the responses of subjects, (subjects, groups), and the statistics to compare.
 
     `n_yes` has the shape (rows, groups, pairs), the observed group first.
     """

@@ -45,7 +45,7 @@ class ZeroBayesFactor(NamedTuple):
 def zero_mean(
     draws: GroupDraws, numbers: HyperpriorNumbers, x: FloatArray, j: int
 ) -> ZeroBayesFactor:
-    """That of the mean of coefficient j; with covariates, of subjects at their reference."""
+    """The Bayes factor for the mean of coefficient j; with covariates, at their reference."""
     residual = draws.subjects[..., j] - draws.effects[..., j] @ x.T
     centre = residual.mean(axis=-1)
     width = draws.sd[..., j] / np.sqrt(residual.shape[-1])
@@ -60,7 +60,7 @@ def zero_mean(
 def zero_effect(
     draws: GroupDraws, numbers: HyperpriorNumbers, x: FloatArray, i: int, j: int
 ) -> ZeroBayesFactor:
-    """That of the effect of covariate i on coefficient j."""
+    """The Bayes factor for the effect of covariate i on coefficient j."""
     other_covariates = np.delete(np.arange(x.shape[1]), i)
     residual = draws.subjects[..., j] - draws.mean[..., j, None]
     residual = residual - draws.effects[..., other_covariates, j] @ x[:, other_covariates].T
@@ -74,7 +74,7 @@ def zero_effect(
 def zero_difference(
     draws: GroupDraws, numbers: HyperpriorNumbers, columns: list[int], weights: FloatArray
 ) -> ZeroBayesFactor:
-    """That of a weighted sum of the means of some coefficients, which have normal priors."""
+    """The Bayes factor for a weighted sum of means of coefficients with normal priors."""
     n_subjects = draws.subjects.shape[2]
     centre = draws.subjects[..., columns].mean(axis=2)
     variance = np.square(draws.sd[..., columns]) / n_subjects

@@ -44,7 +44,7 @@ _LARGE = 4000  # draws of the round after these, which shows more of the tails
 
 @dataclass(frozen=True)
 class Stage:
-    """How hard one stage of the adaptation works, and the efficiency that ends it."""
+    """The effort of one stage of the adaptation, and the efficiency that ends it."""
 
     components: int
     draws: int
@@ -272,7 +272,7 @@ def _first(posterior: SampledPosterior, maxima: Maxima, rng: Rng) -> Proposal:
 
 
 def _covariance(y: FloatArray, weights: FloatArray | None = None) -> FloatArray:
-    """Of points, shape (N, D) -> (D, D), also where D is 1."""
+    """The covariance of points, shape (N, D) -> (D, D), also where D is 1."""
     return np.atleast_2d(np.cov(y.T, aweights=weights, ddof=1 if weights is None else 0))
 
 

@@ -89,7 +89,7 @@ def errors_of(quantities: NamedArrays) -> dict[str, Errors]:
 def _measured(
     measures: tuple[Callable[[FloatArray], FloatArray], ...], draws: FloatArray
 ) -> list[list[float]]:
-    """What the measures say of draws, shape (quantities, chains, draws).
+    """Diagnostics of draws, shape (quantities, chains, draws).
 
     Of constants ArviZ itself says that all draws count.
     """
@@ -104,7 +104,7 @@ def _measured(
 def worst(
     convergences: Mapping[str, Convergence],
 ) -> tuple[tuple[str, float], tuple[str, float]]:
-    """What has the fewest effective draws, bulk or tail, and how many.
+    """The quantity with the fewest effective draws, bulk or tail, and their number.
 
     What has the largest R-hat, and which. NaN is worst.
     """
@@ -116,7 +116,7 @@ def worst(
 
 
 def shortfall(convergences: Mapping[str, Convergence], draws: int, max_r_hat: float) -> str:
-    """What was not reached, in words; empty where everything was."""
+    """The criteria that were not met, in words; empty if all were."""
     (lowest, ess), (highest, r_hat) = worst(convergences)
     problems = []
     if ess < draws:

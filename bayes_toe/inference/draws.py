@@ -199,7 +199,7 @@ class Draws:
 
     @property
     def task(self) -> Task:
-        """What the subjects were asked."""
+        """The task of the subjects."""
         task = task_counted(self.tree["observed_data"])
         assert task is not None  # as the layout has it
         return task
@@ -371,7 +371,7 @@ class Draws:
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
-        """What a damaged part of a file says when it is asked for."""
+        """Report a damaged part of the file when it is read."""
         try:
             yield
         except (OSError, ValueError) as error:
@@ -381,7 +381,7 @@ class Draws:
 
     @cached_property
     def _places(self) -> Mapping[str, IndexArray]:
-        """Where the pairs of every subject stand."""
+        """The indices of every subject's pairs."""
         owner = pd.Series(self.group("observed_data")["subject"].values.astype(str))
         return {str(name): np.asarray(rows) for name, rows in owner.groupby(owner).indices.items()}
 

@@ -66,7 +66,7 @@ _RANGES = {
 
 
 class _Head:
-    """What is small of the draws of a subject."""
+    """The small arrays of a subject's draws."""
 
     def __init__(self, draws: SubjectDraws) -> None:
         self.units = draws.units
@@ -304,7 +304,7 @@ def _with_small_in_memory(group: xr.Dataset) -> xr.Dataset:
 
 
 def unreadable(path: Path, error: Exception) -> InputError:
-    """What is raised where the libraries cannot read a file, or a part of it."""
+    """The error for a file, or a part of it, that the libraries cannot read."""
     reason = "not a NetCDF file that can be read"
     if "filter" in str(error) or "checksum" in str(error):  # the words of HDF5
         reason = "damaged: its numbers do not fit their checksums"
@@ -312,7 +312,7 @@ def unreadable(path: Path, error: Exception) -> InputError:
 
 
 def _problems(tree: xr.DataTree, is_read_at_once: bool) -> Iterator[str]:
-    """What differs from the layout of draws; later checks may rest on earlier ones."""
+    """Differences from the layout of draws; later checks may rest on earlier ones."""
     yield from _problems_of_attributes(tree.attrs)
     for group, expected in _LAYOUT.items():
         if group not in tree.children:

@@ -74,7 +74,7 @@ class Differenced:
 
 
 class Ascent(NamedTuple):
-    """Where every search ended, with the log density there, and whether it converged."""
+    """The ends of searches, the log densities there, and whether the searches converged."""
 
     x: FloatArray  # (starts, k)
     value: FloatArray  # (starts,)

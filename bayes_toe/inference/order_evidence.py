@@ -76,7 +76,7 @@ _MOST_RETURNS, _MOST_POOR_RETURNS = 8, 2
 
 @dataclass(frozen=True)
 class Precision:
-    """When a row has enough fresh draws.
+    """The precision at which a row has enough fresh draws.
 
     Attributes
     ----------
@@ -392,7 +392,7 @@ class _Sampler:
     def _profile_maxima(
         self, row: int, rows: IndexArray, values: FloatArray, profile: Ascent
     ) -> tuple[IndexArray, IndexArray]:
-        """Which maxima of a profile are the row's to start from, the best first, and the profile.
+        """The maxima of a profile from which a row starts, the best first, and the profile.
 
         A row without constant error starts at the maximum of its neighbour with c = 0.
         """

@@ -23,14 +23,14 @@ _BLOCK = 1 << 20  # values of one temporary array
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """What posterior draws of one subject predict; x has the shape (draws, k)."""
+    """Predictions of posterior draws of one subject; x has the shape (draws, k)."""
 
     target: ObserverPosterior | PaperPosterior
     x: FloatArray
 
     @classmethod
     def of(cls, draws: Draws, subject: str, *, most: int | None = None) -> Predictor:
-        """Of a subject's draws, all of them or about `most`, evenly spaced."""
+        """The predictor of a subject's draws: all of them, or about `most`, evenly spaced."""
         require_draws(draws)
         target = draws.posterior(subject)
         x = np.concatenate(list(draws.points(subject)))

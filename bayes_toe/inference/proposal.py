@@ -96,7 +96,7 @@ class StudentMixture:
         return self.offset(component, rng.standard_normal((size, self.means.shape[1])), rng)
 
     def sample_components(self, rng: Random, size: int) -> IndexArray:
-        """Which components draws come from, shape (size,)."""
+        """Random components of the draws, shape (size,)."""
         bounds = np.cumsum(self.weights)[:-1]
         return np.searchsorted(bounds, rng.uniform(size=size), side="right")
 
@@ -147,7 +147,7 @@ class StudentMixture:
         return StudentMixture(shares / shares.sum(), means, scales, self.df)
 
     def _sums(self, x: FloatArray, weights: FloatArray) -> _Sums:
-        """What the components hold of weighted points."""
+        """The sums over weighted points for each component."""
         dim, n = x.shape[1], len(self.means)
         # Moments are counted from the points' mean: a component that is kept is at most 100 of
         # their standard deviations away, and what is subtracted below costs at most that squared in
@@ -210,7 +210,7 @@ class StudentMixture:
 
 
 class _Sums(NamedTuple):
-    """What J components hold of weighted points."""
+    """Sums over weighted points for each of J components."""
 
     weight: FloatArray  # (J,)
     squares: FloatArray  # (J,): sum of squared weights

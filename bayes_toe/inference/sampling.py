@@ -30,7 +30,7 @@ _SLOW = 0.86
 
 @dataclass(frozen=True)
 class SamplerSettings:
-    """How draws are made and when sampling stops.
+    """Settings of the sampler, and criteria at which it stops.
 
     Parameters
     ----------

@@ -79,13 +79,13 @@ class Settings:
     model: str = ""
 
     def as_dict(self) -> dict[str, object]:
-        """What a file of results keeps of it."""
+        """The values that a file of results stores."""
         return {"model": self.model, "prior": asdict(self.prior), "sampler": asdict(self.sampler)}
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is asked for of a subject."""
+    """The results that are wanted for a subject."""
 
     chains: SamplerSettings | None = None  # posterior draws by these; with them, goodness of fit
     evidence_draws: int = 0  # independent ones behind the evidence; 0 for no evidence
@@ -104,7 +104,7 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class SubjectResult:
-    """What was asked for of one subject under one model, None for the rest.
+    """The results of one subject under one model; None for those not wanted.
 
     Small enough to send to another process.
     """
@@ -196,7 +196,7 @@ class SubjectDraws:
 
 
 def subject_draws(result: SubjectResult, *, summarised: bool = False) -> SubjectDraws:
-    """What is kept of a result with chains, with or without rows of a summary."""
+    """The draws of a result with chains, with or without rows of a summary."""
     target, chains, fit = result.target, result.chains, result.fit
     if chains is None:
         raise InputError(f"subject {result.subject.name!r} was analysed without sampling")

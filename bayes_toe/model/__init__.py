@@ -1,4 +1,4 @@
-"""What is assumed of the observer.
+"""The models of the observer, their parameters and priors.
 
 The stub beside this file lists its public names, which load on first use.
 

@@ -1,4 +1,4 @@
-"""From the distance of two stimuli to the log probability of each answer, with its slopes.
+"""Log probability of each answer, and its slopes, from the distance of two stimuli.
 
 The distance z counts in standard deviations of the noise. An observer who is asked which stimulus
 is stronger answers 'second' with P = Phi(z). An observer who is asked 'same or different' answers

@@ -104,7 +104,7 @@ class ConditionPosterior:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Those of the task, in the order of the coordinates."""
+        """The parameters of the task, in the order of the coordinates."""
         return task_parameters(self.subject.task)
 
     @property
@@ -117,7 +117,7 @@ class ConditionPosterior:
 
     @cached_property
     def steps(self) -> FloatArray:
-        """What a difference adds to each coordinate, (conditions, differences, k)."""
+        """The change of each coordinate by a difference, (conditions, differences, k)."""
         n_conditions, n_columns = self.design.shape
         k = len(self.parameters)
         steps = np.zeros((n_conditions, len(self.differing), n_columns, k))
@@ -171,7 +171,7 @@ class ConditionPosterior:
     # --- What engines ask for --------------------------------------------------------------------
 
     def starts(self) -> FloatArray:
-        """Those of all answers, without differences."""
+        """The starts for all answers together, without differences."""
         return self.without_differences(self.shared.starts())
 
     def without_differences(self, u: FloatArray) -> FloatArray:

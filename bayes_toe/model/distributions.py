@@ -32,7 +32,7 @@ LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 class Distribution(Hashable, Protocol):
-    """What a prior asks of the distribution of one parameter.
+    """The distribution of one parameter, as a prior needs it.
 
     A frozen record, its methods for arrays of any shape.
     """

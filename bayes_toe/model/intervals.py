@@ -1,4 +1,4 @@
-"""How pull and width of the paper's model (H1) depend on the inter-stimulus interval.
+"""Pull and width of the paper's model (H1) as functions of the inter-stimulus interval.
 
 A random walk of the memory.
 
@@ -86,7 +86,7 @@ class Scales(NamedTuple):
     width: FloatArray
 
     def of_pairs(self, interval: IndexArray) -> Scales:
-        """Those of pairs, given the place of each pair's interval, shape (pairs,)."""
+        """The values for pairs, given the index of each pair's interval, shape (pairs,)."""
         return Scales(self.pull[:, interval], self.width[:, interval])
 
 

@@ -62,7 +62,7 @@ def stored_model(name: str, task: Task) -> SampledModel:
 
 
 def model_title(name: str) -> str:
-    """How figures and tables call the model that has this name in files.
+    """The name in figures and tables of the model that has this name in files.
 
     Examples
     --------

@@ -94,7 +94,7 @@ class StimulusScales:
 
     @classmethod
     def from_counts(cls, s1: FloatArray, s2: FloatArray, n_trials: FloatArray) -> StimulusScales:
-        """From pairs, shape (pairs,) each.
+        """The scales of pairs, shape (pairs,) each.
 
         Raises
         ------
@@ -118,7 +118,7 @@ class StimulusScales:
 
     @classmethod
     def from_subject(cls, subject: Subject) -> StimulusScales:
-        """Those of a subject's answered trials.
+        """The scales of a subject's answered trials.
 
         A subject in one condition has sbar, D and R of all of its conditions, so that a shift
         means the same in each.
@@ -537,7 +537,7 @@ class OrderModel:
 
     @property
     def about(self) -> str:
-        """What it says of the order of the stimuli, in words."""
+        """The effects of order that the model has, in words."""
         return _MODEL_WORDS[self.name]
 
     @property
@@ -733,7 +733,7 @@ class ObserverPosterior:
 
     @cached_property
     def names(self) -> Names:
-        """What the quantities are called."""
+        """The names of the quantities."""
         derived = ("jnd", "zone") if "q0" in self.coordinates else ("jnd",)
         return Names(self.coordinates, self.coordinates, derived, ("jnd",))
 

@@ -110,7 +110,7 @@ class Natural(NamedTuple):
 
 
 def natural_names(task: Task) -> tuple[str, ...]:
-    """What a task calls the paper's four parameters."""
+    """The names of the paper's four parameters in a task."""
     return (*NATURAL[:3], task.lapses)
 
 

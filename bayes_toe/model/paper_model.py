@@ -224,7 +224,7 @@ class PaperPosterior:
 
     @property
     def power(self) -> float:
-        """Of G, in the width sigma_p G^power."""
+        """The power of G in the width sigma_p G^power."""
         return _POWERS[self.share]
 
     @cached_property
@@ -378,7 +378,7 @@ class PaperPosterior:
 
     @property
     def _spread_power(self) -> float:
-        """Of K, in the spread that has the distribution: sigma_p is w K^power."""
+        """The power of K in the width that has the prior: sigma_p is w K^power."""
         return 0.0 if self.prior.spread == "width" else self.power
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
@@ -495,7 +495,7 @@ class PaperPosterior:
 
     @property
     def names(self) -> Names:
-        """What the quantities are called."""
+        """The names of the quantities."""
         return Names(
             natural=natural_names(self.subject.task),
             identified=("offset", "pull", "width", self.share),

@@ -159,7 +159,7 @@ class CutNormal(StandardNormal):
     limit: FloatArray | float
 
     def log_density(self, u: FloatArray) -> FloatArray:
-        """That of the normal over its mass inside; -inf outside."""
+        """Log density of the normal over its mass inside; -inf outside."""
         log_mass = np.log1p(-2.0 * ndtr(-np.asarray(self.limit)))
         inside = -0.5 * (np.square(u) + LOG_2PI) - log_mass
         return np.where(np.abs(u) < self.limit, inside, -np.inf)
@@ -381,7 +381,7 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
 
 
 def quantity_named(name: str) -> Quantity:
-    """What a posterior describes, by its name. Others are frequencies of pairs, q_1 and so on."""
+    """The quantity with this name. Unknown names are frequencies of pairs, q_1 and so on."""
     return QUANTITY_BY_NAME.get(name, Quantity(name, name, name, "", PURE_NUMBER))
 
 

@@ -1,4 +1,4 @@
-"""What engines ask of a posterior, whichever model it is of, and what posteriors share."""
+"""The interface of posteriors of all models, and the code that they share."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Names:
 
     @property
     def reported(self) -> tuple[str, ...]:
-        """What tables and files hold: natural and derived, in order."""
+        """The quantities in tables and files: natural and derived, in order."""
         return _ordered((*self.natural, *self.derived))
 
     @property
@@ -164,7 +164,7 @@ def judged_quantities(target: AnswerPosterior, x: FloatArray) -> dict[str, Float
 
 
 def contraction(target: AnswerPosterior, parameter: str, low: float, high: float) -> float:
-    """How much the answers narrowed a parameter.
+    """How much the answers narrow a parameter.
 
     Its posterior quantiles at 5 and 95 % are `low` and `high`.
 

@@ -97,7 +97,7 @@ class Prior(PriorFields):
 
     @property
     def spread(self) -> str:
-        """Whose distribution rules the width of the curve: "width", or "sigma_p"."""
+        """The parameter whose prior determines the width of the curve: "width" or "sigma_p"."""
         return "sigma_p" if self.width_median is None else "width"
 
     def at(self, *subjects: Subject) -> Self:
@@ -213,12 +213,12 @@ class Prior(PriorFields):
         )
 
     def describe_orders(self, task: Task = SAME_DIFFERENT) -> str:
-        """That of the four models of the observer, and H1's, in one line."""
+        """The priors of the observer and of H1 in words, in one line."""
         return f"{self.observer.describe(task)}. The paper's model (H1): {self.describe(task)}"
 
     @property
     def remark(self) -> str:
-        """What else to know of its numbers, to be put behind a description.
+        """A remark on the numbers, to follow a description.
 
         What its symbols mean, and their unit of time.
         """

@@ -176,7 +176,7 @@ class PriorFields:
 
 
 def number_problems(keys: Mapping[str, PriorField], key: str, value: object) -> list[str]:
-    """What is wrong with one number, in one line that ends in what is allowed.
+    """The problem of one number, in one line that ends in the allowed values.
 
     Nothing where it is right.
     """

@@ -93,7 +93,7 @@ def _number(value: Any) -> Any:
 def _key_problems(
     all_sections: Mapping[str, Mapping[str, PriorField]], section: str, values: Mapping[str, Any]
 ) -> list[str]:
-    """What is wrong with the keys of a section, one line each."""
+    """Problems of the keys of a section, a line each."""
     problems = []
     for key, value in values.items():
         problems += number_problems(all_sections[section], key, value)
@@ -101,7 +101,7 @@ def _key_problems(
 
 
 def _misplaced(all_sections: Mapping[str, Mapping[str, PriorField]], key: str) -> str:
-    """What is wrong with a key that stands outside the sections."""
+    """The problem of a key outside the sections."""
     section_names = ", ".join(f"[{section}]" for section in all_sections)
     if key in all_sections:
         return (

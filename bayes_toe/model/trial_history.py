@@ -1,4 +1,4 @@
-"""What the trial before leaves to the next, on top of the observer.
+"""Effects of the trial before on the next one, added to the observer.
 
     previous response   z + kappa r in 'which is stronger', k_m exp(kappa r) with 'equal'
     carry-over          sbar + E takes the place of sbar in p (s1 - sbar)
@@ -132,7 +132,7 @@ class TrialHistoryPosterior:
 
     @cached_property
     def _cells(self) -> _Cells:
-        """What the likelihood is a product over."""
+        """The cells over which the likelihood is a product."""
         trials = self.trials
         rows = np.flatnonzero(trials.is_answered)
         earlier = trials.earlier(1)[rows]
@@ -309,7 +309,7 @@ class TrialSequence:
 
     @property
     def is_answered(self) -> BoolArray:
-        """Which trials have an answer."""
+        """Whether trials have an answer."""
         return self.answer != 0.0
 
     def earlier(self, lag: int) -> IndexArray:

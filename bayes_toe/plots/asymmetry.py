@@ -147,7 +147,7 @@ def _draw_comparisons(ax: Axes, rows: Sequence[Sequence[Comparison]], size: floa
 
 
 def _draw_key(ax: Axes, share_of: str) -> None:
-    """What colour and filling mean, above the panel and over long names."""
+    """Draw the meaning of colour and filling above the panel and over long names."""
     style: Style = {"ls": "", "ms": 4.2, "mew": 0.7}
     for order, sign in (("weaker", -1), ("stronger", 1)):
         colour, marker = _MARKS[sign]

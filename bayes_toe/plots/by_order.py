@@ -253,7 +253,7 @@ def _draw_pairs(ax: Axes, counts: Subject, ends: FloatArray) -> None:
 
 
 def _pair_labels(subjects: Sequence[Subject], width: float) -> list[str]:
-    """What the pairs are called, where all subjects met the same ones and there is room, inches."""
+    """Labels of the pairs, if all subjects have the same ones and there is room, in inches."""
     first = subjects[0]
     pairs = np.array([first.s1, first.s2])
     index = _in_order(first)

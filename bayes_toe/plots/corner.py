@@ -239,7 +239,7 @@ def spans_of(
 
 
 def support(target: AnswerPosterior, name: str) -> Span:
-    """Where a quantity can lie."""
+    """The range of a quantity."""
     if name in ("mu1", "offset", "pse_shift"):
         return -np.inf, np.inf
     if name in ("gamma", "rho") or name.startswith("q"):

@@ -41,7 +41,7 @@ from bayes_toe.plots.style import (
 
 
 class Question(NamedTuple):
-    """How one of the three questions is drawn: colour, marker, and the size of a forest."""
+    """Style of one of the three questions: colour, marker, and the size of a forest."""
 
     name: str
     colour: str

@@ -494,7 +494,7 @@ _CAPTIONS = {
 
 
 def captions(analysis: Analysis) -> str:
-    """What each figure shows, with every level and band, as Markdown."""
+    """Captions of the figures with every level and band, as Markdown."""
     draws = analysis.draws
     table = asymmetry_table(analysis.study)
     title = f"# Figures: {draws.attrs['source']}"

@@ -110,7 +110,7 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
 
 
 def _heading(result: PopulationResult) -> str:
-    """How many subjects, both effects, and whether to believe it."""
+    """The number of subjects, both effects, and whether the draws are reliable."""
     synthetic = " (synthetic data)" if result.study.synthetic else ""
     lines = []
     if not result.is_reliable:
@@ -188,7 +188,7 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
 
 
 def check_panel(ax: Axes, check: PredictiveCheck) -> None:
-    """How subjects differ (points) beside new groups, whose 5 to 95 % are a bar each.
+    """Differences between subjects (points) beside new groups, whose 5 to 95 % are a bar each.
 
     Every row has a scale of its own: the median of new groups is in the middle, and their central
     90 % are as wide as in any other row.

@@ -1,4 +1,4 @@
-"""How often a design shows the effects of assumed observers; the optimised design."""
+"""Figures of the power of a design, and of an optimised design."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def _gain(row: SubjectDependence) -> float:
 
 
 def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDependence) -> None:
-    """Both panels of a subject."""
+    """Draw both panels of a subject."""
     static = table.posterior(row, "static")
     best = table.posterior(row, row.best_history)
     expected = static.trial_probabilities(row.draws[0]).mean(axis=0)

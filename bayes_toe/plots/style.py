@@ -1,4 +1,4 @@
-"""What all figures share: colours, sizes, names and numbers as words, panels, legends.
+"""Style of all figures: colours, sizes, names and numbers as words, panels, legends.
 
 Functions take Axes or make a Figure of their own, return it, never show it and never touch global
 settings. Colours keep the paper's meaning in a palette safe for colour-blind readers: orange weaker
@@ -48,12 +48,12 @@ BANDS: tuple[Band, ...] = ((0.025, 0.975, 0.15), (0.25, 0.75, 0.35))
 
 
 def chance(task: Task) -> str:
-    """What an axis of probabilities of the answer that a task counts is called."""
+    """The label of an axis of probabilities of the answer that a task counts."""
     return f"P('{task.yes}')"
 
 
 class Mark(NamedTuple):
-    """How the answers of one kind are drawn: colour, marker, words."""
+    """Style of the answers of one kind: colour, marker, words."""
 
     colour: str
     marker: str
@@ -148,7 +148,7 @@ def even_columns(n_panels: int, largest: int) -> int:
 def grid_panels(
     figure: Figure | SubFigure, n_panels: int, n_columns: int, *, sharey: bool = False
 ) -> list[Axes]:
-    """So many panels in a grid, row by row."""
+    """Panels in a grid, row by row."""
     axes = figure.subplots(n_rows(n_panels, n_columns), n_columns, squeeze=False, sharey=sharey)
     panels = axes.ravel().tolist()
     for ax in panels[n_panels:]:
