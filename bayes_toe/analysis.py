@@ -208,9 +208,9 @@ def _interpretable_group(
     for result in results:
         answer = result.evidence.answer
         if answer is not None and not answer.is_interpretable:
-            excluded.add(study[answer.subject].person)
-    names = [subject.name for subject in study if subject.person not in excluded]
-    if len({study[name].person for name in names}) < FEWEST_FOR_GROUP:
+            excluded.add(study[answer.subject].subject_name)
+    names = [subject.name for subject in study if subject.subject_name not in excluded]
+    if len({study[name].subject_name for name in names}) < FEWEST_FOR_GROUP:
         return None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)

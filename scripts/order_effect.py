@@ -31,7 +31,7 @@ from bayes_toe.checks.identification import Identification
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.inference.order_evidence import Precision, order_evidence
-from bayes_toe.model.observer import JND_OVER_NOISE, StimulusScales
+from bayes_toe.model.observer import JND_OVER_NOISE
 
 _LEVELS = 0.25 * np.arange(6)
 _NEIGHBOURS = [pair for low, high in pairwise(_LEVELS) for pair in ((low, high), (high, low))]
@@ -87,7 +87,7 @@ def simulate(
     s1, s2 = np.array(design.pairs).T
     n_trials = np.full(len(s1), design.trials)
     asked = Subject(name, s1, s2, np.zeros(len(s1), int), n_trials, task=design.task)
-    scales = StimulusScales.from_subject(asked)
+    scales = asked.scales
     s1, s2 = asked.s1, asked.s2
     step, spread = scales.step, scales.spread
     width = 0.8 * step * np.exp(rng.normal(0.0, 0.35))

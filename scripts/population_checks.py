@@ -28,7 +28,7 @@ from scipy.special import ndtr
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.groups.population import PopulationResult, StudyScales
+from bayes_toe.groups.population import PopulationResult, study_scales
 
 STEP = 0.25
 _LEVELS = STEP * np.arange(6)
@@ -195,7 +195,7 @@ def nuts() -> None:
 
     numpyro.enable_x64()
     study = simulated_study(Truth(0.4, 0.3, 0.15, 0.1), 200, np.random.default_rng(5))
-    scales = StudyScales.from_study(study)
+    scales = study_scales(study)
     first = (S1 - S1.mean()) / scales.step
     difference = (S2 - S1) / scales.step
     middle = (0.5 * (S1 + S2) - S1.mean()) / scales.step

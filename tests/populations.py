@@ -8,7 +8,7 @@ from scipy.special import ndtr
 
 import bayes_toe as bt
 from bayes_toe.data.conditions import Conditions
-from bayes_toe.data.study import felt_together
+from bayes_toe.data.study import with_shared_scales
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.design.study_design import each_once
 from bayes_toe.groups.group_sampler import GroupDraws
@@ -17,8 +17,8 @@ from bayes_toe.groups.population import (
     DRAWS,
     GroupSettings,
     PopulationResult,
-    StudyScales,
     group_posterior,
+    study_scales,
 )
 from bayes_toe.groups.regressors import Regressors
 
@@ -57,7 +57,7 @@ def two_conditions(seed, n_subjects=8, n_each=20, difference=0.5):
             name = f"P{i:03d}@{level}"
             units.append(neighbours(name, c, 0.1, 0.2, n_each, rng, condition=level))
     conditions = Conditions("hand", ("left", "right"))
-    return bt.Study(felt_together(units), source="two hands", conditions=conditions)
+    return bt.Study(with_shared_scales(units), source="two hands", conditions=conditions)
 
 
 def independent_draws(posterior, n_draws=DRAWS, rng=None, n_chains=8):
@@ -72,8 +72,8 @@ def independent_draws(posterior, n_draws=DRAWS, rng=None, n_chains=8):
 def made_result(study, regressors=None, n_divergent=0, n_draws=1600):
     """The result of a group without its sampler; with divergences it is not reliable."""
     settings = GroupSettings(1, Hyperprior(), n_draws)
-    scales = StudyScales.from_study(study)
-    persons = dict.fromkeys(subject.person for subject in study)
+    scales = study_scales(study)
+    persons = dict.fromkeys(subject.subject_name for subject in study)
     columns = Regressors.none(tuple(persons)) if regressors is None else regressors
     posterior = group_posterior(study, scales, settings.hyperprior, columns.x)
     draws = replace(independent_draws(posterior, n_draws), n_divergent=n_divergent)

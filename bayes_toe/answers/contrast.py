@@ -24,7 +24,7 @@ from bayes_toe.arrays import FloatArray, NamedArrays, Rng, StrPath
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import bare, capitalized, counted, listed
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
-from bayes_toe.data.study import Study, Subject, by_person, require_study
+from bayes_toe.data.study import Study, Subject, require_study, units_by_subject
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, WorkerError
@@ -281,7 +281,7 @@ def contrast(
     conditions = _require_conditions(study)
     compared = _compared_subjects(study, conditions)
     left_out = {}
-    for name, units in by_person(study).items():
+    for name, units in units_by_subject(study).items():
         if name not in compared:
             left_out[name] = f"at {listed([bare(unit.condition) for unit in units])} only"
     with open_store(keep) as store:
@@ -323,7 +323,7 @@ def _require_conditions(study: Study) -> Conditions:
 def _compared_subjects(study: Study, conditions: Conditions) -> dict[str, tuple[Subject, ...]]:
     """The units of each subject who met two levels that are compared."""
     compared = {}
-    for name, units in by_person(study).items():
+    for name, units in units_by_subject(study).items():
         levels = {unit.condition for unit in units}
         if any(levels.issuperset(pair) for pair in conditions.comparisons):
             compared[name] = units
@@ -356,7 +356,7 @@ def subject_contrast(
 
     Random streams are keyed by seed, subject and what differs.
     """
-    name = units[0].person
+    name = units[0].subject_name
     levels = tuple(unit.condition for unit in units)
     pooled = ConditionPosterior(tuple(units), conditions.design(levels), (), prior)
     evidences, with_lapses = condition_evidences(pooled, seed)

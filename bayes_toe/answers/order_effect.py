@@ -636,7 +636,7 @@ def _error_ratio(evidence: OrderEvidence, points: FloatArray, factor: float) -> 
 
 def _contraction_ratio(evidence: OrderEvidence, points: FloatArray, factor: float) -> FloatArray:
     """Log ratio of the prior of p with another scale to the prior, (draws,)."""
-    sd = evidence.scales.contraction_sd(evidence.prior)
+    sd = evidence.prior.contraction_sd * evidence.scales.roving_share
     density = CutNormal(1.0 / sd)
     wider = CutNormal(1.0 / (factor * sd))
     u = points[:, -1]

@@ -104,7 +104,7 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
             n_trials[pair] += trials
     return {
         "answer": study.task.yes,
-        "subjects": len({subject.person for subject in study}),
+        "subjects": len({subject.subject_name for subject in study}),
         "units": len(study),  # subjects in conditions
         "trials": n_trials.total(),
         "pairs": [(pair, n_yes[pair], n_trials[pair]) for pair in sorted(n_trials)],

@@ -21,7 +21,7 @@ from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import looks_like
 from bayes_toe.data.messages import bare, capitalized, counted, join_words, listed
 from bayes_toe.data.options import LOOKED_AT
-from bayes_toe.data.study import Study, Subject, by_person, require_study, stimuli_of
+from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
 from bayes_toe.data.units import follows_from_pairs
 from bayes_toe.data.validation import number
 from bayes_toe.model.prior import Prior
@@ -224,10 +224,10 @@ def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
     Hardly any sigma_p of such a prior has the size of the stimuli's steps, so evidence and
     posterior depend on the prior alone.
     """
-    stimuli = stimuli_of(*study)
-    if stimuli is None or prior.of_stimuli(prior.spread):
+    scales = common_scales(*study)
+    if scales is None or prior.of_stimuli(prior.spread):
         return
-    step, spread = stimuli.step, prior.spread_distribution
+    step, spread = scales.step, prior.spread_distribution
     p_near = float(spread.cdf(_NEAR * step) - spread.cdf(step / _NEAR))
     if p_near >= _SELDOM:
         return
@@ -324,7 +324,7 @@ def _conditions(study: Study) -> Iterator[Finding]:
     if study.conditions is None:
         return
     orders = Counter[str]()
-    subjects = by_person(study)
+    subjects = units_by_subject(study)
     for name, units in subjects.items():
         unit_conditions = {unit.condition for unit in units}
         missing = [level for level in study.conditions.levels if level not in unit_conditions]
@@ -351,8 +351,8 @@ def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Iterator[Findi
     means = []
     for unit in units:
         means.append(0.5 * float(np.average(unit.s1 + unit.s2, weights=unit.n_trials)))
-    scales = units[0].felt
-    distance = 0.0 if scales is None else (max(means) - min(means)) / scales.sd
+    scales = units[0].shared_scales
+    distance = 0.0 if scales is None else (max(means) - min(means)) / scales.spread
     if distance > _DISTANT:
         message = (
             f"The mean stimulus differs between conditions by {distance:.2g} standard deviations. "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.conditions import Stimuli
+from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task
 from bayes_toe.model.observer import ObserverPosterior, OrderModel
@@ -89,7 +89,7 @@ def identify(subject: Subject) -> Identification:
         tuple(subject.s2.tolist()),
         tuple(subject.n_trials.tolist()),
         None if subject.isi is None else tuple(subject.isi.tolist()),
-        subject.felt,
+        subject.shared_scales,
     )
     reason = _no_contraction(pairs)
     if reason:
@@ -123,7 +123,7 @@ class _Pairs(NamedTuple):
     s2: tuple[float, ...]
     n_trials: tuple[int, ...]
     isi: tuple[float, ...] | None
-    felt: Stimuli | None
+    shared_scales: StimulusScales | None
 
 
 @lru_cache(maxsize=1024)
@@ -135,7 +135,8 @@ def _no_contraction(pairs: _Pairs) -> str:
     s1, s2, n_trials = np.array(pairs.s1), np.array(pairs.s2), np.array(pairs.n_trials)
     isi = None if pairs.isi is None else np.array(pairs.isi)
     n_yes = np.zeros_like(n_trials)
-    subject = Subject("pairs", s1, s2, n_yes, n_trials, isi=isi, task=pairs.task, felt=pairs.felt)
+    subject = Subject("pairs", s1, s2, n_yes, n_trials, isi=isi, task=pairs.task)
+    subject = replace(subject, shared_scales=pairs.shared_scales)
     stimuli = np.column_stack([subject.s1, subject.s2])
     offsets = stimuli - stimuli.mean(axis=0)
     extent = np.abs(offsets).max()

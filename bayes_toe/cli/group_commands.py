@@ -90,7 +90,7 @@ def contrast(
     task.require_files(output, figure_file)
     keep = task.partial(output)
     read, prior = task.opened(study)
-    n_subjects = len({subject.person for subject in read})
+    n_subjects = len({subject.subject_name for subject in read})
     table = task.work("comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep)
     figure = bt.plots.contrast(table, synthetic=read.synthetic)
     written = task.write(

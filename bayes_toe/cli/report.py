@@ -601,7 +601,7 @@ def _subjects(
         summary: list[Any] = list(summaries[name].itertuples())
         natural = analysis.draws.posterior(name).names.natural
         fitted = _fitted(fit, natural, analysis.fits.level)
-        persons = dict.fromkeys([name, counts.person])
+        persons = dict.fromkeys([name, counts.subject_name])
         yield {
             "anchor": f"subject-{i + 1}",
             "counts": counts,

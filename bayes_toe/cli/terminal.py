@@ -332,7 +332,7 @@ def describe_amount(study: Study) -> str:
     """Subjects, trials, task and pairs of a study."""
     n_trials = sum(subject.total_trials for subject in study)
     numbers = [subject.n_pairs for subject in study]
-    subjects = counted(len({subject.person for subject in study}), "subject")
+    subjects = counted(len({subject.subject_name for subject in study}), "subject")
     if study.conditions is not None:
         subjects += f" in {len(study.conditions.levels)} conditions"
     pairs = f"{min(numbers):,} to {max(numbers):,} pairs"

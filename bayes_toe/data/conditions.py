@@ -1,8 +1,8 @@
 """Conditions within subjects: their levels, and the stimuli to which constant errors refer.
 
 Each subject at each level is a unit `S01@left`, which every analysis of single subjects takes as a
-subject. Location and scales of its stimuli are those of the subject over all conditions: else a
-constant error would move with the stimuli that a condition happens to have.
+subject. Location and scales of its stimuli are those of the subject over all conditions. Otherwise
+a constant error would move with the stimuli that a condition happens to have.
 """
 
 from __future__ import annotations
@@ -13,49 +13,67 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import bare, counted, listed
 
 
-class Stimuli(NamedTuple):
-    """Location and scales of stimuli, natural-log intensity; all are means over trials.
+class StimulusScales(NamedTuple):
+    """Location and scales of stimuli, natural-log intensity, weighted by trials.
 
     Attributes
     ----------
     mean : float
-        M, of all stimuli, first and second.
-    sd : float
-        R, their standard deviation.
+        M, the mean of all stimuli, first and second.
+    sbar : float
+        Mean first stimulus.
     step : float
-        D, root mean square of s2 - s1 over trials with different stimuli.
-    first : float
-        sbar, of the first stimuli.
+        D, the root mean square of s2 - s1 over unequal pairs.
+    spread : float
+        R, the standard deviation of all stimuli about their common mean.
+    first_spread : float
+        Standard deviation of the first stimuli.
     """
 
     mean: float
-    sd: float
+    sbar: float
     step: float
-    first: float
+    spread: float
+    first_spread: float
 
     @classmethod
-    def of_trials(cls, s1: FloatArray, s2: FloatArray, n_trials: IntArray) -> Stimuli | None:
-        """The stimuli of pairs that were met so often; None without a pair of different stimuli."""
-        is_unequal = (s1 != s2) & (n_trials > 0)
+    def from_pairs(
+        cls, s1: FloatArray, s2: FloatArray, n_trials: npt.ArrayLike
+    ) -> StimulusScales | None:
+        """The scales of pairs, shape (pairs,) each; None without a pair of different stimuli."""
+        is_unequal = s1 != s2
         if not is_unequal.any():
             return None
-        mean = float(np.average(0.5 * (s1 + s2), weights=n_trials))
-        squares = 0.5 * (np.square(s1 - mean) + np.square(s2 - mean))
-        sd = float(np.sqrt(np.average(squares, weights=n_trials)))
-        differences = np.square(s2 - s1)[is_unequal]
-        step = float(np.sqrt(np.average(differences, weights=n_trials[is_unequal])))
-        if not (sd > 0.0 and step > 0.0):  # The squares are below the smallest float.
-            return None
-        return cls(mean, sd, step, float(np.average(s1, weights=n_trials)))
+        weight = np.asarray(n_trials, np.float64)
+        share = weight / weight.sum()
+        sbar = float(share @ s1)
+        mean = 0.5 * (sbar + float(share @ s2))
+        unequal_share = weight[is_unequal] / weight[is_unequal].sum()
+        step = _root_mean_square((s2 - s1)[is_unequal], unequal_share)
+        offsets = np.concatenate([s1 - mean, s2 - mean])
+        spread = _root_mean_square(offsets, 0.5 * np.concatenate([share, share]))
+        first_spread = 0.0
+        if (s1 != s1[0]).any():
+            first_spread = _root_mean_square(s1 - sbar, share)
+        return cls(mean, sbar, step, spread, first_spread)
 
-    def number(self, symbol: str) -> float:
-        """The value of a key of :data:`bayes_toe.model.prior_fields.OF_STIMULI`."""
-        return {"M": self.mean, "2.5 R": 2.5 * self.sd, "D": self.step}[symbol]
+    @property
+    def roving_share(self) -> float:
+        """Factor by which roved first stimuli narrow the prior of a contraction, at most 1."""
+        most = 4.0 * self.step
+        return most / self.first_spread if self.first_spread > most else 1.0
+
+
+def _root_mean_square(values: FloatArray, share: FloatArray) -> float:
+    """Root of the weighted mean square, where the squares may leave the range of floats."""
+    largest = float(np.abs(values).max())
+    return largest * float(np.sqrt(share @ np.square(values / largest)))
 
 
 @dataclass(frozen=True)

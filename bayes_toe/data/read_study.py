@@ -43,7 +43,7 @@ from bayes_toe.data.responses import (
 )
 from bayes_toe.data.several_files import read_together
 from bayes_toe.data.stimulus_unit import LOG_UNITS
-from bayes_toe.data.study import Study, Subject, by_person
+from bayes_toe.data.study import Study, Subject, units_by_subject
 from bayes_toe.data.study_file import study_source, table_files
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
@@ -168,7 +168,7 @@ def read_study(
     study = with_conditions(replace(study, notes=(*folder_notes, *study.notes)), options)
     is_chosen = options.categorical or (options.condition, options.reference) != (None, None)
     condition = None if is_chosen else study.conditions
-    if condition is not None and follows_from_pairs(by_person(study).values()):
+    if condition is not None and follows_from_pairs(units_by_subject(study).values()):
         return _without_condition(path, options, condition.name)
     is_python = any(hasattr(path, "columns") for path in paths)
     refuse_reversed(study, _reversal_remedy(study, options, is_python))

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import KEYS, Answers, Reading, counted_rows
-from bayes_toe.data.conditions import Conditions, Stimuli
+from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import (
     MOST_ROWS,
     as_html,
@@ -70,9 +70,9 @@ class Subject:
     condition : str
         Of a unit, a subject at a level of a condition, that level; its name is then the subject's
         with @ and the level.
-    felt : Stimuli, optional
-        Location and scales of the stimuli that the subject of a unit felt in all conditions; they
-        stand in the place of the unit's own.
+    shared_scales : StimulusScales, optional
+        Location and scales of the stimuli in all conditions of the subject of a unit. They replace
+        the unit's own, except for the spread of the first stimuli.
     answers : Answers, optional
         Row by row what the counts are the sums of, as read: for a look before pooling, and for
         models of what a trial leaves to the next. Only where they do add up to the counts; else
@@ -99,7 +99,7 @@ class Subject:
     task: Task = field(default=SAME_DIFFERENT, kw_only=True)
     unit: StimulusUnit = field(default=UNKNOWN_UNIT, kw_only=True)
     condition: str = field(default="", kw_only=True)
-    felt: Stimuli | None = field(default=None, kw_only=True)
+    shared_scales: StimulusScales | None = field(default=None, kw_only=True)
     answers: Answers | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -239,9 +239,8 @@ class Subject:
                 f"subject {self.name!r}: no interval of {isi:g} s; there are: "
                 f"{said_intervals(self.intervals)}"
             )
-        at = (
-            self.isi == isi
-        )  # the other trials were felt in between: their order says nothing any more
+        # The other trials came in between, so that the order of these tells nothing.
+        at = self.isi == isi
         return replace(
             self,
             s1=self.s1[at],
@@ -253,7 +252,26 @@ class Subject:
         )
 
     @property
-    def person(self) -> str:
+    def scales(self) -> StimulusScales:
+        """Location and scales of the stimuli.
+
+        Raises
+        ------
+        InputError
+            If no pair has two different stimuli.
+        """
+        own = StimulusScales.from_pairs(self.s1, self.s2, self.n_trials)
+        if own is None:
+            raise InputError(
+                f"subject {self.name!r}: no pair has two different stimuli, so no order effect can "
+                "be seen"
+            )
+        if self.shared_scales is None:
+            return own
+        return self.shared_scales._replace(first_spread=own.first_spread)
+
+    @property
+    def subject_name(self) -> str:
         """The name of the subject, without a condition."""
         return self.name.removesuffix(f"{AT}{self.condition}") if self.condition else self.name
 
@@ -434,7 +452,7 @@ class Study:
 
     def without_conditions(self) -> Study:
         """The study with each subject's answers in all conditions put together."""
-        subjects = tuple(map(pooled, by_person(self).values()))
+        subjects = tuple(map(pooled, units_by_subject(self).values()))
         return (
             self
             if self.conditions is None
@@ -513,7 +531,7 @@ class Study:
             raise InputError(f"{change_made}: no subject is left; exclude fewer")
         remaining = tuple(subjects)
         if self.conditions is not None:
-            remaining = felt_together(remaining)
+            remaining = with_shared_scales(remaining)
         owner_words = f"subject {bare(subject.name)}"
         if asked:
             owner_words += f", {counted(len(asked), 'block').partition(' ')[2]} {listed(asked)}"
@@ -538,7 +556,7 @@ class Study:
 
         keys = ("s1", "s2", *(("isi",) if self.intervals else ()), "n_yes", "n_trials")
         told = {
-            "subject": [one.person for one in self],
+            "subject": [one.subject_name for one in self],
             **({"condition": [one.condition for one in self]} if self.conditions else {}),
         }
         owner = {
@@ -571,43 +589,43 @@ def pooled(units: Sequence[Subject]) -> Subject:
     """All answers of a subject, whatever the condition."""
     keys = ("s1", "s2", "n_yes", "n_trials", *(() if units[0].isi is None else ("isi",)))
     return Subject.from_counts(
-        units[0].person,
+        units[0].subject_name,
         *(np.concatenate([getattr(unit, key) for unit in units]) for key in keys),
         task=units[0].task,
         unit=units[0].unit,
     )
 
 
-def by_person(units: Iterable[Subject]) -> dict[str, tuple[Subject, ...]]:
-    """Units by the subject that they are of."""
-    persons: dict[str, tuple[Subject, ...]] = {}
+def units_by_subject(units: Iterable[Subject]) -> dict[str, tuple[Subject, ...]]:
+    """The units of each subject, by its name."""
+    units_of: dict[str, tuple[Subject, ...]] = {}
     for unit in units:
-        persons[unit.person] = (*persons.get(unit.person, ()), unit)
-    return persons
+        units_of[unit.subject_name] = (*units_of.get(unit.subject_name, ()), unit)
+    return units_of
 
 
-def felt_together(units: Iterable[Subject]) -> tuple[Subject, ...]:
+def with_shared_scales(units: Iterable[Subject]) -> tuple[Subject, ...]:
     """Units with the location and scales of the stimuli of their subjects."""
-    persons = by_person(units)
-    felt = {}
-    for person, of_person in persons.items():
-        felt[person] = stimuli_of(*(replace(unit, felt=None) for unit in of_person))
-    every_unit = chain.from_iterable(persons.values())
-    return tuple(replace(unit, felt=felt[unit.person]) for unit in every_unit)
+    units_of = units_by_subject(units)
+    shared = {}
+    for name, subject_units in units_of.items():
+        own = [replace(unit, shared_scales=None) for unit in subject_units]
+        shared[name] = common_scales(*own)
+    every_unit = chain.from_iterable(units_of.values())
+    return tuple(replace(unit, shared_scales=shared[unit.subject_name]) for unit in every_unit)
 
 
-def stimuli_of(*subjects: Subject) -> Stimuli | None:
+def common_scales(*subjects: Subject) -> StimulusScales | None:
     """Location and scales of the stimuli of several subjects together, or of one.
 
-    Those of a unit are of its subject over all conditions. None without a pair of different
-    stimuli.
+    A unit has those of its subject over all conditions. None without a pair of different stimuli.
     """
-    if len(subjects) == 1 and subjects[0].felt is not None:
-        return subjects[0].felt
+    if len(subjects) == 1 and subjects[0].shared_scales is not None:
+        return subjects[0].shared_scales
     s1 = np.concatenate([subject.s1 for subject in subjects])
     s2 = np.concatenate([subject.s2 for subject in subjects])
     n_trials = np.concatenate([subject.n_trials for subject in subjects])
-    return Stimuli.of_trials(s1, s2, n_trials)
+    return StimulusScales.from_pairs(s1, s2, n_trials)
 
 
 def require_study(given: object) -> None:

@@ -12,7 +12,7 @@ from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words, levels
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.options import ReadOptions
-from bayes_toe.data.study import Study, Subject, felt_together
+from bayes_toe.data.study import Study, Subject, with_shared_scales
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import AT, number
 from bayes_toe.errors import InputError
@@ -81,10 +81,10 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         )
     order.sort(key=lambda level: level != options.reference)
     units = [replace(unit, condition=parts[unit.name][2]) for unit in study]
-    units.sort(key=lambda unit: (persons.index(unit.person), order.index(unit.condition)))
+    units.sort(key=lambda unit: (persons.index(unit.subject_name), order.index(unit.condition)))
     conditions = Conditions(column, tuple(order), is_numeric)
     notes = (*study.notes, f"condition {conditions.about}")
-    return replace(study, subjects=felt_together(units), conditions=conditions, notes=notes)
+    return replace(study, subjects=with_shared_scales(units), conditions=conditions, notes=notes)
 
 
 def _without_units(study: Study, column: str, *, is_option: bool) -> Study:

@@ -13,14 +13,15 @@ Trials are moved, a portion at a time, to the pair where they tell most, until n
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.design.observers import Observer
 from bayes_toe.design.study_design import StudyDesign
-from bayes_toe.model.observer import ObserverPosterior, OrderModel, StimulusScales
+from bayes_toe.model.observer import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 
 #: What a design may be made for, with the coordinates that are asked about.
@@ -112,7 +113,7 @@ def information(
     adds a multiple of the contraction to the constant error.
     """
     sbar = float(np.average(pairs.s1, weights=pairs.n_trials))
-    own_scales = replace(scales, sbar=sbar)
+    own_scales = scales._replace(sbar=sbar)
     posterior = ObserverPosterior(pairs.unanswered, OrderModel("both"), prior, own_scales)
     quantities = []
     for observer in observers:

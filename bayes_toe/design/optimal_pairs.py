@@ -21,7 +21,7 @@ from bayes_toe.design.study_design import (
     paper_study_design,
 )
 from bayes_toe.errors import InputError
-from bayes_toe.model.observer import DEFAULT_PRIOR, StimulusScales
+from bayes_toe.model.observer import DEFAULT_PRIOR
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
@@ -259,7 +259,7 @@ def compare_designs(
         raise InputError(
             f"--max-pairs {goal.max_pairs}: --keep has {n_kept} already; allowed is more"
         )
-    scales = StimulusScales.from_subject(plane.unanswered)
+    scales = plane.unanswered.scales
     of_plane = information(plane, observers, goal.aim, prior, scales)
     most_pairs = min(goal.max_pairs, n_left + n_kept)
     n_trials = exchange_trials(of_plane, n_left, most_pairs, fixed, _turned(plane))

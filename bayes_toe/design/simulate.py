@@ -21,7 +21,7 @@ from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.read_study import Truth
-from bayes_toe.data.study import Study, Subject, felt_together
+from bayes_toe.data.study import Study, Subject, with_shared_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import AT, number, read_numbers
 from bayes_toe.design.observers import (
@@ -491,7 +491,8 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     subjects = tuple(answered.answered for answered in trials)
     study = Study(subjects, f"simulated, seed {root}", synthetic=True)
     if differences is not None:
-        study = replace(study, subjects=felt_together(study), conditions=differences.conditions)
+        units = with_shared_scales(study)
+        study = replace(study, subjects=units, conditions=differences.conditions)
     return Simulated(study, truth)
 
 

@@ -27,13 +27,14 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_toe.arrays import ArrayPair, FloatArray, IntArray, Rng
+from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.groups.hyperprior import (
     HyperpriorNumbers,
     group_parameters,
     half_normal_score,
 )
-from bayes_toe.model.observer import ObserverBatch, StimulusScales
+from bayes_toe.model.observer import ObserverBatch
 from bayes_toe.model.parameters import ObserverPrior, task_parameters
 
 #: With these units a coordinate of the likelihood is c/D, p, log(sigma_d/D) or logit q0 itself.

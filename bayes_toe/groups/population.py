@@ -17,10 +17,11 @@ from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.checks.identification import identify
+from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, listed
 from bayes_toe.data.stimulus_unit import percent
-from bayes_toe.data.study import Study, Subject, by_person, require_study
+from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
 from bayes_toe.errors import ConvergenceWarning, InputError, require_kind
 from bayes_toe.groups.group_posterior import (
     PLAIN_UNITS,
@@ -47,7 +48,7 @@ from bayes_toe.groups.population_table import (
 from bayes_toe.groups.regressors import Regressors, regressors
 from bayes_toe.groups.zero_mean import ZeroBayesFactor, zero_difference, zero_effect, zero_mean
 from bayes_toe.inference.draws import Draws, load_draws
-from bayes_toe.model.observer import JND_OVER_NOISE, StimulusScales
+from bayes_toe.model.observer import JND_OVER_NOISE
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
     CONTRACTION,
@@ -128,25 +129,15 @@ class GroupEffect(NamedTuple):
     zero_mean: ZeroBayesFactor
 
 
-class StudyScales(NamedTuple):
-    """D and R of all trials of a study, and how roved first stimuli narrow the prior of p."""
-
-    step: float
-    spread: float
-    contraction_share: float
-
-    @classmethod
-    def from_study(cls, study: Study) -> StudyScales:
-        """The scales of all subjects together."""
-        s1 = np.concatenate([subject.s1 for subject in study])
-        s2 = np.concatenate([subject.s2 for subject in study])
-        n_trials = np.concatenate([subject.n_trials for subject in study]).astype(np.float64)
-        pooled = StimulusScales.from_counts(s1, s2, n_trials)
-        offsets = np.concatenate([subject.s1 - _mean_first([subject]) for subject in study])
-        first_spread = float(np.sqrt(np.average(np.square(offsets), weights=n_trials)))
-        roving = 4.0 * pooled.step
-        share = min(1.0, roving / first_spread) if first_spread > 0.0 else 1.0
-        return cls(pooled.step, pooled.spread, share)
+def study_scales(study: Study) -> StimulusScales:
+    """The scales of all subjects together; the spread of first stimuli is that within subjects."""
+    scales = common_scales(*study)
+    if scales is None:
+        raise InputError("no pair has two different stimuli, so no order effect can be seen")
+    offsets = np.concatenate([subject.s1 - _mean_first([subject]) for subject in study])
+    n_trials = np.concatenate([subject.n_trials for subject in study])
+    first_spread = float(np.sqrt(np.average(np.square(offsets), weights=n_trials)))
+    return scales._replace(first_spread=first_spread)
 
 
 def _mean_first(units: Sequence[Subject]) -> float:
@@ -168,14 +159,14 @@ class PopulationResult:
     study : Study
         The subjects, or units of subject and condition, that were analysed.
     settings : GroupSettings
-    scales : StudyScales
+    scales : StimulusScales
     regressors : Regressors
     draws : GroupDraws
     """
 
     study: Study
     settings: GroupSettings
-    scales: StudyScales
+    scales: StimulusScales
     regressors: Regressors
     draws: GroupDraws
 
@@ -189,7 +180,7 @@ class PopulationResult:
     @cached_property
     def subjects(self) -> tuple[str, ...]:
         """Names of the subjects."""
-        return tuple(by_person(self.study))
+        return tuple(units_by_subject(self.study))
 
     @property
     def left_out(self) -> Mapping[str, str]:
@@ -485,7 +476,7 @@ def population(
             "population: a condition and covariates are not analysed together; "
             "allowed: --ignore condition, or no covariates"
         )
-    persons = tuple(by_person(study))
+    persons = tuple(units_by_subject(study))
     columns = Regressors.none(persons)
     if covariates is not None:
         columns = regressors(read_covariates(covariates), persons, categorical=categorical)
@@ -494,7 +485,7 @@ def population(
         raise InputError(
             f"population: {listed(columns.subjects)} is one subject; allowed: 2 and more"
         )
-    scales = StudyScales.from_study(study)
+    scales = study_scales(study)
     posterior = group_posterior(study, scales, settings.hyperprior, columns.x)
     drawn = sample_group(posterior, draws, generator(settings.seed, "population"))
     result = PopulationResult(study, settings, scales, columns, drawn)
@@ -511,12 +502,13 @@ def _without_intervals(study: Study) -> Study:
     for subject in study:
         columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
         pooled = Subject.from_counts(subject.name, *columns, task=subject.task, unit=subject.unit)
-        subjects.append(replace(pooled, condition=subject.condition, felt=subject.felt))
+        condition, scales = subject.condition, subject.shared_scales
+        subjects.append(replace(pooled, condition=condition, shared_scales=scales))
     return replace(study, subjects=tuple(subjects))
 
 
 def group_posterior(
-    study: Study, scales: StudyScales, hyperprior: Hyperprior, x: FloatArray
+    study: Study, scales: StimulusScales, hyperprior: Hyperprior, x: FloatArray
 ) -> GroupPosterior:
     """The joint posterior of a study's subjects with covariates x, (subjects, covariates)."""
     rows = subject_rows(study, scales)
@@ -524,16 +516,17 @@ def group_posterior(
     return GroupPosterior(rows, numbers, x, separate_fits(rows, numbers))
 
 
-def subject_rows(study: Study, scales: StudyScales) -> SubjectRows:
+def subject_rows(study: Study, scales: StimulusScales) -> SubjectRows:
     """The likelihood of a study's subjects, a row for each unit of subject and condition."""
     units: list[Subject] = []
     unit_scales: list[StimulusScales] = []
     first_row = []
-    for subject_units in by_person(study).values():
+    for subject_units in units_by_subject(study).values():
         first_row.append(len(units))
         units += subject_units
         sbar = _mean_first(subject_units)
-        unit_scales += [StimulusScales(sbar, scales.step, scales.spread, 0.0)] * len(subject_units)
+        own_scales = scales._replace(sbar=sbar, first_spread=0.0)
+        unit_scales += [own_scales] * len(subject_units)
     if study.conditions is None:
         return SubjectRows.from_subjects(
             units, unit_scales, np.array(first_row), np.zeros((len(units), 0)), ()
@@ -543,13 +536,13 @@ def subject_rows(study: Study, scales: StudyScales) -> SubjectRows:
     return SubjectRows.from_subjects(units, unit_scales, np.array(first_row), design, DIFFERING)
 
 
-def _numbers(hyperprior: Hyperprior, study: Study, scales: StudyScales) -> HyperpriorNumbers:
+def _numbers(hyperprior: Hyperprior, study: Study, scales: StimulusScales) -> HyperpriorNumbers:
     """The hyperprior of all coefficients; roved first stimuli narrow that of p."""
     rows: dict[str, ParameterHyperprior] = {}
     for parameter in group_parameters(study.task):
         row: ParameterHyperprior = getattr(hyperprior, parameter.name)
         if parameter.name == CONTRACTION.name:
-            row = row.narrowed(scales.contraction_share)
+            row = row.narrowed(scales.roving_share)
         rows[parameter.name] = row
     coefficients = list(rows.values())
     if study.conditions is not None:
@@ -585,4 +578,4 @@ def load_population(path: StrPath) -> PopulationResult:
     study, columns, drawn, record = load_group(path)
     rows = {name: ParameterHyperprior(**row) for name, row in record["hyperprior"].items()}
     settings = GroupSettings(record["seed"], Hyperprior(**rows), record["n_draws"])
-    return PopulationResult(study, settings, StudyScales(**record["scales"]), columns, drawn)
+    return PopulationResult(study, settings, StimulusScales(**record["scales"]), columns, drawn)

@@ -17,7 +17,7 @@ from bayes_toe.arrays import Record, StrPath
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import format_path
 from bayes_toe.data.stimulus_unit import StimulusUnit
-from bayes_toe.data.study import Study, Subject, felt_together
+from bayes_toe.data.study import Study, Subject, with_shared_scales
 from bayes_toe.data.tasks import task_of
 from bayes_toe.data.whole_files import require_settled, whole_file
 from bayes_toe.errors import InputError
@@ -197,7 +197,7 @@ def _study(record: Mapping[str, Any], counts: xr.Dataset) -> Study:
     if record["conditions"] is not None:
         parts = record["conditions"]
         conditions = Conditions(parts["name"], tuple(parts["levels"]), parts["numeric"])
-        units = list(felt_together(units))
+        units = list(with_shared_scales(units))
     return Study(
         tuple(units),
         record["source"],

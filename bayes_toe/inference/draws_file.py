@@ -24,7 +24,7 @@ import xarray as xr
 from bayes_toe.arrays import Record, StrPath
 from bayes_toe.checks.answer_checks import not_interpreted
 from bayes_toe.cluster import without_cluster
-from bayes_toe.data.conditions import Conditions, Stimuli
+from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import format_path, quoted
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study
@@ -185,7 +185,7 @@ def _condition_attributes(study: Study) -> dict[str, str]:
     """Conditions and units as JSON; nothing for a study without conditions."""
     if study.conditions is None:
         return {}
-    units = {unit.name: [unit.condition, unit.felt] for unit in study}
+    units = {unit.name: [unit.condition, unit.shared_scales] for unit in study}
     return {"conditions": json.dumps({**asdict(study.conditions), "units": units})}
 
 
@@ -201,8 +201,8 @@ def stored_conditions(tree: xr.DataTree) -> tuple[Conditions | None, dict[str, R
         return None, {}
     record = json.loads(tree.attrs["conditions"])
     units = {}
-    for name, (level, felt) in record["units"].items():
-        units[name] = {"condition": level, "felt": felt and Stimuli(*felt)}
+    for name, (level, scales) in record["units"].items():
+        units[name] = {"condition": level, "shared_scales": scales and StimulusScales(*scales)}
     levels = tuple(record["levels"])
     return Conditions(record["name"], levels, record["numeric"]), units
 

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, Rng
+from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.maxima import Ascent, Expansion, ascend
@@ -32,7 +33,6 @@ from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.observer import (
     DEFAULT_PRIOR,
     ObserverBatch,
-    StimulusScales,
     free_coordinates,
 )
 from bayes_toe.model.parameters import ORDER_MODELS, ObserverPrior
@@ -306,7 +306,7 @@ class _Sampler:
         self, subjects: Sequence[Subject], seed: int, prior: ObserverPrior, precision: Precision
     ) -> None:
         self.subjects, self.prior, self.precision = subjects, prior, precision
-        self.scales = [StimulusScales.from_subject(subject) for subject in subjects]
+        self.scales = [subject.scales for subject in subjects]
         single = ObserverBatch.from_subjects(subjects, prior, self.scales)
         self.batch = single.rows(np.repeat(np.arange(len(subjects)), _N_MODELS))
         free = [free_coordinates(subjects[0].task, name) for name in MODEL_NAMES]

@@ -25,6 +25,7 @@ import numpy.typing as npt
 from scipy.special import erf, expit, log_ndtr, logit, ndtr, xlogy
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, NamedArrays
+from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
@@ -71,80 +72,6 @@ _GUESS = LogAnswers(np.array(-LN2), np.array(-LN2))
 _NO_SLOPES = Slopes(np.zeros(1), np.zeros(1))
 
 
-@dataclass(frozen=True)
-class StimulusScales:
-    """Location and scales of a subject's stimuli, in natural-log intensity, weighted by trials.
-
-    Attributes
-    ----------
-    sbar : float
-        Mean first stimulus.
-    step : float
-        D, the root mean square of s2 - s1 over unequal pairs.
-    spread : float
-        R, the standard deviation of all stimuli about their common mean.
-    first_spread : float
-        Standard deviation of the first stimuli.
-    """
-
-    sbar: float
-    step: float
-    spread: float
-    first_spread: float
-
-    @classmethod
-    def from_counts(cls, s1: FloatArray, s2: FloatArray, n_trials: FloatArray) -> StimulusScales:
-        """The scales of pairs, shape (pairs,) each.
-
-        Raises
-        ------
-        InputError
-            If no pair has two different stimuli.
-        """
-        is_unequal = s1 != s2
-        if not is_unequal.any():
-            raise InputError("no pair has two different stimuli, so no order effect can be seen")
-        share = n_trials / n_trials.sum()
-        sbar = float(share @ s1)
-        mean = 0.5 * (sbar + float(share @ s2))
-        unequal_share = n_trials[is_unequal] / n_trials[is_unequal].sum()
-        step = _root_mean_square((s2 - s1)[is_unequal], unequal_share)
-        offsets = np.concatenate([s1 - mean, s2 - mean])
-        spread = _root_mean_square(offsets, 0.5 * np.concatenate([share, share]))
-        first_spread = 0.0
-        if (s1 != s1[0]).any():
-            first_spread = _root_mean_square(s1 - sbar, share)
-        return cls(sbar, step, spread, first_spread)
-
-    @classmethod
-    def from_subject(cls, subject: Subject) -> StimulusScales:
-        """The scales of a subject's answered trials.
-
-        A subject in one condition has sbar, D and R of all of its conditions, so that a shift
-        means the same in each.
-        """
-        try:
-            scales = cls.from_counts(subject.s1, subject.s2, subject.n_trials.astype(np.float64))
-        except InputError as error:
-            raise InputError(f"subject {subject.name!r}: {error}") from None
-        if subject.felt is None:
-            return scales
-        return cls(subject.felt.first, subject.felt.step, subject.felt.sd, scales.first_spread)
-
-    def contraction_sd(self, prior: ObserverPrior) -> float:
-        """Standard deviation of p: that of the prior, or less where first stimuli are roved."""
-        roving = 4.0 * self.step
-        if self.first_spread <= roving:
-            return prior.contraction_sd
-        return prior.contraction_sd * roving / self.first_spread
-
-
-def _root_mean_square(values: FloatArray, share: FloatArray) -> float:
-    """Root of the weighted mean square, where the squares may leave the range of floats."""
-    largest = float(np.abs(values).max())
-    return largest * float(np.sqrt(share @ np.square(values / largest)))
-
-
 @dataclass(frozen=True, eq=False)
 class ObserverBatch:
     """Counts of one or several subjects of a task, and their posteriors as rows of one array.
@@ -181,7 +108,7 @@ class ObserverBatch:
     ) -> ObserverBatch:
         """A row for each subject; all of one task. `scales` default to the subjects' own."""
         if scales is None:
-            scales = [StimulusScales.from_subject(subject) for subject in subjects]
+            scales = [subject.scales for subject in subjects]
         n_pairs = max(subject.n_pairs for subject in subjects)
         arrays = np.zeros((5, len(subjects), 1, n_pairs))
         for i, (subject, scale) in enumerate(zip(subjects, scales, strict=True)):
@@ -193,9 +120,9 @@ class ObserverBatch:
             columns = (first, difference, middle, subject.n_yes, other_answers)
             arrays[:, i, 0, : subject.n_pairs] = columns
         slope_unit = np.array([[scale.step / scale.spread] for scale in scales])
-        contraction_sd = np.array([[scale.contraction_sd(prior)] for scale in scales])
+        roving_share = np.array([[scale.roving_share] for scale in scales])
         is_same_different = subjects[0].task == SAME_DIFFERENT
-        values = (*arrays, slope_unit, contraction_sd)
+        values = (*arrays, slope_unit, prior.contraction_sd * roving_share)
         return cls(is_same_different, prior, **dict(zip(_ROW_ARRAYS, values, strict=True)))
 
     def rows(self, index: npt.NDArray[np.intp]) -> ObserverBatch:
@@ -583,7 +510,7 @@ class ObserverPosterior:
         """Location and scales of the stimuli: those given, or those of the subject's stimuli."""
         if self.given_scales is not None:
             return self.given_scales
-        return StimulusScales.from_subject(self.subject)
+        return self.subject.scales
 
     @cached_property
     def batch(self) -> ObserverBatch:

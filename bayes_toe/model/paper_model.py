@@ -232,8 +232,8 @@ class PaperPosterior:
         """Intensity from which the offset counts, natural-log units."""
         if self.centre is not None:
             return self.centre
-        if self.subject.felt is not None:
-            return self.subject.felt.first
+        if self.subject.shared_scales is not None:
+            return self.subject.shared_scales.sbar
         return float(np.average(self.subject.s1, weights=self.subject.n_trials))
 
     @cached_property

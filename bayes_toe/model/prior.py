@@ -23,7 +23,7 @@ from typing import Any, ClassVar, Self, cast
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, Record
-from bayes_toe.data.study import Subject, stimuli_of
+from bayes_toe.data.study import Subject, common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.distributions import (
@@ -120,8 +120,8 @@ class Prior(PriorFields):
                 open_numbers[number.name] = number
         if not open_numbers:
             return self
-        stimuli = stimuli_of(*subjects)
-        if stimuli is None:
+        scales = common_scales(*subjects)
+        if scales is None:
             # A number that H1 does not use may stay open.
             if any(number.parameter in self.of_h1() for number in open_numbers.values()):
                 raise InputError(
@@ -130,9 +130,10 @@ class Prior(PriorFields):
                     "prior 'paper' (--prior paper), or one of numbers"
                 )
             return self
+        numbers = {"M": scales.mean, "2.5 R": 2.5 * scales.spread, "D": scales.step}
         values: Record = {}
         for name, number in open_numbers.items():
-            values[name] = stimuli.number(number.stimuli)
+            values[name] = numbers[number.stimuli]
         return replace(self, **values)
 
     def of_stimuli(self, parameter: str) -> bool:

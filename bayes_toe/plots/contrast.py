@@ -145,7 +145,7 @@ def contrast_curves(study: Study, table: ContrastTable, subject: str) -> Figure:
     if subject not in by_name:
         raise InputError(f"no contrast of subject {subject!r}; there are: {', '.join(by_name)}")
     levels, x = by_name[subject].levels, by_name[subject].x
-    units = [unit for unit in study if unit.person == subject and unit.condition in levels]
+    units = [unit for unit in study if unit.subject_name == subject and unit.condition in levels]
     posterior = OrderModel("both").posterior(pooled(units), table.prior)
     n_panels = min(len(units), _MOST_PANELS)
     figure = new_figure(PAGE, 2.6)

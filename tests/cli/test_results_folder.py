@@ -224,7 +224,7 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
         assert words in methods, words
     draws = bt.load(out / "posterior.nc")
     assert draws.study.conditions == study.conditions
-    assert draws.subject("P000@left").felt == study["P000@left"].felt
+    assert draws.subject("P000@left").shared_scales == study["P000@left"].shared_scales
 
 
 def test_the_report_of_one_subject_has_no_search_and_no_figure_of_poor_fits(small_study, tmp_path):

@@ -6,7 +6,7 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.data.conditions import Conditions
-from bayes_toe.data.study import stimuli_of
+from bayes_toe.data.study import common_scales
 from bayes_toe.data.tables import write_table
 
 ROWS = """\
@@ -52,16 +52,17 @@ def test_numbers_have_a_slope_over_their_range():
 def test_units_have_the_scales_of_their_subject(read):
     study, complete = read(), read(ignore="condition")
     assert study.names == ("a@left", "a@right", "b@left", "b@right")
-    assert [(unit.person, unit.condition) for unit in study][:2] == [("a", "left"), ("a", "right")]
+    assert [unit.subject_name for unit in study] == ["a", "a", "b", "b"]
+    assert [unit.condition for unit in study][:2] == ["left", "right"]
     assert study.conditions == Conditions("condition", ("left", "right"))
     for unit in study:
-        subject = complete[unit.person]
-        assert unit.felt == stimuli_of(unit) == pytest.approx(stimuli_of(subject))
+        subject = complete[unit.subject_name]
+        assert unit.shared_scales == common_scales(unit) == pytest.approx(common_scales(subject))
         of_unit, of_subject = map(bt.model.paper_posterior, (unit, subject))
         assert of_unit.sbar == pytest.approx(of_subject.sbar)
         assert of_unit.sbar != pytest.approx(np.average(unit.s1, weights=unit.n_trials))
         assert of_unit.prior.mu1_mean == pytest.approx(of_subject.prior.mu1_mean)
-    assert study.swap("a@left")["a@left"].felt == study["a@left"].felt
+    assert study.swap("a@left")["a@left"].shared_scales == study["a@left"].shared_scales
     again = bt.read_study(study.frame())
     assert (again.names, again.conditions) == (study.names, study.conditions)
     assert read(reference="right").conditions.comparisons == (("left", "right"),)
@@ -173,4 +174,4 @@ def test_files_have_the_condition_all_or_none(tmp_path):
     files[1].write_text(other)
     together = bt.read_study(files)
     assert together.names == ("a@left", "a@right", "b@left", "b@right", "c@left", "c@right")
-    assert together["b@left"].felt == pytest.approx(together["a@left"].felt)
+    assert together["b@left"].shared_scales == pytest.approx(together["a@left"].shared_scales)

@@ -23,12 +23,12 @@ from bayes_toe.design.optimal_pairs import (
 )
 from bayes_toe.design.study_design import StudyDesign, each_once
 from bayes_toe.errors import InputError
-from bayes_toe.model.observer import DEFAULT_PRIOR, StimulusScales
+from bayes_toe.model.observer import DEFAULT_PRIOR
 
 WIDE = grid(-0.75, 1.25, 0.25)
 FIXED_PAIRS = StudyDesign([0.0, 0.33], [0.0, 0.33], [25, 30])
 PAIRS = each_once([-0.75, -0.75, 0.25, 1.25, 1.25], [-0.6, -0.3, 0.5, 0.9, 1.25])
-SCALES = StimulusScales.from_subject(PAIRS.unanswered)
+SCALES = PAIRS.unanswered.scales
 #: Designs do not depend on it much: two observers are quick.
 OBSERVERS = assume_observers("both", 2, 1, [PAIRS])
 
@@ -96,7 +96,7 @@ def test_the_expected_sd_is_that_of_the_posterior():
     s1 = np.repeat(np.linspace(-0.6, 0.9, 4), 5)
     s2 = s1 + np.tile([-0.3, -0.15, 0.0, 0.15, 0.3], 4)
     design = StudyDesign(s1, s2, np.full(20, 50))
-    scales = StimulusScales.from_subject(design.unanswered)
+    scales = design.unanswered.scales
     aim_information = information(design, [observer], "order-effect", DEFAULT_PRIOR, scales)
     expected = aim_information.standard_deviations(aim_information.total(design.n_trials))
     subject = design.answered(np.rint(50 * observer.p_design(design)), "S")

@@ -12,13 +12,13 @@ from scipy.special import ndtr
 import bayes_toe as bt
 from bayes_toe.groups.group_posterior import GroupPosterior
 from bayes_toe.groups.hyperprior import Hyperprior
-from bayes_toe.groups.population import StudyScales, group_posterior, subject_rows
+from bayes_toe.groups.population import group_posterior, study_scales, subject_rows
 
 X = np.array([[1.0, -0.5], [0.0, 1.2], [1.0, 0.3]])
 
 
 def posterior_of(study, x):
-    return group_posterior(study, StudyScales.from_study(study), Hyperprior(), x)
+    return group_posterior(study, study_scales(study), Hyperprior(), x)
 
 
 def log_likelihood(subject, scales, c, p, log_noise, lapse_score, slope):
@@ -72,7 +72,7 @@ def study():
 
 
 def test_density_is_that_of_the_definition(study):
-    scales, posterior = StudyScales.from_study(study), posterior_of(study, X)
+    scales, posterior = study_scales(study), posterior_of(study, X)
     theta = posterior.start(4, default_rng(2))
     theta[:, 6 : posterior.n_shared] = default_rng(3).normal(0.0, 0.2, (4, 6))
     point = posterior.points(theta)
@@ -108,7 +108,7 @@ def test_without_precision_coordinates_are_non_centred(study):
 
 def test_a_condition_moves_a_subject_by_half_of_the_difference_to_either_side():
     study = two_conditions(1, n_subjects=2)
-    rows = subject_rows(study, StudyScales.from_study(study))
+    rows = subject_rows(study, study_scales(study))
     assert (rows.n_subjects, rows.n_coefficients, rows.n_coordinates) == (2, 6, 8)
     w = np.zeros((2, 1, 8))
     w[:, :, 0], w[:, :, 3] = 0.2, 1.0
@@ -119,17 +119,17 @@ def test_a_condition_moves_a_subject_by_half_of_the_difference_to_either_side():
 def test_stimuli_count_from_the_subjects_own_mean_in_steps_of_the_whole_study():
     near, far = simulated_group(1, n_subjects=2)
     study = bt.Study([near, replace(far, s1=far.s1 + 3.0, s2=far.s2 + 3.0)])
-    scales = StudyScales.from_study(study)
+    scales = study_scales(study)
     rows = subject_rows(study, scales)
     assert scales.step == pytest.approx(0.25)
     assert rows.batch.first[0] == pytest.approx(rows.batch.first[1])
     assert rows.batch.slope_unit.ravel().tolist() == pytest.approx([0.25 / scales.spread] * 2)
-    assert scales.contraction_share == 1.0
+    assert scales.roving_share == 1.0
 
 
 def test_roved_first_stimuli_narrow_the_prior_of_the_contraction():
     s1 = np.repeat([-2.0, 2.0], 2)
     s2 = s1 + np.tile([-0.1, 0.1], 2)
     subject = bt.Subject("roved", s1, s2, [1, 2, 1, 2], [3] * 4)
-    scales = StudyScales.from_study(bt.Study([subject]))
-    assert scales.contraction_share == pytest.approx(4.0 * 0.1 / 2.0)
+    scales = study_scales(bt.Study([subject]))
+    assert scales.roving_share == pytest.approx(4.0 * 0.1 / 2.0)

@@ -8,7 +8,7 @@ from populations import simulated_group
 from bayes_toe.groups import group_sampler
 from bayes_toe.groups.group_sampler import GroupDraws, Hamiltonian, Metric, sample_group
 from bayes_toe.groups.hyperprior import Hyperprior
-from bayes_toe.groups.population import StudyScales, group_posterior
+from bayes_toe.groups.population import group_posterior, study_scales
 
 #: Two shared coordinates and two blocks of two, all correlated.
 _ROOT = np.tril(default_rng(5).normal(0.0, 0.4, (6, 6)), -1) + np.diag(
@@ -68,7 +68,7 @@ def test_draws_that_are_not_reliable_say_why():
 
 def test_twice_the_draws_where_the_first_are_not_reliable(monkeypatch):
     study = simulated_group(1, n_subjects=3, n_each=20)
-    scales = StudyScales.from_study(study)
+    scales = study_scales(study)
     posterior = group_posterior(study, scales, Hyperprior(), np.zeros((3, 0)))
 
     def drawn():

@@ -12,11 +12,12 @@ from scipy import stats
 from scipy.integrate import quad
 
 import bayes_toe as bt
+from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.model.answer_curves import criterion, equal_answers, second_answers
-from bayes_toe.model.observer import ObserverBatch, ObserverPosterior, OrderModel, StimulusScales
+from bayes_toe.model.observer import ObserverBatch, ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import (
     ORDER_MODELS,
     CutNormal,
@@ -234,16 +235,17 @@ def test_a_thousand_million_trials_a_pair(posterior):
 
 def test_scales_by_hand():
     s1, s2, n = np.array([0.0, 1.0, 1.0]), np.array([3.0, 0.0, 1.0]), np.array([5, 15, 20])
-    scales = StimulusScales.from_counts(s1, s2, n)
+    scales = StimulusScales.from_pairs(s1, s2, n)
     assert (scales.sbar, scales.step) == pytest.approx((35 / 40, np.sqrt((5 * 9 + 15) / 20)))
     stimuli = np.repeat(np.concatenate([s1, s2]), np.tile(n, 2))
     assert scales.spread == pytest.approx(stimuli.std())
     assert scales.first_spread == pytest.approx(np.repeat(s1, n).std())
-    assert scales.contraction_sd(ObserverPrior()) == 0.25
-    roved = StimulusScales(0.0, 2.0, 5.0, 20.0)
-    assert roved.contraction_sd(ObserverPrior()) == pytest.approx(0.1)
+    assert scales.roving_share == 1.0
+    assert StimulusScales(0.0, 0.0, 2.0, 5.0, 20.0).roving_share == pytest.approx(0.4)
+    assert StimulusScales.from_pairs(s1, s1, n) is None
+    subject = bt.Subject("S", [0.0, 1.0], [0.0, 1.0], [0, 1], [1, 1])
     with pytest.raises(bt.InputError, match="no pair has two different stimuli"):
-        StimulusScales.from_counts(s1, s1, n)
+        ObserverBatch.from_subjects([subject])
 
 
 def test_a_subject_in_one_condition_has_the_scales_of_all_conditions():
@@ -254,10 +256,10 @@ def test_a_subject_in_one_condition_has_the_scales_of_all_conditions():
     columns = ["subject", "condition", "s1", "s2", "n_second", "n_trials"]
     frame = pd.DataFrame(rows, columns=columns)
     left, right = bt.read_study(frame, bt.ReadOptions(condition="condition"))
-    scales, right_scales = StimulusScales.from_subject(left), StimulusScales.from_subject(right)
+    scales, right_scales = left.scales, right.scales
     assert scales.sbar == pytest.approx(0.25 + 0.1)
     assert scales == right_scales
-    assert StimulusScales.from_subject(replace(left, felt=None)).sbar == pytest.approx(0.1)
+    assert replace(left, shared_scales=None).scales.sbar == pytest.approx(0.1)
 
 
 # --- Prior, quantities ----------------------------------------------------------------------------

@@ -7,13 +7,11 @@ import pytest
 from numpy.random import default_rng
 
 import bayes_toe as bt
-from bayes_toe.data.conditions import Stimuli
-from bayes_toe.data.study import stimuli_of
+from bayes_toe.data.study import common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
 from bayes_toe.model.intervals import interval_units
 from bayes_toe.model.models import MODEL_NAMES, model_posterior, require_model
 from bayes_toe.model.prior import DEFAULT
-from bayes_toe.model.prior_fields import OF_STIMULI
 from bayes_toe.model.prior_file import preset_or_file, prior_for
 
 N_TRIALS = [50, 50, 50, 40, 50]
@@ -32,10 +30,9 @@ def test_the_stimuli_by_hand():
     subject = bt.Subject("S", [0.0, 1.0, 1.0], [3.0, 0.0, 1.0], [1, 1, 5], [5, 15, 20])
     values = np.repeat([0.0, 3.0, 1.0, 0.0, 1.0, 1.0], [5, 5, 15, 15, 20, 20])
     expected = values.mean(), values.std(), np.sqrt((5 * 9 + 15) / 20)
-    assert stimuli_of(subject)[:3] == pytest.approx(expected)
-    assert stimuli_of(subject, subject)[:3] == pytest.approx(expected)
-    numbers = [Stimuli(2.0, 4.0, 1.0, 0.0).number(key) for key in OF_STIMULI]
-    assert numbers == [2.0, 10.0, 1.0]
+    for subjects in ((subject,), (subject, subject)):
+        scales = common_scales(*subjects)
+        assert (scales.mean, scales.spread, scales.step) == pytest.approx(expected)
 
 
 def test_a_subject_without_different_stimuli_has_no_default_prior():
@@ -98,7 +95,7 @@ def test_every_verb_stores_the_default_prior_with_its_scales_open(tmp_path):
     draws = bt.sample(study, draws=300, seed=1, workers=1)
     loaded = bt.load(draws.save(tmp_path / "posterior.nc"))
     assert "mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1)" in loaded.attrs["prior"]
-    assert loaded.posterior("S").prior.mu1_mean == stimuli_of(study["S"]).mean
+    assert loaded.posterior("S").prior.mu1_mean == common_scales(study["S"]).mean
     evidence = bt.evidence(study, seed=1, workers=1)
     fit = bt.fit(study, replicates=2, seed=1, workers=1)
     assert loaded.prior == evidence.prior == fit.prior == DEFAULT
