@@ -40,10 +40,10 @@ from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
     EVIDENCE_DRAWS,
     SUMMARY_COLUMNS,
+    AnalysisRequest,
     Settings,
     SubjectDraws,
     SummaryRow,
-    Wanted,
     fitted_result,
     subject_draws,
     weighted_fit,
@@ -152,7 +152,7 @@ def run(
     """
     with open_store(keep) as store:
         settings = _settings(study, draws, store.seed(seed), prior)
-        jobs = _analysis_jobs(study, settings, Wanted(settings.sampler, EVIDENCE_DRAWS))
+        jobs = _analysis_jobs(study, settings, AnalysisRequest(settings.sampler, EVIDENCE_DRAWS))
         study, analysed, failed = _survivors(study, jobs, workers, progress, store)
         drawn = StoredResults(
             analysed.size,
@@ -263,8 +263,8 @@ def sample(
     name = require_model(model, study.task).name
     with open_store(keep) as store:
         settings = _settings(study, draws, store.seed(seed), prior, name)
-        request = Wanted(settings.sampler)
-        jobs = [partial(_refusing, _drawn, subject, settings, request) for subject in study]
+        request = AnalysisRequest(settings.sampler)
+        jobs = [partial(_catch_failure, _drawn, subject, settings, request) for subject in study]
         study, analysed, failed = _survivors(study, jobs, workers, progress, store)
         all_draws = Draws(assembled_tree(study, analysed, settings, failed))
     for problem, reasons in (
@@ -306,7 +306,7 @@ def evidence(
     """
     with open_store(keep) as store:
         settings = _settings(study, draws, store.seed(seed), prior)
-        jobs = _analysis_jobs(study, settings, Wanted(evidence_draws=draws))
+        jobs = _analysis_jobs(study, settings, AnalysisRequest(evidence_draws=draws))
         _, analysed, failed = _survivors(study, jobs, workers, progress, store)
         return _table(analysed, settings, failed, study.task)
 
@@ -327,15 +327,15 @@ class _Analysed:
 
 
 def _analysis_jobs(
-    study: Study, settings: Settings, request: Wanted
+    study: Study, settings: Settings, request: AnalysisRequest
 ) -> list[Callable[[], _Analysed]]:
     jobs: list[Callable[[], _Analysed]] = []
     for subject, flags in zip(study, answer_flags(study), strict=True):
-        jobs.append(partial(_refusing, _analysed, subject, settings, request, flags))
+        jobs.append(partial(_catch_failure, _analysed, subject, settings, request, flags))
     return jobs
 
 
-def _refusing(work: Callable[..., Result], *arguments: object) -> Result:
+def _catch_failure(work: Callable[..., Result], *arguments: object) -> Result:
     """The work of a subject; a numerical failure is the refusal of that subject alone."""
     try:
         return work(*arguments)
@@ -344,7 +344,7 @@ def _refusing(work: Callable[..., Result], *arguments: object) -> Result:
         return cast(Result, Failed(str(error)))
 
 
-def _drawn(subject: Subject, settings: Settings, request: Wanted) -> SubjectDraws:
+def _drawn(subject: Subject, settings: Settings, request: AnalysisRequest) -> SubjectDraws:
     model = stored_model(settings.model, subject.task)
     target = model_posterior(model, subject, settings.prior)
     result, _ = fitted_result(target, settings.seed, request)
@@ -352,10 +352,10 @@ def _drawn(subject: Subject, settings: Settings, request: Wanted) -> SubjectDraw
 
 
 def _analysed(
-    subject: Subject, settings: Settings, request: Wanted, flags: tuple[Finding, ...]
+    subject: Subject, settings: Settings, request: AnalysisRequest, flags: tuple[Finding, ...]
 ) -> _Analysed:
     """The answer, and the paper's model with all that is wanted."""
-    prior, seed = settings.prior.at(subject), settings.seed
+    prior, seed = settings.prior.for_subjects(subject), settings.seed
     answer, order = answer_subject(subject, seed, settings.prior.observer, flags)
     result, fitted = fitted_result(paper_posterior(subject, prior), seed, request)
     fit, by_bootstrap = None, None

@@ -191,7 +191,7 @@ def test_predictions_are_those_of_the_draws_at_intervals_never_run(analysis):
     for row, t in zip(table[["q05", "q50", "q95"]].to_numpy(), isi, strict=True):
         q = bt.model.equal_probability(0.0, 0.3, *at_interval(draws, t))
         assert row == pytest.approx(np.quantile(q, [0.05, 0.5, 0.95]), rel=1e-12)
-    predictor = Predictor.of(analysis.draws, "S01")
+    predictor = Predictor.from_draws(analysis.draws, "S01")
     gains = predictor.target.gain(predictor.x, isi)
     low, middle, high = np.quantile(gains, [0.05, 0.5, 0.95], axis=0)
     truth = bt.model.gain(at_interval(FIRST, isi).gamma)

@@ -22,7 +22,7 @@ from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_sha
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.arrays import FloatArray, NamedArrays, Rng, StrPath
 from bayes_toe.data.conditions import Conditions
-from bayes_toe.data.messages import bare, capitalized, counted, listed
+from bayes_toe.data.messages import capitalized, display_name, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import Study, Subject, require_study, units_by_subject
 from bayes_toe.data.tables import Table, frame_of
@@ -244,7 +244,7 @@ class ContrastTable(Table[Difference]):
             first: dict[str, str] = {}
             for row in self.select(quantity):
                 first.setdefault(row.subject, row.short_word or "no Bayes factor")
-            counts = count_words(first.values(), f" of {counted(len(first), 'subject')}")
+            counts = count_words(first.values(), f" of {plural(len(first), 'subject')}")
             lines.append(f"{capitalized(quantity)} differs: {counts}.")
         return lines
 
@@ -283,7 +283,8 @@ def contrast(
     left_out = {}
     for name, units in units_by_subject(study).items():
         if name not in compared:
-            left_out[name] = f"at {listed([bare(unit.condition) for unit in units])} only"
+            levels = join_names([display_name(unit.condition) for unit in units])
+            left_out[name] = f"at {levels} only"
     with open_store(keep) as store:
         root, numbers = store.seed(seed), prior_for(study, prior).observer
         jobs = [
@@ -328,7 +329,9 @@ def _compared_subjects(study: Study, conditions: Conditions) -> dict[str, tuple[
         if any(levels.issuperset(pair) for pair in conditions.comparisons):
             compared[name] = units
     if not compared:
-        pairs = [f"{bare(level)} and {bare(other)}" for level, other in conditions.comparisons]
+        pairs = []
+        for level, other in conditions.comparisons:
+            pairs.append(f"{display_name(level)} and {display_name(other)}")
         raise InputError(
             f"contrast: found no subject at both {' or '.join(pairs)}, "
             "allowed: one and more; another --reference"
@@ -379,7 +382,7 @@ def subject_contrast(
     for evidence in evidences:
         if np.isnan(evidence.log_evidence):
             names = sorted(parameter.name for parameter in evidence.differing)
-            withheld.append(f"no evidence where these differ: {listed(names) or 'none'}")
+            withheld.append(f"no evidence where these differ: {join_names(names) or 'none'}")
     x = _draws(evidences, rng, _CURVES)
     return SubjectContrast(name, tuple(rows), levels, x, tuple(withheld))
 

@@ -21,7 +21,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.inference.evidence import laplace_evidence, laplace_evidence_natural
-from bayes_toe.inference.predictive_checks import FitSummary
+from bayes_toe.inference.predictive_checks import GoodnessOfFit
 from bayes_toe.inference.subject import Fitted, SubjectResult
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.paper_model import PaperPosterior
@@ -84,7 +84,7 @@ class SubjectEvidence:
     log_evidence_h1_bootstrap: float | None
     efficiency: float
     pareto_k: float
-    fit: FitSummary | None
+    fit: GoodnessOfFit | None
     answer: OrderEffect | None = None
     notes: tuple[str, ...] = ()
     footnotes: tuple[str, ...] = ()
@@ -162,7 +162,7 @@ def subject_evidence(
     by_bootstrap: tuple[float | None, str] | None,
     *,
     answer: OrderEffect | None = None,
-    fit: FitSummary | None = None,
+    fit: GoodnessOfFit | None = None,
 ) -> SubjectEvidence:
     """The row of one subject in the evidence table, from the fit of H1.
 

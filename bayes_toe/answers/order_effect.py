@@ -34,7 +34,7 @@ from bayes_toe.data.messages import capitalized, join_words
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
-from bayes_toe.inference.predictive_checks import MISFIT, FitSummary, PairFit, summarise_fit
+from bayes_toe.inference.predictive_checks import MISFIT, GoodnessOfFit, PairResidual, summarise_fit
 from bayes_toe.model.observer import DEFAULT_PRIOR, OrderModel
 from bayes_toe.model.parameters import CutNormal, ObserverPrior, StandardStudent
 from bayes_toe.seeds import generator
@@ -160,7 +160,7 @@ class OrderEffect:
     notes: tuple[str, ...] = ()
     reasons: Mapping[str, str] = field(default_factory=dict)
     problems: tuple[Problem, ...] = ()
-    worst_pairs: tuple[PairFit, ...] = ()
+    worst_pairs: tuple[PairResidual, ...] = ()
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -394,7 +394,7 @@ def order_effect(
     evidence: OrderEvidence,
     identification: Identification,
     flags: Sequence[Finding] = (),
-    fit: FitSummary | None = None,
+    fit: GoodnessOfFit | None = None,
     screen: SerialScreen | None = None,
 ) -> OrderEffect:
     """The answer of one subject.
@@ -465,7 +465,7 @@ def _words(
     return words
 
 
-def _fit_p_values(fit: FitSummary | None) -> tuple[float | None, float | None]:
+def _fit_p_values(fit: GoodnessOfFit | None) -> tuple[float | None, float | None]:
     """The p-values of the predictive check and of the deviance; None where nothing is testable."""
     if fit is None or fit.describes is None:
         return None, None
@@ -675,7 +675,7 @@ def answer_subject(
     return order_effect(evidence, identify(subject), flags, fit, screen), evidence
 
 
-def best_model_fit(evidence: OrderEvidence, seed: int) -> FitSummary:
+def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
     """Goodness of fit of the model with the highest evidence."""
     best = int(np.argmax(evidence.log_evidence))
     posterior = OrderModel(MODEL_NAMES[best]).posterior(evidence.subject, evidence.prior)

@@ -11,10 +11,10 @@ from scipy.special import logsumexp
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.messages import capitalized, counted, listed
+from bayes_toe.data.messages import capitalized, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.validation import AT
-from bayes_toe.inference.predictive_checks import PairFit
+from bayes_toe.inference.predictive_checks import PairResidual
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ORDER_MODELS
 
 #: Interpretable subjects from which on `run` fits the population.
@@ -57,8 +57,8 @@ def study_lines(
         of_total = ""
     misfits = [answer.subject for answer in counted_answers if answer.fits is False]
     if misfits:
-        n_misfits = counted(len(misfits), "subject")
-        names = listed(misfits, _MOST_NAMES)
+        n_misfits = plural(len(misfits), "subject")
+        names = join_names(misfits, _MOST_NAMES)
         claims = "this conclusion" if len(misfits) == 1 else "these conclusions"
         lines.append(f"The model does not fit {n_misfits}: {names}. Base no claim on {claims}.")
     return lines
@@ -113,9 +113,9 @@ def _heading(question: str) -> str:
 def count_all(answers: Sequence[OrderEffect], noun: str, units: bool) -> str:
     """All that count, as in '12 subjects' or '24 conditions of 12 subjects'."""
     if not units:
-        return counted(len(answers), noun)
+        return plural(len(answers), noun)
     n_subjects = len({answer.subject.rpartition(AT)[0] for answer in answers})
-    return f"{counted(len(answers), 'condition')} of {counted(n_subjects, noun)}"
+    return f"{plural(len(answers), 'condition')} of {plural(n_subjects, noun)}"
 
 
 def describe_directions(answers: Sequence[OrderEffect], question: str, word: Word) -> str:
@@ -201,12 +201,12 @@ def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:
 # --- Poor fits -----------------------------------------------------------------------------------
 
 
-def describe_pair(pair: PairFit, unit: StimulusUnit = UNKNOWN_UNIT) -> str:
+def describe_pair(pair: PairResidual, unit: StimulusUnit = UNKNOWN_UNIT) -> str:
     """A pair with the observed and the expected share of the response that the task counts.
 
     Examples
     --------
-    >>> describe_pair(PairFit(3.688879, 3.296837, 0.95, 0.7))
+    >>> describe_pair(PairResidual(3.688879, 3.296837, 0.95, 0.7))
     "(3.69, 3.3): 'equal' in 95 %, expected 70 %"
     """
     interval = "" if pair.isi is None else f" at {pair.isi:g} s"

@@ -15,7 +15,7 @@ from bayes_toe.app.job import Job
 from bayes_toe.arrays import Record
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.data.column_roles import with_likely_columns
-from bayes_toe.data.messages import bare
+from bayes_toe.data.messages import display_name
 from bayes_toe.data.options import COLUMNS, changed
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.text_table import TextTable
@@ -51,8 +51,8 @@ def _read_options(options: Record) -> bt.ReadOptions:
     nameless += [name for name in options.get("where", {}) if "=" in name]
     if nameless:
         raise bt.InputError(
-            f"column {bare(nameless[0])}: its name has a comma or '=', so that no command can "
-            "name it. Change the name in the file."
+            f"column {display_name(nameless[0])}: its name has a comma or '=', so that no command "
+            "can name it. Change the name in the file."
         )
     if "intensity" in options:
         try:

@@ -21,7 +21,7 @@ from scipy.special import logit, logsumexp, xlog1py, xlogy
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.messages import as_option, bare, counted, describe_p, join_words
+from bayes_toe.data.messages import cli_argument, describe_p_value, display_name, join_words, plural
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.seeds import generator
@@ -160,11 +160,11 @@ def uninterpretable_findings(study: Study) -> list[Finding]:
 
 
 def _subject_findings(subject: Subject, level: float) -> Iterator[Finding]:
-    answers = None if subject.answers is None else subject.answers.given
+    answers = None if subject.answers is None else subject.answers.answered
     if answers is not None and answers.trials:
         yield from _repeated_trials(subject, answers)
     if subject.total_trials < FEW_TRIALS:
-        n_trials = counted(subject.total_trials, "trial")
+        n_trials = plural(subject.total_trials, "trial")
         message = f"Only {n_trials}, so the prior has much influence."
         yield Finding(subject.name, "few_trials", message)
     if subject.n_yes.sum() in (0, subject.total_trials):
@@ -212,7 +212,7 @@ def _repeated_trials(subject: Subject, answers: Answers) -> Iterator[Finding]:
             f"{n_repeated} of {n_rows} trials repeat earlier ones, from trial {from_row + 1} on. "
             "Remove the copies from the file."
         )
-        option = f"--exclude {as_option(subject.name)}"
+        option = f"--exclude {cli_argument(subject.name)}"
         yield Finding(subject.name, "repeated_trials", message, option)
 
 
@@ -249,7 +249,7 @@ def _agreement(p: FloatArray) -> FloatArray:
 def _one_answer(subject: Subject) -> Finding:
     task = subject.task
     answer = task.yes if subject.n_yes.any() else task.no
-    option = f"--exclude {as_option(subject.name)}"
+    option = f"--exclude {cli_argument(subject.name)}"
     message = f"Every response is {answer!r}."
     return Finding(subject.name, "one_answer", message, option)
 
@@ -262,7 +262,7 @@ def _unrelated_answers(subject: Subject) -> Iterator[Finding]:
     z = max(abs(_trend(x, subject)) for x in (difference, np.abs(difference)))
     z_noticeable = NOTICEABLE * math.sqrt(subject.total_trials / (share * (1.0 - share)))
     if z < _CRITICAL_Z and z_noticeable > _CRITICAL_Z + _POWER_Z:
-        option = f"--exclude {as_option(subject.name)}"
+        option = f"--exclude {cli_argument(subject.name)}"
         message = "Responses do not depend on the stimuli."
         yield Finding(subject.name, "independent_answers", message, option)
 
@@ -284,7 +284,7 @@ def _reversed_answers(subject: Subject) -> Iterator[Finding]:
     points = _ALL_POINTS if subject.task == SAME_DIFFERENT else ()
     straight, reversed_ = _shapes(subject, points)
     if reversed_ - straight > SWAPPED:
-        option = f"--swap {as_option(subject.name)}"
+        option = f"--swap {cli_argument(subject.name)}"
         message = f"Responses look reversed. Check which code means {subject.task.yes!r}."
         yield Finding(subject.name, "reversed_answers", message, option)
 
@@ -441,18 +441,18 @@ def _unlike_blocks(subject: Subject, answers: Answers, level: float) -> Finding 
         return None
     block = answers.blocks[int(np.argmax(informative.block_chi_square(informative.k)))]
     message = (
-        f"Block {bare(block)} differs from the others ({describe_p(p)}). Intervals are too "
-        "narrow if blocks differ."
+        f"Block {display_name(block)} differs from the others ({describe_p_value(p)}). Intervals "
+        "are too narrow if blocks differ."
     )
-    option = f"--exclude {as_option(subject.name, [block])}"
+    option = f"--exclude {cli_argument(subject.name, [block])}"
     return Finding(subject.name, "block_dispersion", message, option)
 
 
 def _swapped_finding(name: str, blocks: list[str]) -> Finding:
     """Blocks with swapped response keys."""
     noun = "block" if len(blocks) == 1 else "blocks"
-    message = f"Responses look swapped in {noun} {join_words([*map(bare, blocks)])}."
-    return Finding(name, "swapped_blocks", message, f"--swap {as_option(name, blocks)}")
+    message = f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}."
+    return Finding(name, "swapped_blocks", message, f"--swap {cli_argument(name, blocks)}")
 
 
 def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
@@ -544,7 +544,7 @@ def _drift(subject: Subject, answers: Answers, level: float) -> Iterator[Finding
     p = table.p_value(largest_power, level, subject.name)
     if p <= level:
         message = (
-            f"Responses drift ({describe_p(p)}). The {[*kinds][largest]} changes by "
+            f"Responses drift ({describe_p_value(p)}). The {[*kinds][largest]} changes by "
             f"{change:.2f} over the trials."
         )
         yield Finding(subject.name, "drift", message)

@@ -19,7 +19,7 @@ from bayes_toe.checks.identification import (
 )
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import looks_like
-from bayes_toe.data.messages import bare, capitalized, counted, join_words, listed
+from bayes_toe.data.messages import capitalized, display_name, join_names, join_words, plural
 from bayes_toe.data.options import LOOKED_AT
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
 from bayes_toe.data.units import follows_from_pairs
@@ -135,7 +135,7 @@ def _two_scales(study: Study) -> Iterator[Finding]:
         if gap > _TWO_SCALES and gap > 2.0 * others:
             message = f"Stimuli lie in two groups, {factor} apart. Check whether some rows lack a "
         elif gap > others > 0.0 and n_lone <= _LONE * subject.total_trials:
-            trials = f"{counted(n_lone, 'trial')} of {subject.total_trials:,}"
+            trials = f"{plural(n_lone, 'trial')} of {subject.total_trials:,}"
             message = f"In {trials}, a stimulus lies {factor} from all others. Check its "
         if message:
             yield Finding(subject.name, "two_scales", f"{message}decimal point.")
@@ -146,14 +146,14 @@ def _columns(reading: Reading) -> Iterator[Finding]:
         alike = [name for name in reading.ignored if looks_like(name, ours)]
         if alike and ours not in reading.read:
             unit = " (seconds)" if ours == "isi" else ""
-            message = f"Column {bare(alike[0])} looks like {ours}{unit}, but it is ignored."
-            option = f"--columns {ours}={bare(alike[0])}"
+            message = f"Column {display_name(alike[0])} looks like {ours}{unit}, but it is ignored."
+            option = f"--columns {ours}={display_name(alike[0])}"
             yield Finding("", "column_alike", message, option)
     for name in reading.pooled:
-        message = f"Column {bare(name)} differs within subjects, and its levels are pooled."
-        yield Finding("", "pooled_condition", message, f"--condition {bare(name)}")
+        message = f"Column {display_name(name)} differs within subjects, and its levels are pooled."
+        yield Finding("", "pooled_condition", message, f"--condition {display_name(name)}")
     if reading.ignored:
-        names = listed([*map(bare, reading.ignored)])
+        names = join_names([*map(display_name, reading.ignored)])
         yield Finding("", "columns_ignored", f"Ignored columns: {names}.")
 
 
@@ -225,7 +225,7 @@ def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
     posterior depend on the prior alone.
     """
     scales = common_scales(*study)
-    if scales is None or prior.of_stimuli(prior.spread):
+    if scales is None or prior.depends_on_stimuli(prior.spread):
         return
     step, spread = scales.step, prior.spread_distribution
     p_near = float(spread.cdf(_NEAR * step) - spread.cdf(step / _NEAR))
@@ -287,7 +287,7 @@ def _one_order(subject: Subject) -> Iterator[Finding]:
     if len(lone) > _MOST_PAIRS_SHOWN:
         pairs += f" and {len(lone) - _MOST_PAIRS_SHOWN} more"
     verb = "was" if len(lone) == 1 else "were"
-    message = f"{counted(len(lone), 'pair')} {verb} presented in one order only: {pairs}."
+    message = f"{plural(len(lone), 'pair')} {verb} presented in one order only: {pairs}."
     yield Finding(subject.name, "one_order", message)
 
 
@@ -330,7 +330,7 @@ def _conditions(study: Study) -> Iterator[Finding]:
         missing = [level for level in study.conditions.levels if level not in unit_conditions]
         if missing:
             message = (
-                f"No trials in condition {listed(missing)}. The subject does not count in this "
+                f"No trials in condition {join_names(missing)}. The subject does not count in this "
                 "comparison, but does in the group."
             )
             yield Finding(name, "missing_condition", message)
@@ -340,8 +340,8 @@ def _conditions(study: Study) -> Iterator[Finding]:
             orders[order] += 1
     if len(orders) == 1 and orders.total() > 0.5 * len(subjects):
         message = (
-            f"The conditions came in one order, {listed([*orders])}, for "
-            f"{counted(orders.total(), 'subject')}. A difference between conditions may be an "
+            f"The conditions came in one order, {join_names([*orders])}, for "
+            f"{plural(orders.total(), 'subject')}. A difference between conditions may be an "
             "effect of time, such as practice."
         )
         yield Finding("", "conditions_in_order", message)

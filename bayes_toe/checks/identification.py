@@ -110,7 +110,7 @@ def _no_question(subject: Subject, order: FloatArray) -> str:
         return NO_DIFFERENCE
     if order.min() >= 0 or order.max() <= 0:
         return ONE_ORDER
-    if subject.answers is not None and _order_fills_blocks(subject.answers.given):
+    if subject.answers is not None and _order_fills_blocks(subject.answers.answered):
         return ORDER_IN_BLOCKS
     return ""
 
@@ -162,7 +162,7 @@ def _order_fills_blocks(answers: Answers) -> bool:
         return True
     if answers.place is None:
         return False
-    session = np.cumsum(answers.begins)[is_unequal]
+    session = np.cumsum(answers.is_session_start)[is_unequal]
     if _holds_one_order(session, order, n_trials):
         return True
     n_stretches = len(run_starts(order))

@@ -33,7 +33,7 @@ from scipy.stats import boschloo_exact, hypergeom
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
-from bayes_toe.data.messages import counted
+from bayes_toe.data.messages import plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import (
     Study,
@@ -213,7 +213,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         level = f"{LEVEL:g}".removeprefix("0")
         return (
             f"In the pair whose two orders differ most, {n_positive} of "
-            f"{counted(len(maxima), 'subject')} gave more {self.share_of} responses with the "
+            f"{plural(len(maxima), 'subject')} gave more {self.share_of} responses with the "
             f"stronger stimulus first ({positive} significant at p < {level} after Holm's "
             f"correction, {positive_before} before it), and {n_negative} with the weaker stimulus "
             f"first ({negative} significant, {negative_before} before correction)"

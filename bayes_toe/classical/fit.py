@@ -21,7 +21,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from bayes_toe.arrays import FloatArray, IntArray, Rng
-from bayes_toe.classical.maximum_likelihood import Fits, fit_counts
+from bayes_toe.classical.maximum_likelihood import MaximumLikelihoodFits, fit_counts
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -53,9 +53,9 @@ class Bootstrap:
     """Fits of one subject's bootstrap replicates."""
 
     subject: str
-    fitted: Fits  # of the subject's own answers, one row
+    fitted: MaximumLikelihoodFits  # of the subject's own answers, one row
     # one row a replicate: parameters (replicates, 4), log likelihoods, edges, arrived, curves
-    fits: Fits
+    fits: MaximumLikelihoodFits
 
     def __len__(self) -> int:
         return len(self.fits)
@@ -224,7 +224,7 @@ class SubjectFit:
         return self.bootstrap.subject
 
     @property
-    def fitted(self) -> Fits:
+    def fitted(self) -> MaximumLikelihoodFits:
         """The maximum."""
         return self.bootstrap.fitted
 
@@ -294,7 +294,7 @@ class FitTable(SubjectTable[SubjectFit]):
             rows.append((*fitted, *limits, *ending))
         return pd.DataFrame(rows, columns=list(fit_columns(self.task)))
 
-    def beside(self, draws: Draws) -> pd.DataFrame:
+    def compare_with(self, draws: Draws) -> pd.DataFrame:
         """Posterior and bootstrap interval of every subject and natural parameter.
 
         Both are central intervals at the table's level.

@@ -183,7 +183,7 @@ class PenalisedLikelihood:
 
 
 @dataclass(frozen=True, eq=False)
-class Fits:
+class MaximumLikelihoodFits:
     """Maximum-likelihood fits of one design to one or many vectors of counts.
 
     Attributes
@@ -240,7 +240,7 @@ class Fits:
 
 def fit_counts(
     subject: Subject, prior: Prior = DEFAULT, n_yes: npt.ArrayLike | None = None
-) -> Fits:
+) -> MaximumLikelihoodFits:
     """Fit counts, (rows, pairs), over a subject's pairs at one interval, by default its own.
 
     The prior's normal of mu1 is the penalty.
@@ -430,7 +430,7 @@ def _natural_parameters(likelihood: PenalisedLikelihood, x: FloatArray) -> Float
 
 def _make_fits(
     likelihood: PenalisedLikelihood, ended: Ascent, suprema: _Suprema, is_flat: BoolArray
-) -> Fits:
+) -> MaximumLikelihoodFits:
     """Natural parameters, edges and what stays open, for all rows."""
     u, is_wide, is_never, is_narrow, is_vanishing = suprema
     is_outside = is_wide | is_never
@@ -466,7 +466,7 @@ def _make_fits(
         is_open.any(axis=1),
     )
     objective = np.maximum(ended.value, likelihood.value(u, np.arange(len(u))))
-    return Fits(
+    return MaximumLikelihoodFits(
         parameters=np.where(is_open, np.nan, parameters),
         log_likelihood=objective + likelihood.penalty(u),
         objective=objective,

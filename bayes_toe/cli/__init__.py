@@ -1,1 +1,1 @@
-"""The front door: commands, reports and result folders."""
+"""Commands, reports and results folders."""

@@ -26,7 +26,7 @@ from bayes_toe.cli.terminal import (
     is_narrow,
     typed_command,
 )
-from bayes_toe.data.messages import capitalized, join_words, listed
+from bayes_toe.data.messages import capitalized, join_names, join_words
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
@@ -239,5 +239,5 @@ def not_counted(answers: Sequence[OrderEffect]) -> list[str]:
         return []
     verb = "is" if len(names) == 1 else "are"
     is_short = len(names) <= _MOST_EXCLUDED
-    listing = join_words(names) if is_short else listed(names, _MOST_EXCLUDED)
+    listing = join_words(names) if is_short else join_names(names, _MOST_EXCLUDED)
     return [f"{listing} {verb} not counted."]

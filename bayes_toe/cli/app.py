@@ -21,7 +21,7 @@ from bayes_toe.cli import (
     look,
 )
 from bayes_toe.cli.options import LAYOUT
-from bayes_toe.cli.task import as_command
+from bayes_toe.cli.run_context import as_command
 from bayes_toe.cli.terminal import TYPED
 
 #: In the order in which help lists them.

@@ -16,7 +16,7 @@ from bayes_toe.cli.terminal import (
     describe_study,
     typed_command,
 )
-from bayes_toe.data.messages import capitalized, counted
+from bayes_toe.data.messages import capitalized, plural
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
@@ -95,7 +95,7 @@ def answer_of_check(
         commands.insert(0, f"{run} {' '.join(swap)}")
     choice = "one of these" if swap else "this"
     verb = "needs" if len(options) == 1 else "need"
-    n_all = counted(len(study), "subject")
+    n_all = plural(len(study), "subject")
     lines.append(f"{len(options)} of {n_all} {verb} a decision. Type {choice}:")
     return lines, commands
 
@@ -118,12 +118,12 @@ def describe_pairs(study: Study) -> str:
     n_single = len(different) - 2 * n_both
     parts = []
     if n_equal:
-        parts.append(counted(n_equal, "equal one"))
+        parts.append(plural(n_equal, "equal one"))
     if n_both:
         separator = ", each" if n_both > 1 else ","
-        parts.append(f"{counted(n_both, 'different one')}{separator} in both orders")
+        parts.append(f"{plural(n_both, 'different one')}{separator} in both orders")
     if n_single:
-        parts.append(f"{counted(n_single, 'different one')} in one order only")
+        parts.append(f"{plural(n_single, 'different one')} in one order only")
     return f"Pairs: {', and '.join(parts)}"
 
 

@@ -16,9 +16,9 @@ from bayes_toe.cli.options import (
     rare,
     writes,
 )
-from bayes_toe.cli.task import MODEL, Task
+from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.cli.terminal import TYPED, Terminal, notes_of, number, without_zeros
-from bayes_toe.data.messages import format_p
+from bayes_toe.data.messages import format_p_value
 
 if TYPE_CHECKING:
     from bayes_toe.classical.asymmetry import AsymmetryTable
@@ -32,7 +32,7 @@ def check(
         File,
         option("--save", "STUDY.toml", "Save how the files are read.", parser=file_name),
     ] = None,
-    task: Annotated[Task, "prior", "overwrite"],
+    context: Annotated[RunContext, "prior", "overwrite"],
 ) -> None:
     """Check a study: what was read, its design, and its responses.
 
@@ -47,15 +47,15 @@ def check(
             raise bt.InputError(
                 f"--save is '{study_output}'. Use a name that ends in {SUFFIX}, and your files."
             )
-        task.require_files(study_output)
-    prior = preset_or_file(task.prior)
+        context.require_files(study_output)
+    prior = preset_or_file(context.prior)
     # Whatever the stimuli are: `check` reports what cannot be analysed.
     read = study.read()
     if study_output is not None:
         text = study.source.text(study_output.parent)
-        task.write({study_output: lambda path: path.write_text(text, encoding="utf-8")})
+        context.write({study_output: lambda path: path.write_text(text, encoding="utf-8")})
         TYPED[1:] = [str(study_output)]  # The next command reads that file.
-    print_check(task.out, read, prior, shows_prior=task.prior is not None)
+    print_check(context.out, read, prior, shows_prior=context.prior is not None)
 
 
 def fit(
@@ -70,7 +70,7 @@ def fit(
         File,
         option("--asymmetry", "FILE.csv", "Write the asymmetries, too.", parser=file_name),
     ] = None,
-    task: Annotated[Task, *MODEL],
+    context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Fit the paper's model by maximum likelihood; test asymmetries.
 
@@ -80,8 +80,8 @@ def fit(
 
     require_share("level", level)
     outputs = [output] if asymmetry_output is None else [output, asymmetry_output]
-    task.require_files(*outputs)
-    read, prior = task.read(study)
+    context.require_files(*outputs)
+    read, prior = context.read(study)
     asymmetries, why_none = None, ""
     try:
         asymmetries = bt.asymmetry(read)
@@ -89,19 +89,19 @@ def fit(
         if asymmetry_output is not None:
             raise
         why_none = str(error)
-    task.introduce(read, prior)
-    table = task.work(
+    context.introduce(read, prior)
+    table = context.work(
         "fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior
     )
-    table.save(output, **task.saving_of(read))
-    print_fits(task.out, table)
+    table.save(output, **context.saving_of(read))
+    print_fits(context.out, table)
     if asymmetries is None:
-        task.out.notes([("", f"No test of asymmetry: {why_none}.", "")], "-")
+        context.out.notes([("", f"No test of asymmetry: {why_none}.", "")], "-")
     else:
-        print_asymmetry(task.out, asymmetries)
+        print_asymmetry(context.out, asymmetries)
         if asymmetry_output is not None:
-            asymmetries.save(asymmetry_output, **task.saving_of(read))
-    task.print_written(f"Table in {', '.join(map(str, outputs))}", table.seed)
+            asymmetries.save(asymmetry_output, **context.saving_of(read))
+    context.print_written(f"Table in {', '.join(map(str, outputs))}", table.seed)
 
 
 def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
@@ -117,7 +117,7 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
             cells.append(without_zeros(size))
             pair = (largest.s_weak, largest.s_strong)
             cells.append(", ".join(map(table.unit.describe, pair)))
-            cells += [format_p(largest.p_value), format_p(largest.p_adjusted)]
+            cells += [format_p_value(largest.p_value), format_p_value(largest.p_adjusted)]
         rows.append(cells)
     headings = ["subject", "pairs", "largest q(c, r) - q(r, c)", "r, c", "p", "p (Holm)"]
     out.table(headings, rows, (1,), title="Asymmetry of the orders, without a model")

@@ -22,8 +22,8 @@ from bayes_toe.cli.options import (
     rare,
     writes,
 )
-from bayes_toe.cli.task import MODEL, Task
-from bayes_toe.data.messages import counted, listed, quoted
+from bayes_toe.cli.run_context import MODEL, RunContext
+from bayes_toe.data.messages import join_names, plural, quoted
 
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
@@ -51,7 +51,7 @@ def power(
     trials: Annotated[str, option("--trials", "N,N", "Trials of a subject.")] = "325,650,1300",
     data_sets: Annotated[int, rare("--data-sets", NUMBER, "Observers of each effect.", min=1)] = 50,
     observers: Observers = None,
-    task: Annotated[Task, *MODEL],
+    context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Estimate how often a design detects an order effect.
 
@@ -62,24 +62,24 @@ def power(
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.design.observers import assume_observers
 
-    task.require_folder(output, _POWER_FILES)
+    context.require_folder(output, _POWER_FILES)
     designs, numbers = _read_designs(design, question), _whole_numbers("--trials", trials)
     # Refuses a bad file before any work.
     assumed = assume_observers(observers, data_sets, 0, list(designs.values()))
-    options: dict[str, Any] = {"data_sets": data_sets, "prior": task.prior}
+    options: dict[str, Any] = {"data_sets": data_sets, "prior": context.prior}
     total = len(designs) * len(numbers) * len(assumed)
     planned = (designs, numbers, observers)
-    table = task.work("simulating and analysing", total, bt.design.power, *planned, **options)
+    table = context.work("simulating and analysing", total, bt.design.power, *planned, **options)
     frames = (table.frame(), table.data_sets_frame())
     names = _POWER_FILES
-    with whole_folder(output, names, required=names, overwrite=task.overwrite) as folder:
+    with whole_folder(output, names, required=names, overwrite=context.overwrite) as folder:
         for name, frame in zip(names, frames, strict=False):
             write_table(frame, folder / name)
         for name in names[len(frames) :]:
             bt.plots.save_figure(bt.plots.power(table), folder / name)
-    print_power(task.out, table)
+    print_power(context.out, table)
     written = f"Tables and figure in {output}. Seed {table.seed}."
-    task.out.answer([*table.sentences(), written])
+    context.out.answer([*table.sentences(), written])
 
 
 def _read_designs(files: list[Path] | None, question: str) -> Mapping[str, StudyDesign]:
@@ -205,7 +205,9 @@ class ListOptions:
         differences = read_differences(self.conditions, None)
         return () if differences is None else differences.conditions.levels
 
-    def write(self, design: StudyDesign, seed: int, reference: float | None, task: Task) -> None:
+    def write(
+        self, design: StudyDesign, seed: int, reference: float | None, context: RunContext
+    ) -> None:
         """A randomised, counterbalanced list, which run reads once the answers are filled in."""
         import pandas as pd
 
@@ -224,14 +226,14 @@ class ListOptions:
             "reference": reference,
         }
         lists = [bt.design.trial_list(design, subject=name, **options) for name in names]
-        write_table(pd.concat(lists), self.list_output, overwrite=task.overwrite)
+        write_table(pd.concat(lists), self.list_output, overwrite=context.overwrite)
         split = ""
         if levels:
-            split = f" ({design.total} in each of {listed([*levels])}, mixed within blocks)"
+            split = f" ({design.total} in each of {join_names([*levels])}, mixed within blocks)"
         n_trials = design.total * max(1, len(levels))
-        task.out.line()
-        task.out.line(
-            f"{self.list_output}: {counted(self.subjects, 'subject')}, {n_trials} trials each in "
+        context.out.line()
+        context.out.line(
+            f"{self.list_output}: {plural(self.subjects, 'subject')}, {n_trials} trials each in "
             f"{self.blocks} blocks{split}. Each block balances the order of the stimuli as the "
             f"design does, with at most {MOST_EQUAL} equal pairs in a row. Seed {seed}."
         )
@@ -253,7 +255,7 @@ def design(
     data_sets: Annotated[int, rare("--data-sets", NUMBER, "Observers of each effect.", min=1)] = 16,
     observers: Observers = None,
     lists: ListOptions,
-    task: Annotated[Task, *MODEL],
+    context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Find the pairs that show an order effect best.
 
@@ -267,19 +269,19 @@ def design(
     n_levels = max(1, len(lists.levels()))
     goal.require(file, bool(list_files))
     if file is not None:
-        task.require_files(*list_files)
-        seed = root_seed(task.seed)
-        lists.write(bt.design.read_study_design(file), seed, goal.intensity, task)
+        context.require_files(*list_files)
+        seed = root_seed(context.seed)
+        lists.write(bt.design.read_study_design(file), seed, goal.intensity, context)
         return
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
     compared = output.with_name(f"{output.stem}_compared.csv")
     text, figure = output.with_suffix(".md"), output.with_suffix(".png")
-    task.require_files(output, compared, text, figure, *list_files)
+    context.require_files(output, compared, text, figure, *list_files)
     search = (goal.log_levels(), trials // n_levels, goal.goal(question), observers)
-    options: dict[str, Any] = {"data_sets": data_sets, "prior": task.prior}
+    options: dict[str, Any] = {"data_sets": data_sets, "prior": context.prior}
     total = 4 * 6 * data_sets
-    optimal = task.work(
+    optimal = context.work(
         "simulating and analysing", total, bt.design.optimal_design, *search, **options
     )
     files: dict[Path, Callable[[Path], object]] = {
@@ -288,11 +290,11 @@ def design(
         text: lambda path: path.write_text(optimal.text(), encoding="utf-8"),
         figure: partial(bt.plots.save_figure, bt.plots.design(optimal)),
     }
-    task.write(files)
-    print_design(task.out, optimal)
-    lists.write(optimal.design, optimal.seed, goal.intensity, task)
+    context.write(files)
+    print_design(context.out, optimal)
+    lists.write(optimal.design, optimal.seed, goal.intensity, context)
     written = f"Written: {', '.join(map(str, [*files, *list_files]))}. Seed {optimal.seed}."
-    task.out.answer([*optimal.reasons(), *optimal.power.sentences(OPTIMISED), written])
+    context.out.answer([*optimal.reasons(), *optimal.power.sentences(OPTIMISED), written])
 
 
 # --- simulate -------------------------------------------------------------------------------------
@@ -335,7 +337,7 @@ def simulate(
     ] = "reference",
     isi: Annotated[Text, rare("--isi", "N,N", "Inter-stimulus intervals, s.")] = None,
     observers: PopulationOptions,
-    task: Annotated[Task, "seed", "overwrite"],
+    context: Annotated[RunContext, "seed", "overwrite"],
 ) -> None:
     """Simulate a study with known order effects.
 
@@ -354,8 +356,8 @@ def simulate(
     from bayes_toe.seeds import root_seed
 
     files = [output] if truth_output is None else [output, truth_output]
-    task.require_files(*files)
-    seed = root_seed(task.seed)
+    context.require_files(*files)
+    seed = root_seed(context.seed)
     pairs = make_batch_design(design, amplitudes, batches, isi)
     question = task_of(observers.question)
     simulated = draw_population(observers.population, observers.subjects, seed, pairs, question)
@@ -368,6 +370,8 @@ def simulate(
         differences=read_differences(observers.conditions, observers.differ),
     )
     for file, frame in zip(files, (trial_frame(trials), truth_frame(trials)), strict=False):
-        write_table(frame, file, overwrite=task.overwrite)
+        write_table(frame, file, overwrite=context.overwrite)
     total = sum(len(answered.yes) for answered in trials)
-    task.print_written(f"{len(simulated)} synthetic subjects, {total:,} trials in {output}", seed)
+    context.print_written(
+        f"{len(simulated)} synthetic subjects, {total:,} trials in {output}", seed
+    )

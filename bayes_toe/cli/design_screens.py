@@ -42,7 +42,7 @@ def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
             elif table.has_effect(kind, question):
                 cells.append(estimate.percent)
             else:
-                cells.append(f"({estimate.hits})")
+                cells.append(f"({estimate.counts_text})")
         rows.append(cells)
     return rows
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import bayes_toe as bt
 from bayes_toe.cli.options import DrawCount, File, StudyFile, Texts, option, rare, writes
-from bayes_toe.cli.task import MODEL, Task
+from bayes_toe.cli.run_context import MODEL, RunContext
 
 #: In words, because the module of the hyperprior loads SciPy.
 _HYPERPRIOR = r"Prior of the group: \[constant_error], \[contraction], \[noise], \[q0]."
@@ -28,7 +28,7 @@ def population(
     ] = None,
     hyperprior: Annotated[File, rare("--hyperprior", "FILE.toml", _HYPERPRIOR)] = None,
     draws: DrawCount = 3200,
-    task: Annotated[Task, "seed", "overwrite"],
+    context: Annotated[RunContext, "seed", "overwrite"],
 ) -> None:
     """Estimate the group mean and the SD between subjects.
 
@@ -46,29 +46,29 @@ def population(
         raise bt.InputError(f"--categorical {categorical[0]} needs --covariates FILE.csv.")
     table, figure = output.with_suffix(".csv"), output.with_suffix(".png")
     subjects = output.with_name(f"{output.stem}_subjects.csv")
-    task.require_files(output, table, subjects, figure)
-    read, _ = task.opened(study)
+    context.require_files(output, table, subjects, figure)
+    read, _ = context.opened(study)
     result = bt.population(
         read,
         covariates=covariates,
         categorical=tuple(categorical or ()),
         draws=draws,
-        seed=task.seed,
+        seed=context.seed,
         hyperprior=hyperprior,
     )
     check = predictive_check(result)
-    written = task.write(
+    written = context.write(
         {
             output: result.save,
-            table: partial(result.table.save, overwrite=task.overwrite),
-            subjects: partial(result.subject_table.save, overwrite=task.overwrite),
+            table: partial(result.table.save, overwrite=context.overwrite),
+            subjects: partial(result.subject_table.save, overwrite=context.overwrite),
             figure: partial(bt.plots.save_figure, bt.plots.population(result, check)),
         }
     )
-    print_group(task.out, result, check)
-    task.print_uninterpretable(read)
-    task.out.answer([*group_answer(result), f"{written} Seed {result.settings.seed}."])
-    task.end({} if result.is_reliable else {"group": result.draws.shortfall})
+    print_group(context.out, result, check)
+    context.print_uninterpretable(read)
+    context.out.answer([*group_answer(result), f"{written} Seed {result.settings.seed}."])
+    context.end({} if result.is_reliable else {"group": result.draws.shortfall})
 
 
 def contrast(
@@ -77,7 +77,7 @@ def contrast(
     output: Annotated[Path, writes("FILE.csv", "Table; the figure is FILE.png.")] = Path(
         "contrast.csv"
     ),
-    task: Annotated[Task, *MODEL, "resume"],
+    context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
     """Estimate differences between the conditions of each subject.
 
@@ -87,24 +87,26 @@ def contrast(
     from bayes_toe.plots.figure_files import picture_beside
 
     figure_file = picture_beside(output)
-    task.require_files(output, figure_file)
-    keep = task.partial(output)
-    read, prior = task.opened(study)
+    context.require_files(output, figure_file)
+    keep = context.partial(output)
+    read, prior = context.opened(study)
     n_subjects = len({subject.subject_name for subject in read})
-    table = task.work("comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep)
+    table = context.work(
+        "comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep
+    )
     figure = bt.plots.contrast(table, synthetic=read.synthetic)
-    written = task.write(
+    written = context.write(
         {
-            output: partial(table.save, overwrite=task.overwrite),
+            output: partial(table.save, overwrite=context.overwrite),
             figure_file: partial(bt.plots.save_figure, figure),
         }
     )
-    task.finish(keep, table.failed)
-    print_contrast(task.out, table, output.name)
-    task.print_uninterpretable(read)
-    task.print_failed(table.failed)
-    task.out.answer([*table.sentences(), f"{written} Seed {table.seed}."])
-    task.end(table.failed)
+    context.finish(keep, table.failed)
+    print_contrast(context.out, table, output.name)
+    context.print_uninterpretable(read)
+    context.print_failed(table.failed)
+    context.out.answer([*table.sentences(), f"{written} Seed {table.seed}."])
+    context.end(table.failed)
 
 
 def history(
@@ -113,7 +115,7 @@ def history(
     output: Annotated[Path, writes("FILE.csv", "Table; the figure is FILE.png.")] = Path(
         "history.csv"
     ),
-    task: Annotated[Task, *MODEL],
+    context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Estimate serial dependence: the effect of the previous trial.
 
@@ -124,18 +126,18 @@ def history(
     from bayes_toe.plots.figure_files import picture_beside
 
     figure_file = picture_beside(output)
-    task.require_files(output, figure_file)
-    read, prior = task.opened(study)
+    context.require_files(output, figure_file)
+    read, prior = context.opened(study)
     for subject in read:
         require_order(subject)
-    table = task.work("serial dependence", len(read), bt.serial_dependence, read, prior=prior)
+    table = context.work("serial dependence", len(read), bt.serial_dependence, read, prior=prior)
     figure = bt.plots.serial(table)
-    written = task.write(
+    written = context.write(
         {
-            output: partial(table.save, **task.saving_of(read)),
+            output: partial(table.save, **context.saving_of(read)),
             figure_file: partial(bt.plots.save_figure, figure),
         }
     )
-    print_histories(task.out, table, output.name)
-    task.print_uninterpretable(read)
-    task.out.answer([*history_lines(table), f"{written} Seed {table.seed}."])
+    print_histories(context.out, table, output.name)
+    context.print_uninterpretable(read)
+    context.out.answer([*history_lines(table), f"{written} Seed {table.seed}."])

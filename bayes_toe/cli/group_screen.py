@@ -17,7 +17,7 @@ from bayes_toe.answers.order_effect import (
     word_of_bayes_factor,
 )
 from bayes_toe.cli.terminal import Terminal
-from bayes_toe.data.messages import capitalized, counted
+from bayes_toe.data.messages import capitalized, plural
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 
 if TYPE_CHECKING:
@@ -210,7 +210,7 @@ def group_tables(
         rows.append([*cells, *_convergence(result, [name])])
     headings = ["", "group mean", "SD between subjects", "new subject", "BF of mean not 0", ""]
     headings += ["effective draws", "R-hat"]
-    title = f"{counted(len(result.subjects), 'subject')}, median [95 % interval]"
+    title = f"{plural(len(result.subjects), 'subject')}, median [95 % interval]"
     return [*_comparison_tables(result), (title, headings, rows)]
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import bayes_toe as bt
 from bayes_toe.cli.options import ModelName, StudyFile, flag, rare, writes
-from bayes_toe.cli.task import MODEL, Task
+from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
     OUTPUT,
@@ -20,7 +20,7 @@ from bayes_toe.cli.terminal import (
     quantile_texts,
     without_zeros,
 )
-from bayes_toe.data.messages import capitalized, counted
+from bayes_toe.data.messages import capitalized, plural
 
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
@@ -51,7 +51,7 @@ def run(
     paper_figures: Annotated[
         bool, flag("--paper-figures", "Write the paper's figures, too.")
     ] = False,
-    task: Annotated[Task, *MODEL, "draws", "resume"],
+    context: Annotated[RunContext, *MODEL, "draws", "resume"],
 ) -> None:
     """Estimate the order effects of every subject and of the group.
 
@@ -64,40 +64,40 @@ def run(
 
     if explore:
         require_bokeh()
-    study, task = task.ask(study)
+    study, context = context.ask(study)
     choice = FigureChoice(figures, study.truth(), explore, paper_figures)
-    task.require_folder(output, PRODUCTS)
-    keep = task.partial(output)
-    read, prior = task.opened(study)
+    context.require_folder(output, PRODUCTS)
+    keep = context.partial(output)
+    read, prior = context.opened(study)
     if paper_figures:
         refuse_intervals(read, "--paper-figures")
     if explore:
         require_few(len(read), "subjects")
     subject_bytes = FIGURE_BYTES[figures] + EXPLORER_BYTES * explore
     posterior = output / "posterior.nc"
-    _require_room(task, posterior, keep, read, prior, subject_bytes=subject_bytes)
-    analysis = task.work(
-        "sampling", len(read), bt.run, read, draws=task.draws, prior=prior, keep=keep
+    _require_room(context, posterior, keep, read, prior, subject_bytes=subject_bytes)
+    analysis = context.work(
+        "sampling", len(read), bt.run, read, draws=context.draws, prior=prior, keep=keep
     )
     check = None if analysis.group is None else predictive_check(analysis.group)
-    _print_analysis(task.out, analysis, check, output)
-    with task.out.progress("drawing", len(read)) as tick:
+    _print_analysis(context.out, analysis, check, output)
+    with context.out.progress("drawing", len(read)) as tick:
         write_results(
             analysis,
             output,
             check=check,
             figures=choice,
-            workers=task.workers,
+            workers=context.workers,
             progress=tick,
-            overwrite=task.overwrite,
+            overwrite=context.overwrite,
             study_file="" if study.example else study.source.text(output),
         )
     failed = analysis.draws.failed
-    task.finish(keep, failed)
-    task.print_failed(failed)
+    context.finish(keep, failed)
+    context.print_failed(failed)
     problems = _doubtful_draws(analysis)
-    _print_conclusion(task.out, analysis, {**failed, **problems}, output)
-    task.end(failed, problems)
+    _print_conclusion(context.out, analysis, {**failed, **problems}, output)
+    context.end(failed, problems)
 
 
 def _print_analysis(
@@ -154,7 +154,7 @@ def sample(
     study: StudyFile,
     output: Annotated[Path, writes("FILE.nc", "Draws.")] = Path("posterior.nc"),
     model: ModelName = "paper",
-    task: Annotated[Task, *MODEL, "draws", "resume"],
+    context: Annotated[RunContext, *MODEL, "draws", "resume"],
 ) -> None:
     """Sample the posterior of one model for every subject.
 
@@ -163,25 +163,25 @@ def sample(
     from bayes_toe.checks.design_checks import identification_findings
     from bayes_toe.model.models import require_model
 
-    task.require_files(output)
-    keep = task.partial(output)
-    read, prior = task.read(study)
+    context.require_files(output)
+    keep = context.partial(output)
+    read, prior = context.read(study)
     require_model(model, read.task)
-    _require_room(task, output, keep, read, prior, model)
-    task.introduce(read, prior)
-    task.out.findings(identification_findings(read), "-")
-    options: dict[str, Any] = {"model": model, "draws": task.draws, "prior": prior, "keep": keep}
-    draws = task.work("sampling", len(read), bt.sample, read, **options)
-    draws.save(output, overwrite=task.overwrite)
-    print_draws(task.out, draws)
-    task.finish(keep, draws.failed)
-    task.print_failed(draws.failed)
-    task.print_written(f"Draws in {output}", draws.seed)
-    task.end(draws.failed, draws.not_converged, draws.imprecise)
+    _require_room(context, output, keep, read, prior, model)
+    context.introduce(read, prior)
+    context.out.findings(identification_findings(read), "-")
+    options: dict[str, Any] = {"model": model, "draws": context.draws, "prior": prior, "keep": keep}
+    draws = context.work("sampling", len(read), bt.sample, read, **options)
+    draws.save(output, overwrite=context.overwrite)
+    print_draws(context.out, draws)
+    context.finish(keep, draws.failed)
+    context.print_failed(draws.failed)
+    context.print_written(f"Draws in {output}", draws.seed)
+    context.end(draws.failed, draws.not_converged, draws.imprecise)
 
 
 def _require_room(
-    task: Task,
+    context: RunContext,
     file: Path,
     keep: Path,
     study: bt.Study,
@@ -202,7 +202,7 @@ def _require_room(
     from bayes_toe.model.models import require_model
 
     record = require_model(model, study.task)
-    draws = stored_bytes(study, prior, SamplerSettings(task.draws), record)
+    draws = stored_bytes(study, prior, SamplerSettings(context.draws), record)
     require_fitting(draws)
     require_room(file, 2 * draws + subject_bytes * (len(study) + 1), used=keep)
 
@@ -211,7 +211,7 @@ def evidence(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("FILE.csv", "Table.")] = Path("evidence.csv"),
-    task: Annotated[Task, *MODEL, "resume"],
+    context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
     """Compute the model evidences of every subject, and the answer.
 
@@ -220,20 +220,20 @@ def evidence(
     from bayes_toe.answers.study_summary import few_subjects_lines
     from bayes_toe.cli.answers import print_answer, print_subjects, without_decision
 
-    task.require_files(output)
-    keep = task.partial(output)
-    read, prior = task.opened(study)
-    table = task.work("evidence", len(read), bt.evidence, read, prior=prior, keep=keep)
-    table.save(output, **task.saving_of(read))
-    task.finish(keep, table.failed)
-    print_model_evidence(task.out, table, output.name)
-    print_subjects(task.out, table.answers, output.name)
+    context.require_files(output)
+    keep = context.partial(output)
+    read, prior = context.opened(study)
+    table = context.work("evidence", len(read), bt.evidence, read, prior=prior, keep=keep)
+    table.save(output, **context.saving_of(read))
+    context.finish(keep, table.failed)
+    print_model_evidence(context.out, table, output.name)
+    print_subjects(context.out, table.answers, output.name)
     frequencies = [] if read.conditions is not None else few_subjects_lines(table.answers)
     closing = without_decision(table.answers, table.failed)
     closing += [f"Table: {output}.", f"Seed {table.seed}."]
-    task.print_failed(table.failed)
-    print_answer(task.out, table.answers, read, frequencies, closing)
-    task.end(table.failed)
+    context.print_failed(table.failed)
+    print_answer(context.out, table.answers, read, frequencies, closing)
+    context.end(table.failed)
 
 
 def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
@@ -308,6 +308,6 @@ def describe_h1(table: EvidenceTable) -> str:
     if not factors:
         return f"{APPENDIX_C}."
     n_better = sum(factor > 0.0 for factor in factors)
-    of_all = f"{n_better} of {counted(len(factors), 'subject')}"
+    of_all = f"{n_better} of {plural(len(factors), 'subject')}"
     middle = f"{median(factors):.1f}"
     return f"H1 predicts better than H0 for {of_all} (median ln BF {middle}). {APPENDIX_C}."

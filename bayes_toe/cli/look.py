@@ -24,8 +24,8 @@ from bayes_toe.cli.options import (
     rare,
     writes,
 )
-from bayes_toe.cli.task import WORKERS, Task
-from bayes_toe.data.messages import bare, counted, listed, quoted
+from bayes_toe.cli.run_context import WORKERS, RunContext
+from bayes_toe.data.messages import display_name, join_names, plural, quoted
 
 if TYPE_CHECKING:
     from bayes_toe.data.read_study import Truth
@@ -43,7 +43,7 @@ def explore(
     output: Annotated[Path, writes("FILE.html", "Page.")] = Path("explorer.html"),
     subject: Annotated[Texts, option("--subject", "NAME", "Only this subject; repeatable.")] = None,
     truth: TrueValues = None,
-    task: Annotated[Task, "overwrite"],
+    context: Annotated[RunContext, "overwrite"],
 ) -> None:
     """Write a page that shows saved draws in a browser.
 
@@ -53,16 +53,16 @@ def explore(
     from bayes_toe.inference.draws import load_draws
 
     require_bokeh()
-    task.require_files(output)
+    context.require_files(output)
     loaded = [*map(load_draws, posteriors)]
     names = subject or list(chain.from_iterable(draws.names for draws in loaded))
     truths = None if truth is None else read_truth(truth, loaded, names)
     page_entries = entries(loaded, subject, truths)
-    with task.out.progress("packing", len(page_entries)) as tick:
+    with context.out.progress("packing", len(page_entries)) as tick:
         explorer = page(page_entries, tick)
-    explorer.save(output, overwrite=task.overwrite)
+    explorer.save(output, overwrite=context.overwrite)
     size = len(explorer.html.encode()) / 1e6
-    task.print_written(f"Explorer in {output}: {size:.1f} MB, open it in a browser")
+    context.print_written(f"Explorer in {output}: {size:.1f} MB, open it in a browser")
 
 
 def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
@@ -90,8 +90,8 @@ def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -
                 truth[name][key] = value
     if not any(truth.get(name) for name in subjects):
         raise bt.InputError(
-            f"{bare(path.name)}: there are no true values of "
-            f"{listed([*map(quoted, subjects)], 3)}. Each subject needs a row."
+            f"{display_name(path.name)}: there are no true values of "
+            f"{join_names([*map(quoted, subjects)], 3)}. Each subject needs a row."
         )
     return truth
 
@@ -113,7 +113,7 @@ def corner(
     formats: Annotated[
         Texts, option("--format", "NAME", "png (default), pdf or svg; repeatable.")
     ] = None,
-    task: Annotated[Task, *WORKERS],
+    context: Annotated[RunContext, *WORKERS],
 ) -> None:
     """Draw corner plots of saved draws.
 
@@ -137,10 +137,10 @@ def corner(
     }
     figures = _figure_options(draws, names, truths, is_joint=subject is not None)
     files = [f"{stem}.{ending}" for stem, ending in product(figures, endings)]
-    task.require_folder(output, files)
+    context.require_folder(output, files)
     with (
-        whole_folder(output, files, required=files, overwrite=task.overwrite) as folder,
-        task.out.progress("drawing", len(figures)) as tick,
+        whole_folder(output, files, required=files, overwrite=context.overwrite) as folder,
+        context.out.progress("drawing", len(figures)) as tick,
     ):
         saved = open_later(posterior)
         # Absolute, since a worker may be in another folder than this process.
@@ -149,8 +149,8 @@ def corner(
         for stem, of_figure in figures.items():
             parts = {**of_figure, **options}
             jobs.append(partial(_draw_corner, saved, parts, target / stem, endings))
-        run_in_order(jobs, of_this_machine(task.workers), tick, [(stem,) for stem in figures])
-    task.print_written(f"{counted(len(figures), 'corner plot')} in {output}")
+        run_in_order(jobs, of_this_machine(context.workers), tick, [(stem,) for stem in figures])
+    context.print_written(f"{plural(len(figures), 'corner plot')} in {output}")
 
 
 def _figure_options(
@@ -209,7 +209,7 @@ def app(
         "~/bayes_toe_app"
     ),
     port: Annotated[int, option("--port", NUMBER, "Port; 0: a free one.", min=0, max=65535)] = 8750,
-    task: Task,
+    context: RunContext,
 ) -> None:
     """Analyse studies on a web page of this computer.
 

@@ -36,7 +36,7 @@ from bayes_toe.answers.words import (
 from bayes_toe.checks.identification import identify
 from bayes_toe.cli.answers import doubtful_subjects
 from bayes_toe.cli.group_screen import group_estimate, log_factor_of_mean
-from bayes_toe.data.messages import capitalized, counted, listed, visible
+from bayes_toe.data.messages import capitalized, join_names, plural, visible
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.groups.population import PopulationResult
@@ -123,7 +123,7 @@ def _data(study: Study) -> list[str]:
     if len(trials) > 1:
         number = f"{min(trials):,} to {max(trials):,}"
         amount += f", {trials[0]:,} each" if len(set(trials)) == 1 else f", {number} each"
-    participants = counted(len(trials), "participant")
+    participants = plural(len(trials), "participant")
     sentences = [f"{participants} reported {_QUESTION_OF_TASK[study.task]} ({amount})."]
     if study.synthetic:
         sentences.append("These data are synthetic.")
@@ -208,7 +208,7 @@ def _limits(analysis: Analysis) -> list[str]:
         if len(names) == len(answers) > 1:
             sentences.append(sentence.format("any participant"))
         elif names:
-            sentences.append(sentence.format(_text(listed(names))))
+            sentences.append(sentence.format(_text(join_names(names))))
     n_on_prior = sum(answer.depends_on_prior for answer in answers)
     if n_on_prior and len(answers) > 1:
         share = f"{n_on_prior} of {len(answers)}"

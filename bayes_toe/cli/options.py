@@ -92,7 +92,8 @@ def file_name(value: str | Path) -> Path:
     return folder_name(value)
 
 
-#: The error of a command without a file; :func:`~bayes_toe.cli.task.as_command` adds what to type.
+#: The error of a command without a file; :func:`~bayes_toe.cli.run_context.as_command` adds what to
+#: type.
 NO_FILE = "No file is named."
 #: What `run` asks in a terminal.
 WHICH_FILE = (

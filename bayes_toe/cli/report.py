@@ -60,11 +60,11 @@ from bayes_toe.cli.group_screen import group_answer, group_tables
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
 from bayes_toe.data.messages import (
     capitalized,
-    counted,
-    describe_p,
-    format_p,
-    listed,
-    said_intervals,
+    describe_intervals,
+    describe_p_value,
+    format_p_value,
+    join_names,
+    plural,
     visible,
     with_policy,
 )
@@ -224,7 +224,7 @@ def _environment() -> Environment:
         data_uri=_data_uri,
         describe_pair=describe_pair,
         number=_number,
-        p_value=format_p,
+        p_value=format_p_value,
         typeset=_typeset,
     )
     return environment
@@ -279,7 +279,7 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
         "trust": _trust(analysis),
         "misfits": _misfit_figure(analysis),
         "reference": f"{prior.reference_interval or 1.0:g} s",
-        "intervals": said_intervals(study.intervals) if study.intervals else "",
+        "intervals": describe_intervals(study.intervals) if study.intervals else "",
         "settings": _settings(analysis),
         "texts": {
             "curves": CURVES[study.task],
@@ -449,8 +449,8 @@ def _convergence(analysis: Analysis) -> str:
     sentences = ["The draws of the paper's model converged for every subject."]
     if reasons:
         sentences = [
-            f"The draws of {counted(len(reasons), 'subject')} did not converge. Do not report "
-            f"their parameters of the paper's model: {listed(reasons)}."
+            f"The draws of {plural(len(reasons), 'subject')} did not converge. Do not report "
+            f"their parameters of the paper's model: {join_names(reasons)}."
         ]
     group = analysis.group
     if group is not None and group.is_reliable:
@@ -472,7 +472,7 @@ def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
 
 def _name_subjects(names: Sequence[str]) -> str:
     """How many subjects, and which."""
-    return f"{counted(len(names), 'subject')} ({listed(names)})"
+    return f"{plural(len(names), 'subject')} ({join_names(names)})"
 
 
 def _overview_row(answer: OrderEffect) -> Record:
@@ -541,10 +541,10 @@ def _factors(answer: OrderEffect) -> list[tuple[str, str]]:
     fit = _FITS[answer.fits]
     if answer.predictive_p is not None and answer.deviance_p is not None:
         smaller = min(answer.predictive_p, answer.deviance_p)
-        fit += f", predictive {describe_p(smaller)} (poor: below {format_decimals(MISFIT)})"
+        fit += f", predictive {describe_p_value(smaller)} (poor: below {format_decimals(MISFIT)})"
     rows.append(("fit of the best model", fit))
     if answer.history_p is not None:
-        rows.append(("effect of the previous trial", describe_p(answer.history_p)))
+        rows.append(("effect of the previous trial", describe_p_value(answer.history_p)))
     return rows
 
 

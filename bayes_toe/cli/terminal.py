@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.data.messages import counted, listed, visible
+from bayes_toe.data.messages import join_names, plural, visible
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def note_lines(mark: str, subjects: Sequence[str], text: str, option: str = "") 
     """
     label = f"{mark} "
     if subjects:
-        label += f"{listed([*map(visible, subjects)], 5)}  "
+        label += f"{join_names([*map(visible, subjects)], 5)}  "
     indent = len(label) if len(label) <= 12 else 7
     lines = wrap_line(label + text, indent)
     if option:
@@ -332,12 +332,12 @@ def describe_amount(study: Study) -> str:
     """Subjects, trials, task and pairs of a study."""
     n_trials = sum(subject.total_trials for subject in study)
     numbers = [subject.n_pairs for subject in study]
-    subjects = counted(len({subject.subject_name for subject in study}), "subject")
+    subjects = plural(len({subject.subject_name for subject in study}), "subject")
     if study.conditions is not None:
         subjects += f" in {len(study.conditions.levels)} conditions"
     pairs = f"{min(numbers):,} to {max(numbers):,} pairs"
     if len(set(numbers)) == 1:
-        pairs = counted(numbers[0], "pair")
+        pairs = plural(numbers[0], "pair")
     return f"{subjects}, {n_trials:,} trials, {TASK_NAMES[study.task]}, {pairs}"
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from bayes_toe.answers.order_effect import Size, format_share
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.cli.terminal import MANY_SUBJECTS, OUTPUT, Terminal
-from bayes_toe.data.messages import counted
+from bayes_toe.data.messages import plural
 
 if TYPE_CHECKING:
     from bayes_toe.answers.contrast import ContrastTable
@@ -109,4 +109,4 @@ def _count(words: Iterable[str]) -> str:
     texts = {}
     for word, counts in directions.items():
         texts[word] = ", ".join(f"{count} {direction}" for direction, count in counts.items())
-    return count_words(plain, f" of {counted(len(plain), 'subject')}", texts)
+    return count_words(plain, f" of {plural(len(plain), 'subject')}", texts)

@@ -1,6 +1,6 @@
-"""Answers as they were given, block by block and in their order, before they are pooled.
+"""Answers of a subject in the order in which they were given, before they are pooled.
 
-What can be turned back or left out.
+Some can be swapped or left out.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
-from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.validation import LARGEST_COUNT
 from bayes_toe.errors import InputError
 
@@ -33,14 +33,13 @@ class Answers:
         The answers that the task counts and all answers, of which a trial has one, or none where
         nobody answered in time.
     block : array of int, shape (rows,), or None
-        Where in `blocks`, names in their order, that of each row's block stands; None without such
-        a column.
+        The index in `blocks` of each row's block; None without such a column.
     blocks : tuple of str
     trials : bool
         Whether rows are trials.
     place : array of int, shape (rows,), or None
-        Of trials whose order is known: one more than in the row before where memory goes on from
-        there.
+        Positions of trials in their order; None if it is not known. They rise by one within a
+        session; a gap is the start of a session.
     iti : array, shape (rows,), or None
         Seconds between a trial and the one before it; NaN where that is not known.
     span : tuple of int, or None
@@ -58,10 +57,10 @@ class Answers:
     span: tuple[int, int] | None = None
 
     @property
-    def given(self) -> Answers:
+    def answered(self) -> Answers:
         """The rows that have an answer."""
         none = self.n_trials == 0
-        return self.without(none) if none.any() else self
+        return self.excluding(none) if none.any() else self
 
     @property
     def sums(self) -> list[npt.NDArray[Any]]:
@@ -79,7 +78,7 @@ class Answers:
         return [*counts, *self.keys[rows[starts]].T]
 
     @property
-    def begins(self) -> BoolArray:
+    def is_session_start(self) -> BoolArray:
         """The rows at which a new block or session begins, shape (rows,).
 
         There, the place of a row is not one more than that of the row before.
@@ -102,19 +101,18 @@ class Answers:
             )
         unknown = [quoted(block) for block in blocks if block not in self.blocks]
         if unknown:
-            raise InputError(
-                f"found no block {listed(unknown)}, allowed: {listed([*map(bare, self.blocks)])}"
-            )
+            allowed = join_names([*map(display_name, self.blocks)])
+            raise InputError(f"found no block {join_names(unknown)}, allowed: {allowed}")
         return np.isin(self.block, [self.blocks.index(block) for block in blocks])
 
-    def turned(self, rows: BoolArray) -> Answers:
-        """The same with each answer for the other one in these rows."""
+    def swapped(self, rows: BoolArray) -> Answers:
+        """A copy with the two answers exchanged in these rows."""
         return replace(self, n_yes=np.where(rows, self.n_trials - self.n_yes, self.n_yes))
 
-    def without(self, rows: BoolArray) -> Answers:
-        """All other rows, with the blocks that they are in.
+    def excluding(self, rows: BoolArray) -> Answers:
+        """A copy without these rows.
 
-        Memory begins anew behind those left out.
+        A session starts after each row that is left out.
         """
         by_row = {
             key: getattr(self, key)

@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
 
-from bayes_toe.data.messages import bare, join_words, listed
+from bayes_toe.data.messages import display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
 from bayes_toe.errors import Remedy
 
@@ -193,17 +193,16 @@ def columns_to_read(
     stimulus_in_unit = _stimulus_in_unit(names, options)
     if stimulus_in_unit:
         unit = unit_in(stimulus_in_unit)
-        problems.append(f"column {bare(stimulus_in_unit)} seems to be in {unit}.")
+        problems.append(f"column {display_name(stimulus_in_unit)} seems to be in {unit}.")
         return roles_read, problems, _unit_remedies(unit)
     missing, repeated = _missing_and_repeated(names, roles_read, options)
     for name in repeated:
-        problems.append(
-            f"column {bare(name)}: found {names.count(name)} columns of this name, allowed: one"
-        )
+        finding = f"found {names.count(name)} columns of this name"
+        problems.append(f"column {display_name(name)}: {finding}, allowed: one")
     if not missing:
         return roles_read, problems, []
-    absent = join_words([f"no column {bare(name)}" for name in missing])
-    column_list = listed([bare(name) for name in names if name])
+    absent = join_words([f"no column {display_name(name)}" for name in missing])
+    column_list = join_names([display_name(name) for name in names if name])
     problems.append(f"there is {absent}. The columns are {column_list}.")
     return roles_read, problems, [*_remedies(names, roles_read, options)]
 
@@ -216,11 +215,11 @@ def _meaning_problems(
     for name in dict.fromkeys(theirs):
         if theirs.count(name) > 1:
             roles = " and as ".join(ours for ours in roles_read if options.name(ours) == name)
-            yield f"column {bare(name)}: found as {roles}, allowed: one meaning per column"
+            yield f"column {display_name(name)}: found as {roles}, allowed: one meaning per column"
     subject = options.name("subject")
     if options.subject_from is not None and subject in names:
         finding = "found together with --subject-from"
-        yield f"column {bare(subject)}: {finding}, allowed: one of them"
+        yield f"column {display_name(subject)}: {finding}, allowed: one of them"
 
 
 def _stimulus_in_unit(names: Sequence[str], options: ReadOptions) -> str:
@@ -291,24 +290,25 @@ def _answer_problems(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions, python: bool
 ) -> Iterator[str]:
     """Problems of responses that are there twice, belong to two tasks, or are missing."""
-    counts = [bare(options.name(ours)) for ours in _COUNTS if ours in roles_read]
+    counts = [display_name(options.name(ours)) for ours in _COUNTS if ours in roles_read]
     response = options.name("response")
     if "response" in roles_read and counts:
-        count_columns = f"{bare(options.name('n_equal'))} and {bare(options.name('n_trials'))}"
-        by_trial, by_pair = f"{bare(response)} alone", f"{count_columns} alone"
+        count_names = (options.name("n_equal"), options.name("n_trials"))
+        count_columns = " and ".join(map(display_name, count_names))
+        by_trial, by_pair = f"{display_name(response)} alone", f"{count_columns} alone"
         rule = f"{by_trial} (one row per trial) or {by_pair} (one row per pair)"
         finding = f"found together with {' and '.join(counts)}"
-        yield f"column {bare(response)}: {finding}, allowed: {rule}"
+        yield f"column {display_name(response)}: {finding}, allowed: {rule}"
     elif len(counts) > 2:
         finding = f"found together with {counts[0]}"
         yield f"column {counts[1]}: {finding}, allowed: one of them, since a study has one task"
     if "response" in roles_read and response in names and looks_like(response, "correct"):
-        option = f"--correct {bare(response)}"
+        option = f"--correct {display_name(response)}"
         if python:
             option = f"ReadOptions(correct={response!r})"
         finding = "found as response, though it seems to say right or wrong"
         rule = f"{option} (which is stronger), or a column that has the answers"
-        yield f"column {bare(response)}: {finding}, allowed: {rule}"
+        yield f"column {display_name(response)}: {finding}, allowed: {rule}"
 
 
 def _unordered_stimuli(options: ReadOptions) -> str:
@@ -318,7 +318,7 @@ def _unordered_stimuli(options: ReadOptions) -> str:
     theirs = [options.name(ours) for ours in options.stimuli]
     for roles in (("standard", "comparison"), ("comparison", "standard")):
         if all(looks_like(name, ours) for name, ours in zip(theirs, roles, strict=True)):
-            return f"{bare(theirs[0])} and {bare(theirs[1])}"
+            return f"{display_name(theirs[0])} and {display_name(theirs[1])}"
     return ""
 
 
@@ -375,7 +375,7 @@ def _stimulus_remedies(
         yield Remedy("columns", count, "if it counts 'the second was stronger' (2AFC)")
     first, second = options.name("i1"), options.name("i2")
     if {"s1", "s2"} & set(missing) and first in names and second in names:
-        meaning = f"if {bare(first)} and {bare(second)} are intensities"
+        meaning = f"if {display_name(first)} and {display_name(second)} are intensities"
         yield Remedy("intensity", "REF", meaning)
 
 
@@ -391,7 +391,7 @@ def _answer_remedies(names: Sequence[str], missing: Sequence[str]) -> Iterator[R
     scores = [name for name in names if looks_like(name, "correct")]
     if "response" in missing:
         for name in scores:
-            yield Remedy("correct", name, f"if {bare(name)} says right or wrong (2AFC)")
+            yield Remedy("correct", name, f"if {display_name(name)} says right or wrong (2AFC)")
     if "correct" in missing:
         yield Remedy("correct", (scores or ["NAME"])[0], "with the name in your file")
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.messages import bare, counted, listed
+from bayes_toe.data.messages import display_name, join_names, plural
 
 
 class StimulusScales(NamedTuple):
@@ -127,6 +127,7 @@ class Conditions:
     @property
     def about(self) -> str:
         """The column and its levels in words."""
-        names = [*map(bare, self.levels)]
+        names = [*map(display_name, self.levels)]
         kind = ", as numbers" if self.numeric else f"; {names[0]} is the reference"
-        return f"{bare(self.name)}: {counted(len(names), 'level')}, {listed(names)}{kind}"
+        levels = f"{plural(len(names), 'level')}, {join_names(names)}"
+        return f"{display_name(self.name)}: {levels}{kind}"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.validation import (
     MISSING_WORDS,
@@ -41,9 +41,10 @@ class Covariates:
         for name, column in self.values.items():
             for subject, value in column.items():
                 if not isinstance(value, str) and not math.isfinite(value):
-                    finding = f"covariate {bare(name)} of subject {quoted(subject)}: found {value}"
+                    location = f"covariate {display_name(name)} of subject {quoted(subject)}"
                     raise InputError(
-                        f"{finding}, allowed: a finite number or a text; leave out what is missing"
+                        f"{location}: found {value}, allowed: a finite number or a text; leave out "
+                        "what is missing"
                     )
 
 
@@ -91,7 +92,7 @@ def read_covariates(path: Covariates | StrPath) -> Covariates:
     table = read_table(path, set)
     has_one_name_each = len(table.names) == len(table.columns) and "" not in table.names
     if "subject" not in table.names or len(table.names) < 2 or not has_one_name_each:
-        finding = listed([*map(quoted, table.names)])
+        finding = join_names([*map(quoted, table.names)])
         table.require(
             [
                 f"found columns {finding}, allowed: subject and at least one covariate, each with "

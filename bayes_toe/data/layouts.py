@@ -16,7 +16,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.column_roles import VOCABULARY
-from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import is_no_response
@@ -74,9 +74,9 @@ class StandardOrder:
         """
         texts = [text for text in column.texts if not is_no_response(text)]
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
-            codes = listed([*map(quoted, texts)])
+            codes = join_names([*map(quoted, texts)])
             raise InputError(
-                f"{table.source}: column {bare(column.name)}: found {codes}, allowed: "
+                f"{table.source}: column {display_name(column.name)}: found {codes}, allowed: "
                 f"{quoted(comparison_code)} for 'comparison' and one other code for 'standard'"
             )
         is_comparison = {}
@@ -89,7 +89,7 @@ class StandardOrder:
         is_second = column.map(is_comparison.get, np.bool_) == self.is_first
         n_texts = len(column.texts)
         by_row = np.where(is_word, np.where(is_second, n_texts, n_texts + 1), column.codes)
-        return Column.of(column.name, [*column.texts, "second", "first"], by_row)
+        return Column.from_texts(column.name, [*column.texts, "second", "first"], by_row)
 
 
 # --- Pairs in the names of columns ----------------------------------------------------------------
@@ -130,9 +130,9 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     other_names.remove(column.name)
     for i, name in enumerate(map(options.name, options.stimuli), start=1):
         texts = [regex.sub(rf"\{i}", text) for text in column.texts]
-        columns[name] = Column.of(name, texts, column.codes)
+        columns[name] = Column.from_texts(name, texts, column.codes)
         other_names.append(name)
-    where = f"names of {len(names)} columns" if names else f"column {bare(column.name)}"
+    where = f"names of {len(names)} columns" if names else f"column {display_name(column.name)}"
     notes = (*table.notes, f"pairs read from {where}")
     return replace(table, names=other_names, columns=columns, notes=notes)
 
@@ -142,7 +142,8 @@ def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
     for name in names:
         if names.count(name) > 1:
             finding = f"found {names.count(name)} columns of this name"
-            raise InputError(f"{table.source}: column {bare(name)}: {finding}, allowed: one")
+            location = f"{table.source}: column {display_name(name)}"
+            raise InputError(f"{location}: {finding}, allowed: one")
     columns = {}
     for name, column in table.columns.items():
         if name not in names:
@@ -150,7 +151,7 @@ def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
     n_rows = len(table.rows)
     columns[PAIR] = Column(PAIR, list(names), np.tile(np.arange(len(names)), n_rows))
     cells = [table.columns[name].text(row) for row in range(n_rows) for name in names]
-    columns[CELL] = Column.of(CELL, cells, range(len(cells)))
+    columns[CELL] = Column.from_texts(CELL, cells, range(len(cells)))
     all_names = [*(name for name in table.names if name not in names), PAIR, CELL]
     return replace(table, names=all_names, columns=columns, rows=np.repeat(table.rows, len(names)))
 

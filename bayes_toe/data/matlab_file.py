@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from bayes_toe.arrays import Record
-from bayes_toe.data.messages import bare, listed, one_line
+from bayes_toe.data.messages import display_name, join_names, one_line
 from bayes_toe.data.text_table import ColumnTexts, cell_texts
 from bayes_toe.errors import InputError
 
@@ -151,7 +151,7 @@ def _columns(source: str, variables: Record) -> dict[str, list[Any]]:
     fields = variables
     structs = _structs(variables)
     if len(structs) > 1:
-        several = listed([*map(bare, structs)])
+        several = join_names([*map(display_name, structs)])
         raise InputError(f"{source}: found the structs {several}, allowed: {_SAVED}")
     for name in structs:
         fields = _fields(variables[name])
@@ -163,9 +163,9 @@ def _columns(source: str, variables: Record) -> dict[str, list[Any]]:
     for name, column in columns.items():
         is_vector = column.size == max(column.shape)
         if not is_vector or column.size not in (1, n_rows):
-            wrong.append(bare(name))
+            wrong.append(display_name(name))
     if wrong:
-        finding = f"{listed(wrong)}, not a column of {n_rows}"
+        finding = f"{join_names(wrong)}, not a column of {n_rows}"
         raise InputError(f"{source}: found {finding}, allowed: {_SAVED}")
     values = {}
     for name, column in columns.items():

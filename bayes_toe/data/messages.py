@@ -55,7 +55,7 @@ def quoted(text: str) -> str:
     return f"{whole_text[: _LONGEST_SHOWN - 4]}...{whole_text[-1]}"
 
 
-def bare(text: str) -> str:
+def display_name(text: str) -> str:
     """A name as messages show it: bare where that is readable."""
     return text if text.isprintable() and 0 < len(text) <= _LONGEST_SHOWN else quoted(text)
 
@@ -65,7 +65,7 @@ def format_path(path: Path) -> str:
     return str(path) if str(path).isprintable() else repr(str(path))
 
 
-def listed(items: Sequence[str], max_items: int = MAX_LINES) -> str:
+def join_names(items: Sequence[str], max_items: int = MAX_LINES) -> str:
     """The first items, and how many there are beyond them."""
     ending = [f"... and {len(items) - max_items:,} more"] if len(items) > max_items else []
     return ", ".join([*items[:max_items], *ending])
@@ -93,17 +93,17 @@ def capitalized(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
 
 
-def counted(count: int, noun: str) -> str:
+def plural(count: int, noun: str) -> str:
     """A number and its noun, '1 cell' or '2 cells'."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def format_p(value: float) -> str:
+def format_p_value(value: float) -> str:
     """A p-value for a table, two significant digits; a value below .01 looks so.
 
     Examples
     --------
-    >>> [format_p(value) for value in (0.0, 0.0123, 0.00997, 0.5)]
+    >>> [format_p_value(value) for value in (0.0, 0.0123, 0.00997, 0.5)]
     ['< .001', '.012', '.00997', '.50']
     """
     if value < 0.001:
@@ -114,19 +114,19 @@ def format_p(value: float) -> str:
     return f"{value:.{digits}f}".removeprefix("0")
 
 
-def describe_p(value: float) -> str:
+def describe_p_value(value: float) -> str:
     """A p-value in a sentence, 'p < .001' or 'p = .012'."""
-    number = format_p(value)
+    number = format_p_value(value)
     return f"p {number}" if number.startswith("<") else f"p = {number}"
 
 
-def named_few(names: Sequence[str]) -> str:
+def join_few(names: Sequence[str]) -> str:
     """The first four names, and how many there are beyond them."""
     ending = f" and {len(names) - 4:,} more" if len(names) > 4 else ""
     return ", ".join(map(repr, names[:4])) + ending
 
 
-def as_name(name: object) -> str:
+def name_from_key(name: object) -> str:
     """The name of a subject as somebody says it: a whole number is its digits."""
     return (
         str(name)
@@ -135,12 +135,12 @@ def as_name(name: object) -> str:
     )
 
 
-def as_option(name: str, blocks: Sequence[str] = ()) -> str:
+def cli_argument(name: str, blocks: Sequence[str] = ()) -> str:
     """A subject, or blocks of a subject, as they are typed after --swap and --exclude."""
     return shlex.quote(f"{name}:{','.join(blocks)}" if blocks else name)
 
 
-def said_intervals(intervals: Sequence[float]) -> str:
+def describe_intervals(intervals: Sequence[float]) -> str:
     """Intervals as notes and messages show them."""
     if not intervals:
         return "none"
@@ -181,4 +181,4 @@ def with_policy(page: str, *more_sources: str) -> str:
 
 def one_line(error: Exception) -> str:
     """The message of a library about a file, on one line of bounded length."""
-    return bare(" ".join(str(error).split())[:200])
+    return display_name(" ".join(str(error).split())[:200])

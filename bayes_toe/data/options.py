@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task
@@ -275,7 +275,7 @@ class ReadOptions:
     @property
     def unit_in_words(self) -> str:
         """The unit of the stimuli in words; empty for natural logs that no option names."""
-        unit = "" if self.unit is None else bare(self.unit)
+        unit = "" if self.unit is None else display_name(self.unit)
         if self.intensity is not None:
             return f"amplitude in units of {float(self.intensity)!r} {unit}".rstrip()
         return f"amplitude in {unit}" if self.has_intensities else unit
@@ -348,7 +348,7 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
     names = [name for name in study.names if text == name or text.startswith(f"{name}:")]
     name = max(names, key=len, default=text.partition(":")[0])
     if name not in study.names:
-        subject_names = listed([*map(bare, study.names)])
+        subject_names = join_names([*map(display_name, study.names)])
         raise InputError(
             f"{option} {text}: no subject {quoted(name)}; the subjects are {subject_names}"
         )

@@ -1,6 +1,6 @@
-"""Studies as they come in: tables of trials or of counts, read strictly and reported by row.
+"""Reading of studies: tables of trials or of counts, with problems reported by row.
 
-The bundled study is here too.
+The bundled studies are here too.
 
 Nothing is guessed in silence: what was detected, dropped or merged is in the study's notes, and
 what cannot be used is refused with all problems of the file at once.
@@ -32,7 +32,7 @@ from bayes_toe.data.column_roles import (
     with_likely_columns,
 )
 from bayes_toe.data.layouts import ALLOWED_INTERVALS, StandardOrder, pair_regex, with_pairs
-from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
+from bayes_toe.data.messages import describe_intervals, display_name, join_names, plural, quoted
 from bayes_toe.data.options import COLUMNS, ReadOptions, changed, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
@@ -180,11 +180,11 @@ def _without_condition(
 ) -> Study:
     """The study, whose column `name` is no condition since it follows from the pairs."""
     study = read_study(path, replace(options, ignore=(*options.ignore, "condition")))
-    column = f"column {bare(name)}"
+    column = f"column {display_name(name)}"
     notes = [note for note in study.notes if note != f"{column} not read, as --ignore has it"]
     notes.append(
         f"{column}: found no pair at two of its levels, as where it names pairs or their order, so "
-        f"that it is no condition: not used; --condition {bare(name)} takes it all the same"
+        f"that it is no condition: not used; --condition {display_name(name)} takes it all the same"
     )
     return replace(study, notes=tuple(notes))
 
@@ -198,9 +198,9 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> Study:
 def _reversal_remedy(study: Study, options: ReadOptions, is_python: bool) -> str:
     """Options to type if all answers mean the opposite of what they say."""
     if "n_trials" in study.reading.read:
-        return f"{bare(options.name('n_second'))} counts those"
+        return f"{display_name(options.name('n_second'))} counts those"
     if options.correct:
-        return f"column {bare(options.correct)} says right of those"
+        return f"column {display_name(options.correct)} says right of those"
     second, first = (
         code or word
         for code, word in zip(options.codes(WHICH_STRONGER), ("second", "first"), strict=True)
@@ -368,23 +368,21 @@ class _Rows:
             parts.insert(-1, "decimal comma")
         notes = [", ".join(parts), *table.notes]
         notes += [
-            f"only rows with {bare(text)} in column {bare(name)}"
+            f"only rows with {display_name(text)} in column {display_name(name)}"
             for name, text in options.where.items()
         ]
         notes += [
-            f"column {bare(theirs)} read as {ours}"
+            f"column {display_name(theirs)} read as {ours}"
             for ours, theirs in options.columns.items()
             if theirs != ours
         ]
-        ignored = [
-            bare(options.name(ours)) for ours in options.ignore if options.name(ours) in table.names
-        ]
+        names = map(options.name, options.ignore)
+        ignored = [display_name(name) for name in names if name in table.names]
         notes += [f"column {name} not read, as --ignore has it" for name in ignored]
         unit = options.unit_in_words
         if unit:
-            notes += [
-                f"column {bare(column.name)} read as {unit}" for column in self.key_columns[:2]
-            ]
+            for column in self.key_columns[:2]:
+                notes.append(f"column {display_name(column.name)} read as {unit}")
         return notes
 
 
@@ -475,9 +473,10 @@ def _chosen_rows(table: TextTable, where: Mapping[str, str]) -> TextTable:
     for name, asked in where.items():
         column = table.columns[name]
         if asked not in column.texts:
-            finding = f"column {bare(name)}: found {listed([*map(quoted, column.texts)])}"
+            location = f"{table.source}: column {display_name(name)}"
+            finding = f"found {join_names([*map(quoted, column.texts)])}"
             rule = f"{quoted(asked)}, as --where has it, in some row"
-            raise InputError(f"{table.source}: {finding}, allowed: {rule}")
+            raise InputError(f"{location}: {finding}, allowed: {rule}")
         is_chosen_row &= column.codes == column.texts.index(asked)
     if not is_chosen_row.any():
         raise InputError(
@@ -498,9 +497,9 @@ def _without_practice(table: TextTable, options: ReadOptions) -> TextTable:
         is_marked = column.map(practice.__contains__, np.bool_)
         if not is_marked.any() or is_marked.all():
             continue
-        rows = counted(int(is_marked.sum()), "row")
-        marks = listed([*map(quoted, practice)])
-        note = f"{rows} left out as practice (column {bare(name)}: {marks})"
+        rows = plural(int(is_marked.sum()), "row")
+        marks = join_names([*map(quoted, practice)])
+        note = f"{rows} left out as practice (column {display_name(name)}: {marks})"
         table = replace(table.only(~is_marked), notes=(*table.notes, note))
     return table
 
@@ -573,8 +572,8 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         doubts += _percentage_doubts(n)
     if "isi" in rows.columns:
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
-        column = bare(rows.columns["isi"].name)
-        note = f"{counted(len(isi), 'interval')} in column {column}: {said_intervals(isi)}"
+        column = display_name(rows.columns["isi"].name)
+        note = f"{plural(len(isi), 'interval')} in column {column}: {describe_intervals(isi)}"
         if len(isi) > 1:
             note += f"; contrast --condition {column} compares them"
         notes.append(note)
@@ -606,10 +605,10 @@ def _synthetic(columns: Mapping[str, Column]) -> tuple[bool, list[str]]:
 def _merged_note(parts: Mapping[str, IndexArray], subjects: Sequence[Subject]) -> list[str]:
     """How many rows of counts repeat a pair; `parts` are the rows of every subject."""
     merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
-    repeats = [f"{bare(name)} {count}" for name, count in merged.items() if count]
+    repeats = [f"{display_name(name)} {count}" for name, count in merged.items() if count]
     if not repeats:
         return []
-    return [f"{counted(sum(merged.values()), 'repeated row')} merged: {listed(repeats)}"]
+    return [f"{plural(sum(merged.values()), 'repeated row')} merged: {join_names(repeats)}"]
 
 
 def _percentage_doubts(n: IntArray) -> list[str]:
@@ -640,7 +639,7 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
         )
     notes = rows.layout("trial", answers.note)
     if signs:
-        notes.append(f"no response where column {listed([*map(bare, signs)])} is empty")
+        notes.append(f"no response where column {join_names([*map(display_name, signs)])} is empty")
     unanswered = ~answers.is_answered & ~answers.is_unscorable
     notes += _dropped_note(rows, unanswered, "without a response")
     equal_stimuli = "with equal stimuli, of which no answer is right,"
@@ -649,10 +648,10 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
     silent = []
     for text, count in zip(rows.subject.texts, n_answered, strict=True):
         if text and not count:
-            silent.append(bare(text))
+            silent.append(display_name(text))
     if silent:
-        subjects = counted(len(silent), "subject")
-        notes.append(f"{subjects} without any response left out: {listed(silent)}")
+        subjects = plural(len(silent), "subject")
+        notes.append(f"{subjects} without any response left out: {join_names(silent)}")
     # A trial is a count of one, a trial without an answer a count of none.
     n_yes, n_trials = answers.is_yes.astype(np.int64), answers.is_answered.astype(np.int64)
     return _study(rows, notes, n_yes, n_trials, answers.task)
@@ -662,15 +661,15 @@ def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str) -> list[str]:
     """How many trials of each subject are dropped for a reason; nothing where none is."""
     if not is_dropped.any():
         return []
-    trials = counted(int(is_dropped.sum()), "trial")
+    trials = plural(int(is_dropped.sum()), "trial")
     return [f"{trials} {reason} dropped: {_listed_by_subject(rows, is_dropped)}"]
 
 
 def _listed_by_subject(rows: _Rows, chosen: BoolArray) -> str:
     """How many of these rows each subject has."""
     counts = np.bincount(rows.subject.codes[chosen], minlength=len(rows.subject.texts))
-    names = ["(no subject)" if text == "" else bare(text) for text in rows.subject.texts]
-    return listed([f"{names[code]} {counts[code]}" for code in np.flatnonzero(counts).tolist()])
+    names = ["(no subject)" if text == "" else display_name(text) for text in rows.subject.texts]
+    return join_names([f"{names[code]} {counts[code]}" for code in np.flatnonzero(counts).tolist()])
 
 
 # --- Counts ---------------------------------------------------------------------------------------
@@ -684,12 +683,14 @@ def _count_study(rows: _Rows) -> Study:
     n = column_counts(table, trials)
     share_notes = []
     if is_percentage(column.name) or has_shares(table, column):
-        share_notes.append(f"column {bare(column.name)} read as shares of {bare(trials.name)}")
+        name, of_trials = display_name(column.name), display_name(trials.name)
+        share_notes.append(f"column {name} read as shares of {of_trials}")
         k = counts_of_shares(table, column, n)
     else:
         k = column_counts(table, column)
     rows.require_pairs(np.ones(len(n), np.bool_))
-    table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {bare(trials.name)} = {n[index]}")
+    name = display_name(trials.name)
+    table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
     first = np.unique(subject.codes, return_index=True)[1]
     is_without_trials = np.bincount(subject.codes, n != 0) == 0
     is_first_row = np.isin(np.arange(len(n)), first[is_without_trials]) & ~empty(subject)
@@ -699,5 +700,5 @@ def _count_study(rows: _Rows) -> Study:
     notes = rows.layout("grouped", f"{k.sum()} of {n.sum()} trials answered '{task.yes}'")
     notes += share_notes
     if (n == 0).any():
-        notes.append(f"{counted(int(np.count_nonzero(n == 0)), 'row')} with n_trials = 0 left out")
+        notes.append(f"{plural(int(np.count_nonzero(n == 0)), 'row')} with n_trials = 0 left out")
     return _study(rows, notes, k, n, task)

@@ -20,7 +20,7 @@ import numpy as np
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.matlab_file import matlab_texts
-from bayes_toe.data.messages import bare, join_words, listed, one_line, quoted, visible
+from bayes_toe.data.messages import display_name, join_names, join_words, one_line, quoted, visible
 from bayes_toe.data.text_table import (
     EXCEL,
     MOST_RECORDS,
@@ -122,7 +122,7 @@ def read_table(
             f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and "
             "may be read"
         ) from error
-    name, suffix = bare(path.name), path.suffix.lower()
+    name, suffix = display_name(path.name), path.suffix.lower()
     if suffix in _NOT_READ:
         finding, rule = _NOT_READ[suffix]
         raise InputError(f"{name}: found {finding}, allowed: {rule}")
@@ -191,7 +191,7 @@ def _table_of_texts(
     columns, problems = {}, Problems(source)
     for name, (texts, lines) in column_texts.items():
         problems.add(lines)
-        columns[name] = Column.of(name, texts, range(len(texts)))
+        columns[name] = Column.from_texts(name, texts, range(len(texts)))
     row_numbers = np.array(rows, np.int64)
     return TextTable(form, "", head, names, columns, row_numbers, problems, tuple(notes))
 
@@ -228,8 +228,8 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
         texts[name] = cell_texts(name, [cells[index] for cells in filled.values()], filled)
     notes = []
     if len(sheets) > 1:
-        other_sheets = [bare(other) for other in sheets if other != title]
-        notes.append(f"sheet {bare(title)} read, not {listed(other_sheets)}")
+        other_sheets = [display_name(other) for other in sheets if other != title]
+        notes.append(f"sheet {display_name(title)} read, not {join_names(other_sheets)}")
     if any(map(_is_filled, rows[:first])):
         notes.append(f"rows above row {first + 1} left out")
     head = (source, EXCEL, f"row {first + 1}")
@@ -242,7 +242,7 @@ def _chosen_sheet(
     """The sheet that is named, or the only one with most of our columns."""
     if sheet is not None:
         if sheet not in sheets:
-            finding = listed([*map(bare, sheets)])
+            finding = join_names([*map(display_name, sheets)])
             raise InputError(f"{source}: found the sheets {finding}, allowed: one of them")
         return sheet
     if not sheets:
@@ -255,7 +255,7 @@ def _chosen_sheet(
     tables = [title for title, count in n_names.items() if count == largest_count]
     if len(tables) > 1 and largest_count:
         remedies = [Remedy("sheet", title) for title in tables]
-        finding = join_words([*map(bare, tables)])
+        finding = join_words([*map(display_name, tables)])
         raise InputError(f"{source}: the sheets {finding} have tables.", remedies)
     return max(tables, key=lambda title: len(sheets[title]))
 
@@ -444,6 +444,6 @@ def require_parquet(path: StrPath) -> None:
     if is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
         finding = "found a Parquet file and no pyarrow"
         raise InputError(
-            f"{bare(Path(path).name)}: {finding}, allowed: pip install 'bayes_toe[parquet]', or a "
-            "CSV file"
+            f"{display_name(Path(path).name)}: {finding}, allowed: "
+            "pip install 'bayes_toe[parquet]', or a CSV file"
         )

@@ -13,7 +13,7 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.column_roles import VOCABULARY, without_accents
-from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
 from bayes_toe.data.text_table import Column, TextTable
@@ -67,7 +67,7 @@ def responses(
     if options.task is None and options.comparison_code is None:
         problem, remedies = _unknown_meaning(column, difference)
     if problem:
-        table.problems.add([(0, f"column {bare(column.name)}: {problem}")])
+        table.problems.add([(0, f"column {display_name(column.name)}: {problem}")])
         table.problems.remedies += remedies
     else:
         rule = _allowed_texts(options.codes(task), words, names)
@@ -128,12 +128,13 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
         return
     rule = f"{task.name!r}, which the answers are of"
     if len(texts) > 1:
-        choice = f"--where {bare(column.name)}=TEXT"
+        choice = f"--where {display_name(column.name)}=TEXT"
         if table.python:
             choice = f"ReadOptions(where={{{column.name!r}: ...}})"
         rule = f"one task, which {choice} chooses"
-    finding = f"column {bare(column.name)}: found {' and '.join(map(quoted, texts.values()))}"
-    raise InputError(f"{table.source}: {finding}, allowed: {rule}")
+    location = f"{table.source}: column {display_name(column.name)}"
+    finding = f"found {' and '.join(map(quoted, texts.values()))}"
+    raise InputError(f"{location}: {finding}, allowed: {rule}")
 
 
 def _words_of(task: Task, column: Column) -> list[str]:
@@ -217,7 +218,7 @@ def _unknown_meaning(column: Column, difference: FloatArray) -> tuple[str, list[
     for text, count in zip(column.texts, counts, strict=True):
         if text in texts:
             shares.append(f"{quoted(text)} ({count:,})")
-    problem = f"the codes are {listed(shares, 4)}. The program does not know what they mean."
+    problem = f"the codes are {join_names(shares, 4)}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares[0]}. The program does not know what it means."
     return problem, _code_remedies(column, texts, difference)
@@ -287,7 +288,7 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
 def _as_answered(column: Column, chosen: BoolArray, word: str) -> str:
     """A note on the texts that were read as an answer, with its number."""
     texts = [column.texts[code] for code in np.unique(column.codes[chosen]).tolist()]
-    shown_texts = listed([*map(quoted, texts)]) if texts else repr(word)
+    shown_texts = join_names([*map(quoted, texts)]) if texts else repr(word)
     if any(text.lower() != word for text in texts):
         shown_texts += f" as {word}"
     return f"{shown_texts} ({np.count_nonzero(chosen)})"

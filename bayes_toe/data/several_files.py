@@ -16,7 +16,7 @@ import numpy as np
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.answers import Answers, Reading
-from bayes_toe.data.messages import MAX_LINES, TWICE, bare, counted, listed
+from bayes_toe.data.messages import MAX_LINES, TWICE, display_name, join_names, plural
 from bayes_toe.data.study import Study, Subject, pooled
 from bayes_toe.errors import InputError
 
@@ -39,7 +39,7 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
         raise InputError("files: found none, allowed: some")
     for i, path in enumerate(absolute_paths):
         if path in absolute_paths[:i]:
-            raise InputError(f"{bare(path.name)}: found twice, allowed: each file once")
+            raise InputError(f"{display_name(path.name)}: found twice, allowed: each file once")
     file_names = [path.name for path in absolute_paths]
     studies: list[Study] = []
     faulty: list[InputError] = []
@@ -75,9 +75,9 @@ def _of_all_files(faulty: Sequence[InputError]) -> InputError:
         lines += problems
         remaining -= len(alike)
         if is_repeated:
-            lines.append(f"... and the same in {counted(len(alike) - 1, 'more file')}")
+            lines.append(f"... and the same in {plural(len(alike) - 1, 'more file')}")
     if remaining:
-        lines.append(f"... and problems in {counted(remaining, 'more file')}")
+        lines.append(f"... and problems in {plural(remaining, 'more file')}")
     return InputError(lines, faulty[0].remedies)
 
 
@@ -91,11 +91,11 @@ def _together(studies: Sequence[Study]) -> Study:
         doubts += _copies(name, _answers_by_file(name, files))
         subjects.append(_subject_of_files(name, files))
         if len(files) > 1:
-            several.append(f"{bare(name)} {len(files)}")
+            several.append(f"{display_name(name)} {len(files)}")
     notes = [*_common_notes(studies)]
     if several:
-        count = counted(len(several), "subject")
-        notes.append(f"{count} in several files, put together: {listed(several)}")
+        count = plural(len(several), "subject")
+        notes.append(f"{count} in several files, put together: {join_names(several)}")
     names = {}
     for key in ("read", "ignored", "pooled"):
         of_files = chain.from_iterable(getattr(study.reading, key) for study in studies)
@@ -151,8 +151,8 @@ def _copies(name: str, answers: Sequence[tuple[str, Answers]]) -> Iterable[str]:
         earlier = first_source.setdefault(content, source)
         n_trials = len(in_order.n_yes)
         if earlier != source and in_order.trials and n_trials >= _FEWEST:
-            copies = f"{source} has the same {n_trials} trials of subject {bare(name)} as {earlier}"
-            yield f"{copies}: {TWICE}, remove one file"
+            trials = f"{n_trials} trials of subject {display_name(name)}"
+            yield f"{source} has the same {trials} as {earlier}: {TWICE}, remove one file"
 
 
 def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:

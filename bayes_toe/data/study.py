@@ -23,13 +23,13 @@ from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import (
     MOST_ROWS,
     as_html,
-    as_name,
-    as_option,
-    bare,
-    counted,
-    listed,
-    named_few,
-    said_intervals,
+    cli_argument,
+    describe_intervals,
+    display_name,
+    join_few,
+    join_names,
+    name_from_key,
+    plural,
 )
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tables import frame_of
@@ -237,7 +237,7 @@ class Subject:
         if self.isi is None or isi not in self.intervals:
             raise InputError(
                 f"subject {self.name!r}: no interval of {isi:g} s; there are: "
-                f"{said_intervals(self.intervals)}"
+                f"{describe_intervals(self.intervals)}"
             )
         # The other trials came in between, so that the order of these tells nothing.
         at = self.isi == isi
@@ -376,7 +376,7 @@ class Study:
             raise InputError("a study needs at least one subject")
         if repeated:
             raise InputError(
-                f"subject names must be unique, repeated: {listed([*map(repr, repeated)])}"
+                f"subject names must be unique, repeated: {join_names([*map(repr, repeated)])}"
             )
         if len({subject.isi is None for subject in subjects}) > 1:
             raise InputError("either every subject of a study has intervals (isi) or none")
@@ -411,12 +411,12 @@ class Study:
 
     def __getitem__(self, name: str | int) -> Subject:
         """A subject by name; a whole number stands for its digits, since files are full of them."""
-        if as_name(name) not in self._by_name:
+        if name_from_key(name) not in self._by_name:
             raise InputError(
                 f"no subject {name!r} in {self.source}; there are: "
-                f"{listed([*map(repr, self.names)])}"
+                f"{join_names([*map(repr, self.names)])}"
             )
-        return self._by_name[as_name(name)]
+        return self._by_name[name_from_key(name)]
 
     @cached_property
     def _by_name(self) -> dict[str, Subject]:
@@ -444,7 +444,7 @@ class Study:
         if isi not in self.intervals:
             raise InputError(
                 f"{self.source}: no interval of {isi:g} s; there are: "
-                f"{said_intervals(self.intervals)}"
+                f"{describe_intervals(self.intervals)}"
             )
         some = tuple(subject.at_isi(isi) for subject in self if isi in subject.intervals)
         notes = (*self.notes, f"only pairs with an interval of {isi:g} s")
@@ -480,7 +480,7 @@ class Study:
         >>> Study([Subject("S01", [0.0], [0.3], [2], [5])]).swap("S01")["S01"].n_yes.tolist()
         [3]
         """
-        return self._changed("--swap", "responses swapped", name, blocks, Answers.turned)
+        return self._changed("--swap", "responses swapped", name, blocks, Answers.swapped)
 
     def exclude(self, name: str | int, blocks: Sequence[str | int] | str | int = ()) -> Study:
         """Exclude a subject, or these blocks of the subject.
@@ -498,7 +498,7 @@ class Study:
         >>> study.exclude("S02").names, study.exclude("S02").changes
         (('S01',), ('--exclude S02',))
         """
-        return self._changed("--exclude", "excluded", name, blocks, Answers.without)
+        return self._changed("--exclude", "excluded", name, blocks, Answers.excluding)
 
     def _changed(
         self,
@@ -511,8 +511,8 @@ class Study:
         """The study with the responses of a subject changed; notes and `changes` report it."""
         subject = self[name]
         given_blocks = [blocks] if isinstance(blocks, str | int) else blocks
-        asked = [*map(as_name, given_blocks)]
-        change_made = f"{option} {as_option(subject.name, asked)}"
+        asked = [*map(name_from_key, given_blocks)]
+        change_made = f"{option} {cli_argument(subject.name, asked)}"
         earlier = subject.answers
         if earlier is None:
             pairs = (subject.s1, subject.s2, subject.isi)
@@ -532,9 +532,9 @@ class Study:
         remaining = tuple(subjects)
         if self.conditions is not None:
             remaining = with_shared_scales(remaining)
-        owner_words = f"subject {bare(subject.name)}"
+        owner_words = f"subject {display_name(subject.name)}"
         if asked:
-            owner_words += f", {counted(len(asked), 'block').partition(' ')[2]} {listed(asked)}"
+            owner_words += f", {plural(len(asked), 'block').partition(' ')[2]} {join_names(asked)}"
         notes = (*self.notes, f"{owner_words}: {what}")
         return replace(self, subjects=remaining, notes=notes, changes=(*self.changes, change_made))
 
@@ -573,7 +573,7 @@ class Study:
 
     def __repr__(self) -> str:
         n_trials = sum(subject.total_trials for subject in self)
-        size = f"{len(self):,} subjects ({named_few(self.names)}), {n_trials:,} trials"
+        size = f"{len(self):,} subjects ({join_few(self.names)}), {n_trials:,} trials"
         mark = ", synthetic" if self.synthetic else ""
         return f"<Study {self.source!r}{mark}: {size}>"
 
@@ -670,6 +670,6 @@ def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:
         if subject.isi is not None:
             raise InputError(
                 f"{what}: not for intervals (column isi), which subject {subject.name!r} has "
-                f"({said_intervals(subject.intervals)}); "
+                f"({describe_intervals(subject.intervals)}); "
                 "take one with Study.at_isi, or leave the column out"
             )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import bare, counted, join_words, listed, quoted
+from bayes_toe.data.messages import display_name, join_names, join_words, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_table import TABLE_SUFFIXES, toml_table
 from bayes_toe.errors import InputError
@@ -92,14 +92,14 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
         if not tables:
             tables = sorted(filter(_is_table, Path(path).glob("*")))
         counts = Counter(file.suffix.lower() for file in tables)
-        finding = join_words([counted(n, f"{suffix} file") for suffix, n in counts.items()])
+        finding = join_words([plural(n, f"{suffix} file") for suffix, n in counts.items()])
         if len(counts) != 1:
             commonest = max(counts, key=counts.__getitem__, default=".csv")
-            problem = f"{bare(str(path))}: found {finding or 'no table'}"
-            rule = f"tables of one suffix, such as {bare(f'{path}/*{commonest}')}"
+            problem = f"{display_name(str(path))}: found {finding or 'no table'}"
+            rule = f"tables of one suffix, such as {display_name(f'{path}/*{commonest}')}"
             raise InputError(f"{problem}, allowed: {rule}")
         files += tables
-        notes.append(f"folder {bare(str(path))}: {finding} read")
+        notes.append(f"folder {display_name(str(path))}: {finding} read")
     return files, notes
 
 
@@ -147,7 +147,7 @@ def read_study_file(path: StrPath) -> StudySource:
     problems = []
     for key, value in table.items():
         if key not in (*_DEFAULTS, *_LISTS):
-            rule = listed([*_LISTS, *_DEFAULTS], 40)
+            rule = join_names([*_LISTS, *_DEFAULTS], 40)
             problems.append(f"{path}: key {quoted(key)}: unknown, allowed: {rule}")
         elif not _has_kind(value, _kind(key)):
             rule = _KINDS[_kind(key)]

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import as_html, as_name, listed, named_few, quoted
+from bayes_toe.data.messages import as_html, join_few, join_names, name_from_key, quoted
 from bayes_toe.data.read_table import is_parquet, require_parquet
-from bayes_toe.data.validation import AT, runs
+from bayes_toe.data.validation import AT, is_formula
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 
@@ -56,7 +56,7 @@ class Table(ABC, Generic[Row]):
 
     def __repr__(self) -> str:
         names = list(dict.fromkeys(str(getattr(row, "subject", "")) for row in self.rows))
-        of_subjects = "" if names in ([], [""]) else f" of {named_few(names)}"
+        of_subjects = "" if names in ([], [""]) else f" of {join_few(names)}"
         size = f"{len(self.rows):,} rows{of_subjects}"
         return f"<{type(self).__name__}: {size}; frame() gives them to pandas>"
 
@@ -102,12 +102,12 @@ class SubjectTable(Table[Row]):
     """
 
     def __getitem__(self, name: str | int) -> Row:
-        if as_name(name) not in self._by_name:
+        if name_from_key(name) not in self._by_name:
             raise InputError(
                 f"no subject {name!r} in the table; there are: "
-                f"{listed([quoted(row.subject) for row in self.rows])}"
+                f"{join_names([quoted(row.subject) for row in self.rows])}"
             )
-        return self._by_name[as_name(name)]
+        return self._by_name[name_from_key(name)]
 
     @cached_property
     def _by_name(self) -> dict[str, Row]:
@@ -155,7 +155,7 @@ def _inert(value: object) -> object:
     if not isinstance(value, str):
         return value
     text = _CONTROL.sub(lambda match: repr(match[0])[1:-1], value)
-    return f"'{text}" if runs(text) else text
+    return f"'{text}" if is_formula(text) else text
 
 
 def file_stems(names: Sequence[str]) -> dict[str, str]:

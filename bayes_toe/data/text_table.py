@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, IntArray
-from bayes_toe.data.messages import MAX_LINES, bare, counted, quoted
+from bayes_toe.data.messages import MAX_LINES, display_name, plural, quoted
 from bayes_toe.errors import InputError, Remedy
 
 #: A pandas or polars DataFrame, neither of which is imported to know one.
@@ -70,7 +70,7 @@ class Column:
     codes: IntArray
 
     @classmethod
-    def of(cls, name: str, texts: Iterable[str], codes: npt.ArrayLike) -> Column:
+    def from_texts(cls, name: str, texts: Iterable[str], codes: npt.ArrayLike) -> Column:
         """The column whose texts have space around them, so that some may be the same."""
         code_of_text: dict[str, int] = {}
         places = np.array(
@@ -130,7 +130,7 @@ class Problems:
             return
         shown = sorted(self._shown, key=itemgetter(0))[:MAX_LINES]
         more = (
-            [f"... and {counted(self.count - len(shown), 'more problem')}"]
+            [f"... and {plural(self.count - len(shown), 'more problem')}"]
             if self.count > len(shown)
             else []
         )
@@ -155,7 +155,7 @@ def cell_texts(name: str, cells: Iterable[object], rows: Iterable[int]) -> Colum
             problem += "text, numbers or truth values"
             if isinstance(cell, NoValue):
                 problem = cell.problem
-            problems.append((row, f"row {row}, column {bare(name)}: {problem}"))
+            problems.append((row, f"row {row}, column {display_name(name)}: {problem}"))
     return texts, problems
 
 
@@ -229,9 +229,8 @@ class TextTable:
         for index in wrong[:MAX_LINES].tolist():
             right = rule if isinstance(rule, str) else rule(index)
             row, finding = int(self.rows[index]), quoted(column.text(index))
-            lines.append(
-                (row, f"row {row}, column {bare(column.name)}: found {finding}, allowed: {right}")
-            )
+            location = f"row {row}, column {display_name(column.name)}"
+            lines.append((row, f"{location}: found {finding}, allowed: {right}"))
         self.problems.add(lines, len(wrong))
 
 
@@ -270,7 +269,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         rows.append(row)
         for append, code, column in targets:
             append(code[record[column]])
-    columns = {name: Column.of(name, texts[name], codes[name]) for name in places}
+    columns = {name: Column.from_texts(name, texts[name], codes[name]) for name in places}
     notes = (f"rows above row {first_row} left out",) if place else ()
     row_numbers = np.array(rows, np.int64)
     head_name = f"row {first_row}"
@@ -397,7 +396,7 @@ def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.E
 def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
     """The problem of a row that cannot be split into as many cells as the header has."""
     if not isinstance(record, csv.Error):
-        finding, rule = counted(len(record), "cell"), counted(width, "cell")
+        finding, rule = plural(len(record), "cell"), plural(width, "cell")
         return f"row {row}: found {finding}, allowed: {rule} as in the header"
     finding = next(
         (said for part, said in _SPLIT_ERRORS.items() if part in str(record)), str(record)

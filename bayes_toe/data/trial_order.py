@@ -1,6 +1,6 @@
 """Trials in the order in which they were given.
 
-What each subject answered row by row, and where memory begins anew.
+It holds the answers of each subject row by row, and the starts of sessions.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.messages import TWICE, bare, counted, listed
+from bayes_toe.data.messages import TWICE, display_name, join_names, plural
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import AT, number, numbers
 
@@ -53,7 +53,7 @@ def answers_in_order(
     for name, part in parts.items():
         rows, place, n_absent = _in_order((rows_with_pair[name], part), trial, ranks)
         if trial is not None and place is None:
-            unordered.append(bare(name))
+            unordered.append(display_name(name))
         if n_absent:
             n_missing[name.partition(AT)[0]] = n_absent
         time_before = None if place is None else _at_rows(iti, rows)
@@ -70,9 +70,9 @@ def answers_in_order(
             (int(part.min()), int(part.max())) if is_trials else None,
         )
         no_rows = np.zeros(len(rows), np.bool_)
-        answers[name] = all_answers.without(no_rows)  # with the blocks that are this subject's
+        answers[name] = all_answers.excluding(no_rows)  # with the blocks that are this subject's
         if time_before is not None:
-            n_untimed += int(np.isnan(time_before[~all_answers.begins]).sum())
+            n_untimed += int(np.isnan(time_before[~all_answers.is_session_start]).sum())
     notes = _order_notes(columns, unordered, n_missing, n_untimed)
     # No trial is there twice where the order is known.
     doubts = _repeated(table, columns, keys, k, n) if unordered else []
@@ -122,18 +122,18 @@ def _order_notes(
     """Notes on trials whose order, number or time is not known."""
     notes = []
     if unordered:
-        problem = f"column {bare(columns['trial'].name)} does not order all trials"
-        notes.append(f"{problem}, so the order of the file is used: {listed(unordered)}")
+        problem = f"column {display_name(columns['trial'].name)} does not order all trials"
+        notes.append(f"{problem}, so the order of the file is used: {join_names(unordered)}")
     if n_missing:
-        missing = listed([f"{bare(name)} {count}" for name, count in n_missing.items()])
+        missing = join_names([f"{display_name(name)} {count}" for name, count in n_missing.items()])
         notes.append(
             f"trial numbers are missing ({missing}); keep trials without a response in the file, "
             "with an empty response"
         )
     if n_untimed:
         notes.append(
-            f"no time since the trial before for {counted(n_untimed, 'trial')} in column "
-            f"{bare(columns['iti'].name)}"
+            f"no time since the trial before for {plural(n_untimed, 'trial')} in column "
+            f"{display_name(columns['iti'].name)}"
         )
     return notes
 
@@ -232,11 +232,10 @@ def _repeated(
         return []
     verb = "repeats" if len(repeats) == 1 else "repeat"
     number_words = "trial" if block is None else "block and trial"
-    problem = f"{counted(len(repeats), 'row')} {verb} {number_words} of another row"
+    problem = f"{plural(len(repeats), 'row')} {verb} {number_words} of another row"
     row, other = table.rows[later[0]], table.rows[earlier[0]]
-    location = (
-        f"first row {row}, which repeats row {other} (subject {bare(subject.text(later[0]))})"
-    )
+    name = display_name(subject.text(later[0]))
+    location = f"first row {row}, which repeats row {other} (subject {name})"
     if is_repeat.all():
         return [f"{problem} with the same stimuli and answer, {location}: {TWICE}, remove them"]
     n_same = f"{is_repeat.sum()} of them" if is_repeat.any() else "none"

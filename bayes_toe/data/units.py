@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words, levels
-from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.study import Study, Subject, with_shared_scales
 from bayes_toe.data.text_table import Column, TextTable
@@ -46,7 +46,7 @@ def with_units(
     for subject_code, level_code in pairs.tolist():
         name = subject.texts[subject_code]
         units.append(f"{name}{AT}{level_names[level_code]}" if name else "")
-    return {**columns, "subject": Column.of(subject.name, units, unit_of_row.ravel())}
+    return {**columns, "subject": Column.from_texts(subject.name, units, unit_of_row.ravel())}
 
 
 def with_conditions(study: Study, options: ReadOptions) -> Study:
@@ -66,7 +66,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     unit_levels = [level for _, _, level in parts.values()]
     if not all(unit_levels):
         raise InputError(
-            f"{study.source}: found column {bare(column)} in some files only, "
+            f"{study.source}: found column {display_name(column)} in some files only, "
             "allowed: in all or in none"
         )
     if len(persons) == len(parts):
@@ -77,7 +77,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     if options.reference not in (None, *order):
         raise InputError(
             f"--reference: found {quoted(str(options.reference))}, "
-            f"allowed: {listed([*map(bare, order)])}"
+            f"allowed: {join_names([*map(display_name, order)])}"
         )
     order.sort(key=lambda level: level != options.reference)
     units = [replace(unit, condition=parts[unit.name][2]) for unit in study]
@@ -89,7 +89,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
 
 def _without_units(study: Study, column: str, *, is_option: bool) -> Study:
     """The study of subjects, where every subject has one level of the condition."""
-    problem = f"column {bare(column)}: found every subject at one level of it"
+    problem = f"column {display_name(column)}: found every subject at one level of it"
     if is_option:
         raise InputError(
             f"{study.source}: {problem}, allowed: at two and more of some subject; "

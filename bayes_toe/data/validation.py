@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, StrPath
-from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.text_table import Column, TextTable
 
@@ -85,8 +85,9 @@ def ambiguous_number(columns: Sequence[Column], sign: str) -> str:
 
     Examples
     --------
-    >>> some = Column.of("i1", ["740", "1.050"], [0, 1])
-    >>> ambiguous_number([some], "."), ambiguous_number([some, Column.of("i2", ["0.95"], [0])], ".")
+    >>> first = Column.from_texts("i1", ["740", "1.050"], [0, 1])
+    >>> second = Column.from_texts("i2", ["0.95"], [0])
+    >>> ambiguous_number([first], "."), ambiguous_number([first, second], ".")
     ('1.050', '')
     """
     with_sign = [text for column in columns for text in column.texts if sign in text]
@@ -103,7 +104,7 @@ def whole_number(text: str, decimal_comma: bool = False) -> int:
     return value if value <= LARGEST_COUNT else -1
 
 
-def runs(text: str) -> bool:
+def is_formula(text: str) -> bool:
     """Whether a spreadsheet takes a cell for a formula but for its apostrophes.
 
     A number is none.
@@ -117,7 +118,10 @@ def bare_names(table: TextTable, column: Column) -> Column:
 
     They stay as they are where two of them would become one.
     """
-    texts = [text[1:] if text[:1] == "'" and runs(text[1:]) else text for text in column.texts]
+    texts = []
+    for text in column.texts:
+        has_apostrophe = text[:1] == "'" and is_formula(text[1:])
+        texts.append(text[1:] if has_apostrophe else text)
     return (
         Column(column.name, texts, column.codes)
         if table.delimiter and len(set(texts)) == len(texts)
@@ -230,10 +234,10 @@ def read_numbers(
     keys = () if key is None else (key,)
     table = _read(path, (*keys, *names), optional)
     if not names and len(table.columns) < 2:
-        finding = listed([*map(quoted, table.names)])
+        finding = join_names([*map(quoted, table.names)])
         table.require(
             [
-                f"found {finding}, allowed: {', '.join(map(bare, keys))} and some of "
+                f"found {finding}, allowed: {', '.join(map(display_name, keys))} and some of "
                 f"{', '.join(optional)}"
             ]
         )
@@ -250,14 +254,14 @@ def _read(path: StrPath, required: Sequence[str], optional: Sequence[str] = ()) 
     """The table with columns of these names, each of them once."""
     table = read_table(path, lambda _: {*required, *optional})
     counts = {name: table.names.count(name) for name in (*required, *optional)}
-    finding = listed([*map(quoted, table.names)])
+    finding = join_names([*map(quoted, table.names)])
     missing = [
-        f"column {bare(name)}: missing, found {finding}, allowed: a column of this name"
+        f"column {display_name(name)}: missing, found {finding}, allowed: a column of this name"
         for name in required
         if counts[name] == 0
     ]
     twice = [
-        f"column {bare(name)}: found {count} columns of this name, allowed: one"
+        f"column {display_name(name)}: found {count} columns of this name, allowed: one"
         for name, count in counts.items()
         if count > 1
     ]

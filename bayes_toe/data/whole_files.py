@@ -1,4 +1,4 @@
-"""Results as they go out: each file appears whole or not at all, and so do the files of a set.
+"""Writing of results: each file appears whole or not at all, and so do the files of a set.
 
 Files are written in a hidden folder beside their places and then take their names. An existing
 file is replaced only if the caller allows it, and no other file is touched. A set of files is

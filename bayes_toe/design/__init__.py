@@ -1,4 +1,4 @@
-"""Studies that are still to be made: pairs, power, lists of trials, the next pair; simulated ones.
+"""Planning of studies: pairs, power, lists of trials, the next pair, simulated studies.
 
 The stub beside this file lists its public names, which load on first use.
 """

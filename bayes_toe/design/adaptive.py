@@ -47,8 +47,8 @@ _POOR = 0.25
 class Particles:
     """Draws of one model with their weights, which change when answers come.
 
-    When fewer than half of the draws count that did, the mixture that they came from is refitted to
-    them and all are drawn again, each with its weight, so that no error is handed on.
+    When the effective number of draws has halved, the mixture that they came from is refitted to
+    them, and all are drawn again with new weights, so that errors do not accumulate.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class Particles:
         return efficiency(self.log_weight) * len(self.x)
 
     @property
-    def left(self) -> float:
+    def remaining_share(self) -> float:
         """Effective number of draws over the effective number when they were made."""
         first_efficiency = 1.0 if self.fitted is None else self.fitted.efficiency
         return self.effective / (len(self.x) * first_efficiency)
@@ -229,7 +229,7 @@ class Adaptive:
         error = {
             name: share[name] / np.sqrt(particles.effective)
             for name, particles in self._particles.items()
-            if particles.left < _RENEWAL_SHARE
+            if particles.remaining_share < _RENEWAL_SHARE
         }
         if error:
             worst = max(error, key=lambda name: error[name])

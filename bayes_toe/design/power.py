@@ -22,7 +22,7 @@ from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, order_effect
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import StrPath
 from bayes_toe.checks.identification import identify
-from bayes_toe.data.messages import capitalized, listed
+from bayes_toe.data.messages import capitalized, join_names
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.design.observers import Observer, assume_observers
@@ -125,7 +125,7 @@ class PowerEstimate:
     data_sets: int
 
     @property
-    def hits(self) -> str:
+    def counts_text(self) -> str:
         """The number of data sets that are counted, of all of them, in words."""
         return f"{self.value * self.data_sets:.0f} of {self.data_sets}"
 
@@ -172,7 +172,7 @@ class PowerTable(Table[PowerEstimate]):
     def __getitem__(self, key: tuple[str, int, str, str, str]) -> PowerEstimate:
         """A row, by (design, trials, kind of observers, quantity, answer)."""
         if key not in self._by_key:
-            answers = listed(self.different("answer"))
+            answers = join_names(self.different("answer"))
             raise InputError(f"nothing counted for {key!r}; answers: {answers}")
         return self._by_key[key]
 

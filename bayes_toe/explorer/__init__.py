@@ -1,4 +1,1 @@
-"""Posteriors to touch: one page that answers back, with Bokeh inside.
-
-It is the only room that imports it.
-"""
+"""The explorer: a page of posteriors to select draws from. Only this room imports Bokeh."""

@@ -42,14 +42,14 @@ from bayes_toe.model.models import model_title
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
-from bayes_toe.model.posterior import DOMINATED, RANGE, contraction
+from bayes_toe.model.posterior import DOMINATED, RANGE, posterior_contraction
 from bayes_toe.plots.corner import (
     Density,
     Span,
     all_true_values,
+    axis_limits,
     axis_values,
     prior_values,
-    spans_of,
 )
 from bayes_toe.plots.style import MARKED
 from bayes_toe.seeds import generator
@@ -159,7 +159,7 @@ class Entry:
         marked |= {name: list(size) for name, size in self.estimates.items()}
         selected = {name: values[index] for name, values in quantities.items()}
         true_values = self._true_values()
-        spans = spans_of(present.values(), list(columns), self.target)
+        spans = axis_limits(present.values(), list(columns), self.target)
         prior = prior_values(self.target)
         return {
             "subject": self.target.subject.name,
@@ -204,7 +204,7 @@ class Entry:
             return dominated
         for name in self.names:
             low, high = np.quantile(quantities[name], RANGE).tolist()
-            if contraction(self.target, name, low, high) < DOMINATED:
+            if posterior_contraction(self.target, name, low, high) < DOMINATED:
                 dominated.append(("dominated", name))
         return dominated
 

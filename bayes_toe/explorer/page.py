@@ -1,7 +1,4 @@
-"""One page of posteriors that answers to the mouse and the keyboard.
-
-A file that needs no server and no network.
-"""
+"""The page of the explorer: one file that needs no server and no network."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import listed, visible, with_policy
+from bayes_toe.data.messages import join_names, visible, with_policy
 from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.tasks import Task
 from bayes_toe.data.whole_files import whole_file
@@ -127,7 +124,7 @@ def entries(
     names = all_names if subjects is None else list(dict.fromkeys(subjects))
     for name in names:
         if name not in all_names:
-            listing = listed([*map(repr, all_names)], 20)
+            listing = join_names([*map(repr, all_names)], 20)
             raise InputError(f"no subject {name!r} among the draws; there are: {listing}")
     selected = {}
     for label, part in by_label.items():

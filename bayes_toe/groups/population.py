@@ -19,7 +19,7 @@ from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.covariates import Covariates, read_covariates
-from bayes_toe.data.messages import as_html, listed
+from bayes_toe.data.messages import as_html, join_names
 from bayes_toe.data.stimulus_unit import percent
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
 from bayes_toe.errors import ConvergenceWarning, InputError, require_kind
@@ -483,7 +483,7 @@ def population(
         study = study.select(columns.subjects)
     if len(columns.subjects) < _FEWEST_SUBJECTS:
         raise InputError(
-            f"population: {listed(columns.subjects)} is one subject; allowed: 2 and more"
+            f"population: {join_names(columns.subjects)} is one subject; allowed: 2 and more"
         )
     scales = study_scales(study)
     posterior = group_posterior(study, scales, settings.hyperprior, columns.x)

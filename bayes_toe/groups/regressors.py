@@ -15,7 +15,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates, level_words, levels
-from bayes_toe.data.messages import bare, counted, listed, quoted
+from bayes_toe.data.messages import display_name, join_names, plural, quoted
 from bayes_toe.errors import InputError
 
 #: A column of which others leave no more than this share follows from them, rounding aside.
@@ -43,7 +43,7 @@ class Regressor(NamedTuple):
     @property
     def label(self) -> str:
         """Covariate and level."""
-        return " ".join(bare(part) for part in (self.covariate, self.level) if part)
+        return " ".join(display_name(part) for part in (self.covariate, self.level) if part)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ def regressors(
     table = covariates.values
     _require_known(categorical, table)
     left_out = _incomplete_subjects(covariates, subjects)
-    reasons = listed([f"{quoted(subject)} ({reason})" for subject, reason in left_out.items()])
+    reasons = join_names([f"{quoted(subject)} ({reason})" for subject, reason in left_out.items()])
     complete = tuple(subject for subject in subjects if subject not in left_out)
     _require_subjects(complete, len(table), reasons)
     columns: list[Regressor] = []
@@ -125,7 +125,7 @@ def regressors(
     notes = []
     outside = set().union(*table.values()).difference(subjects)
     if outside:
-        names = listed([*map(quoted, sorted(outside))])
+        names = join_names([*map(quoted, sorted(outside))])
         notes.append(f"covariates of subjects that are not in the study ignored: {names}")
     if reasons:
         notes.append(f"subjects left out: {reasons}")
@@ -136,7 +136,7 @@ def _require_known(categorical: Collection[str], names: Collection[str]) -> None
     """Refuse a categorical covariate that is not in the table."""
     for name in categorical:
         if name not in names:
-            covariates = listed([*map(quoted, names)])
+            covariates = join_names([*map(quoted, names)])
             raise InputError(f"categorical: found {quoted(name)}, allowed: {covariates}")
 
 
@@ -148,7 +148,7 @@ def _incomplete_subjects(covariates: Covariates, subjects: Sequence[str]) -> dic
         if len(missing) == len(covariates.values) > 1:
             reasons[subject] = "no covariates"
         elif missing:
-            reasons[subject] = ", ".join(f"no {bare(name)}" for name in missing)
+            reasons[subject] = ", ".join(f"no {display_name(name)}" for name in missing)
     return reasons
 
 
@@ -157,7 +157,7 @@ def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], 
     # Squares of numbers beyond 1e154 are beyond the largest float.
     unit = float(np.abs(values).max())
     mean, sd = float(np.mean(values / unit)), float(np.std(values / unit, ddof=1))
-    words = f"{bare(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
+    words = f"{display_name(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
     return [Regressor(name, "", words)], ((values / unit - mean) / sd)[:, None]
 
 
@@ -169,7 +169,7 @@ def _columns_of_category(
     _require_several(name, quoted(reference), bool(other_levels))
     columns = []
     for level in other_levels:
-        words = f"{bare(name)} {bare(level)} against {bare(reference)}"
+        words = f"{display_name(name)} {display_name(level)} against {display_name(reference)}"
         columns.append(Regressor(name, level, words, reference=reference))
     x = np.empty((len(values), len(other_levels)))
     for i, value in enumerate(values):
@@ -180,13 +180,14 @@ def _columns_of_category(
 def _require_several(name: str, value: str, has_several: bool) -> None:
     if not has_several:
         advice = "allowed: at least two different values; leave the column out"
-        raise InputError(f"covariate {bare(name)}: found {value} for every subject, {advice}")
+        finding = f"found {value} for every subject"
+        raise InputError(f"covariate {display_name(name)}: {finding}, {advice}")
 
 
 def _require_subjects(subjects: Sequence[str], n_columns: int, left_out: str) -> None:
     if n_columns and len(subjects) < n_columns + 2:
-        problem = f"covariates: found {counted(len(subjects), 'subject')} with all of them"
-        advice = f"allowed: at least {n_columns + 2} for {counted(n_columns, 'column')}"
+        problem = f"covariates: found {plural(len(subjects), 'subject')} with all of them"
+        advice = f"allowed: at least {n_columns + 2} for {plural(n_columns, 'column')}"
         if left_out:
             advice += f"; left out: {left_out}"
         raise InputError(f"{problem}, {advice}")
@@ -199,7 +200,7 @@ def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
     sizes = np.linalg.norm(x - x.mean(axis=0), axis=0)
     for i, column in enumerate(columns):
         if remainders[i] < _ROUNDING * sizes[i]:
-            earlier = listed([other.label for other in columns[:i]])
+            earlier = join_names([other.label for other in columns[:i]])
             raise InputError(
                 f"covariates: {column.label} follows from {earlier}, "
                 "allowed: columns that tell different things; leave one out"

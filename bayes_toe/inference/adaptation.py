@@ -196,10 +196,10 @@ def refreshed(
 ) -> FittedProposal:
     """A proposal for a posterior like the one that it was fitted to.
 
-    It comes from one round of EM on the draws that there are, and has new draws. `log_posterior` is
-    that of the new posterior at the old draws, shape (draws,); the centre and the prior are the
-    same. For posteriors to which a few answers come at a time: most of a fit's work is saved, and
-    how good it is the new draws tell.
+    It comes from one round of EM on the old draws, and has new draws, which tell how good it is.
+    `log_posterior` has the log density of the new posterior at the old draws, shape (draws,). The
+    centre and the prior are the same. This saves most of the work of a fit if only a few answers
+    were added.
     """
     proposal = replace(fitted.proposal, posterior=posterior)
     draws = replace(fitted.draws, log_posterior=log_posterior)

@@ -23,13 +23,20 @@ import xarray as xr
 
 from bayes_toe.arrays import FloatArray, IndexArray, Record, StrPath
 from bayes_toe.data.conditions import Conditions
-from bayes_toe.data.messages import MOST_ROWS, as_html, as_name, format_path, listed, named_few
+from bayes_toe.data.messages import (
+    MOST_ROWS,
+    as_html,
+    format_path,
+    join_few,
+    join_names,
+    name_from_key,
+)
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import Task, task_counted
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference import draws_file
-from bayes_toe.inference.predictive_checks import FitSummary
+from bayes_toe.inference.predictive_checks import GoodnessOfFit
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
     FIT_COLUMNS,
@@ -269,11 +276,11 @@ class Draws:
             self._derived[name] = target.quantities(self.points(name))
         return self._derived[name][parameter]
 
-    def fit(self, name: str | int) -> FitSummary:
+    def fit(self, name: str | int) -> GoodnessOfFit:
         """Goodness of fit of one subject: deviance and posterior predictive p-values."""
         stats = self.group("sample_stats").sel(subject=self._require_name(name))
         stored = {key: column for key, column in FIT_COLUMNS.items() if column in stats}
-        return FitSummary(**{key: stats[column].item() for key, column in stored.items()})
+        return GoodnessOfFit(**{key: stats[column].item() for key, column in stored.items()})
 
     def summary(self) -> pd.DataFrame:
         """Posterior of every subject and parameter, and how well it is sampled.
@@ -366,7 +373,8 @@ class Draws:
         with self._reading():
             # Of one layout, so that sums have one order.
             return np.ascontiguousarray(
-                self.group("posterior")[parameter].sel(subject=as_name(name)).values, np.float64
+                self.group("posterior")[parameter].sel(subject=name_from_key(name)).values,
+                np.float64,
             )
 
     @contextmanager
@@ -387,20 +395,20 @@ class Draws:
 
     def _require_name(self, name: str | int) -> str:
         """A subject's name, of whom there are draws."""
-        if as_name(name) not in self._places:
+        if name_from_key(name) not in self._places:
             raise InputError(
                 f"no subject {name!r} among the draws; there are: "
-                f"{listed([*map(repr, self.names)], 20)}"
+                f"{join_names([*map(repr, self.names)], 20)}"
             )
-        return as_name(name)
+        return name_from_key(name)
 
     def __repr__(self) -> str:
         size = self.group("posterior").sizes
         missed = ""
         if self.not_converged:
-            missed = f"; NOT CONVERGED: {named_few([*self.not_converged])}"
+            missed = f"; NOT CONVERGED: {join_few([*self.not_converged])}"
         size_and_seed = f"{size['chain']} chains of {size['draw']:,}, seed {self.seed}"
-        subjects = f"{len(self.names):,} subjects ({named_few(self.names)})"
+        subjects = f"{len(self.names):,} subjects ({join_few(self.names)})"
         return f"<Draws of {self.model!r}: {subjects}, {size_and_seed}{missed}>"
 
     def _repr_html_(self) -> str:

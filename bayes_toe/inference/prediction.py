@@ -29,7 +29,7 @@ class Predictor:
     x: FloatArray
 
     @classmethod
-    def of(cls, draws: Draws, subject: str, *, most: int | None = None) -> Predictor:
+    def from_draws(cls, draws: Draws, subject: str, *, most: int | None = None) -> Predictor:
         """The predictor of a subject's draws: all of them, or about `most`, evenly spaced."""
         require_draws(draws)
         target = draws.posterior(subject)
@@ -101,7 +101,7 @@ def predict(
     >>> predict(draws, "S01", 0.0, 0.3, [0.5, 1.0, 2.0]).columns.tolist()
     ['s1', 's2', 'isi', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
-    fitted, keys = Predictor.of(draws, subject), ("s1", "s2", "isi")
+    fitted, keys = Predictor.from_draws(draws, subject), ("s1", "s2", "isi")
     if isi is None and draws.intervals:
         raise InputError(
             "isi: these draws were made with intervals, so a prediction needs one, in seconds"

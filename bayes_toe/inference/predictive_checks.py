@@ -188,7 +188,7 @@ def predictive_check(posterior: AnswerPosterior, x: npt.ArrayLike, seed: int) ->
 
 
 @dataclass(frozen=True)
-class PairFit:
+class PairResidual:
     """A pair with its observed share of an answer and the one that the model expects.
 
     Stimuli are natural-log intensities, the interval is in seconds.
@@ -203,7 +203,7 @@ class PairFit:
 
 
 @dataclass(frozen=True)
-class FitSummary:
+class GoodnessOfFit:
     """Goodness of fit of one subject in a few numbers, for tables.
 
     The deviance is the smallest over the draws: with thousands of draws within about 0.1 of that of
@@ -227,7 +227,7 @@ class FitSummary:
     p_deviance: float = float(
         "nan"
     )  # see :func:`deviance_p_value`, moments averaged over draws; NaN without degrees of freedom
-    worst: tuple[PairFit, ...] = ()
+    worst: tuple[PairResidual, ...] = ()
 
     @property
     def misfit(self) -> bool:
@@ -252,7 +252,7 @@ def summarise_fit(
     *,
     log_likelihood: FloatArray | None = None,
     most: int = 2000,
-) -> FitSummary:
+) -> GoodnessOfFit:
     """Deviance and posterior predictive p-values of one subject from draws x, (draws, k).
 
     The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over
@@ -273,7 +273,7 @@ def summarise_fit(
     largest, *smaller = np.argsort(-size, kind="stable").tolist()[:_MOST_WORST]
     conspicuous = [largest, *(i for i in smaller if size[i] >= _CONSPICUOUS)]
     few = points[:: max(1, -(-len(points) * subject.n_pairs // _OF_MOMENTS))]
-    return FitSummary(
+    return GoodnessOfFit(
         fit.deviance,
         fit.degrees_of_freedom,
         check.p_overall,
@@ -286,7 +286,7 @@ def summarise_fit(
             fit.deviance, fit.degrees_of_freedom, subject.n_trials, *posterior.log_answers(few)
         ),
         tuple(
-            PairFit(s1[i], s2[i], observed[i], expected[i], isi[i], subject.task.yes)
+            PairResidual(s1[i], s2[i], observed[i], expected[i], isi[i], subject.task.yes)
             for i in conspicuous
         ),
     )

@@ -1,4 +1,4 @@
-"""The one pipeline of a subject under a model: modes, proposal, chains, evidence, goodness of fit.
+"""The analysis of a subject under a model: modes, proposal, chains, evidence, goodness of fit.
 
 Also what a file stores of its result.
 """
@@ -26,13 +26,13 @@ from bayes_toe.inference.diagnostics import (
 )
 from bayes_toe.inference.evidence import Evidence, importance_evidence
 from bayes_toe.inference.maxima import Maxima, find_maxima
-from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
+from bayes_toe.inference.predictive_checks import GoodnessOfFit, summarise_fit
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.model.intervals import interval_units, reference_interval
 from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.parameters import quantity_named
-from bayes_toe.model.posterior import AnswerPosterior, SampledPosterior, contraction
+from bayes_toe.model.posterior import AnswerPosterior, SampledPosterior, posterior_contraction
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.seeds import generator
 
@@ -84,7 +84,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class AnalysisRequest:
     """The results that are wanted for a subject."""
 
     chains: SamplerSettings | None = None  # posterior draws by these; with them, goodness of fit
@@ -116,7 +116,7 @@ class SubjectResult:
     pareto_k: float
     evidence: Evidence | None
     chains: Chains | None
-    fit: FitSummary | None
+    fit: GoodnessOfFit | None
 
     @property
     def subject(self) -> Subject:
@@ -132,7 +132,7 @@ class Fitted(NamedTuple):
 
 
 def fitted_result(
-    target: SampledPosterior, seed: int, request: Wanted
+    target: SampledPosterior, seed: int, request: AnalysisRequest
 ) -> tuple[SubjectResult, Fitted]:
     """The pipeline where a proposal has to be fitted, with what it found on its way."""
     maxima = find_maxima(target)
@@ -146,7 +146,7 @@ def fitted_result(
     return SubjectResult(target, *quality, evidence, chains, fit), Fitted(maxima, fitted)
 
 
-def _chains_fit(target: AnswerPosterior, chains: Chains | None, seed: int) -> FitSummary | None:
+def _chains_fit(target: AnswerPosterior, chains: Chains | None, seed: int) -> GoodnessOfFit | None:
     """Goodness of fit by the draws of chains."""
     if chains is None:
         return None
@@ -156,7 +156,7 @@ def _chains_fit(target: AnswerPosterior, chains: Chains | None, seed: int) -> Fi
     )
 
 
-def weighted_fit(fitted: FittedProposal, seed: int) -> FitSummary | None:
+def weighted_fit(fitted: FittedProposal, seed: int) -> GoodnessOfFit | None:
     """Goodness of fit without chains: by the draws of a proposal, resampled by their weights.
 
     None where these cannot be trusted.
@@ -248,7 +248,7 @@ def summary_rows(
     errors, rows = errors_of(values), list[SummaryRow]()
     for name, draws in values.items():
         located = location(draws)
-        narrowed = contraction(target, name, located[2], located[-1])
+        narrowed = posterior_contraction(target, name, located[2], located[-1])
         rows.append((target.subject.name, name, *located, *by_name[name], narrowed, *errors[name]))
     return tuple(rows)
 

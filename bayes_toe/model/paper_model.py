@@ -205,7 +205,7 @@ class PaperPosterior:
     interval: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "prior", self.prior.at(self.subject))
+        object.__setattr__(self, "prior", self.prior.for_subjects(self.subject))
 
     @property
     def model(self) -> PaperModel:
@@ -718,7 +718,7 @@ def prior_quantile(prior: Prior, parameter: str, probability: float, power: floa
     >>> [round(prior_quantile(Prior(), name, 0.95), 4) for name in names]
     [16.4485, 1.96, 0.95, 0.9545]
     """
-    if parameter in prior.of_h1():
+    if parameter in prior.paper_parameters():
         return float(prior.distribution(parameter).quantile(probability))
     of_gamma = prior.distribution("gamma")
     if parameter == "gain":

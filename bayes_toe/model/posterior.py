@@ -163,7 +163,9 @@ def judged_quantities(target: AnswerPosterior, x: FloatArray) -> dict[str, Float
     return {name: values for name, values in target.quantities(x).items() if name not in repeated}
 
 
-def contraction(target: AnswerPosterior, parameter: str, low: float, high: float) -> float:
+def posterior_contraction(
+    target: AnswerPosterior, parameter: str, low: float, high: float
+) -> float:
     """How much the answers narrow a parameter.
 
     Its posterior quantiles at 5 and 95 % are `low` and `high`.
@@ -177,7 +179,7 @@ def contraction(target: AnswerPosterior, parameter: str, low: float, high: float
     --------
     >>> from bayes_toe.model.paper_model import paper_posterior
     >>> subject = Subject("S01", [0.0], [0.3], [20], [50])
-    >>> round(contraction(paper_posterior(subject), "q0", 0.5, 0.59), 2)
+    >>> round(posterior_contraction(paper_posterior(subject), "q0", 0.5, 0.59), 2)
     0.97
     """
     prior_low, prior_high = (target.prior_quantile(parameter, share) for share in RANGE)

@@ -49,8 +49,7 @@ class Prior(PriorFields):
     ----------
     mu1_mean, mu1_sd : float or "stimuli"
         Mean and standard deviation of mu1, natural-log intensity; "stimuli" stands for a property
-        of what the subject felt, here and below, and becomes a number where the prior meets the
-        subject (:meth:`at`).
+        of the stimuli of the subject, here and below; :meth:`for_subjects` replaces it by a number.
     sigma_p_scale : float or "stimuli"
         Scale of the half-normal of sigma_p, natural-log intensity, where the width has no prior of
         its own.
@@ -88,7 +87,7 @@ class Prior(PriorFields):
         "lapse_rate": Beta,
     }
 
-    def of_h1(self, task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
+    def paper_parameters(self, task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
         """The parameters of the predictive update (H1) that have a distribution.
 
         The width's, or in its place sigma_p's, among them.
@@ -100,7 +99,7 @@ class Prior(PriorFields):
         """The parameter whose prior determines the width of the curve: "width" or "sigma_p"."""
         return "sigma_p" if self.width_median is None else "width"
 
-    def at(self, *subjects: Subject) -> Self:
+    def for_subjects(self, *subjects: Subject) -> Self:
         """This prior with numbers in the place of "stimuli", for a subject or for several together.
 
         Raises
@@ -111,7 +110,7 @@ class Prior(PriorFields):
         Examples
         --------
         >>> subject = Subject("S", [0.0, 0.0], [0.0, 0.5], [9, 4], [10, 10])
-        >>> Prior(mu1_mean="stimuli").at(subject).mu1_mean
+        >>> Prior(mu1_mean="stimuli").for_subjects(subject).mu1_mean
         0.125
         """
         open_numbers = {}
@@ -123,7 +122,7 @@ class Prior(PriorFields):
         scales = common_scales(*subjects)
         if scales is None:
             # A number that H1 does not use may stay open.
-            if any(number.parameter in self.of_h1() for number in open_numbers.values()):
+            if any(number.parameter in self.paper_parameters() for number in open_numbers.values()):
                 raise InputError(
                     f"subject {subjects[0].name!r}: the prior takes its scale from pairs of "
                     "different stimuli, found none; allowed: the "
@@ -136,7 +135,7 @@ class Prior(PriorFields):
             values[name] = numbers[number.stimuli]
         return replace(self, **values)
 
-    def of_stimuli(self, parameter: str) -> bool:
+    def depends_on_stimuli(self, parameter: str) -> bool:
         """Whether a parameter's distribution has a number of the stimuli, and so their unit."""
         return STIMULI in self._numbers(parameter).values()
 
@@ -208,10 +207,10 @@ class Prior(PriorFields):
 
     def describe(self, task: Task = SAME_DIFFERENT) -> str:
         """H1's in one line for tables, files and Methods sections."""
-        return (
-            ", ".join(f"{name} ~ {self.describe_distribution(name)}" for name in self.of_h1(task))
-            + self.remark
-        )
+        parts = []
+        for name in self.paper_parameters(task):
+            parts.append(f"{name} ~ {self.describe_distribution(name)}")
+        return ", ".join(parts) + self.remark
 
     def describe_orders(self, task: Task = SAME_DIFFERENT) -> str:
         """The priors of the observer and of H1 in words, in one line."""
@@ -224,7 +223,7 @@ class Prior(PriorFields):
         What its symbols mean, and their unit of time.
         """
         remark = ""
-        if any(map(self.of_stimuli, self.of_h1())):
+        if any(map(self.depends_on_stimuli, self.paper_parameters())):
             remark = "; M mean and R sd of the stimuli, D rms step"
         if self.reference_interval is not None:
             remark += f"; over {self.reference_interval:g} s"
@@ -233,7 +232,9 @@ class Prior(PriorFields):
     def describe_penalty(self) -> str:
         """:attr:`penalty` in words."""
         words = f"mu1 ~ {self.describe_distribution('mu1')}"
-        return f"{words}; M mean and R sd of the stimuli" if self.of_stimuli("mu1") else words
+        if self.depends_on_stimuli("mu1"):
+            words += "; M mean and R sd of the stimuli"
+        return words
 
     def log_density_variances(self, theta: Natural) -> FloatArray:
         """Log density in the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0).
@@ -251,7 +252,7 @@ class Prior(PriorFields):
         values = (theta.mu1, theta.sigma_p * stretch, gamma, theta.q0)
         densities = [
             self.distribution(name).log_density(value)
-            for name, value in zip(self.of_h1(), values, strict=True)
+            for name, value in zip(self.paper_parameters(), values, strict=True)
         ]
         volume = np.log(stretch) - np.log(2.0) - 3.0 * np.log(theta.sigma_p)
         return np.where(is_inside, sum(densities) + volume, -np.inf)
@@ -259,7 +260,7 @@ class Prior(PriorFields):
     def sample(self, rng: Random, size: int) -> Natural:
         """Independent draws, each array of shape (size,)."""
         mu1, spread, gamma, q0 = (
-            self.distribution(name).sample(rng, size) for name in self.of_h1()
+            self.distribution(name).sample(rng, size) for name in self.paper_parameters()
         )
         sigma_p = spread if self.spread == "sigma_p" else spread / variance_ratio(gamma) ** 1.5
         return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
@@ -272,5 +273,5 @@ def stored_prior(values: Mapping[str, Any]) -> Prior:
     return Prior(observer=observer, **numbers)
 
 
-#: What is used where nothing is said: every scale is that of the stimuli that a subject felt.
+#: The default: every scale is that of the stimuli of the subject.
 DEFAULT = Prior(mu1_mean=STIMULI, mu1_sd=STIMULI, width_median=STIMULI, q0_a=4.0)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from typing import Any, Final, Literal
 
-from bayes_toe.data.messages import bare, quoted
+from bayes_toe.data.messages import display_name, quoted
 from bayes_toe.errors import InputError
 
 #: Beyond these a square would leave the range of floats.
@@ -212,4 +212,4 @@ def shown(value: object) -> str:
         return quoted(value)
     if isinstance(value, int) and math.isnan(real(value)):
         return "an integer too large for a number"
-    return bare(str(value))
+    return display_name(str(value))

@@ -151,9 +151,9 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     """The prior with the reference interval of a study; without intervals, itself.
 
     Scales that come from the stimuli become numbers subject by subject
-    (:meth:`bayes_toe.model.prior.Prior.at`): subjects of one file may have felt different ones. The
-    reference interval is one for all: that of the prior, or the geometric mean of the study's
-    intervals over all trials. So a column with one interval only changes no evidence.
+    (:meth:`bayes_toe.model.prior.Prior.for_subjects`), because subjects may have different stimuli.
+    All subjects have one reference interval: that of the prior, or the geometric mean of the
+    study's intervals over all trials. So a column with one interval only changes no evidence.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     require_study(study)
     study_prior = prior if isinstance(prior, Prior) else preset_or_file(prior)
     for subject in study:
-        study_prior.at(subject)
+        study_prior.for_subjects(subject)
     reference = None
     if study.intervals:
         reference = reference_interval(study_prior.reference_interval, *study)

@@ -168,8 +168,8 @@ class TrialHistoryPosterior:
         expectation = rho * (1.0 - p) * (second + p * first)
         decay = rho * np.square(p)
         carried = np.zeros(len(x))
-        for t, begins in enumerate(self.trials.begins):
-            drawn_to = np.zeros(len(x)) if begins else carried
+        for t, is_start in enumerate(self.trials.is_session_start):
+            drawn_to = np.zeros(len(x)) if is_start else carried
             carried = expectation[t] + decay * drawn_to
             expectation[t] = drawn_to
         return np.asarray(expectation)
@@ -276,15 +276,15 @@ class TrialSequence:
         The trial's pair among those of the subject; -1 where that pair was never answered.
     answer : ndarray
         1 for the answer that the task counts, -1 for the other one, 0 for none.
-    begins : ndarray of bool
-        Where a session or block begins: the trial before has no effect there.
+    is_session_start : ndarray of bool
+        Whether a session or block begins: the trial before has no effect there.
     """
 
     first: FloatArray
     second: FloatArray
     pair: IndexArray
     answer: FloatArray
-    begins: BoolArray
+    is_session_start: BoolArray
 
     @classmethod
     def from_subject(cls, subject: Subject) -> TrialSequence:
@@ -304,7 +304,7 @@ class TrialSequence:
             answers.keys[:, 1],
             pair_of_number[number[subject.n_pairs :]],
             answer,
-            answers.begins,
+            answers.is_session_start,
         )
 
     @property
@@ -314,7 +314,7 @@ class TrialSequence:
 
     def earlier(self, lag: int) -> IndexArray:
         """Index of the trial `lag` trials before, of the same session; -1 where there is none."""
-        session = np.cumsum(self.begins)
+        session = np.cumsum(self.is_session_start)
         index = np.full(len(session), -1, np.intp)
         is_known = session[lag:] == session[:-lag]
         index[lag:][is_known] = np.flatnonzero(is_known)
@@ -362,12 +362,12 @@ def looks_sorted(answers: Answers) -> bool:
     False
     """
     pair = np.unique(answers.keys, axis=0, return_inverse=True)[1].ravel()
-    step = np.diff(pair)[~answers.begins[1:]]
+    step = np.diff(pair)[~answers.is_session_start[1:]]
     n_changes = np.count_nonzero(step)
     n_rarer = min(np.count_nonzero(step > 0), np.count_nonzero(step < 0))
     if bdtr(n_rarer, n_changes, 0.5) < SORTED:
         return True
-    in_sessions = np.unique(np.column_stack([np.cumsum(answers.begins), pair]), axis=0)
-    is_run_of_each = n_changes == len(in_sessions) - np.count_nonzero(answers.begins)
+    in_sessions = np.unique(np.column_stack([np.cumsum(answers.is_session_start), pair]), axis=0)
+    is_run_of_each = n_changes == len(in_sessions) - np.count_nonzero(answers.is_session_start)
     is_long = len(step) > 2 * n_changes > 2
     return bool(n_rarer == 0 and is_run_of_each and is_long)

@@ -1,7 +1,4 @@
-"""Figures for a paper.
-
-Responses with curves by order, the posterior predictive check, the JND by order.
-"""
+"""Figures for a paper: responses and curves by order, the predictive check, the JND by order."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray
 from bayes_toe.classical.frequencies import presentation_order
-from bayes_toe.data.messages import counted
+from bayes_toe.data.messages import plural
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
@@ -163,7 +160,7 @@ def jnd_by_order(analysis: Analysis) -> Figure:
     ax.set_ylabel(f"JND, standard second ({unit})")
     n_left_out = len(analysis.answers) - len(medians)
     if n_left_out:
-        write_note(ax, f"{counted(n_left_out, 'subject')} without an estimate of contraction")
+        write_note(ax, f"{plural(n_left_out, 'subject')} without an estimate of contraction")
     mark_synthetic(figure, analysis.study.synthetic)
     dress(ax)
     legend_below(figure, size=SMALL)

@@ -25,7 +25,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from bayes_toe.arrays import FloatArray, NamedArrays
-from bayes_toe.data.messages import listed
+from bayes_toe.data.messages import join_names
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
@@ -120,7 +120,7 @@ def corner(
         columns = [axis_values(key, draws.values(name, key).ravel(), unit) for key in names]
         truth = all_true_values(truth_of.get(name, {}), target)
         subjects.append(_SubjectDraws(target, names, np.stack(columns), truth, colour, line))
-    limits = np.array([spans_of(panel.columns, panel.names, panel.target) for panel in subjects])
+    limits = np.array([axis_limits(panel.columns, panel.names, panel.target) for panel in subjects])
     lowest, highest = limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)
     spans = list(zip(lowest.tolist(), highest.tolist(), strict=True))
     figure = _new_figure(len(spans)) if fig is None else fig
@@ -145,7 +145,7 @@ def _subject_names(subject: str | Sequence[str]) -> list[str]:
     names = list(subject)
     if not 2 <= len(set(names)) == len(names) <= len(OVERLAID):
         raise InputError(
-            f"subjects in one corner plot: found {listed([*map(repr, names)])}; "
+            f"subjects in one corner plot: found {join_names([*map(repr, names)])}; "
             f"allowed: 2 to {len(OVERLAID)}, each once"
         )
     return names
@@ -222,7 +222,7 @@ def axis_label(name: str, unit: StimulusUnit) -> str:
     return f"{label}, {unit.of_differences}" if name in DIFFERENCES else label
 
 
-def spans_of(
+def axis_limits(
     columns: Iterable[FloatArray], names: Sequence[str], target: AnswerPosterior
 ) -> list[Span]:
     """Axis limits of quantities, within their support.

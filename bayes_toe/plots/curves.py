@@ -103,7 +103,7 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
         For an unknown subject.
     """
     if isinstance(source, Draws):
-        fitted = Predictor.of(source, subject, most=CURVE_DRAWS)
+        fitted = Predictor.from_draws(source, subject, most=CURVE_DRAWS)
         model, draws = model_title(source.model), source
     else:
         fitted, model, draws = source.curve(subject), "average of the four models", source.draws

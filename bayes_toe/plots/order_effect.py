@@ -15,7 +15,7 @@ from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.answers.order_effect import OrderEffect, Size
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.messages import counted
+from bayes_toe.data.messages import plural
 from bayes_toe.errors import InputError
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.plots.style import (
@@ -159,7 +159,7 @@ def forests(
         limits = _limits(sizes)
         n_cut = int(np.sum((sizes[:, 0] < limits[0]) | (sizes[:, 2] > limits[1])))
         if n_cut:
-            write_note(ax, f"{counted(n_cut, 'interval')} beyond the panel")
+            write_note(ax, f"{plural(n_cut, 'interval')} beyond the panel")
         title = question.title
         if is_crowded:
             counts = Counter(answer.words[question.name] for answer in answers)

@@ -26,7 +26,7 @@ from bayes_toe.classical.asymmetry import (
     subject_asymmetry,
 )
 from bayes_toe.classical.frequencies import presentation_order
-from bayes_toe.data.messages import capitalized, counted
+from bayes_toe.data.messages import capitalized, plural
 from bayes_toe.data.study import refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.errors import InputError
@@ -207,7 +207,7 @@ def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
         block, column = divmod(i, n_columns)
         panels = [figure.add_subplot(grid[3 * block + k, column]) for k in range(3)]
         top, middle, bottom = panels
-        fitted = Predictor.of(draws, subject, most=CURVE_DRAWS)
+        fitted = Predictor.from_draws(draws, subject, most=CURVE_DRAWS)
         response_axes(fitted, top)
         top.set_title(_example_title(draws, subject), fontsize=LETTERS)
         prior_axes(draws, subject, middle)
@@ -337,9 +337,9 @@ def map_figure(draws: Draws, *, clouds: Clouds | None = None) -> Figure:
     centres = {name: median for name, median in medians.items() if low <= median[0] <= high}
     n_unnamed = write_names(ax, centres)
     if n_unnamed:
-        notes.append(f"no room for {counted(n_unnamed, 'name')}")
+        notes.append(f"no room for {plural(n_unnamed, 'name')}")
     if len(centres) < len(medians):
-        notes.append(f"{counted(len(medians) - len(centres), 'subject')} beyond the panel")
+        notes.append(f"{plural(len(medians) - len(centres), 'subject')} beyond the panel")
     ax.set_title("; ".join(notes), fontsize=SMALL, loc="left")
     return figure
 
@@ -434,7 +434,7 @@ def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     and 0.75. The axis s2 = mu_2(s1) has its central 60 %. Dashed: the diagonal, which would be the
     axis without an order effect. Open marks: pairs presented, in the colour of their order.
     """
-    counts, fitted = draws.subject(subject), Predictor.of(draws, subject, most=CURVE_DRAWS)
+    counts, fitted = draws.subject(subject), Predictor.from_draws(draws, subject, most=CURVE_DRAWS)
     stimuli = counts.stimuli
     pad = max(0.18 * float(np.ptp(stimuli)), 0.1)
     low, high = float(stimuli.min()) - pad, float(stimuli.max()) + pad

@@ -31,8 +31,8 @@ from bayes_toe.inference.draws_file import assembled_tree
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
     EVIDENCE_DRAWS,
+    AnalysisRequest,
     Settings,
-    Wanted,
     fitted_result,
     subject_draws,
 )
@@ -208,9 +208,8 @@ def calibration_settings(seed: int, prior: Prior | None = None) -> Settings:
         np.zeros(len(design.s1), np.int64),
         np.ones(len(design.s1), np.int64),
     )
-    numbers = (DEFAULT_PRIOR if prior is None else prior).at(
-        shown
-    )  # which observers are drawn from as well
+    # Observers are drawn from the same numbers.
+    numbers = (DEFAULT_PRIOR if prior is None else prior).for_subjects(shown)
     return Settings(root_seed(seed), numbers, SamplerSettings(draws=DRAWS), PAPER_MODEL)
 
 
@@ -230,7 +229,7 @@ def work(job: Job) -> tuple[Row, Row]:
     Its rows of ranks and of data sets, or empty ones.
     """
     (subject, theta), settings = observed(job), job.settings
-    wanted = Wanted(
+    wanted = AnalysisRequest(
         settings.sampler if job.with_draws else None, EVIDENCE_DRAWS if job.with_evidence else 0
     )
     result, fitted = fitted_result(paper_posterior(subject, settings.prior), settings.seed, wanted)

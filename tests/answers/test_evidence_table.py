@@ -27,7 +27,7 @@ from bayes_toe.inference.evidence import (
 )
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.order_evidence import order_evidence
-from bayes_toe.inference.subject import Wanted, fitted_result
+from bayes_toe.inference.subject import AnalysisRequest, fitted_result
 from bayes_toe.model.paper_model import paper_posterior
 
 CASES = hard_cases()
@@ -47,7 +47,7 @@ def test_h0_laplace_is_appendix_c_term_by_term():
 def test_laplace_that_does_not_exist_is_empty_and_says_why():
     subject, prior = CASES["perfect observer"], bt.Prior()
     posterior = paper_posterior(subject, prior)
-    result, fitted = fitted_result(posterior, 1, Wanted(evidence_draws=20_000))
+    result, fitted = fitted_result(posterior, 1, AnalysisRequest(evidence_draws=20_000))
     replicates = bootstrap_subject(subject, seed=1, replicates=50, prior=prior)
     row = subject_evidence(result, fitted, bootstrap_evidence(replicates, prior))
     assert (row.log_evidence_h1_laplace, row.log_bayes_factor_laplace) == (None, None)
@@ -58,7 +58,8 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
 
 def test_laplace_in_either_coordinates_stands_in_its_own_column():
     posterior = paper_posterior(bt.example_study("same/different")["S01"], bt.Prior())
-    row = subject_evidence(*fitted_result(posterior, 1, Wanted(evidence_draws=20_000)), None)
+    request = AnalysisRequest(evidence_draws=20_000)
+    row = subject_evidence(*fitted_result(posterior, 1, request), None)
     maxima = find_maxima(posterior)
     natural, _ = laplace_evidence_natural(posterior, maxima)
     assert row.log_evidence_h1_laplace == pytest.approx(laplace_evidence(maxima)[0], abs=1e-6)
@@ -94,7 +95,7 @@ def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analys
 
 def paper_evidence(subject, draws, seed, **prior):
     posterior = paper_posterior(subject, **prior)
-    result, _ = fitted_result(posterior, seed, Wanted(evidence_draws=draws))
+    result, _ = fitted_result(posterior, seed, AnalysisRequest(evidence_draws=draws))
     return result.evidence.value
 
 

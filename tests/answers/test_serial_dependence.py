@@ -121,7 +121,7 @@ def test_the_command_writes_the_table_and_the_figure(tmp_path):
     answers = answered(40, repeats=12, share_repeated=0.5).answers
     frame = pd.DataFrame(answers.keys, columns=["s1", "s2"]).assign(subject="A")
     frame["response"] = np.where(answers.n_yes, "second", "first")
-    frame["session"], frame["trial"] = np.cumsum(answers.begins), np.arange(len(frame))
+    frame["session"], frame["trial"] = np.cumsum(answers.is_session_start), np.arange(len(frame))
     frame.to_csv(tmp_path / "trials.csv", index=False)
     screen = good("history trials.csv -o serial.csv --seed 1", cwd=tmp_path)
     assert "Previous response: 1 of 1 subject yes (1 repetition)." in screen
@@ -145,7 +145,7 @@ def test_points_of_the_figure_are_the_shares_of_the_responses(table):
     posterior = table.posterior(row, "static")
     trials = posterior.trials
     expected = posterior.trial_probabilities(row.draws[0]).mean(axis=0)
-    after_second = np.r_[False, trials.answer[:-1] > 0] & ~trials.begins
+    after_second = np.r_[False, trials.answer[:-1] > 0] & ~trials.is_session_start
     residual = ((trials.answer > 0) - expected)[after_second].mean()
     (points,) = marks_of(right, "o")
     assert points.get_ydata()[1] == pytest.approx(residual)

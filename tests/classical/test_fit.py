@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 import bayes_toe as bt
 from bayes_toe.classical.fit import Bootstrap, bootstrap_evidence, bootstrap_subject, resample
-from bayes_toe.classical.maximum_likelihood import Fits
+from bayes_toe.classical.maximum_likelihood import MaximumLikelihoodFits
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.errors import InputError
@@ -32,7 +32,8 @@ def make_bootstrap(replicates, fitted=(0.1, 0.3, 0.1, 0.9)):
         n = len(parameters)
         value, edges, arrived = np.full(n, -5.0), np.zeros((n, 7), bool), np.ones(n, bool)
         points = np.zeros((n, 4))
-        return Fits(parameters, value, value, edges, arrived, points, SUBJECTS["S01"])
+        subject = SUBJECTS["S01"]
+        return MaximumLikelihoodFits(parameters, value, value, edges, arrived, points, subject)
 
     return Bootstrap("x", fits(np.array([fitted])), fits(replicates))
 
@@ -140,15 +141,16 @@ def test_a_covariance_that_is_singular_gives_no_evidence():
 
 def test_posterior_and_bootstrap_side_by_side(analysis):
     table = bt.fit(analysis.study, replicates=200, level=0.8, seed=1, workers=1)
-    frame = table.beside(analysis.draws).set_index(["subject", "parameter"])
+    frame = table.compare_with(analysis.draws).set_index(["subject", "parameter"])
     assert len(frame) == 4 * len(analysis.study)
     row = frame.loc["A", "q0"].drop("at_edge").astype(float)
     quantiles = np.quantile(analysis.draws.values("A", "q0"), [0.5, 0.1, 0.9])
     fit = table["A"]
     expected = [*quantiles, fit.parameters[3], *fit.bootstrap.intervals(0.8)[3]]
     assert row.tolist() == pytest.approx(expected)
+    fits = bt.fit(analysis.study.select(["A"]), replicates=5, seed=1, workers=1)
     with pytest.raises(InputError, match="same subjects"):
-        bt.fit(analysis.study.select(["A"]), replicates=5, seed=1, workers=1).beside(analysis.draws)
+        fits.compare_with(analysis.draws)
 
 
 def test_what_has_no_value_is_missing_and_said_and_wrong_options_raise(small_study):

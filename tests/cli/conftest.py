@@ -6,7 +6,7 @@ import pytest
 
 from bayes_toe.answers.order_effect import MISFIT_FLAG, QUESTIONS, Problem
 from bayes_toe.answers.words import Word
-from bayes_toe.inference.predictive_checks import PairFit
+from bayes_toe.inference.predictive_checks import PairResidual
 
 SWAPPED = "responses look swapped"
 
@@ -20,7 +20,7 @@ def marked(analysis):
         predictive_p=0.001,
         flags=(MISFIT_FLAG,),
         problems=(Problem("The model does not fit."),),
-        worst_pairs=(PairFit(0.0, 0.3, 0.9, 0.4),),
+        worst_pairs=(PairResidual(0.0, 0.3, 0.9, 0.4),),
     )
     swapped = replace(
         third.answer,

@@ -18,9 +18,9 @@ from rich.text import Text
 import bayes_toe as bt
 from bayes_toe.cli.app import COMMANDS, app
 from bayes_toe.cli.options import LAYOUT, StudyFile
-from bayes_toe.cli.task import Task, as_command
+from bayes_toe.cli.run_context import RunContext, as_command
 
-SHARED = [field.name for field in fields(Task) if field.name != "inputs"]
+SHARED = [field.name for field in fields(RunContext) if field.name != "inputs"]
 FUNCTIONS = {function.__name__: function for function in chain.from_iterable(COMMANDS.values())}
 of_every_command = pytest.mark.parametrize("name", FUNCTIONS)
 
@@ -59,11 +59,11 @@ def test_run_asks_in_a_terminal_which_file(monkeypatch, typed, study_file):
     for stream in ("sys.stdin", "sys.stdout"):
         monkeypatch.setattr(stream, SimpleNamespace(isatty=lambda: True))
     monkeypatch.setattr("typer.prompt", lambda *_, **__: typed)
-    study, task = Task(inputs=(Path("prior.toml"),)).ask(StudyFile())
+    study, context = RunContext(inputs=(Path("prior.toml"),)).ask(StudyFile())
     assert study == study_file
-    assert task.inputs == (Path("prior.toml"), *(study_file.files or ()))
+    assert context.inputs == (Path("prior.toml"), *(study_file.files or ()))
     monkeypatch.setattr("typer.prompt", pytest.fail)
-    assert Task().ask(study_file)[0] is study_file
+    assert RunContext().ask(study_file)[0] is study_file
 
 
 def test_a_bug_shows_itself(monkeypatch):

@@ -24,7 +24,7 @@ from bayes_toe.cli.answers import print_answer, print_subjects
 from bayes_toe.cli.check_screen import describe_pairs
 from bayes_toe.cli.terminal import WIDTH, Terminal, cell_width
 from bayes_toe.cli.within_screens import print_contrast
-from bayes_toe.inference.predictive_checks import PairFit
+from bayes_toe.inference.predictive_checks import PairResidual
 
 WORDS = {
     "y": Word.YES,
@@ -48,7 +48,7 @@ def conclusion(name, letters, shift=FLAT, p=FLAT, flag="", problem=""):
     if problem:
         fields["problems"] = (problem,)
     if flag == MISFIT_FLAG:
-        fields |= {"predictive_p": 0.001, "worst_pairs": (PairFit(0.0, 0.3, 0.9, 0.4),)}
+        fields |= {"predictive_p": 0.001, "worst_pairs": (PairResidual(0.0, 0.3, 0.9, 0.4),)}
     if letters[2] == "c":
         fields["reasons"] = {"contraction": ONE_FIRST_STIMULUS}
     return order_answer(name, [WORDS[letter] for letter in letters], **fields)

@@ -251,7 +251,7 @@ def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
     assert in_order.n_yes.tolist() == [1, 1, 0, 0]
     assert in_order.n_trials.tolist() == [1, 1, 1, 0]
     assert in_order.block.tolist() == [0, 0, 1, 1]
-    assert in_order.begins.tolist() == [True, False, True, False]
+    assert in_order.is_session_start.tolist() == [True, False, True, False]
     assert in_order.trials
     assert study.reading.ignored == ()
     numbered = answers(ORDERED + words("a,0,1,1,10,2\na,0,0,0,9,1\na,0,0,1,10,1\n"))
@@ -267,14 +267,14 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
     study = read(header + rows)
     in_order = study["a"].answers
     assert in_order.n_yes.tolist() == [1, 0, 1, 1]
-    assert in_order.begins.tolist() == [True, False, False, True]
+    assert in_order.is_session_start.tolist() == [True, False, False, True]
     np.testing.assert_array_equal(in_order.iti, [np.nan, 2.5, np.nan, np.nan])
     assert study.notes[1:] == (
         "trial numbers are missing (a 1); keep trials without a response in the file, with an "
         "empty response",
         "no time since the trial before for 1 trial in column iti",
     )
-    assert study.exclude("a", "2")["a"].answers.begins.tolist() == [True, True]
+    assert study.exclude("a", "2")["a"].answers.is_session_start.tolist() == [True, True]
     # Other counts are not those of the answers.
     assert replace(study["a"], n_yes=[0, 0, 0]).answers is None
 

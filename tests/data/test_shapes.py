@@ -22,7 +22,7 @@ from commands import good, inside, refused
 from scipy.io import savemat
 
 import bayes_toe as bt
-from bayes_toe.data.messages import bare
+from bayes_toe.data.messages import display_name
 from bayes_toe.errors import Remedy
 
 GRAMS = (740, 905, 1105, 1350)
@@ -625,7 +625,7 @@ def test_a_folder_stands_for_its_tables(tmp_path):
     write_folder(tmp_path, "1.csv", "2.CSV", "~$1.csv", ".3.csv", "1.log")
     study = bt.read_study(tmp_path / "data")
     assert study.source == "2 files, 1.csv to 2.CSV"
-    assert study.notes[0] == f"folder {bare(str(tmp_path / 'data'))}: 2 .csv files read"
+    assert study.notes[0] == f"folder {display_name(str(tmp_path / 'data'))}: 2 .csv files read"
     good("check data --save study.toml", cwd=tmp_path)
     assert 'files = ["data/1.csv", "data/2.CSV"]' in (tmp_path / "study.toml").read_text("utf-8")
     line = "fit data -o data/1.csv --overwrite --replicates 2"

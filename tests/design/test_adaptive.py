@@ -134,7 +134,7 @@ def test_draws_made_anew_weigh_what_all_answers_say(session):
     assert particles.log_posterior == pytest.approx(expected, rel=1e-12, abs=1e-9)
     assert not np.isnan(particles.log_weight).any()
     assert (len(particles.x), particles.generation) == (2000, 1)
-    assert particles.left > 0.5
+    assert particles.remaining_share > 0.5
 
 
 REFUSED = [

@@ -20,7 +20,7 @@ from bayes_toe.explorer import page as page_module
 from bayes_toe.explorer.entry import Entry, badges, outlined, slices
 from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.inference.predictive_checks import FitSummary
+from bayes_toe.inference.predictive_checks import GoodnessOfFit
 
 
 def islands(html):
@@ -178,7 +178,7 @@ def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval(monk
     ],
 )
 def test_badges_say_what_is_wrong(missed, p_overall, p_deviance, freedom, message):
-    fit = FitSummary(9.0, freedom, p_overall, 0.0, 0.5, 0.0, 0.0, p_deviance=p_deviance)
+    fit = GoodnessOfFit(9.0, freedom, p_overall, 0.0, 0.5, 0.0, 0.0, p_deviance=p_deviance)
     assert list(badges(SimpleNamespace(fit=lambda name: fit, not_converged=missed), "A")) == message
 
 
@@ -247,7 +247,8 @@ def test_the_command_writes_the_page_and_refuses_to_replace_it(symmetric, tmp_pa
 
 
 def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimulus(stronger):
-    subject, fitted = stronger.study["pulled"], Predictor.of(stronger.draws, "pulled", most=50)
+    subject = stronger.study["pulled"]
+    fitted = Predictor.from_draws(stronger.draws, "pulled", most=50)
     observed = slices(subject)
     assert [element.orders for element in observed] == [(0,)] * 6
     middle = observed[1]

@@ -20,7 +20,7 @@ from bayes_toe.model.distributions import (
 from bayes_toe.model.paper_equations import quantities
 from bayes_toe.model.paper_model import log_noise_ratio
 from bayes_toe.model.parameters import LogitOfBeta, ObserverPrior
-from bayes_toe.model.posterior import contraction
+from bayes_toe.model.posterior import posterior_contraction
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.prior_file import example_file, read_prior, sections
 
@@ -61,10 +61,10 @@ def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
     # 4.5 standard errors of a share: 48 comparisons, a false alarm in about 3,000 such tests
     assert np.all(np.abs(shares - p) < 4.5 * np.sqrt(p * (1 - p) / n))
     middle, quarter = 0.5 * (low + high), 0.25 * (high - low)
-    half = contraction(target, parameter, middle - quarter, middle + quarter)
+    half = posterior_contraction(target, parameter, middle - quarter, middle + quarter)
     assert half == pytest.approx(0.75, rel=1e-9)
-    assert contraction(target, parameter, middle, middle) == 1.0
-    assert contraction(target, parameter, low - 0.1, high + 0.1) < 0.0
+    assert posterior_contraction(target, parameter, middle, middle) == 1.0
+    assert posterior_contraction(target, parameter, low - 0.1, high + 0.1) < 0.0
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ def test_the_key_of_asymmetries_is_on_the_page_beside_any_names(small_study, nam
 
 
 def test_stars_stand_where_the_orders_differ(analysis, table):
-    ax = response_axes(Predictor.of(analysis.draws, "A"), one_panel())
+    ax = response_axes(Predictor.from_draws(analysis.draws, "A"), one_panel())
     stars = sorted(text.get_position()[0] for text in ax.texts if text.get_text() == "*")
     comparisons = table["A"].comparisons
     assert stars == pytest.approx([row.s_strong for row in comparisons if row.p_adjusted < 0.05])
@@ -135,7 +135,7 @@ def test_the_prior_is_drawn_at_its_mean_with_the_stimuli(analysis):
 
 def test_both_orders_fall_on_one_curve(analysis):
     ax = one_panel()
-    distance_panel(ax, Predictor.of(analysis.draws, "A"))
+    distance_panel(ax, Predictor.from_draws(analysis.draws, "A"))
     [curve] = curves_of(ax, 200)
     z, drawn = np.array([point[:2] for point in points_of(ax)]).T
     subject = analysis.study["A"]

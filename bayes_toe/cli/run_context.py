@@ -1,4 +1,4 @@
-"""Commands from functions, and the options that commands share."""
+"""The context of a command: the options that all share; and commands made from functions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from bayes_toe.cli.options import (
     StudyFile,
 )
 from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal, describe_study
-from bayes_toe.data.messages import counted, visible
+from bayes_toe.data.messages import plural, visible
 from bayes_toe.data.whole_files import describe_stored, under_way
 from bayes_toe.errors import BayesToeError, ConvergenceWarning, InputError, OutputExistsError
 
@@ -38,15 +38,15 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 BAD_INPUT, INCOMPLETE = 2, 3
-#: The fields of :class:`Task` that are options of commands that share their work among processes
-#: and write, and of those that compute with a model besides. An annotation of a command names those
-#: that the command has, besides quiet.
+#: The fields of :class:`RunContext` that are options of commands with several processes, and of
+#: those that use a model too. The annotation of a command names the fields that the command has;
+#: all have `quiet`.
 WORKERS = ("processes", "dask", "overwrite")
 MODEL = ("seed", "prior", *WORKERS)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class RunContext:
     """The shared options, in the order in which help lists them, and the files that are read."""
 
     seed: Seed = None
@@ -91,7 +91,7 @@ class Task:
 
         self.out.findings(uninterpretable_findings(study))
 
-    def ask(self, study: StudyFile) -> tuple[StudyFile, Task]:
+    def ask(self, study: StudyFile) -> tuple[StudyFile, RunContext]:
         """The study that is asked for in a terminal, and the command that reads its files."""
         named_study = study.ask()
         files = named_study.files or []
@@ -141,7 +141,7 @@ class Task:
         n_stored = 0 if self.resume else count_stored(folder)
         if n_stored and not self.overwrite:
             raise OutputError(
-                f"{format_path(folder)} holds {counted(n_stored, 'result')} of a stopped command. "
+                f"{format_path(folder)} holds {plural(n_stored, 'result')} of a stopped command. "
                 "--resume continues it, --overwrite starts again."
             )
         if n_stored:
@@ -221,9 +221,10 @@ class Task:
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
     """The function as the command line calls it.
 
-    A parameter that is a record becomes one option for each of its fields (of :class:`Task` those
-    that its annotation names), and the function receives the record of them. Our errors become
-    lines on standard error and exit code 2; anything else is a bug and shows its traceback.
+    A parameter that is a record becomes one option for each of its fields, and the function
+    receives the record. A :class:`RunContext` has options only for the fields that the annotation
+    names. Our errors become lines on standard error and exit code 2. Any other exception is a bug
+    and shows its traceback.
     """
     signature = inspect.signature(function, eval_str=True)
     records: dict[str, tuple[Any, list[str]]] = {}
@@ -244,7 +245,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         try:
             for name, (kind, options) in records.items():
                 of_record = {option: values.pop(option) for option in options}
-                if kind is Task:
+                if kind is RunContext:
                     of_record["inputs"] = inputs
                 values[name] = kind(**of_record)
                 if kind is StudyFile:
@@ -273,11 +274,11 @@ def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
 
 
 def _options(kind: Any, names: Sequence[str]) -> list[inspect.Parameter]:
-    """A parameter for each field of a record, in its order; of a task those that are named."""
+    """A parameter for each field of a record; a RunContext has only those that are named."""
     hints = get_type_hints(kind, include_extras=True)
     options = []
     for field in fields(kind):
-        if kind is not Task or field.name in (*names, "quiet"):
+        if kind is not RunContext or field.name in (*names, "quiet"):
             parameter = inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY)
             annotation = hints[field.name]
             options.append(parameter.replace(default=field.default, annotation=annotation))
