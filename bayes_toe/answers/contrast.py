@@ -20,6 +20,7 @@ from scipy.special import logsumexp, softmax
 
 from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_share, format_signed
 from bayes_toe.answers.study_summary import count_words
+from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray, NamedArrays, Rng, StrPath
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import capitalized, display_name, join_names, plural
@@ -67,9 +68,15 @@ _PARAMETERS_OF: Mapping[str, frozenset[Parameter]] = {
 }
 #: Bayes factors from which a difference, or none, is probable, and from which it is stated.
 PROBABLY, SURELY = 3.0, 20.0
-WORDS = ("differs", "probably differs", "undecided", "probably no difference", "no difference")
+WORDS = (
+    "differs",
+    "probably differs",
+    str(Word.UNDECIDED),
+    "probably no difference",
+    "no difference",
+)
 #: The words of screens for them.
-_SHORT_WORDS = ("yes", "probably", "undecided", "probably not", "no")
+_SHORT_WORDS = tuple(map(str, Word))[: len(WORDS)]
 CONTRAST_COLUMNS = (
     *("subject", "quantity", "comparison", "mean", "sd", "q025", "q05", "q50", "q95", "q975"),
     *("p_direction", "log_bf_differs", "log_bf_differs_se", "word", "robust", "model", "prior"),

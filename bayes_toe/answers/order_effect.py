@@ -196,8 +196,8 @@ class OrderEffect:
         """The word for a question as tables have it, with the direction of a contraction."""
         word = self.words[question]
         if question == "contraction" and word.is_positive:
-            return f"{word.value} ({self.direction})"
-        return str(word.value)
+            return f"{word} ({self.direction})"
+        return str(word)
 
     def marked_word(self, question: str) -> str:
         """The word with its marks: `!` for a poor fit, `?` if it depends on the prior."""
@@ -265,11 +265,11 @@ class OrderEffect:
         heading = capitalized(question.replace("_", " "))
         if word is Word.CANNOT_BE_TOLD:
             reason = self.reasons.get(question)
-            return f"{heading}: {word.value}{f', because {reason}' if reason else ''}."
+            return f"{heading}: {word}{f', because {reason}' if reason else ''}."
         bracket = f"P {format_probability(self.probabilities[question])}"
         if word.is_positive and question == "contraction":
             bracket = f"{self.direction}, {bracket}"
-        details = [f"{word.value} ({bracket})"]
+        details = [f"{word} ({bracket})"]
         if word.is_positive and question == "constant_error":
             details.append(f"PSE shift {self.format_size('pse_shift_percent')}")
         if word.is_positive and question == "contraction":
@@ -380,7 +380,7 @@ def word_of_bayes_factor(log_bayes_factor: float) -> Word:
 
     Examples
     --------
-    >>> word_of_bayes_factor(2.9).value, word_of_bayes_factor(-0.9).value
+    >>> str(word_of_bayes_factor(2.9)), str(word_of_bayes_factor(-0.9))
     ('probably', 'undecided')
     """
     probability = 1.0 / (1.0 + np.exp(-log_bayes_factor))
@@ -602,7 +602,7 @@ def _describe_change(
     subject = f"A prior {'twice' if factor > 1.0 else 'half'} as wide changes"
     words, probabilities = [], []
     for probability, log_bayes_factor in (default, rescaled):
-        words.append(word_for(probability[question], log_bayes_factor[question]).value)
+        words.append(word_for(probability[question], log_bayes_factor[question]))
         probabilities.append(format_decimals(probability[question]))
     if words[0] != words[1]:
         return f"{subject} {{}} from '{words[0]}' to '{words[1]}'."

@@ -134,8 +134,8 @@ class SubjectDependence:
         word = word_for(self.probability(effect), self.log_bayes_factor(effect))
         if effect == "previous_response" and word in (Word.YES, Word.PROBABLY):
             direction = "repetition" if self.kappa[1] > 0.0 else "alternation"
-            return f"{word.value} ({direction})"
-        return str(word.value)
+            return f"{word} ({direction})"
+        return str(word)
 
     def history(self, name: str) -> TrialHistory:
         """The model behind one of :data:`HISTORIES`."""

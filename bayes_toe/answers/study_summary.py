@@ -83,7 +83,7 @@ def count_words(
     '2 of 3 subjects yes (1 contraction, 1 repulsion), 1 no'
     """
     counts = Counter(words)
-    in_order = dict.fromkeys([*(word.value for word in Word), *counts])
+    in_order = dict.fromkeys([*map(str, Word), *counts])
     parts = list[str]()
     for word in in_order:
         if not counts[word]:
@@ -99,10 +99,10 @@ def count_words(
 
 def _count_answers(answers: Sequence[OrderEffect], question: str, of_total: str) -> str:
     """How many subjects have each word, as in '4 of 7 subjects yes, 1 probably'."""
-    words = [str(answer.words[question].value) for answer in answers]
-    if set(words) == {Word.CANNOT_BE_TOLD.value}:
-        return f"{Word.CANNOT_BE_TOLD.value} in any subject"
-    directions = {str(word.value): describe_directions(answers, question, word) for word in Word}
+    words = [str(answer.words[question]) for answer in answers]
+    if set(words) == {Word.CANNOT_BE_TOLD}:
+        return f"{Word.CANNOT_BE_TOLD} in any subject"
+    directions = {str(word): describe_directions(answers, question, word) for word in Word}
     return count_words(words, of_total, directions)
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 
 
-class Word(Enum):
-    """The word for a probability and a Bayes factor; the value is the word in files."""
+class Word(StrEnum):
+    """The word for a probability and a Bayes factor, as in files; the surest one first."""
 
     YES = "yes"
     PROBABLY = "probably"
@@ -34,7 +34,7 @@ def word_for(probability: float, log_bayes_factor: float) -> Word:
 
     Examples
     --------
-    >>> word_for(0.97, 4.0).value, word_for(0.2, -0.5).value, word_for(0.2, -1.5).value
+    >>> str(word_for(0.97, 4.0)), str(word_for(0.2, -0.5)), str(word_for(0.2, -1.5))
     ('yes', 'undecided', 'probably not')
     """
     if probability >= YES_FROM:

@@ -43,11 +43,9 @@ from bayes_toe.data.study import (
     require_study,
 )
 from bayes_toe.data.tables import SubjectTable
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 
-#: What q is the share of, in words.
-SHARE_OF = {SAME_DIFFERENT: "'equal'", WHICH_STRONGER: "wrong"}
 #: Level at which an asymmetry is called significant.
 LEVEL = 0.05
 
@@ -161,7 +159,8 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
     @property
     def share_of(self) -> str:
         """The responses of which q is the share, in words."""
-        return SHARE_OF[self.task]
+        answer = self.task.compared_answer
+        return f"'{answer}'" if answer == self.task.yes else answer
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -191,8 +190,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
             for comparison in row.comparisons:
                 values = [getattr(comparison, key) for key in ASYMMETRY_COLUMNS[:-1]]
                 rows.append([*values, row.accuracy])
-        count = "n_equal" if self.task == SAME_DIFFERENT else "n_wrong"
-        columns = [key.replace("n_equal", count) for key in ASYMMETRY_COLUMNS]
+        columns = [key.replace("equal", self.task.compared_answer) for key in ASYMMETRY_COLUMNS]
         return pd.DataFrame(rows, columns=columns)
 
     def describe(self) -> str:

@@ -154,7 +154,7 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     cells = [name]
     unit = f" {answer.unit.of_differences}"
     for question, reason in zip(QUESTIONS, reasons, strict=True):
-        cells.append(letters.get(reason) or str(answer.words[question].value))
+        cells.append(letters.get(reason) or str(answer.words[question]))
     for question in SIZE_OF:
         cells.append(effect_size(answer, question).replace(unit, "") or "-")
     return cells

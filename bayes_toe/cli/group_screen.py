@@ -135,7 +135,7 @@ def _log_factor(row: PopulationRow) -> float:
 
 def _factor_and_word(log_factor: float) -> tuple[str, str]:
     """The Bayes factor of a value that is not 0, and its word."""
-    return format_bayes_factor(log_factor), str(word_of_bayes_factor(log_factor).value)
+    return format_bayes_factor(log_factor), str(word_of_bayes_factor(log_factor))
 
 
 def _spread(result: PopulationResult, name: str) -> str:

@@ -38,7 +38,7 @@ from bayes_toe.cli.answers import doubtful_subjects
 from bayes_toe.cli.group_screen import group_estimate, log_factor_of_mean
 from bayes_toe.data.messages import capitalized, join_names, plural, visible
 from bayes_toe.data.study import Study
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.population import PopulationResult
 
 _WIDTH = 95
@@ -46,11 +46,6 @@ _WIDTH = 95
 _CHANGE = re.compile("dropped|excluded|merged|swapped|only rows|only pairs")
 #: Letters that mean something in Markdown.
 _ESCAPED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~$"})
-#: What participants report.
-_QUESTION_OF_TASK = {
-    WHICH_STRONGER: "which of two successive stimuli was stronger",
-    SAME_DIFFERENT: "whether two successive stimuli were equal or different",
-}
 #: Parameters that are free in every model, by task.
 _NUISANCE = {
     True: "noise, noise slope over intensity, and lapse rate",
@@ -105,7 +100,7 @@ def _methods(analysis: Analysis, version: str) -> list[str]:
         f"{format_decimals(YES_FROM)}, 'probably' from {format_decimals(PROBABLY_FROM)}, 'no' up "
         f"to {format_decimals(NO_UP_TO)}, and 'probably not' up to "
         f"{format_decimals(PROBABLY_NOT_UP_TO)} with a Bayes factor (BF) of at most "
-        f"{format_decimals(exp(PROBABLY_NOT_LOG_BAYES_FACTOR))}; otherwise 'undecided'. "
+        f"{format_decimals(exp(PROBABLY_NOT_LOG_BAYES_FACTOR))}; otherwise '{Word.UNDECIDED}'. "
         "Estimates are posterior medians [95 % intervals].",
     ]
     if analysis.contrast is not None:
@@ -124,7 +119,7 @@ def _data(study: Study) -> list[str]:
         number = f"{min(trials):,} to {max(trials):,}"
         amount += f", {trials[0]:,} each" if len(set(trials)) == 1 else f", {number} each"
     participants = plural(len(trials), "participant")
-    sentences = [f"{participants} reported {_QUESTION_OF_TASK[study.task]} ({amount})."]
+    sentences = [f"{participants} reported {study.task.question} ({amount})."]
     if study.synthetic:
         sentences.append("These data are synthetic.")
     changes = [note for note in study.notes if _CHANGE.search(note)]
@@ -160,10 +155,10 @@ def _count_present(answers: Sequence[OrderEffect], of_total: str) -> list[str]:
     """The number of participants with each effect and direction, and with the other words."""
     sentences = []
     for question in QUESTIONS:
-        words = [str(answer.words[question].value) for answer in answers]
-        if set(words) == {Word.CANNOT_BE_TOLD.value}:
+        words = [str(answer.words[question]) for answer in answers]
+        if set(words) == {Word.CANNOT_BE_TOLD}:
             continue
-        other_words = [word for word in words if word != Word.YES.value]
+        other_words = [word for word in words if word != Word.YES]
         name = question.replace("_", " ")
         article = "An" if name.startswith("order") else "A"
         text = f"{article} {name} was present in {len(words) - len(other_words)}{of_total}"

@@ -113,12 +113,12 @@ GLOSSARY = {
 }
 #: The words, and the probabilities that they need.
 LIMITS = {
-    "yes": f"at least {format_decimals(YES_FROM)}",
-    "probably": f"at least {format_decimals(PROBABLY_FROM)}",
-    "undecided": "otherwise",
-    "probably not": f"at most {format_decimals(PROBABLY_NOT_UP_TO)}, with a log Bayes factor of at "
-    f"most {PROBABLY_NOT_LOG_BAYES_FACTOR:g}",
-    "no": f"at most {format_decimals(NO_UP_TO)}",
+    Word.YES: f"at least {format_decimals(YES_FROM)}",
+    Word.PROBABLY: f"at least {format_decimals(PROBABLY_FROM)}",
+    Word.UNDECIDED: "otherwise",
+    Word.PROBABLY_NOT: f"at most {format_decimals(PROBABLY_NOT_UP_TO)}, with a log Bayes factor of "
+    f"at most {PROBABLY_NOT_LOG_BAYES_FACTOR:g}",
+    Word.NO: f"at most {format_decimals(NO_UP_TO)}",
 }
 #: What the figure of a subject's responses shows, in either task.
 CURVES = {
@@ -496,7 +496,7 @@ def _word(answer: OrderEffect, question: str) -> tuple[float | None, str, str]:
         return None, "not interpreted", ""
     word = answer.words[question]
     if word is Word.CANNOT_BE_TOLD:
-        return None, word.value, ""
+        return None, word, ""
     probability = answer.probabilities[question]
     return probability, answer.marked_word(question), f"P {format_probability(probability)}"
 
@@ -510,10 +510,10 @@ def _short_answer(answer: OrderEffect) -> str:
 
 def _sizes(answer: OrderEffect) -> list[tuple[str, str]]:
     """The sizes that the task has, with their names."""
-    sizes = []
+    sizes = list[tuple[str, str]]()
     for name, (label, question) in _SIZES.items():
         if answer.words.get(question) is Word.CANNOT_BE_TOLD:
-            sizes.append((label, Word.CANNOT_BE_TOLD.value))
+            sizes.append((label, Word.CANNOT_BE_TOLD))
         elif name in answer.sizes:
             sizes.append((label, answer.format_size(name)))
     return sizes

@@ -13,7 +13,6 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.data.messages import join_names, plural, visible
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
@@ -26,11 +25,6 @@ WIDTH = 80
 MANY_SUBJECTS, MOST_NOTES = 20, 20
 #: Where the other notes are, if nothing better is known.
 OUTPUT = "the output"
-#: What a task is called on screens.
-TASK_NAMES = {
-    SAME_DIFFERENT: "same-different task",
-    WHICH_STRONGER: "which was stronger (2AFC)",
-}
 #: The words that were typed after `bayes-toe`.
 TYPED: list[str] = []
 _QUANTILES = [0.025, 0.5, 0.975]
@@ -338,7 +332,7 @@ def describe_amount(study: Study) -> str:
     pairs = f"{min(numbers):,} to {max(numbers):,} pairs"
     if len(set(numbers)) == 1:
         pairs = plural(numbers[0], "pair")
-    return f"{subjects}, {n_trials:,} trials, {TASK_NAMES[study.task]}, {pairs}"
+    return f"{subjects}, {n_trials:,} trials, {study.task.title}, {pairs}"
 
 
 # --- numbers, with no more digits than their Monte Carlo errors allow ----------------------------

@@ -20,18 +20,30 @@ class Task:
     Attributes
     ----------
     name : str
-        What files and messages call it.
+        Its name in files and messages.
+    title : str
+        Its name on screens.
+    question : str
+        What participants report.
     yes, no : str
         The answer that is counted, and the other one; ``n_yes`` of a subject counts the first.
     lapses : str
         The fourth parameter of the paper's observer in this task: how answers come that the curve
         does not explain.
+    compared_answer : str
+        The answer whose shares in both orders the asymmetry compares: `yes`, or "wrong".
+    slice_stimulus : str
+        The stimulus that all pairs of a slice of the explorer share.
     """
 
     name: str
+    title: str
+    question: str
     yes: str
     no: str
     lapses: str
+    compared_answer: str
+    slice_stimulus: str
 
     @property
     def count(self) -> str:
@@ -67,9 +79,27 @@ class Task:
 
 
 #: 'Were they the same or different?': the paper's task.
-SAME_DIFFERENT = Task("same/different", "equal", "different", "q0")
+SAME_DIFFERENT = Task(
+    name="same/different",
+    title="same-different task",
+    question="whether two successive stimuli were equal or different",
+    yes="equal",
+    no="different",
+    lapses="q0",
+    compared_answer="equal",
+    slice_stimulus="weaker",
+)
 #: 'Which was stronger (longer, louder, heavier)?', also called 2AFC and 2IFC.
-WHICH_STRONGER = Task("which is stronger", "second", "first", "lapse_rate")
+WHICH_STRONGER = Task(
+    name="which is stronger",
+    title="which was stronger (2AFC)",
+    question="which of two successive stimuli was stronger",
+    yes="second",
+    no="first",
+    lapses="lapse_rate",
+    compared_answer="wrong",
+    slice_stimulus="first",
+)
 TASKS = (SAME_DIFFERENT, WHICH_STRONGER)
 _CALLED = {
     SAME_DIFFERENT: {"samedifferent", "equaldifferent"},

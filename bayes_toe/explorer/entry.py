@@ -34,7 +34,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays, Rec
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from bayes_toe.data.tasks import WHICH_STRONGER, Task
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.order_evidence import Precision, order_evidence
 from bayes_toe.inference.prediction import Predictor
@@ -54,8 +54,6 @@ from bayes_toe.plots.corner import (
 from bayes_toe.plots.style import MARKED
 from bayes_toe.seeds import generator
 
-#: What is the same in all pairs of a slice.
-FIXED = {SAME_DIFFERENT: "weaker", WHICH_STRONGER: "first"}
 #: What the two tabs are called, and which quantities the first one opens with.
 EFFECTS_TAB, PAPER_TAB = "effects", "paper's parameters"
 EFFECTS = ("constant_error", "contraction", "jnd")
@@ -390,7 +388,7 @@ class Slice:
         """Its stimulus, where there are several slices, and its interval."""
         parts = []
         if has_stimulus:
-            parts.append(f"{FIXED[self.task]} stimulus {self.unit.describe(self.weaker)}")
+            parts.append(f"{self.task.slice_stimulus} stimulus {self.unit.describe(self.weaker)}")
         if self.isi is not None:
             parts.append(f"interval {self.isi:g} s")
         return ", ".join(parts).replace("-", "−")

@@ -19,7 +19,6 @@ from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.explorer.entry import (
     EFFECTS_TAB,
-    FIXED,
     PAPER_TAB,
     Entry,
     entries_of,
@@ -205,7 +204,7 @@ def page(
         "tabs": [tab for tab in (EFFECTS_TAB, PAPER_TAB) if tab in tabs],
         "quantities": quantities,
         "slots": SLOTS,
-        "fixed": FIXED[task],
+        "fixed": task.slice_stimulus,
         "footer": f"bayes_toe {__version__}. Intensities without a unit are natural logarithms.",
     }
     head, tail = _frame(task).split(_ISLANDS)
