@@ -153,7 +153,9 @@ def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
     cells = [table.columns[name].text(row) for row in range(n_rows) for name in names]
     columns[CELL] = Column.from_texts(CELL, cells, range(len(cells)))
     all_names = [*(name for name in table.names if name not in names), PAIR, CELL]
-    return replace(table, names=all_names, columns=columns, rows=np.repeat(table.rows, len(names)))
+    rows = np.repeat(table.rows, len(names))
+    origin = {CELL: columns[PAIR]}
+    return replace(table, names=all_names, columns=columns, rows=rows, origin=origin)
 
 
 def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:

@@ -14,8 +14,8 @@ import itertools
 import re
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeAlias
@@ -166,7 +166,8 @@ class TextTable:
     Columns have their names in the source.
 
     `form` is an encoding, a format or a library, `delimiter` empty where it is no CSV file; `head`
-    is the place of the names in messages.
+    is the place of the names in messages. `origin` has the file's column of every row, for columns
+    that were made from several.
     """
 
     form: str
@@ -177,6 +178,7 @@ class TextTable:
     rows: IntArray
     problems: Problems
     notes: tuple[str, ...] = ()
+    origin: Mapping[str, Column] = field(default_factory=dict)
 
     @property
     def source(self) -> str:
@@ -203,7 +205,8 @@ class TextTable:
     def only(self, kept: BoolArray) -> TextTable:
         """The table of these rows."""
         columns = {name: column.only(kept) for name, column in self.columns.items()}
-        return replace(self, rows=self.rows[kept], columns=columns)
+        origin = {name: column.only(kept) for name, column in self.origin.items()}
+        return replace(self, rows=self.rows[kept], columns=columns, origin=origin)
 
     def require(self, lines: Sequence[str]) -> None:
         """Refuse a head with problems, a table without rows, and cells without a value.
@@ -229,7 +232,10 @@ class TextTable:
         for index in wrong[:MAX_LINES].tolist():
             right = rule if isinstance(rule, str) else rule(index)
             row, finding = int(self.rows[index]), quoted(column.text(index))
-            location = f"row {row}, column {display_name(column.name)}"
+            name = column.name
+            if name in self.origin:
+                name = self.origin[name].text(index)
+            location = f"row {row}, column {display_name(name)}"
             lines.append((row, f"{location}: found {finding}, allowed: {right}"))
         self.problems.add(lines, len(wrong))
 

@@ -409,6 +409,11 @@ REFUSED = {
         ["column 1_2: found 2 columns of this name, allowed: one"],
         {"wide": "{first}_{second}"},
     ),
+    "wide_and_unknown.csv": (
+        b"subject,1_2,2_1\nP03,first,second\nP04,first,maybe\n",
+        ["row 3, column 2_1: found 'maybe', allowed: second"],
+        {"wide": "{first}_{second}", "columns": {"response": "cell"}},
+    ),
     "sheet.xls": (b"\xd0\xcf\x11\xe0", ["a spreadsheet, allowed: its copy as .xlsx or CSV"]),
     "table.ods": (b"PK", ["its copy as .xlsx or CSV"]),
     "table.csv.gz": (gzip.compress(csv(IN_LOGS)), ["an archive, allowed: the file in it"]),
