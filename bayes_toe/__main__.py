@@ -1,5 +1,5 @@
 """`python -m bayes_toe` is the command line."""
 
-from bayes_toe.cli.stopping import main
+from bayes_toe.cli.entry_point import main
 
 main()

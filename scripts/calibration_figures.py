@@ -27,9 +27,9 @@ from bayes_toe.plots.style import (
     SMALL,
     STRONGER_FIRST,
     WEAKER_FIRST,
-    dress,
     legend_below,
     new_figure,
+    style_axes,
 )
 
 #: Colour, line and marker of each design: two that colour-blind readers can tell apart.
@@ -143,7 +143,7 @@ def differences_figure(table: Calibration) -> Figure:
     ax.set_xticks([], minor=True)
     ax.set_xlabel("log Bayes factor minus the default estimator's (nats; linear between -1 and 1)")
     ax.set_yticks([-float(i) for i in range(len(others))], others)
-    dress(ax).tick_params(axis="y", labelsize=LETTERS)
+    style_axes(ax).tick_params(axis="y", labelsize=LETTERS)
     legend_below(figure, size=SMALL)
     return figure
 
@@ -158,7 +158,7 @@ def _two_rows(
     ):
         draw(kind, ax)
         ax.set(xlabel=across, ylabel=up)
-        dress(ax).label_outer()
+        style_axes(ax).label_outer()
     legend_below(figure, size=SMALL)
     return figure
 

@@ -9,8 +9,8 @@ from legible import marks_of, titles_of
 from scipy.special import betaln
 
 import bayes_toe as bt
-from bayes_toe.cli.look import read_truth
 from bayes_toe.cli.results_folder import write_results
+from bayes_toe.cli.view_commands import read_truth
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.design.simulate import (
     PaperObserver,

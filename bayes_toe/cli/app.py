@@ -1,8 +1,7 @@
-"""The command line: parse, call, print. Our errors become one line per problem and exit code 2.
+"""The application: commands in the order of the help, and the layout of the help.
 
-Exit codes: 0 done, 1 unexpected failure, 2 bad input or output,
-3 done but some subject failed or its draws did not converge,
-128 and its number after a signal.
+Exit codes: 0 done, 1 unexpected failure, 2 bad input or output, 3 done but some subject failed or
+its draws did not converge (see `run_context.py`), 128 + n after signal n (see `entry_point.py`).
 """
 
 from __future__ import annotations
@@ -14,11 +13,11 @@ from typer.core import TyperCommand, TyperGroup
 
 import bayes_toe as bt
 from bayes_toe.cli import (
-    describe,
     design_commands,
     group_commands,
-    infer,
-    look,
+    inference_commands,
+    study_commands,
+    view_commands,
 )
 from bayes_toe.cli.options import LAYOUT
 from bayes_toe.cli.run_context import as_command
@@ -27,14 +26,14 @@ from bayes_toe.cli.terminal import TYPED
 #: In the order in which help lists them.
 COMMANDS = {
     "One study": (
-        describe.check,
-        infer.run,
-        infer.sample,
-        infer.evidence,
-        look.corner,
-        look.explore,
-        describe.fit,
-        look.app,
+        study_commands.check,
+        inference_commands.run,
+        inference_commands.sample,
+        inference_commands.evidence,
+        view_commands.corner,
+        view_commands.explore,
+        study_commands.fit,
+        view_commands.app,
     ),
     "Groups, conditions, trial order": (
         group_commands.population,

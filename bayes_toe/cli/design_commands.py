@@ -1,4 +1,7 @@
-"""Commands that plan a study: design, power and simulate."""
+"""Commands that plan a study: design, power and simulate.
+
+`design` also writes a list of trials in random order.
+"""
 
 from __future__ import annotations
 
@@ -141,7 +144,7 @@ class GoalOptions:
     keep: Annotated[File, rare("--keep", "DESIGN.csv", "Pairs that must stay.")] = None
 
     def require(self, file: Path | None, has_list: bool) -> None:
-        """Refuse an intensity of nothing, and a design beside what another one is looked for."""
+        """Refuse --intensity without a file that uses it, and a design with options of a search."""
         if self.intensity is not None:
             if not 0.0 < self.intensity < float("inf"):
                 raise bt.InputError(

@@ -1,4 +1,8 @@
-"""The screens of `power` and `design`: how often a design detects the effects of observers."""
+"""The screens of `power` and `design`.
+
+`print_power` shows how often simulated observers get 'yes' or 'probably'. `print_design` shows the
+expected errors of the optimised design and its rivals, then its power.
+"""
 
 from __future__ import annotations
 

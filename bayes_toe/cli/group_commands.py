@@ -10,7 +10,7 @@ import bayes_toe as bt
 from bayes_toe.cli.options import DrawCount, File, StudyFile, Texts, option, rare, writes
 from bayes_toe.cli.run_context import MODEL, RunContext
 
-#: In words, because the module of the hyperprior loads SciPy.
+#: Written out, so that help does not import SciPy.
 _HYPERPRIOR = r"Prior of the group: \[constant_error], \[contraction], \[noise], \[q0]."
 
 
@@ -47,7 +47,7 @@ def population(
     table, figure = output.with_suffix(".csv"), output.with_suffix(".png")
     subjects = output.with_name(f"{output.stem}_subjects.csv")
     context.require_files(output, table, subjects, figure)
-    read, _ = context.opened(study)
+    read, _ = context.read_and_describe(study)
     result = bt.population(
         read,
         covariates=covariates,
@@ -88,8 +88,8 @@ def contrast(
 
     figure_file = picture_beside(output)
     context.require_files(output, figure_file)
-    keep = context.partial(output)
-    read, prior = context.opened(study)
+    keep = context.partial_folder(output)
+    read, prior = context.read_and_describe(study)
     n_subjects = len({subject.subject_name for subject in read})
     table = context.work(
         "comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep
@@ -121,13 +121,13 @@ def history(
 
     [bold]Example[/bold]: bayes-toe history trials.csv -o history.csv --seed 1
     """
-    from bayes_toe.cli.within_screens import history_lines, print_histories
+    from bayes_toe.cli.within_screens import history_lines, print_history
     from bayes_toe.model.trial_history import require_order
     from bayes_toe.plots.figure_files import picture_beside
 
     figure_file = picture_beside(output)
     context.require_files(output, figure_file)
-    read, prior = context.opened(study)
+    read, prior = context.read_and_describe(study)
     for subject in read:
         require_order(subject)
     table = context.work("serial dependence", len(read), bt.serial_dependence, read, prior=prior)
@@ -138,6 +138,6 @@ def history(
             figure_file: partial(bt.plots.save_figure, figure),
         }
     )
-    print_histories(context.out, table, output.name)
+    print_history(context.out, table, output.name)
     context.print_uninterpretable(read)
     context.out.answer([*history_lines(table), f"{written} Seed {table.seed}."])

@@ -1,4 +1,8 @@
-"""The screen of a group: its table, fit, a new subject, and the sentences of its answer."""
+"""A group on the screen, and its texts and tables for report.html and methods.md.
+
+`print_group` prints the result of `population`. `group_answer` has the conclusions in sentences,
+`group_tables` the tables of the report, and `group_estimate` one estimate with its interval.
+"""
 
 from __future__ import annotations
 

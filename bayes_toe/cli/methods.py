@@ -1,4 +1,7 @@
-"""methods.md: the paragraph that a journal prints, a table, and the citations."""
+"""methods.md: the paragraph that a journal prints, a table, and the citations.
+
+`write_methods` writes methods.md and methods.bib.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ from bayes_toe.answers.words import (
     Word,
 )
 from bayes_toe.checks.identification import identify
-from bayes_toe.cli.answers import doubtful_subjects
+from bayes_toe.cli.answer_screen import doubtful_subjects
 from bayes_toe.cli.group_screen import group_estimate, log_factor_of_mean
 from bayes_toe.data.messages import capitalized, join_names, plural, visible
 from bayes_toe.data.study import Study

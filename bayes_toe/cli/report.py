@@ -1,4 +1,9 @@
-"""The report of an analysis: one HTML file; of very many subjects an index and their pages."""
+"""The report of an analysis as HTML.
+
+`write_report` fills the Jinja templates of this folder. Up to :data:`MAX_SUBJECTS` subjects are in
+one file. With more, report.html is an index, and each subject has a page in subjects/. The other
+functions prepare texts, tables and figures.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +54,7 @@ from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
 from bayes_toe.classical.fit import SubjectFit
-from bayes_toe.cli.answers import (
+from bayes_toe.cli.answer_screen import (
     NO_FIT,
     ON_PREVIOUS_TRIAL,
     POOR_FIT,
@@ -89,12 +94,12 @@ from bayes_toe.plots.report_figure import (
 )
 from bayes_toe.plots.style import LETTERS, MAX_NAMES, legend_below, new_figure
 
-Figure = Any  # of matplotlib, which is of another room
+Figure = Any  # of matplotlib, which only plots imports
 
 #: Subjects up to which the report is one file.
 MAX_SUBJECTS = 200
-#: Differences of natural logs that are published in the unit of differences too.
-_PUBLISHED = ("pse_shift", "jnd")
+#: Differences that are shown in the unit of differences, too.
+_SHOWN_IN_UNITS = ("pse_shift", "jnd")
 _WIDE, _DOTS = 4.8, 160  # inches of a picture, legible on a telephone, and dots in an inch
 _MOST_LISTED = 10  # names or findings that a list of an index shows
 _MOST_MISFITS = 2  # subjects in the figure of poor fits
@@ -642,7 +647,7 @@ def _parameter(analysis: Analysis, row: Any, fitted: Mapping[str, str]) -> list[
     draws = analysis.draws.values(row.subject, row.parameter)
     n_effective = min(row.ess_bulk, row.ess_tail)
     cells = [row.parameter, _interval(draws, n_effective, 3)]
-    is_published = row.parameter in _PUBLISHED
+    is_published = row.parameter in _SHOWN_IN_UNITS
     difference = ""
     if is_published:
         unit = analysis.study.unit

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 from bayes_toe import plots
 from bayes_toe.analysis import Analysis
-from bayes_toe.cli.answers import flagged
+from bayes_toe.cli.answer_screen import flagged
 from bayes_toe.cli.methods import write_methods
 from bayes_toe.cli.report import Facts, write_report
 from bayes_toe.data.read_study import Truth
@@ -48,7 +48,7 @@ PRODUCTS = (
     "paper_figures",
     STUDY_FILE,
 )
-#: Subjects whose figures may be drawn, and about how many bytes a subject takes in all.
+#: Choices of --figures, each with about the bytes that a subject takes.
 FIGURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
 
 
@@ -80,7 +80,7 @@ class FigureChoice:
             )
 
 
-ALL = FigureChoice()
+DEFAULT_FIGURES = FigureChoice()
 
 
 def write_results(
@@ -88,7 +88,7 @@ def write_results(
     folder: str | Path,
     *,
     overwrite: bool = False,
-    figures: FigureChoice = ALL,
+    figures: FigureChoice = DEFAULT_FIGURES,
     workers: Workers = None,
     progress: Progress | None = None,
     check: PredictiveCheck | None = None,
@@ -128,7 +128,7 @@ def write_results(
             (target / "corner").mkdir()
         corners = {name: target / file for name, file in zip(names, corner_files, strict=True)}
         curves = {name: Path(pictures, f"{stems[name]}.png") for name in names}
-        saved = open_later(target / "posterior.nc")
+        saved = cached_loader(target / "posterior.nc")
         prior = analysis.settings.prior
         jobs = []
         for name in names:
@@ -136,7 +136,7 @@ def write_results(
             files = (corners[name], curves[name])
             jobs.append(partial(_draw_subject, saved, name, prior, *of_subject, *files))
         run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in names])
-        opened.cache_clear()
+        load_cached.cache_clear()
         write_report(analysis, Facts(marked, check, curves, corners, figures.subjects), target)
     return Path(folder)
 
@@ -153,16 +153,16 @@ def _required_products(analysis: Analysis, figures: FigureChoice) -> list[str]:
     return required
 
 
-def open_later(posterior: Path) -> Callable[[], Draws]:
-    """A function that opens a file of draws in the process that needs it."""
-    return partial(opened, posterior.absolute(), posterior.stat().st_mtime_ns)
+def cached_loader(posterior: Path) -> Callable[[], Draws]:
+    """A function that loads a file of draws in the process that calls it."""
+    return partial(load_cached, posterior.absolute(), posterior.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=1)
-def opened(posterior: Path, changed: int) -> Draws:
+def load_cached(posterior: Path, changed: int) -> Draws:
     """A file of draws, which a process opens once for all its jobs.
 
-    By the time of its last change, since another may get its name.
+    The time of its last change is part of the key, so that a new file of this name is read again.
     """
     return load_draws(posterior)
 

@@ -1,4 +1,9 @@
-"""The context of a command: the options that all share; and commands made from functions."""
+"""`as_command` makes a command of a function; `RunContext` has the options that commands share.
+
+A parameter that is a record becomes one option for each field. The context reads the study, runs
+the work in parallel, keeps finished subjects, and checks and writes outputs. Errors of input end
+the command with exit code 2.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +73,7 @@ class RunContext:
         prior, read = preset_or_file(self.prior), study.read()
         return read, prior_for(read, prior)
 
-    def opened(self, study: StudyFile) -> tuple[Study, Prior]:
+    def read_and_describe(self, study: StudyFile) -> tuple[Study, Prior]:
         """The study, which is described on the screen, and the prior."""
         read, prior = self.read(study)
         self.introduce(read, prior)
@@ -126,7 +131,7 @@ class RunContext:
         self.out.line(f"Workers: {len(client.nthreads())} at {self.dask}")
         return client
 
-    def partial(self, output: Path) -> Path:
+    def partial_folder(self, output: Path) -> Path:
         """The folder beside the output for finished subjects.
 
         What a stopped command has left there is removed only with --overwrite.

@@ -278,12 +278,12 @@ def cell_width(text: str) -> int:
 # --- words ---------------------------------------------------------------------------------------
 
 
-def chosen(names: Iterable[str], first: Collection[str]) -> list[str]:
+def names_to_show(names: Iterable[str], first: Collection[str]) -> list[str]:
     """Subjects that a table shows: all, or from :data:`MANY_SUBJECTS` on those of `first` alone.
 
     Examples
     --------
-    >>> chosen(["S2", "S1"], {"S1"}), chosen(map(str, range(2000)), {"7", "1999"})
+    >>> names_to_show(["S2", "S1"], {"S1"}), names_to_show(map(str, range(2000)), {"7", "1999"})
     (['S2', 'S1'], ['7', '1999'])
     """
     all_names = list(names)
@@ -363,10 +363,10 @@ def quantile_texts(draws: FloatArray, n_effective: float, max_decimals: int) -> 
 
     quantiles = np.quantile(draws, _QUANTILES).tolist()
     errors = quantile_errors(draws, _QUANTILES, n_effective).tolist()
-    return allowed_in_order(quantiles, errors, max_decimals)
+    return round_to_errors(quantiles, errors, max_decimals)
 
 
-def allowed_in_order(
+def round_to_errors(
     values: Sequence[float], errors: Sequence[float], max_decimals: int
 ) -> list[str]:
     """Ascending numbers with the decimals that their standard errors allow, at most `max_decimals`.
@@ -377,9 +377,9 @@ def allowed_in_order(
 
     Examples
     --------
-    >>> allowed_in_order([0.12, 0.51, 2.3], [0.01, 0.02, 0.2], 2)
+    >>> round_to_errors([0.12, 0.51, 2.3], [0.01, 0.02, 0.2], 2)
     ['0.12', '0.51', '2.3']
-    >>> allowed_in_order([49.6, 40_213.0, 86_443.6], [20.0, 3e5, 0.004], 2)
+    >>> round_to_errors([49.6, 40_213.0, 86_443.6], [20.0, 3e5, 0.004], 2)
     ['0', '40000', '90000']
     """
     digits = [min(max_decimals, _decimals(error, max_decimals)) for error in errors]

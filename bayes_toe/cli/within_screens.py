@@ -59,7 +59,7 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
 # --- Serial dependence ---------------------------------------------------------------------------
 
 
-def print_histories(out: Terminal, table: SerialDependence, file: str = OUTPUT) -> None:
+def print_history(out: Terminal, table: SerialDependence, file: str = OUTPUT) -> None:
     """Print both effects of every subject, and the meaning of their sizes."""
     rows, notes = [], []
     for row in table:

@@ -1,20 +1,23 @@
-"""The joint posterior of a group: means and standard deviations, and every subject's parameters.
+"""Log density and gradient of the joint posterior of a group.
 
-Coefficients of subject i: those of :mod:`bayes_toe.groups.hyperprior` and, with conditions, their
+`SubjectRows` is the likelihood of all subjects. `separate_fits` fits each subject alone.
+`GroupPosterior` joins both with the hyperprior; a call gives the log density and its gradient.
+
+Subject i has the coefficients of :mod:`bayes_toe.groups.hyperprior` and, with conditions, their
 differences. For each coefficient
 
-    a_i = mu_i + tau u_i,    mu_i = m + x_i' beta,    u_i ~ Normal(0, 1),
+    a_i = mu_i + tau u_i,   mu_i = m + x_i' beta,   u_i ~ Normal(0, 1),
 
 with the covariates x. Where the responses say nothing of a_i the best coordinate is its score u_i
-(non-centred); where they fix a_i it is a_i itself (centred). With the centre e and the precision h
-that the responses alone give to a_i, about, and s = 1/(1 + h tau^2),
+(non-centred); where they determine a_i it is a_i itself (centred). The coordinate xi lies between
+both:
 
-    a = s mu + (1 - s) e + tau s^(1/2) xi
+    a = s mu + (1 - s) e + tau s^(1/2) xi,   s = 1/(1 + h tau^2).
 
-lies in between, and given mu and tau xi is nearly standard normal. Rough e and h cost speed, not
-exactness; with h = 0 the coordinates are non-centred.
-
-The lapse rate and the slopes of noise and criterion have the prior of a single subject.
+The estimate e and its precision h are those of the separate fits (`SeparateFits.precision` is h,
+`information` is h e). Given mu and tau, xi is nearly standard normal. Rough values of e and h cost
+speed, not exactness; with h = 0 the coordinates are non-centred. The lapse rate and the slopes of
+noise and criterion have the prior of a single subject.
 """
 
 from __future__ import annotations
@@ -120,7 +123,7 @@ class SubjectRows:
         return np.repeat(np.arange(self.n_subjects), sizes)
 
     @cached_property
-    def own_priors(self) -> list[int]:
+    def unshared_coordinates(self) -> list[int]:
         """The coordinates of the batch that the group does not share."""
         is_unshared = self.loading[0, :, self.n_coefficients :].any(axis=1)
         return np.flatnonzero(is_unshared).tolist()
@@ -147,7 +150,7 @@ class SubjectRows:
     def log_own_prior(self, unshared: FloatArray) -> ArrayPair:
         """Log prior of the parameters that are not shared, (..., own) -> (...), and its slopes."""
         total, slopes = np.zeros(unshared.shape[:-1]), np.empty_like(unshared)
-        for j, coordinate in enumerate(self.own_priors):
+        for j, coordinate in enumerate(self.unshared_coordinates):
             density = self.batch.priors[coordinate]
             total += density.log_density(unshared[..., j])
             slopes[..., j] = density.slope(unshared[..., j])
@@ -287,11 +290,11 @@ class GroupPosterior:
         score_rise = share * pulled * (2.0 * share - 1.0) - root * precision_unit * xi
         by_sd = by_coefficient * coefficient_rise - score * score_rise - precision_unit
 
-        log_prior = numbers.log_mean(mean) + sds.log_prior
+        log_prior = numbers.log_prior_of_mean(mean) + sds.log_prior
         log_prior = log_prior.sum(axis=-1) + numbers.log_effect(effects).sum(axis=(1, 2))
         log_scores = (0.5 * np.log(share) - 0.5 * np.square(score)).sum(axis=-1)
         value = log_prior + (log_likelihood + log_unshared + log_scores).sum(axis=0)
-        mean_slope = numbers.mean_slope(mean) + by_expected.sum(axis=0)
+        mean_slope = numbers.slope_of_mean_prior(mean) + by_expected.sum(axis=0)
         sd_slope = sds.prior_slope + by_sd.sum(axis=0) * sds.rise
         effect_slope = numbers.effect_slope(effects)
         effect_slope = effect_slope + np.einsum("nr,npq->prq", self.x, by_expected)

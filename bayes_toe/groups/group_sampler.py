@@ -1,14 +1,14 @@
-"""Draws of the joint posterior of a group by Hamiltonian Monte Carlo, with a rule for stopping.
+"""Hamiltonian Monte Carlo for the joint posterior of a group.
 
-All chains go in step: every leapfrog is one call of the log density for all of them, because a
-gradient in NumPy costs much the same for one point as for a dozen. In coordinates in which the
-posterior is nearly standard normal, a trajectory of a quarter period makes the next draw nearly
-independent, and all trajectories may have one length. The length is drawn anew for each, so that
-no frequency is ever in step with it.
+`sample_group` draws from several chains. If the draws are not reliable, it tries once more: with as
+many further draws, or with shorter steps if trajectories diverged. `GroupDraws` has the draws.
 
-The step size and the covariance of the coordinates are learnt during warm-up from all chains
-together; then both are fixed. A trajectory on which the energy
-grows by more than 1000 nats is divergent: it is refused and counted.
+All chains move together: every leapfrog step is one call of the log density for all of them,
+because a gradient in NumPy costs much the same for one point as for a dozen. All trajectories have
+the same mean length; the length of each is random, so that no frequency is ever in step with it.
+The step size and the covariance of the coordinates are learnt during warm-up from all chains; then
+both are fixed. A trajectory on which the energy grows by more than 1000 nats is divergent: it is
+rejected and counted.
 """
 
 from __future__ import annotations
@@ -172,8 +172,8 @@ class Hamiltonian:
     def advance(self, n_draws: int) -> Trace:
         """More draws of every chain.
 
-        Some trajectories have shorter steps, so that a chain that came to where the common step
-        is too long does not stay there.
+        Some trajectories have shorter steps, so that a chain can leave a region in which the common
+        step is too long.
         """
         is_careful = self._rng.uniform(size=n_draws) < _CAREFUL_SHARE
         x, is_divergent = [], []

@@ -7,7 +7,11 @@
     logit q0:          m ~ Normal(1.8, 1)               tau ~ half-normal, scale 1
 
 D is the root mean square of s2 - s1 over unequal pairs of the whole study. The other parameters of
-the observer have the prior of a single subject.
+the observer have the prior of a single subject. Effects of covariates have the scale of tau;
+differences between conditions are normal, with half the scales.
+
+`Hyperprior` has the numbers, `read_hyperprior` reads them from a TOML file, and `HyperpriorNumbers`
+computes densities and slopes for the sampler.
 """
 
 from __future__ import annotations
@@ -268,11 +272,11 @@ class HyperpriorNumbers(NamedTuple):
             np.array([row.has_heavy_tails for row in rows]),
         )
 
-    def log_mean(self, mean: FloatArray) -> FloatArray:
+    def log_prior_of_mean(self, mean: FloatArray) -> FloatArray:
         """Log prior density of each mean, (..., coefficients)."""
         return self._log_density((mean - self.mean) / self.mean_scale) - np.log(self.mean_scale)
 
-    def mean_slope(self, mean: FloatArray) -> FloatArray:
+    def slope_of_mean_prior(self, mean: FloatArray) -> FloatArray:
         """Its derivative."""
         return self._slope((mean - self.mean) / self.mean_scale) / self.mean_scale
 

@@ -1,4 +1,10 @@
-"""The verb: what a group of subjects has in common, and how far its subjects differ."""
+"""The hierarchical fit of a study: `population`, its result, and reading of saved results.
+
+`population` samples the joint posterior of all subjects and of the group that they come from. Every
+subject is the observer with constant error and contraction ('both'). `PopulationResult` has means,
+standard deviations between subjects, effects of covariates, differences between conditions and
+Bayes factors. `load` reads saved results.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""Predictive check of the group: differences between subjects beside those of new groups.
+"""Predictive check of the group: whether the distribution of subjects is normal.
 
-A new group has as many subjects with the same trials and covariates. Each is drawn from the group
-of one posterior draw, and its responses are simulated. A subject's own parameters are not used
-again where the group has a distribution of them, so that they cannot hide that no such group has
-them.
+`predictive_check` simulates new groups with as many subjects, the same trials and covariates. Each
+is drawn from the group of one posterior draw, and its responses are simulated. The estimates of the
+observed subjects are not used again, because they would hide a misfit. Spread, skewness and the
+farthest subject of accuracy, asymmetry and share of the counted response are compared with those of
+the new groups.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from bayes_toe.seeds import generator
 #: Below this two-sided tail probability a normal group is contradicted.
 CONTRADICTED = 0.01
 _N_GROUPS = 500
-#: Of two subjects a skewness and a farthest subject are always the same.
-_FEWEST_FOR_FORM = 3
+#: With two subjects, skewness and farthest subject are constant.
+_FEWEST_FOR_SHAPE = 3
 
 
 class Statistic(NamedTuple):
@@ -178,7 +179,7 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
         "farthest": np.abs(scores).max(axis=0),
     }
     for kind in kinds:
-        if kind != "spread" and n_subjects < _FEWEST_FOR_FORM:
+        if kind != "spread" and n_subjects < _FEWEST_FOR_SHAPE:
             continue
         observed, simulated = float(measures[kind][0]), measures[kind][1:]
         tail = min(int((simulated >= observed).sum()), int((simulated <= observed).sum()))

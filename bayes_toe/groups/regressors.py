@@ -18,7 +18,7 @@ from bayes_toe.data.covariates import Covariates, level_words, levels
 from bayes_toe.data.messages import display_name, join_names, plural, quoted
 from bayes_toe.errors import InputError
 
-#: A column of which others leave no more than this share follows from them, rounding aside.
+#: A column follows from others if they leave less than this share of it.
 _ROUNDING = 1e-8
 
 

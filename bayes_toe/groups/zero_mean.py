@@ -6,7 +6,7 @@ mean m is Normal(e; m, v^2) with e the mean of a and v = tau / sqrt(n). So
 
     BF = mean over draws of  Normal(e; 0, v^2) / integral of Normal(e; m, v^2) prior(m) dm,
 
-which holds far from where any draw is.
+which is accurate even if 0 is far from all draws.
 
 Sources: Dickey 1971, Annals of Mathematical Statistics 42, 204-223; Gelfand and Smith 1990, JASA
 85, 398-409 (the average of densities).
@@ -52,7 +52,7 @@ def zero_mean(
     means = centre[..., None] + width[..., None] * _NODES
     every = np.zeros((*means.shape, len(numbers.mean)))
     every[..., j] = means
-    log_prior = numbers.log_mean(every)[..., j]
+    log_prior = numbers.log_prior_of_mean(every)[..., j]
     log_average = logsumexp(log_prior + _LOG_WEIGHTS, axis=-1)
     return _average(_log_normal(centre, np.square(width)) - log_average)
 

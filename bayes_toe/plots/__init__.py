@@ -1,6 +1,6 @@
-"""Figures; the only room that imports matplotlib and corner.
+"""Figures. No other subpackage imports matplotlib or corner.
 
-The stub beside this file lists its public names, which load on first use.
+`__init__.pyi` lists the public names; they load on first use.
 """
 
 from lazy_loader import attach_stub

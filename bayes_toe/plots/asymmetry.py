@@ -1,6 +1,8 @@
 """Figures of the time-order asymmetry.
 
-One comparison in both orders (Fig. 1C), and q(c, r) - q(r, c) of all subjects and comparisons.
+`order_axes` draws one comparison in both orders (Fig. 1C), `asymmetry` the asymmetry of all
+subjects and comparisons. The asymmetry is q(c, r) - q(r, c): q(a, b) is the share of 'equal', or of
+wrong, responses with a first and b second, and c is stronger than r.
 """
 
 from __future__ import annotations
@@ -19,14 +21,14 @@ from bayes_toe.plots.style import (
     STRONGER_FIRST,
     WEAKER_FIRST,
     Style,
-    dress,
+    axes_or_new,
     legend_above,
-    panel,
     plain,
+    style_axes,
 )
 
-#: Colour and marker of the order in which 'equal', or a wrong answer, is likelier, by the sign of
-#: the asymmetry.
+#: Colour and marker by the sign of the asymmetry: 1 if 'equal', or a wrong response, is likelier
+#: with the stronger stimulus first.
 _MARKS = {1: (STRONGER_FIRST, "s"), -1: (WEAKER_FIRST, "o"), 0: (EQUAL, "D")}
 # Inches: a subject's row with up to five comparisons, and what stands above and below the rows.
 _ROW, _MARGIN, _HIGHEST = 0.22, 1.05, 9.0
@@ -43,7 +45,7 @@ def order_axes(
 
     Laplace estimators and their errors (Eq. e:2b), and the exact test's plain p-value.
     """
-    ax = panel(ax, wide=1.8, high=2.2)
+    ax = axes_or_new(ax, wide=1.8, high=2.2)
     q = (comparison.q_weak_first, comparison.q_strong_first)
     errors = (comparison.q_weak_first_se, comparison.q_strong_first_se)
     for x, colour in enumerate((WEAKER_FIRST, STRONGER_FIRST)):
@@ -63,7 +65,7 @@ def order_axes(
     )
     pair = f"$r$ = {comparison.s_weak:.3g}, $c$ = {comparison.s_strong:.3g}".replace("-", "−")
     ax.set_title(f"{plain(comparison.subject, 20)}\n{pair}")
-    dress(ax)
+    style_axes(ax)
     ax.title.set_fontsize(SMALL)
     return ax
 
@@ -83,7 +85,7 @@ def asymmetry(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
     ax : matplotlib Axes, optional
         Drawn into, where given.
     """
-    ax = panel(ax, high=asymmetry_height(table))
+    ax = axes_or_new(ax, high=asymmetry_height(table))
     rows = [list(row.comparisons) for row in table]
     has_names = len(table) <= MAX_NAMES
     if not has_names:
@@ -110,7 +112,7 @@ def asymmetry(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
         if len(rows) < len(table):
             label += f";\n{len(table) - len(rows):,} without a pair in both orders"
         ax.set_ylabel(label)
-    dress(ax).tick_params(axis="y", length=0)
+    style_axes(ax).tick_params(axis="y", length=0)
     _draw_key(ax, table.share_of)
     return ax
 

@@ -1,4 +1,9 @@
-"""Figures for a paper: responses and curves by order, the predictive check, the JND by order."""
+"""Figures for a paper that compare the two orders of presentation.
+
+`curves_by_order` draws responses with fitted curves, `posterior_predictive` observed shares over
+their 95 % predictive intervals, and `jnd_by_order` the JND with the standard second against that
+with the standard first. The figures of arXiv 2604.19662 are in `paper_figures.py`.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +22,7 @@ from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.plots.curves import mean_first
-from bayes_toe.plots.order_effect import QUESTIONS, WITHOUT_SIZE, marker_style
+from bayes_toe.plots.order_effect import QUESTION_STYLES, WITHOUT_SIZE, marker_style
 from bayes_toe.plots.report_figure import responses_panel
 from bayes_toe.plots.style import (
     COLUMN,
@@ -27,7 +32,6 @@ from bayes_toe.plots.style import (
     PAGE,
     SMALL,
     Style,
-    dress,
     grid_panels,
     label_outer,
     legend_below,
@@ -37,6 +41,7 @@ from bayes_toe.plots.style import (
     plain,
     plain_log_axis,
     rows_by_order,
+    style_axes,
     write_note,
 )
 from bayes_toe.seeds import generator
@@ -44,7 +49,7 @@ from bayes_toe.seeds import generator
 #: Subjects that a page has room for.
 MOST_SUBJECTS = 40
 _MOST_OF_FOUR_COLUMNS = 12
-_PER_DRAW = 10  # replicated studies for each draw
+_REPLICATES_PER_DRAW = 10  # replicated studies for each draw
 _LABEL_WIDE = 0.1  # inches of a pair with its label
 _INTERVAL = "#BDBDBD"
 _LABELS = {Word.YES: "contraction: yes", Word.PROBABLY: "probably", Word.UNDECIDED: "other"}
@@ -137,7 +142,7 @@ def jnd_by_order(analysis: Analysis) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    question = QUESTIONS[2]
+    question = QUESTION_STYLES[2]
     figure = new_figure(COLUMN, COLUMN + 0.3)
     ax = figure.subplots()
     for word, label in _LABELS.items():
@@ -162,7 +167,7 @@ def jnd_by_order(analysis: Analysis) -> Figure:
     if n_left_out:
         write_note(ax, f"{plural(n_left_out, 'subject')} without an estimate of contraction")
     mark_synthetic(figure, analysis.study.synthetic)
-    dress(ax)
+    style_axes(ax)
     legend_below(figure, size=SMALL)
     return figure
 
@@ -180,7 +185,7 @@ def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
     counts = fitted.target.subject
     share = np.exp(fitted.target.log_answers(fitted.x).yes)
     rng = generator(seed, counts.name, "posterior predictive interval")
-    replicated = rng.binomial(counts.n_trials, np.tile(share, (_PER_DRAW, 1)))
+    replicated = rng.binomial(counts.n_trials, np.tile(share, (_REPLICATES_PER_DRAW, 1)))
     ends = np.quantile(replicated, [MARKED[0], MARKED[2]], axis=0, method="inverted_cdf")
     return ends / counts.n_trials
 

@@ -26,12 +26,12 @@ from bayes_toe.plots.style import (
     PAGE,
     POSTERIOR,
     SMALL,
-    dress,
     grid_panels,
     label_outer,
     legend_below,
     new_figure,
     plain,
+    style_axes,
     zero_line,
 )
 
@@ -115,7 +115,7 @@ def _draw_subjects(ax: Axes, table: ContrastTable, rows: Sequence[Difference]) -
     ax.scatter(middle, y, 3.4**2, faces, edgecolors=colours, linewidths=0.7, zorder=2)
     ax.set_ylim(len(subjects) - 0.4, -0.6)
     ax.locator_params(axis="x", nbins=4)
-    dress(ax).tick_params(axis="y", length=0)
+    style_axes(ax).tick_params(axis="y", length=0)
 
 
 def _draw_group(ax: Axes, group: PopulationResult, quantity: str, levels: tuple[str, str]) -> None:

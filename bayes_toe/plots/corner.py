@@ -1,11 +1,12 @@
-"""Corner plots by the corner package, with areas of our own on its panels.
+"""Corner plots of posterior draws by the corner package.
 
-The areas hold the stated shares of the draws.
+`corner` draws one subject, or two to four in the same panels, with prior and true values if wanted.
+The explorer uses `Density`, `axis_limits` and other functions for panels of its own.
 
-A level is a quantile of the density at the draws themselves. The share of the smoothed density that
-lies above a level, which corner's own contours take, is another: smoothing spreads a narrow peak,
-such as that of mu_1 and sigma_p amid their long tails, and an area that holds half of what was
-smoothed held up to 70 % of the draws.
+Contours are computed here. A contour level is a quantile of the smoothed density at the draws, so
+that the contour holds the stated share of the draws. The corner package uses the share of the
+smoothed density instead. Smoothing spreads a narrow peak: amid the long tails of mu_1 and sigma_p,
+its 50 % contour held up to 70 % of the draws.
 """
 
 from __future__ import annotations

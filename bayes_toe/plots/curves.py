@@ -1,13 +1,12 @@
-"""Fitted curves over the answers of a subject.
+"""Fitted curves with the responses of one subject.
 
-Over the stimuli, the normalised distance, or the inter-stimulus interval.
+`curves` draws the whole figure, `order_panel` and `distance_panel` one panel; other figures use the
+panels too.
 
-Of 'same or different' over the stronger stimulus in both orders; of 'which is stronger'
-psychometric curves, over s2 - s1 by the first stimulus, of which one half is the point of
-subjective equality (PSE).
-
-Bands are central 50 % and 95 % of the posterior; between and beyond tested intervals they are
-predictions of the random walk.
+The axis depends on the task. In 'same or different' it is the stronger stimulus, with a curve for
+each order. In 'which is stronger' it is s2 - s1, with a curve for each first stimulus, which
+crosses one half at the point of subjective equality (PSE). With several inter-stimulus intervals
+there is a panel for each of them. Bands are central 50 % and 95 % intervals of the posterior.
 """
 
 from __future__ import annotations
@@ -40,18 +39,18 @@ from bayes_toe.plots.style import (
     Band,
     Mark,
     Style,
-    chance,
     difference_axis,
     draw_band,
-    dress,
     grid_panels,
     legend_below,
     n_rows,
     new_figure,
     plain,
     plain_log_axis,
+    probability_label,
     rows_by_order,
     stimulus_axis,
+    style_axes,
     zero_line,
 )
 
@@ -135,7 +134,7 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
         if n_panels > 1:
             ax.set_title(_describe_weaker(counts, stimulus), fontsize=10)
     for ax in panels[::n_columns]:
-        ax.set_ylabel(chance(counts.task))
+        ax.set_ylabel(probability_label(counts.task))
     figure.suptitle(title, fontsize=12)
     legend_below(figure)
     return figure
@@ -381,7 +380,7 @@ def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:
     for i, ax in zip(index, panels, strict=True):
         _interval_panel(ax, counts, fitted, tested[i])
     for ax in panels[::n_columns]:
-        ax.set_ylabel(chance(counts.task))
+        ax.set_ylabel(probability_label(counts.task))
     legend_below(parts[0], size=8.0)
     if isinstance(fitted.target, PaperPosterior):
         _gain_panel(parts[1].subplots(), tested, fitted.target, fitted.x)
@@ -406,7 +405,7 @@ def _interval_panel(ax: Axes, counts: Subject, fitted: Predictor, isi: float) ->
     if has_several_weaker(counts):
         title += f", {_describe_weaker(counts, low)}"
     ax.set(title=title, yticks=[0.0, 0.5, 1.0])
-    dress(ax)
+    style_axes(ax)
 
 
 def _gain_panel(
@@ -426,4 +425,4 @@ def _gain_panel(
     ax.plot(tested, np.full(len(tested), 0.03), "|", color="#111111", ms=7, transform=transform)
     ax.set(xlabel="inter-stimulus interval (s)", xlim=(x[0], x[-1]))
     ax.set(ylabel="gain K", ylim=(min(0.5, ax.get_ylim()[0]), 1.03))
-    dress(ax)
+    style_axes(ax)

@@ -19,7 +19,7 @@ from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.plots.style import any_characters
 
-#: Those that commands offer; :func:`save_figure` takes what else matplotlib writes.
+#: Formats that commands offer; :func:`save_figure` takes all formats of matplotlib.
 FORMATS = ("pdf", "png", "svg")
 #: What would differ from one writing to the next, by format.
 _UNDATED: dict[str, dict[str, None]] = {
@@ -31,10 +31,10 @@ _UNDATED: dict[str, dict[str, None]] = {
 
 def png(figure: Figure, *, dpi: int = 150) -> bytes:
     """A figure as the content of a PNG file."""
-    return picture(figure, "png", dpi=dpi)
+    return figure_bytes(figure, "png", dpi=dpi)
 
 
-def picture(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
+def figure_bytes(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
     """A figure as the content of a file.
 
     Without dates or random names, so that the same figure gives the same bytes.
@@ -62,13 +62,13 @@ def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: 
 
 def picture_beside(table: Path) -> Path:
     """The PNG file of a table's figure; refused if the table has that name."""
-    picture = table.with_name(f"{table.stem}.png")
-    if picture == table:
+    figure_bytes = table.with_name(f"{table.stem}.png")
+    if figure_bytes == table:
         raise InputError(
             f"{table}: found the name of the figure for the table, allowed: another suffix, such "
             "as .csv"
         )
-    return picture
+    return figure_bytes
 
 
 def require_formats(formats: Sequence[str]) -> tuple[str, ...]:

@@ -1,4 +1,10 @@
-"""Figures of the answer: sizes of every subject with the group, Bayes factors, H1 against H0."""
+"""Figures of the order effects: sizes, Bayes factors, and the paper's model against H0.
+
+`order_effect` is a forest plot of PSE shift and contraction of every subject, with the group.
+`bayes_factors` shows the Bayes factors of the three questions. `evidence_axes` and
+`evidence_plane_axes` compare the paper's model (H1) with one free frequency per pair (H0).
+:data:`QUESTION_STYLES` has the colours and markers of the three questions.
+"""
 
 from __future__ import annotations
 
@@ -30,17 +36,17 @@ from bayes_toe.plots.style import (
     SMALL,
     WEAKER_FIRST,
     Style,
-    dress,
     legend_above,
     legend_below,
     mark_synthetic,
     new_figure,
     plain,
+    style_axes,
     write_note,
 )
 
 
-class Question(NamedTuple):
+class QuestionStyle(NamedTuple):
     """Style of one of the three questions: colour, marker, and the size of a forest."""
 
     name: str
@@ -57,9 +63,9 @@ class Question(NamedTuple):
 
 
 #: The colours differ in lightness too.
-QUESTIONS = (
-    Question("order_effect", "#1C1C1C", "o"),
-    Question(
+QUESTION_STYLES = (
+    QuestionStyle("order_effect", "#1C1C1C", "o"),
+    QuestionStyle(
         "constant_error",
         "#00805D",
         "s",
@@ -67,7 +73,7 @@ QUESTIONS = (
         "Constant error: PSE shift",
         "PSE shift ({unit})\nabove 0: first stimulus overestimated",
     ),
-    Question(
+    QuestionStyle(
         "contraction",
         "#C06A9B",
         "D",
@@ -127,7 +133,7 @@ def order_effect(
     return figure
 
 
-def marker_style(question: Question, word: Word, size: float) -> Style:
+def marker_style(question: QuestionStyle, word: Word, size: float) -> Style:
     """The marker of an effect: full for 'yes', half for 'probably', else empty."""
     style: Style = {"marker": question.marker, "color": question.colour, "ls": ""}
     fill = _FILLS.get(word, "none")
@@ -148,7 +154,7 @@ def forests(
     answers = _sorted_answers(table)
     is_crowded = len(answers) > MAX_NAMES
     last_row = len(answers) - 0.5 if group is None else len(answers) + 1.0
-    for ax, question in zip(panels, QUESTIONS[1:], strict=True):
+    for ax, question in zip(panels, QUESTION_STYLES[1:], strict=True):
         intervals = _draw_sizes(ax, answers, question)
         if group is not None:
             ax.axhline(len(answers) - 0.4, color=EQUAL, lw=0.5)
@@ -167,7 +173,7 @@ def forests(
         ax.set_title(title, loc="left", fontsize=LETTERS)
         label = question.axis.format(unit=answers[0].unit.of_differences)
         ax.set(xlabel=label, xlim=limits, ylim=(last_row, -0.6), yticks=[])
-        dress(ax)
+        style_axes(ax)
         if not is_crowded:
             _write_words(ax, answers, question)
     _write_names(panels[0], answers, group, is_crowded=is_crowded)
@@ -186,7 +192,7 @@ def _sorted_answers(table: EvidenceTable) -> list[OrderEffect]:
     return answers
 
 
-def _draw_sizes(ax: Axes, answers: Sequence[OrderEffect], question: Question) -> list[Size]:
+def _draw_sizes(ax: Axes, answers: Sequence[OrderEffect], question: QuestionStyle) -> list[Size]:
     """Draw medians and 95 % intervals; return them from the first to the last row that has one."""
     intervals = []
     marker_size = _marker_size(len(answers))
@@ -202,7 +208,7 @@ def _draw_sizes(ax: Axes, answers: Sequence[OrderEffect], question: Question) ->
     return intervals
 
 
-def _draw_group(ax: Axes, group: PopulationResult, question: Question, row: float) -> Size:
+def _draw_group(ax: Axes, group: PopulationResult, question: QuestionStyle, row: float) -> Size:
     """Draw the group's mean with its 95 % interval, and return them."""
     effect = group.effect(question.name)
     size = Size(*effect.mean)
@@ -228,7 +234,7 @@ def _marker_size(subjects: int) -> float:
     return 4.5 if subjects <= MAX_NAMES else 2.5
 
 
-def _write_words(ax: Axes, answers: Sequence[OrderEffect], question: Question) -> None:
+def _write_words(ax: Axes, answers: Sequence[OrderEffect], question: QuestionStyle) -> None:
     """The word of every subject, right of its row."""
     style: Style = {"va": "center", "fontsize": SMALL}
     for row, answer in enumerate(answers):
@@ -286,7 +292,7 @@ def bayes_factors(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     rows = np.arange(len(answers))
     is_crowded = len(answers) > MAX_NAMES
     step = 0.0 if is_crowded else 0.24
-    for number, question in enumerate(QUESTIONS):
+    for number, question in enumerate(QUESTION_STYLES):
         log_factors = _log_bayes_factors(answers, question)
         y = rows + step * (number - 1)
         style: Style = {"color": question.colour, "ms": _marker_size(len(answers))}
@@ -305,13 +311,13 @@ def bayes_factors(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     ax.set_xticks(list(_MARKS), list(_MARKS.values()))
     ax.set(xlim=(1 / _LARGEST, _LARGEST), xlabel="Bayes factor (above 1: for the effect)")
     ax.set(ylim=(len(answers) - 0.4, -0.6), yticks=[])
-    _write_names(dress(ax), answers, None, is_crowded=is_crowded)
+    _write_names(style_axes(ax), answers, None, is_crowded=is_crowded)
     mark_synthetic(figure, synthetic)
     legend_below(figure, size=SMALL, columns=3)
     return figure
 
 
-def _log_bayes_factors(answers: Sequence[OrderEffect], question: Question) -> FloatArray:
+def _log_bayes_factors(answers: Sequence[OrderEffect], question: QuestionStyle) -> FloatArray:
     """Log Bayes factors of a question, NaN where there is no word for it."""
     values = []
     for answer in answers:
@@ -396,4 +402,4 @@ def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
         write_note(ax, f"{len(table.rows) - len(points)} without a reliable estimate")
     ax.set_aspect("equal")
     ax.set(xlabel="log evidence per trial, H0 (nats)", ylabel="log evidence per trial, H1 (nats)")
-    return dress(ax)
+    return style_axes(ax)

@@ -1,4 +1,7 @@
-"""The figures of arXiv 2604.19662 for any analysed study, and their captions."""
+"""The figures of arXiv 2604.19662 for any analysed study, and their captions.
+
+`paper_figures` returns the figures, `write_figures` writes them, and `captions` describes them.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,7 @@ from bayes_toe.plots.curves import (
     order_panel,
     title_of,
 )
-from bayes_toe.plots.figure_files import picture
+from bayes_toe.plots.figure_files import figure_bytes
 from bayes_toe.plots.order_effect import evidence_axes, evidence_plane_axes
 from bayes_toe.plots.style import (
     BAND,
@@ -55,9 +58,6 @@ from bayes_toe.plots.style import (
     SMALL,
     Style,
     any_characters,
-    chance,
-    dress,
-    dress_bar,
     even_columns,
     grid_panels,
     legend_above,
@@ -66,7 +66,10 @@ from bayes_toe.plots.style import (
     n_rows,
     new_figure,
     plain,
+    probability_label,
     rows_by_order,
+    style_axes,
+    style_colour_bar,
 )
 
 CAPTIONS = "captions.md"
@@ -134,7 +137,7 @@ def write_figures(analysis: Analysis, folder: Path) -> None:
             figure.draw_without_rendering()
         figure.set_layout_engine("none")  # so that every format has the same layout
         for suffix in _SUFFIXES:
-            (folder / f"{name}.{suffix}").write_bytes(picture(figure, suffix))
+            (folder / f"{name}.{suffix}").write_bytes(figure_bytes(figure, suffix))
     (folder / CAPTIONS).write_text(captions(analysis), encoding="utf-8")
 
 
@@ -187,7 +190,7 @@ def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     figure = new_figure(PAGE, min(_HIGHEST, max(3.0, 1.1 + 0.17 * len(table.rows))))
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.1))
     evidence_plane_axes(table, left)
-    legend_above(dress(evidence_axes(right, table)))
+    legend_above(style_axes(evidence_axes(right, table)))
     right.xaxis.label.set_fontsize(SMALL)
     mark_synthetic(figure, synthetic)
     return figure
@@ -212,8 +215,8 @@ def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
         top.set_title(_example_title(draws, subject), fontsize=LETTERS)
         prior_axes(draws, subject, middle)
         distance_panel(bottom, fitted)
-        bottom.set_ylabel(chance(draws.task))
-        dress(bottom)
+        bottom.set_ylabel(probability_label(draws.task))
+        style_axes(bottom)
         if column:
             for ax in panels:
                 ax.set_ylabel("")
@@ -243,12 +246,12 @@ def response_axes(fitted: Predictor, ax: Axes) -> Axes:
     ends = np.concatenate([line.x for line in lines_along(counts, low, 2)])
     pad = max(0.06 * float(np.ptp(ends)), 0.05)
     ax.set(xlim=(ends.min() - pad, ends.max() + pad), ylim=(-0.03, 1.14))
-    ax.set(yticks=[0.0, 0.5, 1.0], ylabel=chance(counts.task))
+    ax.set(yticks=[0.0, 0.5, 1.0], ylabel=probability_label(counts.task))
     if counts.task == SAME_DIFFERENT:
         for comparison in subject_asymmetry(counts).comparisons:
             if comparison.s_weak == reference and comparison.p_adjusted < LEVEL:
                 ax.text(comparison.s_strong, 1.09, "*", ha="center", va="center_baseline")
-    return dress(ax)
+    return style_axes(ax)
 
 
 def prior_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
@@ -278,7 +281,7 @@ def prior_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     ax.set(xlim=(low, high), ylim=(-0.42, 1.5), yticks=[])
     ax.set(xlabel="stimulus (ln intensity)", ylabel="prior density")
     ax.set_title(rf"$\mu_1$ = {mean:.2f}, $\sigma_1$ = {sd:.2f}".replace("-", "−"))
-    dress(ax)
+    style_axes(ax)
     ax.title.set_fontsize(SMALL)
     ax.spines["left"].set_visible(False)
     return ax
@@ -317,7 +320,7 @@ def map_figure(draws: Draws, *, clouds: Clouds | None = None) -> Figure:
     noise = {name: float(np.median(draws.values(name, "sigma_l"))) for name in quantiles}
     scale = ScalarMappable(Normalize(0.0, max(noise.values())), _NOISE_COLOURS)
     bar = figure.colorbar(scale, ax=ax, fraction=0.05, pad=0.02, aspect=30)
-    dress_bar(bar, r"likelihood noise $\sigma_\ell$ (ln intensity)")
+    style_colour_bar(bar, r"likelihood noise $\sigma_\ell$ (ln intensity)")
     weight = min(1.0, MAX_NAMES / len(quantiles))
     for name, ((left, bottom), (x, y), (right, top)) in quantiles.items():
         colour = scale.to_rgba(np.array([noise[name]]))[0]
@@ -327,7 +330,7 @@ def map_figure(draws: Draws, *, clouds: Clouds | None = None) -> Figure:
     _set_map_limits(ax, np.concatenate(list(quantiles.values())), draws)
     ax.set_xlabel(r"prior mean $\mu_1$ (ln intensity)")
     ax.set_ylabel(r"memory diffusion $\sigma_p$ (ln intensity)")
-    dress(ax)
+    style_axes(ax)
     if draws.synthetic:
         ax.set_title("synthetic data", fontsize=SMALL, loc="right")
     notes = ["bars: 60 %"]
@@ -422,7 +425,7 @@ def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
             ax.set_ylabel("")
     scale = ScalarMappable(cmap=_GREYS)  # from 0 to 1
     bar = figure.colorbar(scale, ax=panels, fraction=0.02, pad=0.01, aspect=30, shrink=0.85)
-    dress_bar(bar, chance(draws.task))
+    style_colour_bar(bar, probability_label(draws.task))
     legend_below(figure, size=SMALL, columns=5 if n_columns > 2 else 3)
     return figure
 
@@ -460,7 +463,7 @@ def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     ax.set(xlim=(low, high), ylim=(low, high), aspect="equal")
     ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]  # the same to both sides
     ax.set(xticks=ticks, yticks=ticks)
-    return dress(ax)
+    return style_axes(ax)
 
 
 # --- captions ------------------------------------------------------------------------------------
@@ -512,7 +515,7 @@ def captions(analysis: Analysis) -> str:
         lines.append(f"Draws NOT CONVERGED, not to be reported as they stand: {names}.")
     words = {
         "subjects": ", ".join(representative(table)),
-        "chance": chance(draws.task),
+        "chance": probability_label(draws.task),
         "share_of": table.share_of,
         "curves": _CURVES[draws.task],
     }

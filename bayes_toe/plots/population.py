@@ -1,4 +1,8 @@
-"""Figure of a group: its subjects, its mean with the prior, covariates or conditions, its form."""
+"""The figure of a group: subjects, means, predictive check, covariates and conditions.
+
+It shows every subject, the mean of the group with its prior, the predictive check of a normal
+group, and the effects of covariates or the differences between conditions.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,6 @@ from bayes_toe.plots.style import (
     SMALL,
     Style,
     draw_intervals,
-    dress,
     even_columns,
     grid_panels,
     legend_above,
@@ -34,6 +37,7 @@ from bayes_toe.plots.style import (
     new_figure,
     plain,
     rounded,
+    style_axes,
     zero_line,
 )
 
@@ -149,14 +153,14 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     values = result.in_units(name, x)
     label = _label(result, _LABELS[name])
     # A density in the unit of the panel follows from the slope of the unit.
-    prior = np.exp(result.numbers.log_mean(means)[:, j]) / np.gradient(values, x)
+    prior = np.exp(result.numbers.log_prior_of_mean(means)[:, j]) / np.gradient(values, x)
     style: Style = {"bins": _BINS, "density": True, "label": "posterior of the group mean"}
     ax.hist(result.in_units(name, draws), color=_MEAN_COLOUR, **style)
     ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
     ax.set(xlim=(values[0], values[-1]), xlabel=label, yticks=[])
     zero_line(ax)
     ax.locator_params(axis="x", nbins=4)
-    dress(ax).spines["left"].set_visible(False)
+    style_axes(ax).spines["left"].set_visible(False)
 
 
 def forest(ax: Axes, result: PopulationResult, name: str) -> None:
@@ -211,7 +215,7 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
     ax.set_yticks(range(n_rows), [fill(row.label, 30) for row in check.statistics])
     ax.set(ylim=(n_rows - 0.5, -0.6), xlim=(-2.2, 2.2), xticks=[])
     legend_above(ax, columns=2, title="does a normal group fit?")
-    dress(ax).tick_params(axis="y", length=0)
+    style_axes(ax).tick_params(axis="y", length=0)
     ax.spines[:].set_visible(False)
 
 

@@ -18,12 +18,12 @@ from bayes_toe.plots.style import (
     STRONGER_FIRST,
     WEAKER_FIRST,
     Style,
-    dress,
-    dress_bar,
     legend_above,
     legend_below,
     new_figure,
     plain,
+    style_axes,
+    style_colour_bar,
 )
 
 _UNKNOWN = Word.CANNOT_BE_TOLD.value
@@ -86,7 +86,7 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
     ax.set_xlim(min(trials) / _MARGIN, max(trials) * _MARGIN)
     ax.set_xticks(trials, [f"{number:,}" for number in trials])
     ax.xaxis.set_minor_locator(NullLocator())
-    dress(ax)
+    style_axes(ax)
 
 
 # --- An optimised design --------------------------------------------------------------------------
@@ -115,7 +115,7 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
         first, second, 1000.0 * values, cmap="Greys", shading="nearest", vmin=0.0, rasterized=True
     )
     bar = ax.figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
-    dress_bar(bar, "what one more trial adds,\nthousandths of a nat")
+    style_colour_bar(bar, "what one more trial adds,\nthousandths of a nat")
     ax.axline((float(first[0]),) * 2, slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
     if PAPER in optimal.candidates:
         paper = optimal.candidates[PAPER].design
@@ -137,7 +137,7 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
     ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)")
     ax.set_aspect("equal")
     legend_above(ax, side="left")
-    dress(ax)
+    style_axes(ax)
 
 
 def _draw_compared(ax: Axes, optimal: OptimalDesign) -> None:
@@ -164,4 +164,4 @@ def _draw_compared(ax: Axes, optimal: OptimalDesign) -> None:
     ax.set(xlim=(-0.03, 1.03), ylim=(len(names) - 0.5, -0.5))
     ax.set_xlabel("share with yes or probably\n(hollow: without effect)")
     legend_above(ax, columns=3, title=f"{trials:,} trials")
-    dress(ax)
+    style_axes(ax)

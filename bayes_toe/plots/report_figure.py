@@ -1,4 +1,9 @@
-"""Figure 1 of the report: responses and curves of a few subjects; sizes of all and of the group."""
+"""Figure 1 of the report, and the panel of responses that other figures share.
+
+`responses_figure` shows a few subjects, which `shown_subjects` chooses; `sizes_figure` shows the
+sizes of all subjects and of the group. `responses_panel` draws responses and curves of one subject.
+`inline_svg` makes SVG for a page.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +29,7 @@ from bayes_toe.plots.curves import (
     mean_first,
     order_panel,
 )
-from bayes_toe.plots.figure_files import picture
+from bayes_toe.plots.figure_files import figure_bytes
 from bayes_toe.plots.order_effect import forest_height, forests
 from bayes_toe.plots.style import (
     EQUAL,
@@ -224,7 +229,7 @@ def inline_svg(figure: Figure, label: str) -> str:
     figure.patch.set_alpha(0.0)
     for ax in figure.axes:
         ax.patch.set_alpha(0.0)
-    text = picture(figure, "svg").decode("utf-8")
+    text = figure_bytes(figure, "svg").decode("utf-8")
     # Names of subjects may hold characters that a browser would obey.
     text = "\n".join(map(visible, text[text.index("<svg") :].split("\n")))
     for printed, variable in _PAGE_COLOURS.items():

@@ -19,14 +19,14 @@ from bayes_toe.plots.style import (
     SMALL,
     Style,
     draw_band,
-    dress,
     legend_below,
     new_figure,
     plain,
     stimulus_axis,
+    style_axes,
 )
 
-#: Mean stimuli of the trial before up to which each is a group of its own; groups of more.
+#: Up to so many mean stimuli of the trial before each is a group; more are binned into groups.
 _MOST_DISTINCT, _GROUPS = 8, 5
 #: Subjects that one figure shows.
 MOST_ROWS = 6
@@ -51,7 +51,7 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     if not rows:
         raise InputError("serial: no subject has a result; allowed: rows of bt.serial_dependence")
     if not subjects:
-        rows = sorted(rows, key=_gain, reverse=True)[:MOST_ROWS]
+        rows = sorted(rows, key=_log_evidence_gain, reverse=True)[:MOST_ROWS]
     figure = new_figure(PAGE, _HIGH * len(rows) + 0.5)
     axes = figure.subplots(len(rows), 2, squeeze=False, width_ratios=(1.6, 1.0))
     for row, (left, right) in zip(rows, axes, strict=True):
@@ -90,7 +90,7 @@ class _Residuals(NamedTuple):
         ax.errorbar(x, means, errors, label="responses, 1 s.e.", **style)
 
 
-def _gain(row: SubjectDependence) -> float:
+def _log_evidence_gain(row: SubjectDependence) -> float:
     """By how much the best history exceeds none, nats."""
     return float(row.log_evidence.max() - row.log_evidence[0])
 
@@ -134,8 +134,8 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
         f"kappa {median:.2f} [{low:.2f}, {high:.2f}]",
         fontsize=SMALL,
     )
-    dress(left)
-    dress(right)
+    style_axes(left)
+    style_axes(right)
 
 
 def _stimulus_groups(

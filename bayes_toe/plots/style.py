@@ -47,7 +47,7 @@ Style = dict[str, Any]
 BANDS: tuple[Band, ...] = ((0.025, 0.975, 0.15), (0.25, 0.75, 0.35))
 
 
-def chance(task: Task) -> str:
+def probability_label(task: Task) -> str:
     """The label of an axis of probabilities of the answer that a task counts."""
     return f"P('{task.yes}')"
 
@@ -118,7 +118,7 @@ def mark_synthetic(figure: Figure, is_synthetic: bool) -> None:
         figure.suptitle("synthetic data", fontsize=LETTERS)
 
 
-def panel(ax: Axes | None, *, wide: float = COLUMN, high: float = 2.6) -> Axes:
+def axes_or_new(ax: Axes | None, *, wide: float = COLUMN, high: float = 2.6) -> Axes:
     """The Axes given, or those of a new figure of so many inches."""
     return new_figure(wide, high).subplots() if ax is None else ax
 
@@ -169,7 +169,7 @@ def label_outer(panels: Sequence[Axes], n_columns: int) -> None:
             without_break = label.replace("% ", "%\u00a0")  # a line does not end behind a %
             label = fill(without_break, _LABEL_LETTERS).replace("\u00a0", " ")
         ax.set_xlabel(label)
-        dress(ax)
+        style_axes(ax)
 
 
 def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
@@ -224,7 +224,7 @@ def write_note(ax: Axes, text: str) -> None:
     ax.text(0.99, 0.01, text, transform=ax.transAxes, **style)
 
 
-def dress(ax: Axes) -> Axes:
+def style_axes(ax: Axes) -> Axes:
     """Letters and lines of a panel as a journal prints them.
 
     7 points for numbers, 8 for words, no box.
@@ -237,8 +237,8 @@ def dress(ax: Axes) -> Axes:
     return ax
 
 
-def dress_bar(bar: Colorbar, label: str) -> None:
-    """Label, letters and lines of a bar of colours, as :func:`dress` has them."""
+def style_colour_bar(bar: Colorbar, label: str) -> None:
+    """Label, letters and lines of a bar of colours, as :func:`style_axes` has them."""
     bar.set_label(label, fontsize=LETTERS)
     bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
     bar.outline.set_linewidth(0.6)
@@ -277,7 +277,7 @@ def draw_intervals(
     ax.hlines(y, low, high, color=POSTERIOR, lw=line)
     ax.plot(middle, y, "o", ms=size, color=POSTERIOR, label=label)
     ax.locator_params(axis="x", nbins=4)
-    dress(ax).tick_params(axis="y", length=0)
+    style_axes(ax).tick_params(axis="y", length=0)
 
 
 # --- legends --------------------------------------------------------------------------------------

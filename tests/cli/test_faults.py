@@ -14,7 +14,7 @@ from conftest import few_pairs, grouped_csv, known_observers
 from processes import members, needs_proc, start, until, until_gone, workers
 
 import bayes_toe as bt
-from bayes_toe.cli.stopping import say_stopped
+from bayes_toe.cli.entry_point import say_stopped
 from bayes_toe.data.whole_files import HIDDEN, finished, unfinished, write_whole
 from bayes_toe.workers import Failed
 
@@ -167,9 +167,9 @@ def test_what_is_stored_is_thrown_away_with_overwrite(four):
 
 DEAF = """
 import time
-from bayes_toe.cli import stopping
-stopping.PATIENCE = 0.5
-stopping.listen()
+from bayes_toe.cli import entry_point
+entry_point.PATIENCE = 0.5
+entry_point.listen()
 while True:
     try:
         print("ready", flush=True)
@@ -179,7 +179,7 @@ while True:
 """
 FAILING_THREAD = """
 import signal, threading
-from bayes_toe.cli.stopping import Stopped, listen, say_stopped
+from bayes_toe.cli.entry_point import Stopped, listen, say_stopped
 is_stopped = threading.Event()
 def fail():
     is_stopped.wait()
@@ -196,7 +196,7 @@ except Stopped as stop:
 """
 UNDER_NOHUP = """
 import signal
-from bayes_toe.cli.stopping import listen
+from bayes_toe.cli.entry_point import listen
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
 assert signal.SIGTERM not in listen()
 signal.raise_signal(signal.SIGTERM)

@@ -13,7 +13,7 @@ from populations import made_result, simulated_group, two_conditions
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.cli import report, results_folder
-from bayes_toe.cli.results_folder import GROUP_PRODUCTS, FigureChoice, opened, write_results
+from bayes_toe.cli.results_folder import GROUP_PRODUCTS, FigureChoice, load_cached, write_results
 from bayes_toe.explorer.page import Explorer
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor, Regressors
@@ -156,11 +156,11 @@ def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_pa
 def test_a_process_opens_the_draws_once_and_again_if_the_file_is_another(tmp_path, monkeypatch):
     loads = []
     monkeypatch.setattr(results_folder, "load_draws", loads.append)
-    opened.cache_clear()
+    load_cached.cache_clear()
     for changed in (7, 7, 8):
-        opened(tmp_path, changed)
+        load_cached(tmp_path, changed)
     assert loads == [tmp_path, tmp_path]
-    opened.cache_clear()
+    load_cached.cache_clear()
 
 
 def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):

@@ -20,7 +20,7 @@ from bayes_toe.answers.order_effect import (
 )
 from bayes_toe.answers.words import Word
 from bayes_toe.checks.identification import ONE_FIRST_STIMULUS
-from bayes_toe.cli.answers import print_answer, print_subjects
+from bayes_toe.cli.answer_screen import print_answer, print_subjects
 from bayes_toe.cli.check_screen import describe_pairs
 from bayes_toe.cli.terminal import WIDTH, Terminal, cell_width
 from bayes_toe.cli.within_screens import print_contrast

@@ -8,15 +8,15 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem
-from bayes_toe.cli.answers import flagged, print_subjects, without_decision
-from bayes_toe.cli.infer import print_draws
+from bayes_toe.cli.answer_screen import flagged, print_subjects, without_decision
+from bayes_toe.cli.inference_commands import print_draws
 from bayes_toe.cli.terminal import (
     WIDTH,
     Terminal,
-    allowed_in_order,
     cell_width,
     command_lines,
     format_table,
+    round_to_errors,
     wrap_line,
 )
 
@@ -149,7 +149,7 @@ def test_estimates_and_options_stay_on_one_line():
     ],
 )
 def test_digits_end_where_the_error_begins(value, error, limit, visible):
-    assert allowed_in_order([value], [error], limit) == [visible]
+    assert round_to_errors([value], [error], limit) == [visible]
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_digits_end_where_the_error_begins(value, error, limit, visible):
     ],
 )
 def test_a_median_is_shown_between_its_limits(values, errors, visible):
-    assert allowed_in_order(values, errors, 2) == visible
+    assert round_to_errors(values, errors, 2) == visible
 
 
 def test_who_must_be_looked_at_and_why(marked):

@@ -10,8 +10,8 @@ from populations import made_result
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.answers.words import Word
-from bayes_toe.plots.order_effect import QUESTIONS, evidence_plane_axes
-from bayes_toe.plots.style import panel
+from bayes_toe.plots.order_effect import QUESTION_STYLES, evidence_plane_axes
+from bayes_toe.plots.style import axes_or_new
 
 
 def changed(row, **values):
@@ -41,7 +41,7 @@ def intervals(ax):
 def test_forests_have_sizes_and_words_of_every_subject(analysis):
     errors, contractions = bt.plots.order_effect(analysis.evidence).axes
     assert words_of(errors.get_yticklabels()) == ["A", "B", "C"]
-    for ax, question in zip((errors, contractions), QUESTIONS[1:], strict=True):
+    for ax, question in zip((errors, contractions), QUESTION_STYLES[1:], strict=True):
         expected = [answer.marked_word(question.name) for answer in analysis.answers]
         assert words_of(ax.texts) == expected
         sizes = []
@@ -147,7 +147,7 @@ def test_numbers_under_the_plane_of_evidences_have_room_between_them(analysis):
     for row in analysis.evidence:  # a range with many numbers of three decimals
         h0, h1 = -0.604 * row.n_trials, -0.498 * row.n_trials
         rows.append(replace(row, log_evidence_h0=h0, log_evidence_h1=h1))
-    ax = evidence_plane_axes(EvidenceTable(tuple(rows)), panel(None, high=3.4))
+    ax = evidence_plane_axes(EvidenceTable(tuple(rows)), axes_or_new(None, high=3.4))
     drawn = set(texts_of(ax.figure)) & set(ax.get_xticklabels())
     boxes = np.sort([text.get_window_extent().intervalx for text in drawn], axis=0)
     assert len(boxes) > 1

@@ -18,7 +18,7 @@ from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.paper_equations import gain
 from bayes_toe.plots.asymmetry import asymmetry_height, order_axes
 from bayes_toe.plots.curves import distance_panel
-from bayes_toe.plots.figure_files import picture
+from bayes_toe.plots.figure_files import figure_bytes
 from bayes_toe.plots.paper_figures import (
     CAPTIONS,
     asymmetry_figure,
@@ -285,7 +285,7 @@ def test_names_of_any_kind_are_drawn(small_study):
     ax = one_panel()
     write_names(ax, {name: np.array([0.2 * i, 0.5]) for i, name in enumerate(names)})
     for figure in (asymmetry_figure(table), ax.figure):
-        assert picture(figure, "pdf").startswith(b"%PDF")
+        assert figure_bytes(figure, "pdf").startswith(b"%PDF")
 
 
 def test_captions_name_subjects_and_what_did_not_converge(analysis):
@@ -308,4 +308,4 @@ def test_files_are_all_there_and_the_same_each_time(analysis, tmp_path):
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     for suffix in ("pdf", "png"):
-        assert (folder / f"{name}.{suffix}").read_bytes() == picture(figure, suffix)
+        assert (folder / f"{name}.{suffix}").read_bytes() == figure_bytes(figure, suffix)

@@ -8,8 +8,8 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 
 import bayes_toe as bt
-from bayes_toe.plots.figure_files import picture
-from bayes_toe.plots.order_effect import QUESTIONS
+from bayes_toe.plots.figure_files import figure_bytes
+from bayes_toe.plots.order_effect import QUESTION_STYLES
 from bayes_toe.plots.paper_figures import examples_figure, plane_figure
 from bayes_toe.plots.style import POSTERIOR, new_figure, plain
 
@@ -25,7 +25,7 @@ def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
 
 
 def test_questions_differ_in_grey():
-    colours = np.array([to_rgb(question.colour) for question in QUESTIONS])
+    colours = np.array([to_rgb(question.colour) for question in QUESTION_STYLES])
     lightness = np.sort(colours @ [0.299, 0.587, 0.114])
     assert (np.diff(lightness) > 0.2).all()
 
@@ -56,9 +56,9 @@ def test_a_picture_is_what_the_figure_is_and_the_same_each_time():
     ax = figure.subplots()
     ax.barh([0, 1], [1, 2], color=POSTERIOR)
     ax.set_title("words")
-    image = imread(io.BytesIO(picture(figure, "png", dpi=100)))
+    image = imread(io.BytesIO(figure_bytes(figure, "png", dpi=100)))
     assert image.shape[:2] == (200, 300)
     colours = {to_hex(colour) for colour in np.unique(image.reshape(-1, image.shape[2]), axis=0)}
     assert {"#ffffff", POSTERIOR.lower(), "#000000"} < colours
     for suffix in ("pdf", "png", "svg"):
-        assert picture(figure, suffix) == picture(figure, suffix)
+        assert figure_bytes(figure, suffix) == figure_bytes(figure, suffix)

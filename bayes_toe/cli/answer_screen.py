@@ -21,9 +21,9 @@ from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
     OUTPUT,
     Terminal,
-    chosen,
     command_lines,
     is_narrow,
+    names_to_show,
     typed_command,
 )
 from bayes_toe.data.messages import capitalized, join_names, join_words
@@ -111,7 +111,7 @@ def effect_size(answer: OrderEffect, question: str) -> str:
 
 def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
     """A row for every subject, the reasons of `(a)`, and what needs action."""
-    names = chosen([answer.subject for answer in answers], flagged(answers))
+    names = names_to_show([answer.subject for answer in answers], flagged(answers))
     selected = [answer for answer in answers if answer.subject in names]
     letters = reason_letters(selected)
     rows = [subject_row(answer, letters) for answer in selected]

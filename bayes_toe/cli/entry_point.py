@@ -1,7 +1,8 @@
 """The entry point of the `bayes-toe` command.
 
-A log that is closed or full, or a missing home folder, costs no result. A signal ends the command
-with one line and leaves no process behind.
+`main` prepares the process and starts the commands. Its streams survive a closed or full log,
+libraries get a cache folder if they have none, and a signal ends the command with one line: it
+cleans up and leaves no process behind.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ def open_streams() -> Log:
         try:
             os.fstat(number)
         except OSError:
-            # Closed: a file of ours, or of a worker, must not get its number.
+            # Closed: open the null device on it, so that no later file gets its number.
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     if sys.stdin is None:
         sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115

@@ -119,7 +119,7 @@ def corner(
 
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
     """
-    from bayes_toe.cli.results_folder import open_later
+    from bayes_toe.cli.results_folder import cached_loader
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.inference.draws import load_draws
     from bayes_toe.plots.figure_files import require_formats
@@ -129,7 +129,7 @@ def corner(
     draws = load_draws(posterior)
     names = tuple(subject or draws.names)
     for name in subject or ():
-        draws.subject(name)  # refuses who is not there
+        draws.subject(name)  # raises for an unknown subject
     truths = {} if truth is None else read_truth(truth, [draws], names)
     options = {
         "coordinates": _quantities(coordinates, parameters, draws),
@@ -142,7 +142,7 @@ def corner(
         whole_folder(output, files, required=files, overwrite=context.overwrite) as folder,
         context.out.progress("drawing", len(figures)) as tick,
     ):
-        saved = open_later(posterior)
+        saved = cached_loader(posterior)
         # Absolute, since a worker may be in another folder than this process.
         target = folder.absolute()
         jobs = []
@@ -195,11 +195,11 @@ def _draw_corner(
     saved: Callable[[], bt.Draws], options: Mapping[str, Any], target: Path, endings: Sequence[str]
 ) -> None:
     """Draw a corner plot of a subject, or of several, in every format."""
-    from bayes_toe.plots.figure_files import picture
+    from bayes_toe.plots.figure_files import figure_bytes
 
     figure = bt.plots.corner(saved(), **options)
     for ending in endings:
-        content = picture(figure, ending, dpi=110 if ending == "png" else 300)
+        content = figure_bytes(figure, ending, dpi=110 if ending == "png" else 300)
         target.with_name(f"{target.name}.{ending}").write_bytes(content)
 
 

@@ -13,8 +13,8 @@ from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
     OUTPUT,
     Terminal,
-    chosen,
     format_table,
+    names_to_show,
     notes_of,
     number,
     quantile_texts,
@@ -67,8 +67,8 @@ def run(
     study, context = context.ask(study)
     choice = FigureChoice(figures, study.truth(), explore, paper_figures)
     context.require_folder(output, PRODUCTS)
-    keep = context.partial(output)
-    read, prior = context.opened(study)
+    keep = context.partial_folder(output)
+    read, prior = context.read_and_describe(study)
     if paper_figures:
         refuse_intervals(read, "--paper-figures")
     if explore:
@@ -104,7 +104,7 @@ def _print_analysis(
     out: Terminal, analysis: Analysis, check: PredictiveCheck | None, folder: Path
 ) -> None:
     """The tables of subjects and conditions, and what needs action."""
-    from bayes_toe.cli.answers import print_subjects
+    from bayes_toe.cli.answer_screen import print_subjects
     from bayes_toe.cli.group_screen import print_problems
     from bayes_toe.cli.within_screens import print_contrast
 
@@ -129,7 +129,7 @@ def _print_conclusion(
     out: Terminal, analysis: Analysis, problems: Mapping[str, str], folder: Path
 ) -> None:
     """The answer of the study and of the group, and where to go on."""
-    from bayes_toe.cli.answers import print_answer, without_decision
+    from bayes_toe.cli.answer_screen import print_answer, without_decision
 
     closing = without_decision(analysis.answers, problems)
     closing += [f"Start with {folder / 'report.html'}.", f"Seed {analysis.settings.seed}."]
@@ -164,7 +164,7 @@ def sample(
     from bayes_toe.model.models import require_model
 
     context.require_files(output)
-    keep = context.partial(output)
+    keep = context.partial_folder(output)
     read, prior = context.read(study)
     require_model(model, read.task)
     _require_room(context, output, keep, read, prior, model)
@@ -218,11 +218,11 @@ def evidence(
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
     from bayes_toe.answers.study_summary import few_subjects_lines
-    from bayes_toe.cli.answers import print_answer, print_subjects, without_decision
+    from bayes_toe.cli.answer_screen import print_answer, print_subjects, without_decision
 
     context.require_files(output)
-    keep = context.partial(output)
-    read, prior = context.opened(study)
+    keep = context.partial_folder(output)
+    read, prior = context.read_and_describe(study)
     table = context.work("evidence", len(read), bt.evidence, read, prior=prior, keep=keep)
     table.save(output, **context.saving_of(read))
     context.finish(keep, table.failed)
@@ -244,8 +244,8 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     columns = _PAPER_COLUMNS if "mu1" in draws.parameters else _ORDER_COLUMNS
     keys = [key for key in columns if key in draws.parameters]
     rows, index = [], {name: i for i, name in enumerate(draws.names)}
-    for name in chosen(draws.names, missed):
-        # The smallest effective size of all quantities: errors that are rather too large.
+    for name in names_to_show(draws.names, missed):
+        # The smallest effective size of all quantities: errors are then rather too large.
         n_effective = float(stats["min_ess"][index[name]])
         row = [f"{name} !" if name in missed else name]
         for key in keys:

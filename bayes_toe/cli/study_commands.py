@@ -1,4 +1,8 @@
-"""Commands that need no posterior, check and fit, and what they print."""
+"""The commands `check` and `fit`, and what they print.
+
+`check` shows how a study was read and what its design can show. `fit` fits the paper's model by
+maximum likelihood with bootstrap intervals, and tests the asymmetry of both orders.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +53,7 @@ def check(
             )
         context.require_files(study_output)
     prior = preset_or_file(context.prior)
-    # Whatever the stimuli are: `check` reports what cannot be analysed.
+    # No validation here, because `check` also reports studies that cannot be analysed.
     read = study.read()
     if study_output is not None:
         text = study.source.text(study_output.parent)
