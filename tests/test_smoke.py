@@ -1,6 +1,6 @@
 """Commands on a small study: each ends well and writes what it promises.
 
-What takes draws has tests in its own room's files.
+What takes draws has tests in the files of its own subpackage.
 """
 
 import pytest

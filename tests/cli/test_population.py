@@ -11,7 +11,12 @@ from conftest import grouped_csv
 from populations import independent_draws, made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
-from bayes_toe.answers.order_effect import Size, format_share, format_signed
+from bayes_toe.answers.order_effect import (
+    Size,
+    format_bayes_factor,
+    format_share,
+    format_signed,
+)
 from bayes_toe.cli.group_screen import group_answer, group_tables
 
 FILES = ("group.csv", "group.nc", "group.png", "group_subjects.csv")
@@ -90,6 +95,11 @@ def test_what_is_refused(finished, folder, options, words):
     assert words in refused(f"population study.csv {OPTIONS} {options}", cwd=folder, silent=False)
 
 
+def test_a_file_that_is_read_is_not_replaced_whatever_its_path(finished, folder):
+    line = f"population {folder / 'study.csv'} -o study.nc --overwrite {OPTIONS}"
+    assert "this command reads that file" in refused(line, cwd=folder, silent=False)
+
+
 def test_same_or_different_and_what_is_not_reliable(tmp_path, monkeypatch):
     study = bt.example_study("same/different").select(["S01", "S02", "S03"])
     study.frame().to_csv(tmp_path / "study.csv", index=False)
@@ -125,3 +135,25 @@ def test_conditions_have_a_line_and_a_table():
     assert {len(row) for row in rows} == {len(headings)}
     assert [row[0] for row in rows] == ["constant error", "contraction p", "JND"]
     assert " %" in rows[0][1]
+    [ratio] = built.table.select("difference", "noise")
+    low, median, high = np.exp([ratio.q025, ratio.q50, ratio.q975])
+    assert differences[2][2] == f"{median:.2f} [{low:.2f}, {high:.2f}]"
+
+
+def test_bayes_factors_are_those_of_a_mean_that_is_not_0():
+    built = made_result(simulated_group(1, n_subjects=6))
+    [line] = group_answer(built)
+    for name in ("constant_error", "contraction"):
+        [row] = built.table.select("mean", name)
+        assert abs(row.ln_bf_zero) > 0.1
+        assert f"(BF {format_bayes_factor(-row.ln_bf_zero)})" in line
+
+
+def test_effective_draws_are_the_fewest_of_bulk_and_tail():
+    built = made_result(simulated_group(1, n_subjects=4))
+    [(_, _, rows)] = group_tables(built)
+    for name, row in zip(built.names, rows, strict=True):
+        summaries = [*built.table.select("mean", name), *built.table.select("sd", name)]
+        fewest = min(min(summary.ess_bulk, summary.ess_tail) for summary in summaries)
+        largest = max(summary.r_hat for summary in summaries)
+        assert row[-2:] == [f"{fewest:,.0f}", f"{largest:.3f}"]

@@ -217,6 +217,9 @@ def test_a_word_that_depends_on_lapses_has_a_mark(capsys, is_robust):
         table = replace(table, rows=tuple(row._replace(robust="no") for row in table))
     print_contrast(Terminal(), table)
     text = capsys.readouterr().out
+    heading, *lines = text.strip().split("\n")
+    assert heading.split()[:3] == ["subject", "right", "-"]
+    assert [line[:4] for line in lines[:3]] == ["P000", "    ", "    "]
     n_marks = 0 if is_robust else len(table.quantities) - 1
     assert len(re.findall(r" \?$", text, re.MULTILINE)) == n_marks
     assert ("? The word changes if the lapse rate" in text) == (not is_robust)

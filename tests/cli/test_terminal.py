@@ -4,21 +4,26 @@ import math
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem
-from bayes_toe.cli.answer_screen import flagged, print_subjects, without_decision
-from bayes_toe.cli.inference_commands import print_draws
+from bayes_toe.answers.serial_dependence import EFFECT_MODELS, SerialDependence, SubjectDependence
+from bayes_toe.cli.answer_screen import flagged, not_counted, print_subjects, without_decision
+from bayes_toe.cli.inference_commands import describe_h1, print_draws
 from bayes_toe.cli.terminal import (
+    MANY_SUBJECTS,
     WIDTH,
     Terminal,
     cell_width,
     command_lines,
     format_table,
+    names_to_show,
     round_to_errors,
     wrap_line,
 )
+from bayes_toe.cli.within_screens import print_history
 
 
 def shown_subjects(text):
@@ -56,6 +61,40 @@ def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(numerous)
     assert (
         without_decision(numerous[:98], {"S3": "R-hat 1.2"}) == without_decision(numerous, {}) == []
     )
+
+
+def test_subjects_that_are_not_counted_have_names(numerous):
+    assert not_counted(numerous[:2]) == []
+    excluded = [replace(answer, is_interpretable=False) for answer in numerous[:7]]
+    assert not_counted(excluded[:1]) == []  # of one subject the screen says it already
+    assert not_counted([*excluded[:1], numerous[8]]) == ["S0 is not counted."]
+    names = "S0, S1, S2, S3 and S4"
+    assert not_counted([*excluded[:5], numerous[8]]) == [f"{names} are not counted."]
+    [sentence] = not_counted([*excluded, numerous[8]])
+    assert sentence == "S0, S1, S2, S3, S4, ... and 2 more are not counted."
+
+
+def test_from_twenty_subjects_on_a_table_has_those_that_need_action():
+    names = [str(i) for i in range(MANY_SUBJECTS)]
+    assert names_to_show(names[1:], {"7"}) == names[1:]
+    assert names_to_show(names, {"7"}) == ["7"]
+
+
+def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):
+    sizes = {"rho": (0.1, 0.3, 0.5), "kappa": (0.2, 0.4, 0.6)}
+    log_evidence = np.where(EFFECT_MODELS["carry_over"], -1.5, 0.0)
+    row = SubjectDependence("A", ("none", "contraction"), log_evidence, **sizes)
+    print_history(Terminal(), SerialDependence((row,), small_study, 1, bt.Prior()))
+    [line] = [line for line in capsys.readouterr().out.split("\n") if line.startswith("A ")]
+    assert line.split() == ["A", "probably", "not", "-", "undecided", ".40", "[.20,", ".60]"]
+
+
+def test_h1_is_better_where_its_bayes_factor_is_above_1(analysis):
+    rows = []
+    for row, difference in zip(analysis.evidence, (0.5, -0.5, 2.0), strict=True):
+        rows.append(replace(row, log_evidence_h1=row.log_evidence_h0 + difference))
+    words = describe_h1(replace(analysis.evidence, rows=tuple(rows)))
+    assert words.startswith("H1 predicts better than H0 for 2 of 3 subjects (median ln BF 0.5)")
 
 
 def test_many_draws_are_shown_if_they_did_not_converge(analysis, capsys, monkeypatch):
@@ -116,8 +155,9 @@ def test_tables_are_fixed_and_fit(headings, rows, expected):
 
 
 def test_numbers_stay_at_the_right_in_columns_that_follow_below():
-    rows = [["A", "l" * 40, "r" * 40, "5"], ["B", "l", "r", "12"]]
+    rows = [["A", "l" * 70, "r" * 60, "5"], ["B", "l", "r", "12"]]
     lines = format_table(["subject", "left", "right", "n"], rows, (3,))
+    assert lines[4].split() == ["subject", "right", "n"]
     assert [line[-4:] for line in lines[-3:]] == ["   n", "   5", "  12"]
 
 

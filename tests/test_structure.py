@@ -1,4 +1,4 @@
-"""The house: every file stands in a room, imports point one way, and a library has one owner.
+"""Every file is in a subpackage, imports point one way, and a library has one owner.
 
 version errors arrays seeds library_settings cluster workers < data < result_store < model < checks
 < inference < groups < classical < answers < analysis < design < plots < explorer < app < cli
@@ -13,7 +13,7 @@ import pytest
 import bayes_toe
 
 PACKAGE = Path(bayes_toe.__file__).parent
-#: From the ground up: an import leads to something further left, or stays in the room.
+#: An import leads to something further left, or stays in its subpackage.
 ORDER = (
     "version",
     "errors",
@@ -85,13 +85,13 @@ def _rank(name):
 
 
 @pytest.mark.parametrize("name", _modules())
-def test_every_file_stands_in_a_room_and_imports_point_down(name):
+def test_every_file_is_in_a_subpackage_and_imports_point_one_way(name):
     ours = [
         other.removeprefix("bayes_toe.")
         for other in _imported(name)
         if other.startswith("bayes_toe.")
     ]
-    assert name.count(".") <= 1, "one level of rooms"
+    assert name.count(".") <= 1, "one level of subpackages"
     assert [
         other for other in ours if other.split(".")[0] in ORDER and _rank(other) > _rank(name)
     ] == []
