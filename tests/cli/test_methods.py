@@ -33,6 +33,7 @@ def test_the_paragraph_has_data_models_criteria_results_and_limits(analysis, tmp
         "no order effect (prior probability 1/2), constant error, contraction, and both",
         f"seed {analysis.draws.seed}.",
         "at least .95, 'probably' from .75, 'no' up to .05",
+        "with a Bayes factor (BF) of at most .37; otherwise 'undecided'.",
         "An order effect was present in",
         "A constant error was present in",
         "The design cannot identify contraction, because these pairs cannot distinguish",
@@ -40,6 +41,7 @@ def test_the_paragraph_has_data_models_criteria_results_and_limits(analysis, tmp
     ]
     assert [sentence for sentence in expected_names if sentence not in text] == []
     assert "A contraction was present" not in text
+    assert "(3 of 3)" not in text  # of a limit of the design that holds for all
     for row in analysis.evidence:
         assert re.search(rf"\| {row.subject} \|[^|]+\|[^|]+\| cannot be told \|[^|]+\| \|", text)
 
@@ -72,6 +74,21 @@ def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
     assert f"The fit is not testable for {third}." in text
     assert f"Not interpreted: {second}." in text
     assert "of 2 participants" in text
+    assert "The model does not fit any participant." in text_of(
+        with_answers(analysis, poor, poor, poor), tmp_path
+    )
+
+
+def test_effects_and_unequal_numbers_of_trials_are_counted(analysis, tmp_path):
+    words = analysis.answers[0].words
+    changes = [{"words": {**words, "order_effect": word}} for word in (Word.YES, Word.YES, Word.NO)]
+    first, *others = analysis.study.subjects
+    more = replace(first, n_trials=first.n_trials + 1)
+    study = replace(analysis.study, subjects=(more, *others))
+    text = text_of(replace(with_answers(analysis, *changes), study=study), tmp_path)
+    assert "An order effect was present in 2 of 3 participants" in text
+    assert "; the others: 1 no." in text
+    assert f"({1950 + first.n_pairs:,} trials, 650 to {650 + first.n_pairs} each)" in text
 
 
 @pytest.mark.parametrize(("log_bf", "factor"), [(-20.0, "> 100"), (-2.9, "18"), (9.0, "< 1/100")])
