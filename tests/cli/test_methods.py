@@ -82,9 +82,9 @@ def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
 def test_effects_and_unequal_numbers_of_trials_are_counted(analysis, tmp_path):
     words = analysis.answers[0].words
     changes = [{"words": {**words, "order_effect": word}} for word in (Word.YES, Word.YES, Word.NO)]
-    first, *others = analysis.study.subjects
-    more = replace(first, n_trials=first.n_trials + 1)
-    study = replace(analysis.study, subjects=(more, *others))
+    first, *remaining = analysis.study.subjects
+    longer = replace(first, n_trials=first.n_trials + 1)
+    study = replace(analysis.study, subjects=(longer, *remaining))
     text = text_of(replace(with_answers(analysis, *changes), study=study), tmp_path)
     assert "An order effect was present in 2 of 3 participants" in text
     assert "; the others: 1 no." in text
