@@ -1,4 +1,6 @@
-"""An adaptive session as an experiment has it: show a pair, wait for an answer, choose the next pair; stop and go on at any time.
+"""An adaptive session: show a pair, wait for an answer, choose the next pair.
+
+The session can stop and go on at any time.
 
     python scripts/adaptive_session.py session.json --subject S01 --trials 40 --simulate
 

@@ -1,4 +1,6 @@
-"""Whether posteriors and evidences are calibrated: simulate data of known origin, analyse them as usual, judge, write tables and figures.
+"""Check whether posteriors and evidences are calibrated.
+
+It simulates data of known origin, analyses them as usual, and writes tables and figures.
 
 Example: python scripts/calibration.py -o calibration --studies 1000 --data-sets 2000 --seed 1
 Exit code 3 where something is not calibrated.
@@ -109,7 +111,8 @@ def verdict_lines(found: Calibration) -> list[str]:
         )
     for row in found.evidence_verdicts.itertuples():
         if row.estimator == DEFAULT:
-            said = f"{row.verdict.replace('not', 'NOT')}, ECE {row.error:.4f}, floor {row.floor:.4f}, limit {MARGIN:g} above the floor"
+            verdict = f"{row.verdict.replace('not', 'NOT')}, ECE {row.error:.4f}"
+            said = f"{verdict}, floor {row.floor:.4f}, limit {MARGIN:g} above the floor"
             lines.append(
                 f"evidence, {row.design} design: "
                 f"{said if row.error == row.error else 'the default estimator gives no number'}"

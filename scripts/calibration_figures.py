@@ -1,4 +1,4 @@
-"""Figures of a calibration run: ranks against their bands, reliability of probabilities, and how far estimators are off."""
+"""Figures of a calibration run: ranks with bands, reliability of probabilities, errors."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _TICKS = (-100, -30, -10, -3, -1, 0, 1, 3, 10, 30, 100)
 
 
 def ranks_figure(table: Calibration) -> Figure:
-    """Distribution function of the ranks of every quantity minus the uniform one, with the band that all stay in with 99 %."""
+    """Distribution functions of ranks minus the uniform one, with their 99 % band."""
     designs = list(table.ranks.groupby("design", sort=False))
     threshold = table.rank_verdicts["threshold"].iloc[0]
     bands = [
@@ -82,7 +82,7 @@ def ranks_figure(table: Calibration) -> Figure:
 
 
 def reliability_figure(table: Calibration) -> Figure:
-    """How often H1 was true where its probability was p: bins with exact 95 % intervals, marks whose area grows with what is in them."""
+    """Share of data sets of H1 by its probability, in bins with exact 95 % intervals."""
 
     def draw(estimator: str, ax: Axes) -> None:
         ax.plot([0, 1], [0, 1], color="black", lw=0.5)
@@ -125,7 +125,7 @@ def reliability_figure(table: Calibration) -> Figure:
 
 
 def differences_figure(table: Calibration) -> Figure:
-    """How far the log Bayes factor of every estimator lies from the default's, and how often there is none."""
+    """Differences of estimators from the default log Bayes factor, and numbers of missing ones."""
     figure = new_figure(PAGE, 2.7)
     ax = figure.subplots()
     others = [name for name in ESTIMATORS if name != DEFAULT]

@@ -1,7 +1,9 @@
 """Conditions within subjects: the numbers of docs/validation.md.
 
-    python scripts/conditions.py subjects [--data FOLDER]     # real studies: delays, and splits in which nothing differs
-    python scripts/conditions.py simulated --number 30        # simulated subjects: nothing or one quantity differs
+    # real studies: delays, and splits in which nothing differs
+    python scripts/conditions.py subjects [--data FOLDER]
+    # simulated subjects: nothing or one quantity differs
+    python scripts/conditions.py simulated --number 30
     python scripts/conditions.py group [--data FOLDER]        # the group by delay
 
 FOLDER has auditory_pwm/trials.csv and vibrotactile_rate/trials.csv. A line is printed as soon as it

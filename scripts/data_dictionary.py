@@ -34,7 +34,7 @@ _ROW = re.compile(r"^\| `([^`]+)` \| (.*) \|$", flags=re.MULTILINE)
 
 @dataclass(frozen=True)
 class File:
-    """Declared columns of a file, the records that explain them, and what the document says better than these."""
+    """Columns of a file, the records that explain them, and explanations that replace these."""
 
     columns: Sequence[str] = ()
     explained: Sequence[type] = ()

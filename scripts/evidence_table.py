@@ -1,4 +1,4 @@
-"""Which order effect every subject has, whether the model describes the answers, and H1 against free frequencies (H0): a table, a figure.
+"""A table and a figure: the order effects of every subject, the fit, and H1 against H0.
 
 Example: python scripts/evidence_table.py study.csv -o evidence.csv --figure evidence.png --seed 1
 """

@@ -1,4 +1,6 @@
-"""What users get, frozen: every command's tables on a study, held against those of an earlier commit within Monte Carlo error.
+"""Compare every command's tables on a study with those of an earlier commit.
+
+Differences must be within Monte Carlo error.
 
 Three words: `run` makes the tables, a folder a study and seed; `freeze` takes centre and tolerance
 of every number; `check` says what lies outside, exit code 3 where that is more than chance.
@@ -99,7 +101,7 @@ def call(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 
 def _numbers(folder: Path) -> Iterator[pd.DataFrame]:
-    """Every number of the tables below a folder: study, seed, table, row, column, value, and the error that the table itself states."""
+    """Every number of the tables in a folder, by study, seed, table, row and column."""
     tables = {table: key for _, written in COMMANDS.values() for table, key in written.items()}
     for place in sorted(path for path in folder.iterdir() if path.is_dir()):
         study, seed = place.name.rsplit("-", 1)
@@ -161,7 +163,7 @@ def frozen(folder: Path) -> pd.DataFrame:
 
 
 def check(folder: Path, table: pd.DataFrame) -> tuple[int, pd.DataFrame]:
-    """How many numbers were there to hold against the table, and those outside, the worst first, with their distance in tolerances."""
+    """The number of compared numbers, and those outside with their distances, the worst first."""
     every = pd.concat(_numbers(folder), ignore_index=True).fillna({"row": ""})
     merged = every.merge(table.fillna({"row": ""}), on=_KEY, how="inner")
     merged["distance"] = (merged["value"] - merged["centre"]).abs() / merged["tolerance"]

@@ -79,7 +79,7 @@ def _said(one: Any) -> str:
 
 
 def name_reference(face: str) -> str:
-    """Every public name of a package: tables of all, then each with its docstring, as reStructuredText within Markdown."""
+    """All public names of a package: tables, then docstrings, as reStructuredText in Markdown."""
     package = import_module(face)
     kinds: dict[str, list[str]] = {
         "Functions": [],
@@ -117,7 +117,8 @@ def _names(face: str, kind: str, names: list[str]) -> Iterator[str]:
 
 def citation() -> str:
     """The file that is meant for programs, as it stands."""
-    return f"```yaml\n{(Path(__file__).resolve().parents[1] / 'CITATION.cff').read_text(encoding='utf-8')}```"
+    citation = Path(__file__).resolve().parents[1] / "CITATION.cff"
+    return f"```yaml\n{citation.read_text(encoding='utf-8')}```"
 
 
 #: What stands in a document for each page, and what it becomes.

@@ -1,4 +1,6 @@
-"""Calibration of posteriors and evidences on data from known observers, by the steps that `bayes-toe sample` and `evidence` take.
+"""Calibration of posteriors and evidences on data from known observers.
+
+The steps are those of `bayes-toe sample` and `evidence`.
 
 Posteriors (simulation-based calibration): a subject drawn from the prior answers the trials of a
 design, the answers are analysed, and the true value of each quantity is ranked among its stored
@@ -112,7 +114,7 @@ Row = dict[str, object]
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be simulated, in each design: studies of one subject whose true values are ranked, and data sets for the evidence."""
+    """Numbers to simulate in each design: studies whose true values are ranked, and data sets."""
 
     studies: int
     data_sets: int  # those from H1 are the same as the studies, as far as these go
@@ -154,7 +156,7 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What came of a plan, :data:`RANK_COLUMNS` and :data:`SET_COLUMNS`, and verdicts, a row a design and quantity or estimator."""
+    """Results of a plan, with :data:`RANK_COLUMNS` and :data:`SET_COLUMNS`, and verdicts by row."""
 
     plan: Plan
     ranks: pd.DataFrame
@@ -164,7 +166,7 @@ class Calibration:
 
     @property
     def failures(self) -> list[str]:
-        """What is not as it should be, one line each: ranks outside their band, and a default evidence that is not calibrated."""
+        """Problems, a line each: ranks outside their band, evidences not calibrated."""
         return [
             *(
                 f"{row.design} design: ranks of {row.quantity} outside their band (p = "
@@ -183,7 +185,7 @@ class Calibration:
 def calibrate(
     *, studies: int = 1000, data_sets: int = 2000, seed: int | None = None, workers: Workers = None
 ) -> Calibration:
-    """Simulate data of known origin, analyse them as usual, and judge whether posteriors and evidences are calibrated.
+    """Simulate data of known origin, and judge whether posteriors and evidences are calibrated.
 
     Studies and data sets are those of :class:`Plan`; 0 leaves the ranks, or the evidence, out.
     Without a seed fresh entropy, stored there.
@@ -290,7 +292,7 @@ def ranks_of(draws: Draws, subject: Subject, theta: Natural, seed: int) -> Row:
 
 
 def ranked_quantities(subject: Subject, theta: Natural) -> dict[str, FloatArray]:
-    """The quantities that :data:`RANKED` names at natural parameters of shape (points,), each of shape (points,).
+    """The quantities of :data:`RANKED` at natural parameters of shape (points,), (points,) each.
 
     In place of q its logarithm, which has the same ranks and does not vanish.
     """
@@ -340,7 +342,7 @@ def judged(plan: Plan, ranks: list[Row], data_sets: list[Row]) -> Calibration:
 
 
 def _rank_row(found: pd.DataFrame, quantity: str, threshold: float) -> Row:
-    """Verdict on the ranks of one quantity in one design, against a p-value that it must not fall below (Bonferroni)."""
+    """Verdict on the ranks of one quantity in one design, by a least p-value (Bonferroni)."""
     difference, p_value, design = (
         ecdf_difference(found[quantity]),
         uniformity(found[quantity]),

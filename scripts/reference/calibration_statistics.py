@@ -38,7 +38,7 @@ _SIMULATIONS = 2000
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """Smallest and largest counts below each of :data:`POINTS` that lie inside, each of shape (points,)."""
+    """Smallest and largest counts below each of :data:`POINTS` that lie inside, (points,) each."""
 
     size: int
     lower: IntArray
@@ -46,7 +46,10 @@ class Band:
 
     @property
     def probability(self) -> float:
-        """Probability that the counts of `size` independent uniform numbers lie inside at all points: Poisson steps given their total."""
+        """Probability that the counts of `size` uniform numbers lie inside at all points.
+
+        They are Poisson steps given their total.
+        """
         if np.any(self.lower > self.upper):
             return 0.0
         inside, start = np.ones(1), 0
@@ -66,7 +69,7 @@ class Band:
 
 
 def band(size: int, level: float) -> Band:
-    """The narrowest band inside which `size` uniform numbers stay with at least the probability `level`."""
+    """The narrowest band in which `size` uniform numbers stay with probability `level` or more."""
     low, high = _SMALLEST, 0.0  # of log t; the probability falls as t grows
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
@@ -96,12 +99,12 @@ def counts_below(values: npt.ArrayLike) -> IntArray:
 
 
 def ecdf_difference(values: npt.ArrayLike) -> FloatArray:
-    """Share of the values at or below each of :data:`POINTS`, minus the uniform share, shape (points,)."""
+    """Share of the values at or below each of :data:`POINTS`, minus the uniform one, (points,)."""
     return counts_below(values) / np.size(values) - POINTS
 
 
 def uniformity(values: npt.ArrayLike) -> float:
-    """Probability that as many uniform numbers stray as far as these values, at the point where they stray most: a p-value."""
+    """P-value of the largest deviation of these values from uniform numbers."""
     counts, size = counts_below(values), int(np.size(values))
     tails = np.minimum(binom.logcdf(counts, size, POINTS), binom.logsf(counts - 1, size, POINTS))
     rarest = float(tails.min()) + np.log(2.0)
@@ -126,7 +129,7 @@ def _cut(size: int, log_tail: float) -> Band:
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """The reliability diagram: equally wide bins of the stated probability that hold something, each array of shape (bins,)."""
+    """The reliability diagram: equal bins of the probability that are not empty, (bins,) each."""
 
     count: IntArray
     stated: FloatArray  # mean stated probability
@@ -158,7 +161,7 @@ class Reliability:
 def reliability(
     log_odds: npt.ArrayLike, true: npt.ArrayLike, rng: np.random.Generator
 ) -> Reliability:
-    """Judge probabilities given as natural log odds, shape (statements,), against the truth, shape (statements,)."""
+    """Judge probabilities, as natural log odds, against the truth, shape (statements,) each."""
     odds, p, y, member = _statements(log_odds, true)
     simulated = (rng.uniform(size=(100, len(p))) < p for _ in range(_SIMULATIONS // 100))
     error, *right = (
@@ -195,7 +198,7 @@ def reliability_bins(log_odds: npt.ArrayLike, true: npt.ArrayLike) -> Bins:
 def _statements(
     log_odds: npt.ArrayLike, true: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-    """Log odds, probabilities and truth, each of shape (statements,), and in which bin each is, shape (statements, bins)."""
+    """Log odds, probabilities and truth, (statements,) each, and their bins, (statements, bins)."""
     odds, y = np.asarray(log_odds, np.float64), np.asarray(true, np.bool_)
     if odds.shape != y.shape or odds.ndim != 1 or len(odds) == 0 or np.isnan(odds).any():
         raise InputError(

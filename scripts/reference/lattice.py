@@ -21,7 +21,7 @@ _BATCH = 4096  # lattice points whose inner integrals are done together
 
 @dataclass(eq=False)
 class Lattice:
-    """Lattice points outer = origin + (step * index) @ basis.T that matter, and the inner integral at each.
+    """Lattice points outer = origin + (step * index) @ basis.T, and the inner integral at each.
 
     The rows of `columns`: log of the integral and of its error, mean and standard deviation of c,
     guess of the latter for neighbours.
@@ -98,7 +98,7 @@ def keys(index: IntArray) -> IntArray:
 
 
 def start(density: Density, tolerance: float) -> Lattice:
-    """A lattice shaped like the density at its highest maximum, with a first point near every maximum."""
+    """A lattice with the shape of the density at its highest maximum, and all maxima."""
     inner = Inner(density, 0.05 * tolerance)
     peaks = _peaks(inner)
     curvature = _curvature(inner, peaks[0])
@@ -114,14 +114,14 @@ def start(density: Density, tolerance: float) -> Lattice:
 
 
 def _shape(curvature: FloatArray) -> FloatArray:
-    """Lower triangular factor of the covariance of (a, b, l) that the curvature implies, at most 1 in any direction."""
+    """Lower triangular factor of the covariance of (a, b, l), at most 1 in any direction."""
     outer = curvature[1:, 1:] - np.outer(curvature[1:, 0], curvature[0, 1:]) / curvature[0, 0]
     values, vectors = np.linalg.eigh(0.5 * (outer + outer.T))
     return np.asarray(np.linalg.cholesky((vectors / np.maximum(np.abs(values), 1.0)) @ vectors.T))
 
 
 def _peaks(inner: Inner, points: int = 1 << 14, climbs: int = 24) -> FloatArray:
-    """Maxima of the density, best first, (climbs, 4): simplex climbs from the best, well separated points of a wide scan."""
+    """Maxima of the density, best first, (climbs, 4), by simplex climbs from points of a scan."""
 
     def height(x: FloatArray) -> FloatArray:
         inner.evaluations += len(x)
@@ -154,7 +154,7 @@ def _peaks(inner: Inner, points: int = 1 << 14, climbs: int = 24) -> FloatArray:
 
 
 def _scan(points: int) -> FloatArray:
-    """Evenly spread points (points, 4) where posteriors of this model can have their weight; c is spread over orders of magnitude."""
+    """Points, (points, 4), over all that posteriors can cover; c spans orders of magnitude."""
     root = 1.1673039782614187  # of x^5 = x + 1: the generalised golden ratio of 4 dimensions
     unit = (0.5 + np.arange(1, points + 1)[:, None] * root ** -np.arange(1.0, 5.0)) % 1.0
     side = 2.0 * unit[:, 0] - 1.0
@@ -165,7 +165,7 @@ def _scan(points: int) -> FloatArray:
 
 
 def _curvature(inner: Inner, x: FloatArray) -> FloatArray:
-    """Negative Hessian (4, 4) by differences over steps on which the log density drops by about 1 nat, or of 1."""
+    """Negative Hessian, (4, 4), by steps of 1, or over which the log density drops by 1 nat."""
 
     def height(shift: FloatArray) -> FloatArray:
         inner.evaluations += len(shift)

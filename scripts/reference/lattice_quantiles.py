@@ -21,7 +21,7 @@ LEVELS = (0.05, 0.5, 0.95)
 
 
 class _AlongLattice:
-    """P(u < threshold), under signed weights, of a quantity u that grows by one unit with the coordinate of one lattice direction.
+    """P(u < threshold) by signed weights; u rises by one unit along one lattice direction.
 
     `own_error` is the error along that direction, as a probability; `others` are the characters
     that add to it.
@@ -99,7 +99,7 @@ def find_quantiles(audit: Audit) -> Quantiles:
 
 
 def _scales(audit: Audit) -> Iterator[tuple[_Cumulative, FloatArray, Callable[[float], float]]]:
-    """For each quantity: the cumulative of a monotone function u of it, u at the lattice points, and the way back."""
+    """For each quantity a monotone function u: its cumulative, u at the points, and the inverse."""
     x = np.column_stack([audit.lattice.columns[2], audit.outer])
     theta = audit.lattice.inner.density.natural(x)
     yield _AlongPanels(audit), reach(x), float

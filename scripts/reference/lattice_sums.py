@@ -50,7 +50,7 @@ class Audit:
         self.errors = np.stack([*rows, outside, np.full(columns.shape[1], self.panel_error)])
 
     def _node_moments(self) -> tuple[FloatArray, FloatArray]:
-        """First and second moment of mu1 - sbar, sigma_p, sigma_l, q0 and gain along each line, each (nodes, 5)."""
+        """First and second moments of mu1 - sbar, sigma_p, sigma_l, q0, gain, (nodes, 5)."""
         mean, sd = self.lattice.columns[2:4]
         x = np.column_stack([mean, self.outer])
         theta = self.lattice.inner.density.natural(x)

@@ -41,8 +41,9 @@ _COARSE_WEIGHTS = _clenshaw_curtis(_ORDER // 2)[1]
 class Density(Protocol):
     """What is integrated: a log density of x = (c, a, b, l) and the natural parameters at x.
 
-    log sigma_p and log sigma_l must be linear in b with slope 1, and mu1 = sbar + c/p: so they are in
-    :mod:`bayes_toe.model.paper_model`. A `subject` is optional; its stimuli say where the likelihood has features in c.
+    As in :mod:`bayes_toe.model.paper_model`, log sigma_p and log sigma_l are linear in b with slope
+    1, and mu1 = sbar + c/p. A `subject` is optional; its stimuli show where the likelihood has
+    features in c.
     """
 
     @property
@@ -57,7 +58,7 @@ class Density(Protocol):
 
 
 class Panels(NamedTuple):
-    """Intervals in c with the log density at their 17 points; `node` says to which outer point an interval belongs."""
+    """Intervals in c with the log density at their 17 points; `node` is the outer point of each."""
 
     node: IntArray
     low: FloatArray
@@ -70,7 +71,7 @@ class Panels(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """Inner integrals of a batch: log of integral and of its error, mean and standard deviation of c, each (nodes,); the panels."""
+    """Inner integrals: log of integral and error, mean and SD of c, (nodes,) each."""
 
     log_mass: FloatArray
     log_error: FloatArray
@@ -146,7 +147,7 @@ class Inner:
         )
 
     def _window(self, outer: FloatArray, centre: FloatArray, scale: FloatArray) -> Panels:
-        """Four panels about the centre and, on either side, doubled ones until the density has dropped."""
+        """Four panels about the centre, and on each side doubled ones until the density drops."""
         edges = centre[:, None] + scale[:, None] * _EDGES
         node = np.arange(len(outer))
         found = [
@@ -177,7 +178,7 @@ class Inner:
     def _goals(
         self, outer: FloatArray, edges: FloatArray, best: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """How far the window must reach at least, left and right: past every hump that a probe finds outside it.
+        """The least reach of the window, left and right: past every hump that a probe finds.
 
         The likelihood has its humps in c within a few widths of where distances vanish; 17 points
         there show each as a rise and a fall, however narrow it is. The window's own hump takes part
@@ -245,7 +246,7 @@ def _outermost(values: FloatArray, side: int) -> FloatArray:
 
 
 def _sharpness(values: FloatArray) -> FloatArray:
-    """How far each row falls on both sides of its local maxima within three points, nats; -1 where there is no maximum.
+    """Drop on both sides of local maxima within three points, nats; -1 without a maximum.
 
     Three, because the top may lie half-way between two equal points; ends count as if what is
     beyond were mirrored.
@@ -260,7 +261,7 @@ def _sharpness(values: FloatArray) -> FloatArray:
 
 
 def _unresolved(panels: Panels, best: FloatArray) -> BoolArray:
-    """Panels with a peak so sharp that its top may lie between the points, and so high that it may matter."""
+    """Panels with a peak that is high, and so sharp that its top may lie between the points."""
     sharp = _sharpness(panels.values)
     return np.asarray(
         ((sharp > _SHARP) & (panels.values + sharp > best[panels.node, None] - _DROP)).any(axis=1)
@@ -273,7 +274,7 @@ def joined(panels: list[Panels]) -> Panels:
 
 
 def _masses(panels: Panels, nodes: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Integral and error of every panel in units of exp(best of its node), and that best, (nodes,)."""
+    """Integral and error of panels in units of exp(best of the node), and the best."""
     best = np.full(nodes, -np.inf)
     np.maximum.at(best, panels.node, panels.values.max(axis=1))
     if np.isnan(best).any():

@@ -4,12 +4,13 @@ A reference that shares no code with the samplers.
 
 The integral over x = (c, a, b, l), with a = logit(p/p_max), b = log w, l = logit q0, is nested:
 
-inside   g(a, b, l) = \int exp(log posterior) dc: adaptive Clenshaw-Curtis panels, so that the funnel (the spread of c shrinks with
-         p) and several humps in c cost more panels and nothing else;
-outside  Z = h_1 h_2 h_3 |L| sum_k g(o + L (h k)): the trapezoidal rule, whose error falls exponentially because g is smooth and
-         decays on the whole space, on a sheared lattice (L lower triangular, the local shape of g
-         at its highest point). Only points with g > e^-depth max g are kept; they are found by
-         walking from neighbour to neighbour, from every maximum.
+inside   g(a, b, l) = \int exp(log posterior) dc: adaptive Clenshaw-Curtis panels, so that the
+         funnel (the spread of c shrinks with p) and several humps in c cost more panels and nothing
+         else;
+outside  Z = h_1 h_2 h_3 |L| sum_k g(o + L (h k)): the trapezoidal rule, whose error falls
+         exponentially because g is smooth and decays on the whole space, on a sheared lattice (L
+         lower triangular, the local shape of g at its highest point). Only points with g > e^-depth
+         max g are kept; they are found by walking from neighbour to neighbour, from every maximum.
 
 Quantiles use the same two representations: along a lattice direction the integral of the
 band-limited interpolant, whose cumulative weight is S(x) = 1/2 + Si(pi x)/pi, and along c the
@@ -39,10 +40,8 @@ TOLERANCE = 1e-4
 #: Changes whenever a change of the integration can change a number; stored references carry it.
 METHOD = "nested 2"
 
-_DEPTH, _DEEPER = (
-    15.0,
-    3.0,
-)  # nats below the highest lattice value at which the walk turns back; what is added if that is not enough
+_DEPTH = 15.0  # nats below the highest lattice value at which the walk turns back
+_DEEPER = 3.0  # nats that are added if that is not enough
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +67,7 @@ class Reference:
 
 
 def integrate(posterior: Density, *, tolerance: float = TOLERANCE) -> Reference:
-    """Integrate a posterior until the estimated errors meet the tolerance, or the lattice has 600,000 points.
+    """Integrate a posterior until the errors meet the tolerance, or there are 600,000 points.
 
     A posterior is anything with `sbar`, `log_density` and `natural`; the tolerance is that of the
     log evidence, nats: means and standard deviations may have 10 times that in units of the
