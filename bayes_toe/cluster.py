@@ -1,5 +1,7 @@
 """Jobs on the workers of a Dask cluster, whose scheduler places and repeats them.
 
+`connect` gives a client, `run_on` runs jobs.
+
 joblib's own backend "dask" is not used: with joblib 1.6 it waits for ever for a job that the
 scheduler gives up because its workers died.
 """

@@ -1,4 +1,7 @@
-"""Independent jobs side by side: by processes of this machine (joblib), or on a Dask cluster."""
+"""Independent jobs side by side: by processes of this machine (joblib), or on a Dask cluster.
+
+`run_in_order` gives all results, `run_jobs` each one when it is there.
+"""
 
 from __future__ import annotations
 

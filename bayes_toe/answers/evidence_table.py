@@ -1,5 +1,7 @@
 """The row of evidence.csv.
 
+`subject_evidence` makes a row, and `EvidenceTable` has the rows of a study.
+
 It holds the answer of a subject, and the paper's comparison of H1 with free frequencies (H0).
 
 All log evidences are natural logs and leave binomial coefficients out, so their differences are log

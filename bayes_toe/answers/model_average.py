@@ -1,5 +1,7 @@
 """Averages over the four models of the observer: weighted draws, their quantiles, curves.
 
+`averaged_draws` has the draws of all four models with weights.
+
 A draw weighs as much as its model's posterior probability times its importance weight.
 """
 

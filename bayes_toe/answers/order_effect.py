@@ -1,5 +1,8 @@
 """The answer of one subject: whether there is an order effect, a constant error, a contraction.
 
+`answer_subject` gives an :class:`OrderEffect`; the `format_` functions write numbers as all screens
+do.
+
 The four models of the observer give the probabilities and Bayes factors. The sizes are averaged
 over the models that have the effect. What stands against the answer comes before its words:
 what the design cannot show, responses that cannot be interpreted, a poor fit, a prior that

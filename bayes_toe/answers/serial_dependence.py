@@ -1,5 +1,7 @@
 """Serial dependence: whether responses depend on response or stimuli of the trial before.
 
+`serial_dependence` analyses a study, `subject_dependence` one subject.
+
 Four models of a subject are equally probable beforehand: previous response {no, yes} times stimuli
 {static, carry-over}. The models without carry-over have the likeliest of the four models of order,
 those with it the likelier one of 'contraction' and 'both', since without a contraction nothing is

@@ -1,5 +1,7 @@
 """A quick look whether answers depend on the trials before: score tests.
 
+`serial_screen` gives the p-values of a subject.
+
 The null hypothesis has a free frequency for each pair, so that no curve is assumed. Given how often
 each pair got each answer, every order of a pair's answers is equally probable. With the residual
 e = y - k/n of a trial and its regressors h, from which each pair's mean is subtracted,

@@ -1,4 +1,7 @@
-"""The answer of a study: counts that add up, directions, and how frequent effects are."""
+"""The answer of a study: counts that add up, directions, and how frequent effects are.
+
+`study_lines` has the sentences of a study, and `effect_frequencies` the frequencies.
+"""
 
 from __future__ import annotations
 

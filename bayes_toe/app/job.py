@@ -1,5 +1,7 @@
 """Studies of the web page: each is a folder, and all that the page shows is read from it.
 
+`Job` is one study, `create_job` makes it, and `jobs` lists all.
+
 A study is analysed by the command `bayes-toe run` in its folder. The process holds a lock of the
 home folder, so that one study is analysed at a time, also after the server was started again.
 """

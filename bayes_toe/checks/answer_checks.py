@@ -1,5 +1,7 @@
 """Problems in the responses of a subject, known before any sampling.
 
+`check_answers` gives the findings, `answer_flags` those of every subject.
+
 Pooled counts assume that the responses to a pair have one probability from the first trial to the
 last. The tests of blocks and of drift are exact, given how often each response was given to each
 pair: tables are drawn as if these responses had fallen on the blocks by chance, so small cells

@@ -1,4 +1,7 @@
-"""Checks of the design: what files, pairs and blocks cannot show."""
+"""Checks of the design: what files, pairs and blocks cannot show.
+
+`check` gives all findings of a study, `check_design` those that do not use the responses.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Identification: the questions that a subject's pairs and order of trials can answer."""
+"""Identification: the questions that a subject's pairs and order of trials can answer.
+
+`identify` answers for one subject.
+"""
 
 from __future__ import annotations
 

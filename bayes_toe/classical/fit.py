@@ -1,6 +1,6 @@
 """The paper's fit of a study: maximum likelihood with bootstrap intervals.
 
-The intervals of the posterior stand beside them.
+`fit` gives a :class:`FitTable`, which can stand beside the intervals of the posterior.
 
 The bootstrap says how far the fit would move if the same subject did the experiment again: each
 pair's frequency q' ~ Beta(n_yes + 1, n_no + 1), new answers n' ~ Binomial(n, q'), refit. Source:

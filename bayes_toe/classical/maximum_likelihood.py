@@ -1,6 +1,6 @@
 """Maximum-likelihood fit of the paper's observer with its penalty on mu1.
 
-One call fits one vector of counts, or thousands at once, in either task.
+`fit_counts` fits one vector of counts, or thousands at once, in either task.
 
 The fit maximises log likelihood (no binomial coefficients) - (mu1 - mean)^2 / (2 V_1), over 0 <=
 gamma <= 1, any width w, and a share of 0 to 1: q0, or 1 - lambda. The supremum often lies on an

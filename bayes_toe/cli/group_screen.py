@@ -40,7 +40,7 @@ _ROW_LABELS = {
     CONSTANT_ERROR.name: "constant error",
     PEAK.name: "largest P('equal')",
 }
-#: Rows of the table of the group that have a parameter in the unit of screens.
+#: Rows of the group's table that have these parameters in the unit of screens.
 _QUANTITY_OF = {
     CONSTANT_ERROR.name: "pse_shift_percent",
     NOISE.name: "jnd_percent",

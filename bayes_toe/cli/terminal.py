@@ -279,7 +279,7 @@ def cell_width(text: str) -> int:
 
 
 def names_to_show(names: Iterable[str], first: Collection[str]) -> list[str]:
-    """Subjects that a table shows: all, or from :data:`MANY_SUBJECTS` on those of `first` alone.
+    """Subjects that a table shows: all, or only those in `first` if there are many.
 
     Examples
     --------

@@ -1,5 +1,7 @@
 """The roles of a table's columns: by our names, by similar names, by options.
 
+`columns_to_read` gives the columns of a table with the problems of their names.
+
 A subject, a response or a count is read from a column with another name where exactly one name is
 like ours. Stimuli are not: a column such as `stim1` may hold intensities or their logarithms.
 """

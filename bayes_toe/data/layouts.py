@@ -1,5 +1,7 @@
 """Stimuli in another layout: a standard and a comparison, or pairs in the names of columns.
 
+`StandardOrder` puts a standard and a comparison in order, `with_pairs` reads wide tables.
+
 The order of presentation is what an order effect is about. A table that has a standard and a
 comparison must therefore say which of them came first: a column names the interval of the standard
 (1 or 2), or the standard was always first. In a wide table the name of a column, or a cell, tells

@@ -1,6 +1,6 @@
 """Options of reading: intensities, codes of responses, names of columns.
 
-The options also say which of its columns are read.
+`ReadOptions` has all of them.
 """
 
 from __future__ import annotations

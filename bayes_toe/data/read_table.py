@@ -1,4 +1,7 @@
-"""Any source of a table as columns of text: CSV, Excel, JSON, Parquet, MATLAB, data frames."""
+"""Any source of a table as columns of text: CSV, Excel, JSON, Parquet, MATLAB, data frames.
+
+`read_table` reads one, `toml_table` a TOML file.
+"""
 
 from __future__ import annotations
 

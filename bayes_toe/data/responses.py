@@ -1,5 +1,7 @@
 """The meaning of a column of answers: words tell the task, numbers never do.
 
+`responses` reads a column of words or codes.
+
 Right and wrong become answers by the sign of s2 - s1.
 """
 

@@ -128,14 +128,12 @@ class Problems:
         """Raise ten of them as one InputError, and how many more there are."""
         if self.count == 0:
             return
-        shown = sorted(self._shown, key=itemgetter(0))[:MAX_LINES]
-        more = (
-            [f"... and {plural(self.count - len(shown), 'more problem')}"]
-            if self.count > len(shown)
-            else []
-        )
-        problems = [f"{self.source}: {text}" for _, text in shown]
-        raise InputError([*problems, *more], self.remedies)
+        first_lines = sorted(self._shown, key=itemgetter(0))[:MAX_LINES]
+        problems = [f"{self.source}: {text}" for _, text in first_lines]
+        n_others = self.count - len(first_lines)
+        if n_others > 0:
+            problems.append(f"... and {plural(n_others, 'more problem')}")
+        raise InputError(problems, self.remedies)
 
 
 class NoValue(NamedTuple):
@@ -404,7 +402,9 @@ def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
     if not isinstance(record, csv.Error):
         finding, rule = plural(len(record), "cell"), plural(width, "cell")
         return f"row {row}: found {finding}, allowed: {rule} as in the header"
-    finding = next(
-        (said for part, said in _SPLIT_ERRORS.items() if part in str(record)), str(record)
-    )
+    finding = str(record)
+    for part, words in _SPLIT_ERRORS.items():
+        if part in str(record):
+            finding = words
+            break
     return f"row {row}: found {finding}, allowed: quotes around whole cells, doubled inside"

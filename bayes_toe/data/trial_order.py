@@ -1,6 +1,6 @@
 """Trials in the order in which they were given.
 
-It holds the answers of each subject row by row, and the starts of sessions.
+`answers_in_order` has the answers of each subject row by row, with the starts of sessions.
 """
 
 from __future__ import annotations

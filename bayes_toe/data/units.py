@@ -1,4 +1,7 @@
-"""Units in a file: the levels of a condition within subjects become part of the subjects' names."""
+"""Units in a file: the levels of a condition within subjects become part of the subjects' names.
+
+`with_units` changes the column of subjects, `with_conditions` makes the study.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The next pair, chosen by what its answer is expected to tell, trial after trial."""
+"""The next pair, chosen by what its answer is expected to tell, trial after trial.
+
+`Adaptive` is a session: `next` gives a pair, `answer` takes the answer in.
+"""
 
 from __future__ import annotations
 

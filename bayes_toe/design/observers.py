@@ -1,5 +1,7 @@
 """Assumed observers: for whom a study is planned, and who answer in simulated studies.
 
+`assume_observers` makes them from ranges, a prior, a file of draws or records.
+
 An observer has the parameters of :mod:`bayes_toe.model.parameters`, in the unit of the stimuli
 (natural-log intensity). Its contraction is to the mean first stimulus of the design that is shown.
 """

@@ -1,4 +1,7 @@
-"""The pairs that tell most about the effects of order, beside other designs of as many trials."""
+"""The pairs that tell most about the effects of order, beside other designs of as many trials.
+
+`optimal_design` finds them for a `DesignGoal`, and compares the design with others.
+"""
 
 from __future__ import annotations
 

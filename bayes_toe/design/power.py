@@ -1,5 +1,7 @@
 """Power of a design: simulate assumed observers, and count the words of their answers.
 
+`power` gives a :class:`PowerTable`.
+
 Every simulated data set goes the way of a subject: the evidences of the four models, then the
 words. Counted are the words about the order effect, the constant error and the contraction; beside
 them stand the mean widths of the 95 % intervals of the sizes.

@@ -1,5 +1,7 @@
 """Synthetic studies: a design, observers, a seed.
 
+`simulate` makes a study, from observers and a design.
+
 Observers have the parameters of the four models, or those of the paper's model (H1).
 """
 

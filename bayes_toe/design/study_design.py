@@ -1,4 +1,7 @@
-"""A design: ordered pairs of stimuli, and how often each is shown."""
+"""A design: ordered pairs of stimuli, and how often each is shown.
+
+`StudyDesign` has pairs with numbers of trials, `BatchDesign` a set of pairs that is repeated.
+"""
 
 from __future__ import annotations
 

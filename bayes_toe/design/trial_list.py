@@ -1,5 +1,7 @@
 """The order in which a design's trials are shown, and the file that an experiment reads.
 
+`trial_list` makes it.
+
 Blocks are alike, both orders of two stimuli are equally frequent in each, and few equal pairs
 follow each other.
 """

@@ -1,5 +1,7 @@
 """The page's data of a subject and model: draws, contours, curves, counts, answer.
 
+`entries_of` makes an `Entry` for each subject and model of a file of draws.
+
 Arrays are text in a page: base64 of little-endian numbers, which a browser turns into typed arrays
 without parsing them.
 """

@@ -80,7 +80,7 @@ def summary_row(
 
 @dataclass(frozen=True, eq=False)
 class PopulationTable(Table[PopulationRow]):
-    """Everything that is known of a group."""
+    """The rows of population.csv."""
 
     def frame(self) -> pd.DataFrame:
         """One row per quantity, with the columns of population.csv."""
@@ -116,7 +116,7 @@ def subject_row(subject: str, parameter: str, draws: FloatArray) -> GroupSubject
 
 @dataclass(frozen=True, eq=False)
 class GroupSubjects(Table[GroupSubjectRow]):
-    """Every subject as the group and the subject's own responses have it."""
+    """Estimates of every subject by the group and its own responses together."""
 
     def frame(self) -> pd.DataFrame:
         """One row per subject and parameter."""

@@ -1,5 +1,8 @@
 """Fitting of a proposal to a posterior: adaptive importance sampling.
 
+`fit_proposal` adapts a proposal to a posterior and judges it by fresh draws, `quick_proposal`
+starts from draws about a maximum, and `refreshed` adapts a proposal to a few more answers.
+
 Fitting alternates between drawing from the current proposal and EM steps on the draws of the last
 rounds, weighted against the average of the proposals that made them (deterministic-mixture weights,
 Cornuet et al. 2012). While weights are uneven they are tempered; where sixteen components stay

@@ -1,6 +1,7 @@
 """Posterior draws of a study under any model.
 
-What is stored, what follows from it, summary, ArviZ, saving and loading.
+`Draws` has the draws of all subjects, their summary and the export to ArviZ. `load_draws` reads a
+file of draws.
 
 Stored are draws of natural parameters, their density and the counts
 (:mod:`bayes_toe.inference.draws_file`); derived quantities, log likelihoods and predicted answers

@@ -1,5 +1,7 @@
 """A study's draws as one tree of xarray, and its NetCDF file.
 
+`assembled_tree` makes the tree, `as_netcdf` writes it, and `read_tree` reads and checks a file.
+
 A file holds the draws of natural parameters and their log density (chain, draw, subject), what is
 known of each subject, and the counts in long form over `obs`, one entry per subject and pair.
 Everything else follows from these; see :class:`bayes_toe.inference.draws.Draws`. The draws of one

@@ -1,6 +1,8 @@
 """Log evidence of one subject under one model.
 
-By importance sampling, with its error, or the reason why there is none; and by Laplace.
+`importance_evidence` uses importance sampling, and gives a standard error or the reason why there
+is no value. `laplace_evidence` and `laplace_evidence_natural` use Laplace's approximation in two
+coordinates.
 
 Laplace: log Z = log p(n, x0) - log |-H| / 2 + (k / 2) log 2 pi at the maximum x0 of the joint
 density, H its Hessian there. Source: Eq. app:evidapprox with the covariance of the local Gaussian.

@@ -1,6 +1,7 @@
 """The maxima of log densities: damped Newton ascent of many points at once, inside bounds.
 
-The density may differ from point to point.
+`ascend` searches from every start, with a density of its own for each if wanted. `find_maxima`
+gives the distinct maxima of one posterior.
 """
 
 from __future__ import annotations

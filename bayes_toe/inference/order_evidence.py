@@ -1,5 +1,7 @@
 """Log evidences of the four models of the observer: maxima, a mixture for each row, draws.
 
+`order_evidence` computes them for the subjects of one task, as :class:`OrderEvidence`.
+
 A row is a subject under a model. Fisher scoring finds the maxima from starts along the constant
 error, with lapse rates held at three values, and from a flat curve. They become the components of
 a mixture of Student-t densities, to which the prior joins. The mixture is adapted to a pool of

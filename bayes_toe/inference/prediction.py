@@ -1,4 +1,7 @@
-"""Predictions from posterior draws, for any pairs and intervals, tested or not."""
+"""Predictions from posterior draws, for any pairs and intervals, tested or not.
+
+`Predictor` gives probabilities at draws, and `predict` a table with quantiles.
+"""
 
 from __future__ import annotations
 

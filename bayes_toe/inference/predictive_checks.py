@@ -1,4 +1,7 @@
-"""Does the model describe the answers? Deviance and posterior predictive p-values."""
+"""Does the model describe the answers? Deviance and posterior predictive p-values.
+
+`summarise_fit` gives :class:`GoodnessOfFit` of a subject, from `fit_at` and `predictive_check`.
+"""
 
 from __future__ import annotations
 
@@ -76,14 +79,13 @@ def fit_at(posterior: AnswerPosterior, x: npt.ArrayLike) -> Fit:
 def deviance_p_value(
     value: float, freedom: int, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray
 ) -> float:
-    """P(deviance >= value) of a fit with so many degrees of freedom, by a scaled chi-square.
+    """P(deviance >= value) of a fit with these degrees of freedom; NaN without any.
 
-    NaN where there are none.
-
-    Chi-square itself where every pair has many answers of both kinds. Elsewhere the deviance of a
-    pair has another mean and variance, known from the logs of q and 1 - q: the reference has those
-    of the sum, times degrees of freedom over pairs. Logs of shape (draws, pairs) are averaged over:
-    the maximum itself, shape (pairs,), promises too little scatter where answers are few.
+    The reference is chi-square if every pair has many answers of both kinds. Otherwise it is a
+    scaled chi-square: the mean and variance of each pair's deviance follow from the logs of q and
+    1 - q, and those of the sum are multiplied by degrees of freedom over pairs. Logs may have the
+    shape (pairs,) or (draws, pairs); draws are averaged. The maximum alone has too little scatter
+    where answers are few.
 
     Examples
     --------
@@ -100,9 +102,8 @@ def deviance_p_value(
     mean, variance = (float(values.sum(axis=1).mean()) for values in moments)
     if variance == 0.0:  # the answers are certain under the model
         return float(value <= 0.0)
-    return float(
-        chdtrc(2.0 * mean**2 / variance * freedom / log_q.shape[-1], 2.0 * mean / variance * value)
-    )
+    reference_freedom = 2.0 * mean**2 / variance * freedom / log_q.shape[-1]
+    return float(chdtrc(reference_freedom, 2.0 * mean / variance * value))
 
 
 def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> ArrayPair:

@@ -1,6 +1,7 @@
 """A global proposal for one posterior: a Student-t mixture, a cover with wide tails and the prior.
 
-Also its draws, with their weights.
+`Proposal` has the density, `importance_draws` makes `WeightedDraws` from it, and `FittedProposal`
+has both with their quality.
 
 The cover, a few Student-t components fitted to the posterior flattened by a power, shows long thin
 tails that hold little mass. With the prior in the mixture, importance weights are bounded by the

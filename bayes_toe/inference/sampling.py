@@ -1,4 +1,7 @@
-"""Posterior draws of one subject by independent ensembles of emcee, with a rule for stopping."""
+"""Posterior draws of one subject by independent ensembles of emcee, with a rule for stopping.
+
+`sample_chains` runs the ensembles until `SamplerSettings` are met.
+"""
 
 from __future__ import annotations
 

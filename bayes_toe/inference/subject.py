@@ -1,6 +1,7 @@
 """The analysis of a subject under a model: modes, proposal, chains, evidence, goodness of fit.
 
-Also what a file stores of its result.
+`fitted_result` runs the steps that an `AnalysisRequest` names. `subject_draws` has the arrays that
+a file stores.
 """
 
 from __future__ import annotations

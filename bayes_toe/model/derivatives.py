@@ -1,4 +1,7 @@
-"""Hessians by differences of gradients."""
+"""Hessians by differences of gradients.
+
+`one_sided` serves a search, `hessian` results.
+"""
 
 from __future__ import annotations
 

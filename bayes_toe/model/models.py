@@ -1,5 +1,8 @@
 """The models that can be sampled, by name: the four of the observer, and the paper's.
 
+`require_model` finds a model by the name that a user types, `stored_model` by its name in files,
+and `model_posterior` makes a posterior.
+
 The paper's model (H1) keeps the name 'predictive update' in files and in the keys of its random
 streams.
 """

@@ -1,4 +1,7 @@
-"""The interface of posteriors of all models, and the code that they share."""
+"""The interface of posteriors of all models, and the code that they share.
+
+`AnswerPosterior` is the interface that figures and checks need, `SampledPosterior` that of engines.
+"""
 
 from __future__ import annotations
 

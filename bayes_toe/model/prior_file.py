@@ -1,4 +1,8 @@
-"""Presets and prior files: TOML with a section for each parameter, and [paper] for H1."""
+"""Presets and prior files: TOML with a section for each parameter, and [paper] for H1.
+
+`read_prior` reads a file, `example_file` has the text of one, and `prior_for` gives the prior of a
+study.
+"""
 
 from __future__ import annotations
 

@@ -59,8 +59,8 @@ def curves_by_order(analysis: Analysis, subjects: Sequence[str] | None = None) -
     """Draw responses and model-averaged curves in both orders, a panel for each subject.
 
     Points are Laplace estimates with their standard deviation. Curves are posterior means with
-    95 % bands, and in 'same or different' with 50 % bands too. Designs of 'which was stronger'
-    with pairs of many kinds have a curve for each first stimulus instead.
+    95 % bands, and in 'same or different' with 50 % bands too. In 'which was
+    stronger', designs with more than two sizes of step have a curve for each first stimulus.
 
     Parameters
     ----------

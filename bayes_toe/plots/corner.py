@@ -188,7 +188,7 @@ class _SubjectDraws(NamedTuple):
 def _quantity_names(target: AnswerPosterior, coordinates: str | Sequence[str]) -> tuple[str, ...]:
     """The quantities of a choice.
 
-    'natural' leaves out what all four models of the observer have.
+    For the four models, 'natural' has constant error, contraction and JND.
     """
     if len(coordinates) == 0:
         raise InputError(
@@ -318,12 +318,10 @@ class Density(NamedTuple):
 
 
 def corner_package() -> Any:
-    """The corner package, which takes a second to import.
+    """The corner package, imported here because the import takes a second.
 
-    Who only wants spans and densities need not wait.
-
-    ArviZ 0.23, which it imports, announces its refactoring once a day, and notes the day in a file
-    that two processes at once lose.
+    It imports ArviZ. ArviZ 0.23 writes the day of an announcement to a file, which two processes
+    can remove at the same time; then the import is repeated.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)

@@ -21,7 +21,7 @@ from bayes_toe.plots.style import any_characters
 
 #: Formats that commands offer; :func:`save_figure` takes all formats of matplotlib.
 FORMATS = ("pdf", "png", "svg")
-#: What would differ from one writing to the next, by format.
+#: Metadata that would differ from one writing to the next, by format.
 _UNDATED: dict[str, dict[str, None]] = {
     "png": {"Software": None},
     "pdf": {"CreationDate": None, "Producer": None, "Creator": None},

@@ -47,7 +47,7 @@ from bayes_toe.plots.style import (
 
 
 class QuestionStyle(NamedTuple):
-    """Style of one of the three questions: colour, marker, and the size of a forest."""
+    """Colour and marker of one of the three questions, and the size that a forest shows."""
 
     name: str
     colour: str

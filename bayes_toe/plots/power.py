@@ -95,9 +95,9 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
 def design(optimal: OptimalDesign) -> Figure:
     """The design on the stimulus plane, and beside it how often it and others show effects.
 
-    Left: its pairs, as large as they are frequent, over what one more trial of every pair would
-    add; the paper's as crosses. Right: share of observers with 'yes' or 'probably' about each
-    question, among observers who have the effect; hollow, among those without it.
+    Left: the pairs, with an area in proportion to their trials, over the information that one more
+    trial of each pair would add; the paper's pairs are crosses. Right: the share of observers with
+    'yes' or 'probably' about each question; hollow marks are observers without the effect.
     """
     figure = new_figure(PAGE, 3.5)
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))

@@ -149,7 +149,7 @@ def responses_panel(
 
     Without a unit, it is in per cent of the mean first stimulus.
 
-    In 'which was stronger', designs whose pairs have one or two sizes of step show the share of
+    In 'which was stronger', designs with one or two sizes of step show the share of
     correct responses over the middle of the pair, and designs with one weaker stimulus over the
     stronger one; other designs show P('second').
     """

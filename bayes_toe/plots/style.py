@@ -119,7 +119,7 @@ def mark_synthetic(figure: Figure, is_synthetic: bool) -> None:
 
 
 def axes_or_new(ax: Axes | None, *, wide: float = COLUMN, high: float = 2.6) -> Axes:
-    """The Axes given, or those of a new figure of so many inches."""
+    """The given Axes, or those of a new figure of this size in inches."""
     return new_figure(wide, high).subplots() if ax is None else ax
 
 
@@ -225,7 +225,7 @@ def write_note(ax: Axes, text: str) -> None:
 
 
 def style_axes(ax: Axes) -> Axes:
-    """Letters and lines of a panel as a journal prints them.
+    """Set fonts and lines of a panel as a journal prints them.
 
     7 points for numbers, 8 for words, no box.
     """
@@ -238,7 +238,7 @@ def style_axes(ax: Axes) -> Axes:
 
 
 def style_colour_bar(bar: Colorbar, label: str) -> None:
-    """Label, letters and lines of a bar of colours, as :func:`style_axes` has them."""
+    """Set label, fonts and lines of a colour bar, as :func:`style_axes` does for a panel."""
     bar.set_label(label, fontsize=LETTERS)
     bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
     bar.outline.set_linewidth(0.6)
