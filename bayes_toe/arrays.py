@@ -16,6 +16,8 @@ BoolArray = npt.NDArray[np.bool_]
 NamedArrays = Mapping[str, FloatArray]
 ArrayPair = tuple[FloatArray, FloatArray]
 Rng = np.random.Generator
+#: Also the generator that emcee gives to its moves.
+AnyRng = Rng | np.random.RandomState
 StrPath = str | Path
 #: Values by name, as a file or a page has them.
 Record = dict[str, Any]

@@ -606,7 +606,7 @@ def _subjects(
         summary: list[Any] = list(summaries[name].itertuples())
         natural = analysis.draws.posterior(name).names.natural
         fitted = _fitted(fit, natural, analysis.fits.level)
-        persons = dict.fromkeys([name, counts.subject_name])
+        own_names = dict.fromkeys([name, counts.subject_name])
         yield {
             "anchor": f"subject-{i + 1}",
             "counts": counts,
@@ -620,7 +620,7 @@ def _subjects(
             "stats": stats.isel(subject=i),
             "fit": fit,
             "parameters": [_parameter(analysis, parameter, fitted) for parameter in summary],
-            "remarks": [*chain.from_iterable(messages[person] for person in persons), *row.notes],
+            "remarks": [*chain.from_iterable(messages[own] for own in own_names), *row.notes],
             "prior_dominated": _prior_dominated(summary, (*natural, "gamma")),
         }
 

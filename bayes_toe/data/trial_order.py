@@ -145,18 +145,18 @@ def _rows_with_a_pair(
 
     Of a unit those of its subject in all conditions.
     """
-    persons = subject.texts
+    subject_names = subject.texts
     if has_conditions:
-        persons = [text.partition(AT)[0] for text in subject.texts]
-    places = {person: place for place, person in enumerate(persons)}
-    person_of_row = np.array([places[person] for person in persons])[subject.codes]
+        subject_names = [text.partition(AT)[0] for text in subject.texts]
+    places = {name: place for place, name in enumerate(subject_names)}
+    subject_of_row = np.array([places[name] for name in subject_names])[subject.codes]
     rows = np.flatnonzero(~np.isnan(pairs).any(axis=1))
-    rows = rows[np.argsort(person_of_row[rows], kind="stable")]
+    rows = rows[np.argsort(subject_of_row[rows], kind="stable")]
     rows_of = {}
-    for part in np.split(rows, run_starts(person_of_row[rows])[1:]):
-        rows_of[persons[person_of_row[part[0]]]] = part
-    units = zip(subject.texts, persons, strict=True)
-    return {unit: rows_of[person] for unit, person in units if person in rows_of}
+    for part in np.split(rows, run_starts(subject_of_row[rows])[1:]):
+        rows_of[subject_names[subject_of_row[part[0]]]] = part
+    units = zip(subject.texts, subject_names, strict=True)
+    return {unit: rows_of[name] for unit, name in units if name in rows_of}
 
 
 def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray]:

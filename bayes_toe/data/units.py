@@ -65,14 +65,14 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         return study
     column = options.name("condition")
     parts = {unit.name: unit.name.partition(AT) for unit in study}
-    persons = list(dict.fromkeys(person for person, _, _ in parts.values()))
+    subject_names = list(dict.fromkeys(name for name, _, _ in parts.values()))
     unit_levels = [level for _, _, level in parts.values()]
     if not all(unit_levels):
         raise InputError(
             f"{study.source}: found column {display_name(column)} in some files only, "
             "allowed: in all or in none"
         )
-    if len(persons) == len(parts):
+    if len(subject_names) == len(parts):
         return _without_units(study, column, is_option=options.condition is not None)
     values = [number(level, False) for level in unit_levels]
     is_numeric = not options.categorical and not any(map(math.isnan, values))
@@ -84,7 +84,9 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         )
     order.sort(key=lambda level: level != options.reference)
     units = [replace(unit, condition=parts[unit.name][2]) for unit in study]
-    units.sort(key=lambda unit: (persons.index(unit.subject_name), order.index(unit.condition)))
+    units.sort(
+        key=lambda unit: (subject_names.index(unit.subject_name), order.index(unit.condition))
+    )
     conditions = Conditions(column, tuple(order), is_numeric)
     notes = (*study.notes, f"condition {conditions.about}")
     return replace(study, subjects=with_shared_scales(units), conditions=conditions, notes=notes)
@@ -103,13 +105,13 @@ def _without_units(study: Study, column: str, *, is_option: bool) -> Study:
     return replace(study, subjects=subjects, notes=notes)
 
 
-def follows_from_pairs(persons: Iterable[Sequence[Subject]]) -> bool:
+def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
     """Whether pairs were repeated, and no subject has a pair at two levels.
 
     Such a condition may be a name of pairs, or of their order.
     """
     n_repeated = 0
-    for units in persons:
+    for units in units_of_subjects:
         if len(units) == 1:
             continue
         pairs = [set(zip(unit.s1.tolist(), unit.s2.tolist(), strict=True)) for unit in units]

@@ -482,10 +482,10 @@ def population(
             "population: a condition and covariates are not analysed together; "
             "allowed: --ignore condition, or no covariates"
         )
-    persons = tuple(units_by_subject(study))
-    columns = Regressors.none(persons)
+    names = tuple(units_by_subject(study))
+    columns = Regressors.none(names)
     if covariates is not None:
-        columns = regressors(read_covariates(covariates), persons, categorical=categorical)
+        columns = regressors(read_covariates(covariates), names, categorical=categorical)
         study = study.select(columns.subjects)
     if len(columns.subjects) < _FEWEST_SUBJECTS:
         raise InputError(

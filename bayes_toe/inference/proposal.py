@@ -24,8 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
-from bayes_toe.arrays import FloatArray, IndexArray
-from bayes_toe.model.distributions import Random
+from bayes_toe.arrays import AnyRng, FloatArray, IndexArray
 from bayes_toe.model.posterior import SampledPosterior, Transform, require_defined
 
 _LEAST_SHARE = 1e-4  # of a component
@@ -91,17 +90,17 @@ class StudentMixture:
             density[block] = self._tops @ self._kernel(self._distances(x[block]))
         return np.log(density) + self._log_highest
 
-    def sample(self, rng: Random, size: int) -> FloatArray:
+    def sample(self, rng: AnyRng, size: int) -> FloatArray:
         """Draws, shape (size, D); works with numpy's old and new generators."""
         component = self.sample_components(rng, size)
         return self.offset(component, rng.standard_normal((size, self.means.shape[1])), rng)
 
-    def sample_components(self, rng: Random, size: int) -> IndexArray:
+    def sample_components(self, rng: AnyRng, size: int) -> IndexArray:
         """Random components of the draws, shape (size,)."""
         bounds = np.cumsum(self.weights)[:-1]
         return np.searchsorted(bounds, rng.uniform(size=size), side="right")
 
-    def offset(self, component: IndexArray, normal: FloatArray, rng: Random) -> FloatArray:
+    def offset(self, component: IndexArray, normal: FloatArray, rng: AnyRng) -> FloatArray:
         """Draws from these components, shape (size,), by standard normal numbers, (size, D)."""
         stretch = np.sqrt(self.df / rng.chisquare(self.df, size=len(component)))
         offsets = np.einsum("nij,nj->ni", self._factors[component], normal)
@@ -321,7 +320,7 @@ class WeightedDraws:
         """Standard error of the mean weight, relative to it."""
         return float(np.sqrt(1.0 / self.effective_number - 1.0 / len(self.x)))
 
-    def resampled(self, rng: Random, size: int) -> FloatArray:
+    def resampled(self, rng: AnyRng, size: int) -> FloatArray:
         """Draws by their shares, so of equal weight, shape (size, k)."""
         return self.x[rng.choice(len(self.x), size, p=self.shares)]
 
@@ -364,7 +363,7 @@ def tempered(log_weights: FloatArray, least: float) -> FloatArray:
     return weights / weights.sum()
 
 
-def importance_draws(proposal: Proposal, rng: Random, size: int) -> WeightedDraws:
+def importance_draws(proposal: Proposal, rng: AnyRng, size: int) -> WeightedDraws:
     """Independent draws from the proposal with everything their weights need."""
     target = proposal.posterior
     mark = rng.uniform(size=size)

@@ -28,9 +28,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import ArrayPair, FloatArray
+from bayes_toe.arrays import AnyRng, ArrayPair, FloatArray
 from bayes_toe.data.study import Subject, pooled
-from bayes_toe.model.distributions import LOG_2PI, Random
+from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverBatch, ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
@@ -178,7 +178,7 @@ class ConditionPosterior:
         """Points of the observer, (points, k), as points at which conditions are alike."""
         return np.pad(u, ((0, 0), (0, len(self.coordinates) - u.shape[1])))
 
-    def sample_prior(self, rng: Random, size: int) -> FloatArray:
+    def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, k + differences)."""
         shared = self.shared.sample_prior(rng, size)
         differences = rng.standard_normal((size, self.steps.shape[1]))

@@ -24,9 +24,7 @@ from scipy.special import (
     xlogy,
 )
 
-from bayes_toe.arrays import FloatArray
-
-Random = np.random.Generator | np.random.RandomState
+from bayes_toe.arrays import AnyRng, FloatArray
 
 LOG_2PI = float(np.log(2.0 * np.pi))
 
@@ -43,7 +41,7 @@ class Distribution(Hashable, Protocol):
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
 
-    def sample(self, rng: Random, size: int) -> FloatArray:
+    def sample(self, rng: AnyRng, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
 
     def describe(self) -> str:
@@ -71,7 +69,7 @@ class Normal:
         """Inverse of the distribution function, 0 < p < 1."""
         return self.mean + self.sd * ndtri(p)
 
-    def sample(self, rng: Random, size: int) -> FloatArray:
+    def sample(self, rng: AnyRng, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
         return rng.normal(self.mean, self.sd, size)
 
@@ -112,7 +110,7 @@ class HalfNormal:
         """Inverse of the distribution function, 0 < p < 1."""
         return self.scale * math.sqrt(2.0) * erfinv(p)
 
-    def sample(self, rng: Random, size: int) -> FloatArray:
+    def sample(self, rng: AnyRng, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
         return np.abs(rng.normal(0.0, self.scale, size))
 
@@ -148,13 +146,13 @@ class Beta:
         """Inverse of the distribution function, 0 < p < 1."""
         return betaincinv(self.a, self.b, p)
 
-    def sample(self, rng: Random, size: int) -> FloatArray:
+    def sample(self, rng: AnyRng, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
         if self._is_uniform:
             return rng.uniform(0.0, 1.0, size)
         return rng.beta(self.a, self.b, size)
 
-    def sample_logits(self, rng: Random, size: int) -> FloatArray:
+    def sample_logits(self, rng: AnyRng, size: int) -> FloatArray:
         """Logits of independent draws, shape (size,), finite also where draws round to an edge.
 
         x/(1 - x) is a ratio of gamma variates. Of shape a such a variate is one of shape a + 1
@@ -217,7 +215,7 @@ class LogNormal:
         """Inverse of the distribution function, 0 < p < 1."""
         return self.median * np.exp(self.sd * ndtri(p))
 
-    def sample(self, rng: Random, size: int) -> FloatArray:
+    def sample(self, rng: AnyRng, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
         return self.median * np.exp(rng.normal(0.0, self.sd, size))
 

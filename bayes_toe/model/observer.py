@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erf, expit, log_ndtr, logit, ndtr, xlogy
 
-from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, NamedArrays
+from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, NamedArrays
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -40,7 +40,7 @@ from bayes_toe.model.answer_curves import (
     second_slopes,
     times_counts,
 )
-from bayes_toe.model.distributions import LOG_2PI, Random
+from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.paper_equations import LN2
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
@@ -604,7 +604,7 @@ class ObserverPosterior:
         """The coordinates as they are: no parameter's posterior narrows as another one vanishes."""
         return SameCoordinates()
 
-    def sample_prior(self, rng: Random, size: int) -> FloatArray:
+    def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, k)."""
         uniform = rng.uniform(size=(size, self.batch.n_coordinates))
         return self.batch.prior_points(uniform)[:, self.is_free]

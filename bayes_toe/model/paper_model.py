@@ -31,7 +31,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import expit, log_expit, logit, ndtri
 
-from bayes_toe.arrays import BLOCK, ArrayPair, FloatArray, IndexArray, IntArray, NamedArrays
+from bayes_toe.arrays import BLOCK, AnyRng, ArrayPair, FloatArray, IndexArray, IntArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, NumericalError
@@ -43,7 +43,7 @@ from bayes_toe.model.answer_curves import (
     second_slopes,
     times_counts,
 )
-from bayes_toe.model.distributions import Beta, Distribution, HalfNormal, LogNormal, Random
+from bayes_toe.model.distributions import Beta, Distribution, HalfNormal, LogNormal
 from bayes_toe.model.intervals import (
     UNSCALED,
     Scales,
@@ -436,7 +436,7 @@ class PaperPosterior:
         value, gradient = map(np.concatenate, zip(*blocks, strict=True))
         return value + self.log_prior(points), gradient + self.prior_gradient(points)
 
-    def sample_prior(self, rng: Random, size: int) -> FloatArray:
+    def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, 4)."""
         update = _sample_update(rng, size, self.prior, self.sbar, self.power)
         return np.column_stack([update, self._share.sample_logits(rng, size)])
@@ -571,7 +571,7 @@ def _finite_product(slope: FloatArray, factor: FloatArray) -> FloatArray:
     return np.where(slope == 0.0, 0.0, product)
 
 
-def _sample_update(rng: Random, size: int, prior: Prior, sbar: float, power: float) -> FloatArray:
+def _sample_update(rng: AnyRng, size: int, prior: Prior, sbar: float, power: float) -> FloatArray:
     """Draws of (c, logit pull, log width) from the prior, shape (size, 3).
 
     With gamma = p/(1 - p)^2, p/(p_max - p) is gamma/(1 - gamma) times (1/p_max - p): finite where

@@ -11,10 +11,9 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
+from bayes_toe.arrays import AnyRng, ArrayPair, FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
-from bayes_toe.model.distributions import Random
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
 #: The range of quantiles that :func:`contraction` compares.
@@ -134,7 +133,7 @@ class AnswerPosterior(Protocol):
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Sum of both, (points,); its integral is the evidence."""
 
-    def sample_prior(self, rng: Random, size: int) -> FloatArray:
+    def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
         """Independent draws from the prior, (size, k)."""
 
     def prior_quantile(self, name: str, probability: float) -> float:

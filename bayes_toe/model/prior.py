@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, Record
+from bayes_toe.arrays import AnyRng, FloatArray, Record
 from bayes_toe.data.study import Subject, common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
@@ -32,7 +32,6 @@ from bayes_toe.model.distributions import (
     HalfNormal,
     LogNormal,
     Normal,
-    Random,
 )
 from bayes_toe.model.paper_equations import Natural, variance_ratio
 from bayes_toe.model.parameters import ObserverPrior
@@ -257,7 +256,7 @@ class Prior(PriorFields):
         volume = np.log(stretch) - np.log(2.0) - 3.0 * np.log(theta.sigma_p)
         return np.where(is_inside, sum(densities) + volume, -np.inf)
 
-    def sample(self, rng: Random, size: int) -> Natural:
+    def sample(self, rng: AnyRng, size: int) -> Natural:
         """Independent draws, each array of shape (size,)."""
         mu1, spread, gamma, q0 = (
             self.distribution(name).sample(rng, size) for name in self.paper_parameters()

@@ -25,12 +25,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import bdtr, ndtr, xlogy
 
-from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, NamedArrays
+from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, IndexArray, NamedArrays
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
-from bayes_toe.model.distributions import LOG_2PI, Random
+from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.observer import (
     DEFAULT_PRIOR,
     ObserverBatch,
@@ -229,7 +229,7 @@ class TrialHistoryPosterior:
         log_normal = -0.5 * (np.square(scores) + LOG_2PI).sum(axis=1)
         return self.observer.log_prior(self._of_order(x)) + log_normal
 
-    def sample_prior(self, rng: Random, size: int) -> FloatArray:
+    def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
         """Independent draws from the prior, (size, k)."""
         of_order = self.observer.sample_prior(rng, size)
         n_own = len(self.coordinates) - of_order.shape[1]
