@@ -115,7 +115,7 @@ class OrderEffect:
     words : mapping of str to Word
         The word for each of :data:`QUESTIONS`.
     direction : str
-        'contraction' or 'repulsion', the sign of p; empty where that question has no yes.
+        'contraction' or 'repulsion', by the sign of the median of p.
     is_interpretable : bool
         Whether the responses may be interpreted at all.
     flags : tuple of str
@@ -511,8 +511,7 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], 
     all_models = averaged_draws(evidence)
     with_error = averaged_draws(evidence, HAS_ERROR)
     with_contraction = averaged_draws(evidence, HAS_CONTRACTION)
-    shift = with_error.quantities["constant_error"]
-    jnd = all_models.quantities["jnd"]
+    shift, jnd = with_error.quantities["constant_error"], all_models.quantities["jnd"]
     sizes = {
         "pse_shift_percent": _size(with_error, percent(shift)),
         "pse_shift_jnd": _size(with_error, shift / with_error.quantities["jnd"]),
@@ -521,29 +520,45 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], 
     }
     if "zone" in all_models.quantities:
         sizes["zone_percent"] = _size(all_models, percent(all_models.quantities["zone"]))
-    first_spread = evidence.scales.first_spread
-    constant_error = np.abs(all_models.quantities["constant_error"])
-    contraction = np.abs(all_models.quantities["contraction"]) * first_spread
-    in_jnd = {
-        "order_effect": np.hypot(constant_error, contraction) / jnd,
-        "constant_error": constant_error / jnd,
-        "contraction": contraction / jnd,
+    flags = _size_flags(evidence, with_error, with_contraction)
+    return sizes, _upper_bounds(evidence, all_models), flags
+
+
+def _upper_bounds(evidence: OrderEvidence, draws: AveragedDraws) -> dict[str, float]:
+    """The 95 % quantile of each question's size, in JND."""
+    constant_error = np.abs(draws.quantities["constant_error"])
+    contraction = np.abs(draws.quantities["contraction"]) * evidence.scales.first_spread
+    sizes = {
+        "order_effect": np.hypot(constant_error, contraction),
+        "constant_error": constant_error,
+        "contraction": contraction,
     }
-    upper_bounds = {
-        question: weighted_quantiles(values, all_models.weights, [0.95])[0]
-        for question, values in in_jnd.items()
-    }
-    flags = list[str]()
-    subject = evidence.subject
-    largest = float(np.abs(subject.s2 - subject.s1).max())
-    (typical_shift,) = weighted_quantiles(np.abs(shift), with_error.weights, [0.5])
-    if typical_shift > largest:
+    bounds = {}
+    for question, size in sizes.items():
+        (bound,) = weighted_quantiles(size / draws.quantities["jnd"], draws.weights, [0.95])
+        bounds[question] = bound
+    return bounds
+
+
+def _size_flags(
+    evidence: OrderEvidence, with_error: AveragedDraws, with_contraction: AveragedDraws
+) -> list[str]:
+    """Flags of sizes that rest on the prior."""
+    flags = []
+    largest_difference = float(np.abs(evidence.subject.s2 - evidence.subject.s1).max())
+    if _median_size(with_error, "constant_error") > largest_difference:
         flags.append(OUTSIDE_FLAG)
-    lever = np.abs(with_contraction.quantities["contraction"]) * first_spread
-    (typical_lever,) = weighted_quantiles(lever, with_contraction.weights, [0.5])
-    if typical_lever > _FAR_ROVING * evidence.scales.step:
+    median_contraction = _median_size(with_contraction, "contraction", evidence.scales.first_spread)
+    if median_contraction > _FAR_ROVING * evidence.scales.step:
         flags.append(ROVING_FLAG)
-    return sizes, upper_bounds, flags
+    return flags
+
+
+def _median_size(draws: AveragedDraws, quantity: str, factor: float = 1.0) -> float:
+    """Weighted median of the absolute value of a quantity times a factor."""
+    size = np.abs(draws.quantities[quantity]) * factor
+    (median,) = weighted_quantiles(size, draws.weights, [0.5])
+    return median
 
 
 def _size(draws: AveragedDraws, values: FloatArray) -> Size:

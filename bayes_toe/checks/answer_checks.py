@@ -193,29 +193,38 @@ def _repeated_trials(subject: Subject, answers: Answers) -> Iterator[Finding]:
     A list of stimuli may be used again on purpose, so only equal answers count, by the chance
     that two answers to a pair agree.
     """
-    codes = _row_codes(answers)
-    coincidence = _coincidence_nats(subject, answers)
-    n_rows = len(codes)
+    n_rows = len(answers.n_trials)
     if n_rows < 2 * _WINDOW:
         return
+    lag = _lag_to_first_copy(_row_codes(answers))
+    run_start = run_starts(lag)
+    last_window = np.append(run_start[1:], len(lag)) - 1
+    run_end = last_window + _WINDOW
+    nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
+    nats_in_run = nats_before[run_end] - nats_before[run_start]
+    is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > _REPEAT_NATS)
+    if not is_repeat.any():
+        return
+    is_copy = np.zeros(n_rows, np.bool_)
+    for start, end in zip(run_start[is_repeat], run_end[is_repeat], strict=True):
+        is_copy[start:end] = True
+    first_trial = int(run_start[is_repeat][0]) + 1
+    message = (
+        f"{np.count_nonzero(is_copy)} of {n_rows} trials repeat earlier ones, from trial "
+        f"{first_trial} on. "
+        "Remove the copies from the file."
+    )
+    option = f"--exclude {cli_argument(subject.name)}"
+    yield Finding(subject.name, "repeated_trials", message, option)
+
+
+def _lag_to_first_copy(codes: IntArray) -> IntArray:
+    """How many rows before each window of rows the first window with the same rows begins."""
     windows = np.lib.stride_tricks.sliding_window_view(codes, _WINDOW)
-    weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
-    _, first, inverse = np.unique(windows @ weights, return_index=True, return_inverse=True)
-    lag = np.arange(len(windows)) - first[inverse]
-    total = np.concatenate([[0.0], np.cumsum(coincidence)])
-    starts = run_starts(lag)
-    ends = np.append(starts[1:], len(lag)) + _WINDOW - 1
-    nats = total[ends] - total[starts]
-    is_repeat = (lag[starts] >= _WINDOW) & (nats > _REPEAT_NATS)
-    if is_repeat.any():
-        n_repeated = int((ends - starts)[is_repeat].sum())
-        from_row = int(starts[is_repeat][0])
-        message = (
-            f"{n_repeated} of {n_rows} trials repeat earlier ones, from trial {from_row + 1} on. "
-            "Remove the copies from the file."
-        )
-        option = f"--exclude {cli_argument(subject.name)}"
-        yield Finding(subject.name, "repeated_trials", message, option)
+    hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
+    window_hash = windows @ hash_weights
+    _, first, group = np.unique(window_hash, return_index=True, return_inverse=True)
+    return np.arange(len(windows)) - first[group]
 
 
 def _row_codes(answers: Answers) -> IntArray:
@@ -293,22 +302,23 @@ def _reversed_answers(subject: Subject) -> Iterator[Finding]:
 
 def _other_task(study: Study) -> str:
     """A message if the responses of a study have the shape of the other task; else empty."""
-    monotone_gain = distance_from_half = n_equal = 0.0
+    log_ratio = distance_from_half = n_equal = 0.0
     for subject in study.subjects[:100]:  # enough to tell
-        difference = subject.s2 - subject.s1
-        monotone_gain += max(_shapes(subject)) - max(_shapes(subject, _NEAR_POINTS))
-        is_equal = difference == 0
+        best_monotone = max(_shapes(subject))
+        best_peaked = max(_shapes(subject, _NEAR_POINTS))
+        log_ratio += best_monotone - best_peaked
+        is_equal = subject.s1 == subject.s2
         distance_from_half += np.abs(subject.n_yes - 0.5 * subject.n_trials)[is_equal].sum()
         n_equal += subject.n_trials[is_equal].sum()
-    shape = ""
-    is_half_at_equality = distance_from_half <= 0.25 * n_equal
-    # A large constant error has that shape, too, but not in a whole study.
-    is_study = len(study) >= 3 and is_half_at_equality
-    if study.task == SAME_DIFFERENT and monotone_gain > SWAPPED and is_study:
+    looks_like_2afc = log_ratio > SWAPPED and distance_from_half <= 0.25 * n_equal
+    looks_like_same_different = log_ratio < -SWAPPED
+    is_same_different = study.task == SAME_DIFFERENT
+    # A large constant error also makes 'equal' rise or fall, but not in a whole study.
+    if is_same_different and looks_like_2afc and len(study) >= 3:
         shape = "rises or falls with s2 - s1 and is about one half at s2 = s1, as in 2AFC"
-    elif study.task != SAME_DIFFERENT and -monotone_gain > SWAPPED:
+    elif not is_same_different and looks_like_same_different:
         shape = "is highest or lowest near s2 = s1, as in the same-different task"
-    if not shape:
+    else:
         return ""
     return f"Responses look like another task. P({study.task.yes}) {shape}."
 
@@ -463,34 +473,45 @@ def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
 
 
 def _swapped_blocks(table: AnswerTable, task: Task, difference: FloatArray) -> BoolArray:
-    """Blocks whose answers agree with those of the others only if they are turned.
+    """Blocks whose answers agree with those of the others only if they are swapped.
 
     Blocks start as they relate to what speaks for the counted answer, which in the end also
     decides which of two camps is right. Between, each is turned to where the others have it, until
     nothing changes.
     """
-    toward = -np.abs(difference) if task == SAME_DIFFERENT else difference
-    lean = toward - toward.mean()
+    expects_counted = -np.abs(difference) if task == SAME_DIFFERENT else difference
+    lean = expects_counted - expects_counted.mean()
+    candidates = _camp_that_leans_wrongly(table, lean)
+    # Another point of subjective equality tilts the answers 'equal'.
+    tilt = difference if task == SAME_DIFFERENT else np.zeros(len(difference))
+    return _surely_swapped(table, candidates, tilt)
+
+
+def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
+    """The one of two camps of blocks, each of which agrees inside, that leans wrongly."""
     is_turned: BoolArray = lean @ (2 * table.k - table.n) < 0
     for _ in range(20):
         turned = _turned(table, is_turned)
-        disagrees = ((2 * turned.k - turned.n) * turned.other_logits()).sum(axis=0) < 0
+        excess_yes = 2 * turned.k - turned.n
+        disagrees = (excess_yes * turned.other_logits()).sum(axis=0) < 0
         if not disagrees.any():
             break
         is_turned = is_turned ^ disagrees
     turned = _turned(table, is_turned)
-    if np.sum(lean @ (2 * turned.k - table.n)) < 0:
-        is_turned = ~is_turned
-    # Another point of subjective equality tilts the answers 'equal'.
-    tilt = difference if task == SAME_DIFFERENT else np.zeros(len(difference))
-    while is_turned.any():
-        gain = _swap_gain(_turned(table, is_turned), tilt)
-        is_likely: BoolArray = is_turned & (gain > _LIKELY_SWAPPED)
-        if (is_likely == is_turned).all():
-            break
-        is_turned = is_likely
-    is_certain = is_turned.any() and gain[is_turned].max() > SWAPPED
-    return is_turned if is_certain else np.zeros_like(is_turned)
+    leans_wrongly = np.sum(lean @ (2 * turned.k - table.n)) < 0
+    return ~is_turned if leans_wrongly else is_turned
+
+
+def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray) -> BoolArray:
+    """The candidates that are likely swapped; none if no candidate is surely swapped."""
+    none = np.zeros_like(candidates)
+    while candidates.any():
+        gain = _swap_gain(_turned(table, candidates), tilt)
+        likely: BoolArray = candidates & (gain > _LIKELY_SWAPPED)
+        if np.array_equal(likely, candidates):
+            return candidates if gain[candidates].max() > SWAPPED else none
+        candidates = likely
+    return none
 
 
 def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:

@@ -130,18 +130,27 @@ def _two_scales(study: Study) -> Iterator[Finding]:
         if not len(gaps):
             continue
         widest = int(gaps.argmax())
-        gap, others = float(gaps[widest]), float(np.delete(gaps, widest).sum())
-        n_below = int(np.tile(subject.n_trials, 2)[subject.stimuli <= levels[widest]].sum())
-        n_lone = min(n_below, 2 * subject.total_trials - n_below)
-        factor = f"a factor of {math.exp(min(gap, 700.0)):.2g}"
-        message = ""
-        if gap > _TWO_SCALES and gap > 2.0 * others:
-            message = f"Stimuli lie in two groups, {factor} apart. Check whether some rows lack a "
-        elif gap > others > 0.0 and n_lone <= _LONE * subject.total_trials:
-            trials = f"{plural(n_lone, 'trial')} of {subject.total_trials:,}"
-            message = f"In {trials}, a stimulus lies {factor} from all others. Check its "
-        if message:
-            yield Finding(subject.name, "two_scales", f"{message}decimal point.")
+        widest_gap = float(gaps[widest])
+        other_gaps = float(np.delete(gaps, widest).sum())
+        pairs = np.stack([subject.s1, subject.s2])
+        is_below = (pairs <= levels[widest]).any(axis=0)
+        is_above = (pairs > levels[widest]).any(axis=0)
+        n_below, n_above = subject.n_trials[is_below].sum(), subject.n_trials[is_above].sum()
+        n_in_smaller_group = int(min(n_below, n_above))
+        factor = f"a factor of {math.exp(min(widest_gap, 700.0)):.2g}"
+        if widest_gap > _TWO_SCALES and widest_gap > 2.0 * other_gaps:
+            message = (
+                f"Stimuli lie in two groups, {factor} apart. "
+                "Check whether some rows lack a decimal point."
+            )
+        elif widest_gap > other_gaps > 0.0 and n_in_smaller_group <= _LONE * subject.total_trials:
+            trials = f"{plural(n_in_smaller_group, 'trial')} of {subject.total_trials:,}"
+            message = (
+                f"In {trials}, a stimulus lies {factor} from all others. Check its decimal point."
+            )
+        else:
+            continue
+        yield Finding(subject.name, "two_scales", message)
 
 
 def _columns(reading: Reading) -> Iterator[Finding]:
@@ -165,11 +174,12 @@ def _times(study: Study) -> Iterator[Finding]:
 
     Those are the longest interval, and the median pause, since days may lie between sessions.
     """
-    pauses = [np.zeros(1)]  # where no pause is known
+    pauses = np.zeros(0)
     for subject in study:
         if subject.answers is not None and subject.answers.iti is not None:
-            pauses.append(subject.answers.iti)
-    pause = float(np.nanmedian(np.concatenate(pauses))) if len(pauses) > 1 else 0.0
+            pauses = np.append(pauses, subject.answers.iti)
+    pauses = pauses[~np.isnan(pauses)]
+    pause = float(np.median(pauses)) if len(pauses) else 0.0
     longest = max(study.intervals, default=0.0)
     message = "Column {} s. If these are milliseconds, divide the column by 1000."
     if longest >= _LONG:

@@ -114,19 +114,23 @@ class Answers:
 
         A session starts after each row that is left out.
         """
-        by_row = {
-            key: getattr(self, key)
-            for key in ("keys", "n_yes", "n_trials", "block", "place", "iti")
-        }
-        left = replace(
-            self, **{key: values[~rows] for key, values in by_row.items() if values is not None}
-        )
-        if left.block is None:
-            return left
-        distinct, block = np.unique(left.block, return_inverse=True)
+        kept = ~rows
         return replace(
-            left, block=block, blocks=tuple(self.blocks[index] for index in distinct.tolist())
-        )
+            self,
+            keys=self.keys[kept],
+            n_yes=self.n_yes[kept],
+            n_trials=self.n_trials[kept],
+            block=None if self.block is None else self.block[kept],
+            place=None if self.place is None else self.place[kept],
+            iti=None if self.iti is None else self.iti[kept],
+        ).with_own_blocks()
+
+    def with_own_blocks(self) -> Answers:
+        """A copy whose `blocks` are only those that its rows have."""
+        if self.block is None:
+            return self
+        used, block = np.unique(self.block, return_inverse=True)
+        return replace(self, block=block, blocks=tuple(self.blocks[i] for i in used.tolist()))
 
 
 @dataclass(frozen=True, eq=False)

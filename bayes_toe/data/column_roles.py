@@ -134,22 +134,27 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
     >>> with_likely_columns(["Participant", "s1", "s2", "answer"], ReadOptions()).columns
     {'subject': 'Participant', 'response': 'answer'}
     """
-    subject = () if options.subject_from is not None else ("subject",)
-    stimuli = ("standard", "comparison") if options.has_standard else _STIMULI
-    likely = _likely(names, options, (*subject, *stimuli))
+    roles = [] if options.subject_from is not None else ["subject"]
+    roles += ("standard", "comparison") if options.has_standard else _STIMULI
+    likely = _likely(names, options, roles)
     if options.correct is None:
-        answer = _likely(names, options, ("response",))
-        counts = _likely(names, options, _COUNTS)
-        present = {ours for ours in (*_COUNTS, "response") if options.name(ours) in names}
-        counted = present | counts.keys()
-        is_counts = "n_trials" in counted and len(counted) == 2
-        if not answer and "n_trials" not in counted:
-            is_counts = True
-        if "response" not in present and is_counts:
-            likely |= counts
-        elif not present:
-            likely |= answer
+        likely |= _likely_answers(names, options)
     return replace(options, columns={**likely, **options.columns})
+
+
+def _likely_answers(names: Sequence[str], options: ReadOptions) -> dict[str, str]:
+    """Columns of responses or of counts that are there under another name."""
+    present = {ours for ours in (*_COUNTS, "response") if options.name(ours) in names}
+    likely_response = _likely(names, options, ("response",))
+    likely_counts = _likely(names, options, _COUNTS)
+    answer_roles = present | likely_counts.keys()
+    if "n_trials" in answer_roles:
+        may_be_counts = len(answer_roles) == 2
+    else:
+        may_be_counts = not likely_response
+    if may_be_counts and "response" not in present:
+        return likely_counts
+    return {} if present else likely_response
 
 
 def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:

@@ -131,12 +131,18 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     columns, other_names = dict(table.columns), list(table.names)
     other_names.remove(column.name)
     for i, name in enumerate(map(options.name, options.stimuli), start=1):
-        texts = [regex.sub(rf"\{i}", text) for text in column.texts]
+        texts = [_part_of_name(regex, text, i) for text in column.texts]
         columns[name] = Column.from_texts(name, texts, column.codes)
         other_names.append(name)
     where = f"names of {len(names)} columns" if names else f"column {display_name(column.name)}"
     notes = (*table.notes, f"pairs read from {where}")
     return replace(table, names=other_names, columns=columns, notes=notes)
+
+
+def _part_of_name(regex: re.Pattern[str], text: str, part: int) -> str:
+    """A stimulus in a name or cell; the whole text where it does not fit, so that it is refused."""
+    match = regex.fullmatch(text)
+    return text if match is None else match[part]
 
 
 def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:

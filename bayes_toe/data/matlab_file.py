@@ -18,7 +18,7 @@ import numpy as np
 
 from bayes_toe.arrays import Record
 from bayes_toe.data.messages import display_name, join_names, one_line
-from bayes_toe.data.text_table import ColumnTexts, cell_texts
+from bayes_toe.data.text_table import ColumnTexts, cell_texts, from_single_precision
 from bayes_toe.errors import InputError
 
 _SAVED = (
@@ -155,7 +155,12 @@ def _columns(source: str, variables: Record) -> dict[str, list[Any]]:
         raise InputError(f"{source}: found the structs {several}, allowed: {_SAVED}")
     for name in structs:
         fields = _fields(variables[name])
-    columns = {name: np.atleast_1d(np.asarray(value, object)) for name, value in fields.items()}
+    columns = {}
+    for name, value in fields.items():
+        column = np.atleast_1d(np.asarray(value, object))
+        if getattr(value, "dtype", None) == np.float32:
+            column[...] = np.reshape(from_single_precision(column.flat), column.shape)
+        columns[name] = column
     n_rows = max((column.size for column in columns.values()), default=0)
     if not n_rows:
         raise InputError(f"{source}: found nothing, allowed: {_SAVED}")

@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from pathlib import Path
 
 from bayes_toe.data.messages import display_name, join_names, quoted
@@ -32,7 +33,7 @@ _ANSWERS = {
 #: Fields whose texts must not be empty.
 _TEXT_FIELDS = (
     *(f"{answer}_code" for answer in _ANSWERS),
-    *("correct", "condition", "reference", "standard_interval", "comparison_code", "unit"),
+    *("correct", "condition", "reference", "standard_interval", "comparison_code", "unit", "wide"),
 )
 
 
@@ -144,12 +145,10 @@ class ReadOptions:
         """Texts without spaces around them; numbers as the cells of a data frame: 1.0 is '1'."""
         for key in _TEXT_FIELDS:
             text = getattr(self, key)
-            if isinstance(text, bool | int | float):
-                text = f"{text:g}"
             if text is not None:
-                object.__setattr__(self, key, text.strip())
+                object.__setattr__(self, key, _as_text(text))
         for key in ("columns", "where"):
-            texts = {name.strip(): text.strip() for name, text in getattr(self, key).items()}
+            texts = {name.strip(): _as_text(text) for name, text in getattr(self, key).items()}
             object.__setattr__(self, key, texts)
         names = [self.ignore] if isinstance(self.ignore, str) else self.ignore
         object.__setattr__(self, "ignore", tuple(names))
@@ -164,7 +163,7 @@ class ReadOptions:
     def _number_problems(self) -> list[str]:
         """Problems of numbers, and of options that exclude or need each other, a line each."""
         problems = list[str]()
-        if self.intensity is not None and not 0.0 < self.intensity < math.inf:
+        if self.intensity is not None and not _is_positive(self.intensity):
             problems.append(
                 f"--intensity: found {self.intensity!r}, allowed: a positive finite number"
             )
@@ -292,6 +291,17 @@ def _is_pair_pattern(pattern: str) -> bool:
     return stimuli == ["{first}", "{second}"] and "{first}{second}" not in pattern
 
 
+def _is_positive(given: object) -> bool:
+    """Whether something is a positive finite number."""
+    return isinstance(given, Real) and 0.0 < float(given) < math.inf
+
+
+def _as_text(given: object) -> str:
+    """A text without spaces around it; a number as the cell of a data frame: 1.0 is '1'."""
+    text = f"{given:.15g}" if isinstance(given, bool | int | float) else str(given)
+    return text.strip()
+
+
 def parse_pairs(option: str, entries: Iterable[str], form: str) -> dict[str, str]:
     """Texts by name, as on the command line, where each entry is NAME=TEXT.
 
@@ -325,22 +335,26 @@ def changed(study: Study, swap: Iterable[str] = (), exclude: Iterable[str] = ())
     InputError
         As :meth:`~bayes_toe.data.study.Study.swap`, and if a subject or block is named twice.
     """
-    for option, texts, change in (
-        ("--swap", swap, Study.swap),
-        ("--exclude", exclude, Study.exclude),
-    ):
-        blocks_of: dict[str, list[str]] = {}
-        for text in texts:
-            name, blocks = _subject_and_blocks(text, study, option)
-            earlier_blocks = blocks_of.get(name)
-            together = [*(earlier_blocks or ()), *blocks]
-            is_again = earlier_blocks is not None and not (blocks and earlier_blocks)
-            if is_again or len({*together}) < len(together):
-                raise InputError(f"{option} {text}: named twice; name each subject or block once")
-            blocks_of[name] = together
-        for name, blocks in blocks_of.items():
-            study = change(study, name, blocks)
+    for name, blocks in _blocks_by_subject("--swap", swap, study).items():
+        study = study.swap(name, blocks)
+    for name, blocks in _blocks_by_subject("--exclude", exclude, study).items():
+        study = study.exclude(name, blocks)
     return study
+
+
+def _blocks_by_subject(option: str, texts: Iterable[str], study: Study) -> dict[str, list[str]]:
+    """The blocks that the texts name for each subject; an empty list stands for all blocks."""
+    blocks_of: dict[str, list[str]] = {}
+    for text in texts:
+        name, blocks = _subject_and_blocks(text, study, option)
+        is_named_before = name in blocks_of
+        all_blocks = blocks_of.get(name, []) + blocks
+        names_whole_subject = not blocks or not blocks_of.get(name)
+        has_duplicates = len(set(all_blocks)) < len(all_blocks)
+        if has_duplicates or (is_named_before and names_whole_subject):
+            raise InputError(f"{option} {text}: named twice; name each subject or block once")
+        blocks_of[name] = all_blocks
+    return blocks_of
 
 
 def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list[str]]:
@@ -354,7 +368,11 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
         )
     if text == name:
         return name, []
-    return name, [block.strip() for block in text[len(name) + 1 :].split(",")]
+    blocks = text[len(name) + 1 :]
+    answers = study[name].answers
+    if answers is not None and blocks in answers.blocks:  # a name with a comma in it
+        return name, [blocks]
+    return name, [block.strip() for block in blocks.split(",")]
 
 
 def subject_in(path: Path, pattern: str) -> str | None:
@@ -367,9 +385,8 @@ def subject_in(path: Path, pattern: str) -> str | None:
     >>> subject_in(Path("S1/trials.csv"), "{}/trials.csv")
     'S1'
     """
-    tail = "/".join(path.absolute().parts[-1 - pattern.count("/") :])
-    kinds = {"{}": "([^/]+?)", "*": "[^/]*"}
-    match = re.fullmatch(
-        "".join(kinds.get(part, re.escape(part)) for part in re.split(r"(\{\}|\*)", pattern)), tail
-    )
+    n_folders = pattern.count("/")
+    end_of_path = "/".join(path.absolute().parts[-1 - n_folders :])
+    regex = re.escape(pattern).replace(r"\{\}", "([^/]+?)").replace(r"\*", "[^/]*")
+    match = re.fullmatch(regex, end_of_path)
     return None if match is None else match[1]

@@ -489,8 +489,9 @@ def _without_practice(table: TextTable, options: ReadOptions) -> TextTable:
     """The table without rows that a column marks as practice, unless all are."""
     if "practice" in options.ignore:
         return table
+    chosen = {*options.where, options.name("condition")}
     for name in table.columns:
-        if name in options.where or not may_mark_practice(name):
+        if name in chosen or not may_mark_practice(name):
             continue
         column = table.columns[name]
         practice = practice_texts(name, column.texts)

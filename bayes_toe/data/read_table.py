@@ -36,6 +36,7 @@ from bayes_toe.data.text_table import (
     TextTable,
     cell_texts,
     decoded,
+    from_single_precision,
     header_place,
     name_places,
     read_csv,
@@ -205,10 +206,10 @@ def _read_frame(frame: Any, choice: Choice) -> TextTable:
     names = [str(name).strip() for name in frame.columns]
     texts, rows = {}, range(len(frame))
     for name, index in name_places(names, choice).items():
-        if hasattr(frame, "iloc"):
-            values = frame.iloc[:, index].tolist()
-        else:
-            values = frame.to_series(index).to_list()
+        series = frame.iloc[:, index] if hasattr(frame, "iloc") else frame.to_series(index)
+        values = series.to_list()
+        if str(series.dtype).lower() == "float32":
+            values = from_single_precision(values)
         texts[name] = cell_texts(name, values, rows)
     return _table_of_texts((source, source, "columns"), names, texts, rows)
 

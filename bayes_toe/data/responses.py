@@ -269,21 +269,25 @@ def _plain(text: str) -> str:
 
 def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str]]) -> int:
     """The answer that a cell stands for: by the given codes, else by words."""
-    plain, codes = _plain(text), [None if code is None else _plain(code) for code in given]
-    if plain in codes:
-        return (_YES, _NO)[codes.index(plain)]
+    plain = _plain(text)
+    yes_code, no_code = (None if code is None else _plain(code) for code in given)
+    if plain == yes_code:
+        return _YES
+    if plain == no_code:
+        return _NO
     word = plain.lower()
     if is_no_response(word):
         return _MISSING
-    if any(code is not None and word == code.lower() for code in codes):
-        # where 'Different' was declared to mean equal, 'different' must not count as different by
-        # default
+    given_words = {code.lower() for code in (yes_code, no_code) if code is not None}
+    if word in given_words:
+        # Where 'Different' was declared to mean equal, 'different' is not read by default.
         return _UNKNOWN
-    for code, other, known, answer in zip(codes, codes[::-1], words, (_YES, _NO), strict=True):
-        if code is None and (
-            _english(word) in known or (other is not None and word == _OTHER.get(other.lower()))
-        ):
-            return answer
+    opposites = {_OTHER.get(given_word) for given_word in given_words}
+    yes_words, no_words = words
+    if yes_code is None and (_english(word) in yes_words or word in opposites):
+        return _YES
+    if no_code is None and (_english(word) in no_words or word in opposites):
+        return _NO
     return _UNKNOWN
 
 

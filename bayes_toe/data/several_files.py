@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_toe.arrays import StrPath
+from bayes_toe.arrays import IntArray, StrPath
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import MAX_LINES, TWICE, display_name, join_names, plural
 from bayes_toe.data.study import Study, Subject, pooled
@@ -40,13 +40,12 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     for i, path in enumerate(absolute_paths):
         if path in absolute_paths[:i]:
             raise InputError(f"{display_name(path.name)}: found twice, allowed: each file once")
-    file_names = [path.name for path in absolute_paths]
     studies: list[Study] = []
     faulty: list[InputError] = []
     for path in paths:
         folder = ""
-        if isinstance(path, StrPath) and file_names.count(Path(path).name) > 1:
-            folder = f"{Path(path).absolute().parent.name}/"
+        if isinstance(path, StrPath):
+            folder = _distinguishing_folder(Path(path).absolute(), absolute_paths)
         try:
             study = read(path)
             studies.append(replace(study, source=folder + study.source))
@@ -56,6 +55,17 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     if faulty:
         raise _of_all_files(faulty)
     return studies[0] if len(studies) == 1 else _together(studies)
+
+
+def _distinguishing_folder(path: Path, paths: Sequence[Path]) -> str:
+    """The folders that tell a file from those of the same name; empty without such files."""
+    folders = [other.parent.parts for other in paths if other.name == path.name]
+    if len(folders) == 1:
+        return ""
+    depth = 1
+    while len({parts[-depth:] for parts in folders}) < len(folders):
+        depth += 1
+    return "".join(f"{part}/" for part in path.parent.parts[-depth:])
 
 
 def _of_all_files(faulty: Sequence[InputError]) -> InputError:
@@ -160,26 +170,42 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
 
     Files are blocks; a block of a file is one of its own, whose name begins with the file.
     """
-    columns: dict[str, list[Any]] = {}
-    for key in ("keys", "n_yes", "n_trials", "place", "iti"):
-        columns[key] = [getattr(in_order, key) for _, in_order in answers]
-    columns["block"] = []
-    names, first_place = list[str](), 0
-    for i, (source, in_order) in enumerate(answers):
-        block = in_order.block
-        if block is None:
-            block = np.zeros(len(in_order.n_trials), np.int64)
-        columns["block"].append(len(names) + block)
-        names += [f"{source}: {name}" for name in in_order.blocks] or [source]
-        if in_order.place is not None:
-            columns["place"][i] = in_order.place - in_order.place[0] + first_place
-            first_place = columns["place"][i][-1] + 2
-    joined: dict[str, Any] = {}
-    for key, parts in columns.items():
-        if all(part is not None for part in parts):
-            joined[key] = np.concatenate(parts)
-    is_trials = all(in_order.trials for _, in_order in answers)
-    return Answers(**joined, blocks=tuple(names), trials=is_trials)
+    block_names = list[str]()
+    block_parts: list[IntArray] = []
+    place_parts: list[IntArray | None] = []
+    next_place = 0
+    for source, in_order in answers:
+        first_block = len(block_names)
+        if in_order.block is None:
+            block_names.append(source)
+            block_parts.append(np.full(len(in_order.n_trials), first_block))
+        else:
+            block_names += [f"{source}: {name}" for name in in_order.blocks]
+            block_parts.append(first_block + in_order.block)
+        if in_order.place is None:
+            place_parts.append(None)
+        else:
+            place = in_order.place - in_order.place[0] + next_place
+            place_parts.append(place)
+            next_place = place[-1] + 2  # the gap starts a session
+    files = [in_order for _, in_order in answers]
+    return Answers(
+        keys=np.concatenate([file.keys for file in files]),
+        n_yes=np.concatenate([file.n_yes for file in files]),
+        n_trials=np.concatenate([file.n_trials for file in files]),
+        block=np.concatenate(block_parts),
+        blocks=tuple(block_names),
+        trials=all(file.trials for file in files),
+        place=_concatenated(place_parts),
+        iti=_concatenated([file.iti for file in files]),
+    )
+
+
+def _concatenated(parts: Sequence[Any]) -> Any:
+    """The parts one after the other; None if a part is None."""
+    if any(part is None for part in parts):
+        return None
+    return np.concatenate(parts)
 
 
 def _common_notes(studies: Sequence[Study]) -> Iterable[str]:

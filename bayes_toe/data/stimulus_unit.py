@@ -101,7 +101,7 @@ class StimulusUnit:
         return values
 
     def stimuli(self, logs: npt.ArrayLike) -> FloatArray:
-        """Natural-log intensities in this unit."""
+        """Natural-log intensities in this unit, or raw where the unit of intensity is not known."""
         logs = np.asarray(logs, np.float64)
         if self.is_decibel:
             return logs / LOG_UNITS[self.name]

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,6 @@ from bayes_toe.data.messages import (
     join_few,
     join_names,
     name_from_key,
-    plural,
 )
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tables import frame_of
@@ -106,28 +105,16 @@ class Subject:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"subject name {self.name!r} must be a non-empty text")
         rows = counted_rows(self.name, (self.s1, self.s2, self.isi), self.n_yes, self.n_trials)
-        keys, k, n = rows.keys.T, rows.n_yes, rows.n_trials
-        order = np.lexsort(keys[::-1])  # one order whatever the file's, so results agree to the bit
-        problems = {
-            "no answered trial": not len(k),
-            "s1 and s2 must be finite numbers": not np.isfinite(keys[:2]).all(),
-            "isi must be positive finite numbers of seconds": any(
-                not (np.isfinite(isi) & (isi > 0)).all() for isi in keys[2:]
-            ),
-            "every pair needs n_trials >= 1": (n < 1).any(),
-            "a pair of stimuli is repeated; Subject.from_counts adds repeats up": len(
-                run_starts(*(key[order] for key in keys))
-            )
-            < len(k),
-        }
-        for problem in (said for said, is_so in problems.items() if is_so):
+        order = np.lexsort(rows.keys.T[::-1])  # one order whatever the file's: same bits
+        keys, n_yes, n_trials = rows.keys[order].T, rows.n_yes[order], rows.n_trials[order]
+        problem = _pair_problem(keys, n_trials)
+        if problem:
             raise InputError(f"subject {self.name!r}: {problem}")
-        for key, values in zip(
-            (*KEYS[: len(keys)], "n_yes", "n_trials"), (*keys, k, n), strict=True
-        ):
-            ordered = values[order]
-            ordered.setflags(write=False)
-            object.__setattr__(self, key, ordered)
+        columns = {**dict(zip(KEYS, keys, strict=False)), "n_yes": n_yes, "n_trials": n_trials}
+        for name, values in columns.items():
+            values = np.array(values)
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
         if self.answers is not None and not self._are_sums_of(self.answers):
             object.__setattr__(self, "answers", None)
 
@@ -305,9 +292,14 @@ class Subject:
         [0.2995, 0.2995]
         """
         values, index = np.unique(self.s2 - self.s1, return_inverse=True)
-        smallest = np.abs(values[values != 0.0]).min(initial=np.inf)
-        is_next_step = np.diff(values) > _ROUNDING * smallest
-        step = np.concatenate([[0], np.cumsum(is_next_step)])
+        rounding = _ROUNDING * np.abs(values[values != 0.0]).min(initial=np.inf)
+        step = np.zeros(len(values), np.int64)
+        first_of_step = values[0]
+        for i in range(1, len(values)):
+            is_next = values[i] - first_of_step > rounding
+            if is_next:
+                first_of_step = values[i]
+            step[i] = step[i - 1] + is_next
         means = np.bincount(step, values) / np.bincount(step)
         return means[step][index]
 
@@ -513,29 +505,24 @@ class Study:
         given_blocks = [blocks] if isinstance(blocks, str | int) else blocks
         asked = [*map(name_from_key, given_blocks)]
         change_made = f"{option} {cli_argument(subject.name, asked)}"
-        earlier = subject.answers
-        if earlier is None:
-            pairs = (subject.s1, subject.s2, subject.isi)
-            earlier = counted_rows(subject.name, pairs, subject.n_yes, subject.n_trials)
         try:
-            after = change(earlier, earlier.rows_of(asked))
+            changed_subject = _changed_subject(subject, asked, change)
         except InputError as error:
             raise InputError(f"{change_made}: {error}") from None
-        subjects = [other for other in self if other is not subject]
-        if after.n_trials.any():
-            new = Subject.from_answers(subject.name, after, subject.task, subject.unit)
-            answers = None if subject.answers is None else after
-            new = replace(new, condition=subject.condition, answers=answers)
-            subjects.insert(self.subjects.index(subject), new)
+        subjects = []
+        for other in self:
+            remaining_subject = changed_subject if other is subject else other
+            if remaining_subject is not None:
+                subjects.append(remaining_subject)
         if not subjects:
             raise InputError(f"{change_made}: no subject is left; exclude fewer")
         remaining = tuple(subjects)
         if self.conditions is not None:
             remaining = with_shared_scales(remaining)
-        owner_words = f"subject {display_name(subject.name)}"
+        owner = f"subject {display_name(subject.name)}"
         if asked:
-            owner_words += f", {plural(len(asked), 'block').partition(' ')[2]} {join_names(asked)}"
-        notes = (*self.notes, f"{owner_words}: {what}")
+            owner += f", {'block' if len(asked) == 1 else 'blocks'} {join_names(asked)}"
+        notes = (*self.notes, f"{owner}: {what}")
         return replace(self, subjects=remaining, notes=notes, changes=(*self.changes, change_made))
 
     def frame(self) -> pd.DataFrame:
@@ -543,9 +530,9 @@ class Study:
 
         A table that :func:`~bayes_toe.read_study` reads to the same study.
 
-        Columns subject, condition of units, s1, s2 (natural-log intensity), isi (seconds) where
-        there are intervals, n_equal or n_second, n_trials; of a synthetic study also `synthetic`,
-        which is 1.
+        Columns subject, condition within subjects, s1, s2 (natural-log intensity), isi (seconds)
+        where there are intervals, n_equal or n_second, n_trials; of a synthetic study also
+        `synthetic`, which is 1.
 
         Examples
         --------
@@ -554,22 +541,24 @@ class Study:
         """
         import pandas as pd
 
-        keys = ("s1", "s2", *(("isi",) if self.intervals else ()), "n_yes", "n_trials")
-        told = {
-            "subject": [one.subject_name for one in self],
-            **({"condition": [one.condition for one in self]} if self.conditions else {}),
-        }
-        owner = {
-            name: np.repeat(np.array(values, object), [one.n_pairs for one in self])
-            for name, values in told.items()
-        }
-        columns = {
-            key if key != "n_yes" else self.task.count: np.concatenate(
-                [getattr(one, key) for one in self]
-            )
-            for key in keys
-        }
-        return pd.DataFrame({**owner, **columns, **({"synthetic": 1} if self.synthetic else {})})
+        n_pairs = [subject.n_pairs for subject in self]
+
+        def by_subject(values: list[str]) -> npt.NDArray[Any]:
+            return np.repeat(np.array(values, object), n_pairs)
+
+        def by_pair(key: str) -> npt.NDArray[Any]:
+            return np.concatenate([getattr(subject, key) for subject in self])
+
+        columns: dict[str, Any] = {"subject": by_subject([one.subject_name for one in self])}
+        if self.conditions:
+            columns["condition"] = by_subject([one.condition for one in self])
+        columns["s1"], columns["s2"] = by_pair("s1"), by_pair("s2")
+        if self.intervals:
+            columns["isi"] = by_pair("isi")
+        columns[self.task.count], columns["n_trials"] = by_pair("n_yes"), by_pair("n_trials")
+        if self.synthetic:
+            columns["synthetic"] = 1
+        return pd.DataFrame(columns)
 
     def __repr__(self) -> str:
         n_trials = sum(subject.total_trials for subject in self)
@@ -673,3 +662,36 @@ def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:
                 f"({describe_intervals(subject.intervals)}); "
                 "take one with Study.at_isi, or leave the column out"
             )
+
+
+def _pair_problem(keys: FloatArray, n_trials: IntArray) -> str:
+    """What is wrong with sorted pairs, shape (2 or 3, pairs); empty if nothing is."""
+    n_pairs = len(n_trials)
+    stimuli, intervals = keys[:2], keys[2:]
+    if n_pairs == 0:
+        return "no answered trial"
+    if not np.isfinite(stimuli).all():
+        return "s1 and s2 must be finite numbers"
+    if not (np.isfinite(intervals) & (intervals > 0)).all():
+        return "isi must be positive finite numbers of seconds"
+    if (n_trials < 1).any():
+        return "every pair needs n_trials >= 1"
+    if len(run_starts(*keys)) < n_pairs:
+        return "a pair of stimuli is repeated; Subject.from_counts adds repeats up"
+    return ""
+
+
+def _changed_subject(
+    subject: Subject, blocks: Sequence[str], change: Callable[[Answers, BoolArray], Answers]
+) -> Subject | None:
+    """The subject with these blocks changed; None if no answer is left."""
+    answers = subject.answers
+    if answers is None:
+        pairs = (subject.s1, subject.s2, subject.isi)
+        answers = counted_rows(subject.name, pairs, subject.n_yes, subject.n_trials)
+    after = change(answers, answers.rows_of(blocks))
+    if not after.n_trials.any():
+        return None
+    new = Subject.from_answers(subject.name, after, subject.task, subject.unit)
+    kept_answers = None if subject.answers is None else after
+    return replace(new, condition=subject.condition, answers=kept_answers)

@@ -109,8 +109,11 @@ def _is_table(file: Path) -> bool:
 
 
 def _toml(value: object) -> str:
-    """A text, a number, a truth value or a list of texts; JSON writes them as TOML does."""
-    return json.dumps(value, ensure_ascii=False)
+    """A text, a number, a truth value or a list of texts.
+
+    JSON writes them as TOML does, but for the character DEL.
+    """
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def study_source(paths: Sequence[Any], options: ReadOptions) -> StudySource | None:
@@ -152,8 +155,10 @@ def read_study_file(path: StrPath) -> StudySource:
         elif not _has_kind(value, _kind(key)):
             rule = _KINDS[_kind(key)]
             problems.append(f"{path}: key {key}: found {quoted(str(value))}, allowed: {rule}")
+    if problems:
+        raise InputError(problems)
     for file in table.get("files", ()):
-        if str(file).lower().endswith(SUFFIX):
+        if file.lower().endswith(SUFFIX):
             problems.append(f"{path}: key files: found {quoted(file)}, allowed: data files")
     if not table.get("files"):
         problems.append(f"{path}: found no files, allowed: {_FORM}")

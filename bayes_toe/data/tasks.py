@@ -109,15 +109,13 @@ _CALLED = {
 
 def task_of(given: Task | str) -> Task:
     """The task, or the one that is called so; an InputError where none is."""
-    finding = (
-        given if isinstance(given, Task) else task_named(given) if isinstance(given, str) else None
-    )
-    if finding is None:
-        raise InputError(
-            f"--task: found {given!r}, allowed: {SAME_DIFFERENT.name}, or 2afc "
-            f"({WHICH_STRONGER.name})"
-        )
-    return finding
+    if isinstance(given, Task):
+        return given
+    task = task_named(given) if isinstance(given, str) else None
+    if task is None:
+        allowed = f"{SAME_DIFFERENT.name}, or 2afc ({WHICH_STRONGER.name})"
+        raise InputError(f"--task: found {given!r}, allowed: {allowed}")
+    return task
 
 
 def task_counted(columns: Container[Any]) -> Task | None:

@@ -157,6 +157,22 @@ def cell_texts(name: str, cells: Iterable[object], rows: Iterable[int]) -> Colum
     return texts, problems
 
 
+def from_single_precision(values: Iterable[Any]) -> list[Any]:
+    """Numbers of single precision as the doubles that are written the same: 0.1 as 0.1.
+
+    Examples
+    --------
+    >>> single = np.float32(0.1)
+    >>> float(single), from_single_precision([single])
+    (0.10000000149011612, [0.1])
+    """
+    doubles = []
+    for value in values:
+        is_number = isinstance(value, float | np.float32)
+        doubles.append(float(str(np.float32(value))) if is_number else value)
+    return doubles
+
+
 @dataclass(frozen=True)
 class TextTable:
     """The columns that were asked for, and the row at which each record starts.
@@ -282,8 +298,8 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
 
 def _find_names(source: str, text: str, choice: Choice) -> tuple[str, int, int, list[str]]:
     """The delimiter, which record has the names, its physical row, and the names."""
-    best_fit, best = (-1, -1), (",", 0, 0, list[str]())
-    broken: csv.Error | None = None
+    best_fit = (-1, -1)
+    best: tuple[str, int, list[tuple[int, list[str] | csv.Error]], list[str]]
     for delimiter in DELIMITERS:
         records = list(itertools.islice(_records(text, delimiter), MOST_RECORDS))
         names = []
@@ -292,19 +308,17 @@ def _find_names(source: str, text: str, choice: Choice) -> tuple[str, int, int, 
             names.append([cell.strip() for cell in cells])
         place = header_place(names, choice)
         head = names[place] if names else []
-        fit = (len(name_places(head, choice)), len(head))
-        if delimiter == " ":
-            fit = (fit[0], 0)  # Names may have spaces.
-        if fit > best_fit:
-            row, record = records[place] if records else (0, [])
-            best_fit, best = fit, (delimiter, place, row, head)
-            broken = record if isinstance(record, csv.Error) else None
-    row = best[2]
-    if broken is not None:
-        raise InputError(f"{source}: {_broken(row, broken, 0)}")
-    if not row:
+        n_chosen = len(name_places(head, choice))
+        n_cells = 0 if delimiter == " " else len(head)  # names may have spaces
+        if (n_chosen, n_cells) > best_fit:
+            best_fit, best = (n_chosen, n_cells), (delimiter, place, records, head)
+    delimiter, place, records, head = best
+    if not records:
         raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
-    return best
+    row, record = records[place]
+    if isinstance(record, csv.Error):
+        raise InputError(f"{source}: {_broken(row, record, 0)}")
+    return delimiter, place, row, head
 
 
 def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:

@@ -45,8 +45,9 @@ def answers_in_order(
     blocks, block_rank = runs.get("block", ((), None))
     ranks = np.column_stack([np.zeros(len(n), np.int64), *(rank for _, rank in runs.values())])
     trial, iti = _trial_numbers(table, columns) if is_trials else (None, None)
-    rows_with_pair = parts
-    if trial is not None:
+    if trial is None:
+        rows_with_pair = parts
+    else:
         rows_with_pair = _rows_with_a_pair(subject, pairs, "condition" in columns)
 
     answers, unordered, n_missing, n_untimed = dict[str, Answers](), list[str](), {}, 0
@@ -56,23 +57,23 @@ def answers_in_order(
             unordered.append(display_name(name))
         if n_absent:
             n_missing[name.partition(AT)[0]] = n_absent
-        time_before = None if place is None else _at_rows(iti, rows)
-        is_subject = subject.codes[rows] == subject.codes[part[0]]
-        all_answers = Answers(
-            pairs[rows],
-            np.where(is_subject, k[rows], 0),
-            np.where(is_subject, n[rows], 0),
-            _at_rows(block_rank, rows),
-            blocks,
-            is_trials,
-            place,
-            time_before,
-            (int(part.min()), int(part.max())) if is_trials else None,
+        # Rows of the same subject in other conditions stay in the sequence, without answers.
+        is_own_row = subject.codes[rows] == subject.codes[part[0]]
+        in_order = Answers(
+            keys=pairs[rows],
+            n_yes=np.where(is_own_row, k[rows], 0),
+            n_trials=np.where(is_own_row, n[rows], 0),
+            block=_at_rows(block_rank, rows),
+            blocks=blocks,
+            trials=is_trials,
+            place=place,
+            iti=None if place is None else _at_rows(iti, rows),
+            span=(int(part.min()), int(part.max())) if is_trials else None,
         )
-        no_rows = np.zeros(len(rows), np.bool_)
-        answers[name] = all_answers.excluding(no_rows)  # with the blocks that are this subject's
-        if time_before is not None:
-            n_untimed += int(np.isnan(time_before[~all_answers.is_session_start]).sum())
+        if in_order.iti is not None:
+            is_untimed = np.isnan(in_order.iti) & ~in_order.is_session_start
+            n_untimed += int(is_untimed.sum())
+        answers[name] = in_order.with_own_blocks()
     notes = _order_notes(columns, unordered, n_missing, n_untimed)
     # No trial is there twice where the order is known.
     doubts = _repeated(table, columns, keys, k, n) if unordered else []

@@ -77,6 +77,11 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     values = [number(level, False) for level in unit_levels]
     is_numeric = not options.categorical and not any(map(math.isnan, values))
     order = level_words(levels(values if is_numeric else unit_levels))
+    if is_numeric and options.reference is not None:
+        raise InputError(
+            f"--reference: found with levels that are numbers ({join_names(order)}), allowed: with "
+            "--categorical"
+        )
     if options.reference not in (None, *order):
         raise InputError(
             f"--reference: found {quoted(str(options.reference))}, "

@@ -73,7 +73,7 @@ def number_by_sign(text: str, decimal: str) -> float:
     (1050.0, 1.05, nan)
     """
     grouping = re.escape("," if decimal == "." else ".")
-    if re.match(rf"[+-]?\d{{1,3}}(?:{grouping}\d{{3}})+(?!\d|{grouping})", text):
+    if re.match(rf"[-+−]?\d{{1,3}}(?:{grouping}\d{{3}})+(?!\d)(?!.*{grouping})", text):
         return number(re.sub(grouping, "", text), decimal_comma=True)
     return number(text, decimal == ",") if re.search(grouping, text) is None else math.nan
 
@@ -91,7 +91,7 @@ def ambiguous_number(columns: Sequence[Column], sign: str) -> str:
     ('1.050', '')
     """
     with_sign = [text for column in columns for text in column.texts if sign in text]
-    grouped = re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}")
+    grouped = re.compile(rf"[-+−]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}")
     if with_sign and all(map(grouped.fullmatch, with_sign)):
         return with_sign[0]
     return ""
@@ -154,9 +154,11 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     of the most precise one.
     """
     shares = column.map(lambda text: number(text.rstrip(" %"), table.decimal_comma), np.float64)
-    whole = 100.0 if (shares > 1.0).any() else 1.0
+    has_percent_sign = any("%" in text for text in column.texts)
+    whole = 100.0 if has_percent_sign or (shares > 1.0).any() else 1.0
+    finite = shares[np.isfinite(shares)]
     n_decimals = 0
-    while n_decimals < _MOST_DECIMALS and (shares.round(n_decimals) != shares).any():
+    while n_decimals < _MOST_DECIMALS and (finite.round(n_decimals) != finite).any():
         n_decimals += 1
     largest_error = 0.5 * 10.0**-n_decimals / whole * n
     exact_counts = shares / whole * n
@@ -164,7 +166,8 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     # Beyond one half, another count has the same share.
     is_precise = largest_error <= 0.5
     is_near = abs(exact_counts - counts) <= largest_error + _ROUNDING
-    is_count = (n == 0) | (is_precise & is_near & (counts >= 0) & (counts <= n))
+    # A number of trials that cannot be read has a problem of its own.
+    is_count = (n <= 0) | (is_precise & is_near & (counts >= 0) & (counts <= n))
     rule = "a share that makes a whole number of"
     table.fault(column, ~is_count, lambda index: f"{rule} {n[index]} trials")
     return np.where(is_count & (n > 0), counts, 0.0).astype(np.int64)

@@ -224,9 +224,17 @@ def _publish(
 _ORDER = ".order.json"
 
 
+def _files_of(ready: Path) -> list[str]:
+    """The files of a ready folder in their order; none if its removal has begun."""
+    try:
+        return json.loads((ready / _ORDER).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return []
+
+
 def _move_all(ready: Path, target: Path) -> None:
     """Give the files of a ready folder their names, as far as they have not moved yet."""
-    for file in json.loads((ready / _ORDER).read_text(encoding="utf-8")):
+    for file in _files_of(ready):
         if os.path.lexists(ready / file):
             with reporting(target / file):
                 (target / file).parent.mkdir(parents=True, exist_ok=True)
@@ -250,14 +258,12 @@ def require_settled(path: StrPath) -> None:
         If a command that wrote to the folder of the file was killed while its files moved.
     """
     file = Path(path)
-    with suppress(OSError):
-        for folder in file.parent.glob(f"{READY}*"):
-            names = json.loads((folder / _ORDER).read_text(encoding="utf-8"))
-            if file.name in names and not _is_of_living_process(folder.name, READY):
-                raise InputError(
-                    f"{format_path(file)}: a command was stopped while it replaced the files of "
-                    "this folder, and they may be of two runs; run that command again"
-                )
+    for folder in file.parent.glob(f"{READY}*"):
+        if file.name in _files_of(folder) and not _is_of_living_process(folder.name, READY):
+            raise InputError(
+                f"{format_path(file)}: a command was stopped while it replaced the files of "
+                "this folder, and they may be of two runs; run that command again"
+            )
 
 
 def _finish(*targets: Path) -> None:
@@ -377,8 +383,9 @@ def sweep(home: Path) -> None:
             if path.is_symlink() or not path.is_dir():
                 continue
             if path.name.startswith(READY) and not _is_of_living_process(path.name, READY):
-                _move_all(path, home)
-                shutil.rmtree(path, ignore_errors=True)
+                with suppress(OSError):
+                    _move_all(path, home)
+                    shutil.rmtree(path, ignore_errors=True)
             elif path.name.startswith(HIDDEN) and not _is_of_living_process(path.name, HIDDEN):
                 shutil.rmtree(path, ignore_errors=True)
 

@@ -162,8 +162,10 @@ class _Exchange:
         """The pair where so many trials more tell most, among those that are still allowed."""
         n_trials = self.n_trials()
         utilities = self.information.utilities(self.information.total(n_trials), size)
-        n_new = np.where(self.turned == np.arange(len(n_trials)), 1, 2)
-        is_possible = (n_trials > 0) | (np.count_nonzero(n_trials) + n_new <= self.most_pairs)
+        is_new = n_trials == 0
+        has_turn = self.turned != np.arange(len(n_trials))
+        n_new = is_new + (is_new[self.turned] & has_turn).astype(int)
+        is_possible = (n_new == 0) | (np.count_nonzero(n_trials) + n_new <= self.most_pairs)
         both_orders = utilities + utilities[self.turned]
         return int(np.where(is_possible, both_orders, -np.inf).argmax())
 

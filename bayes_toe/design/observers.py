@@ -206,6 +206,7 @@ def assume_observers(
         observers: Sequence[Observer] = _in_ranges(kinds, size, seed, task)
     elif not isinstance(source, StrPath):
         observers = source
+        _require_task(observers, task)
     elif source == PRIOR:
         return _from_prior(prior, _all_pairs_of(designs), size, seed)
     elif source in KINDS:
@@ -222,6 +223,16 @@ def assume_observers(
     for design in designs:
         _require_answers(observers, design)
     return observers
+
+
+def _require_task(observers: Sequence[Observer], task: Task) -> None:
+    """Refuse observers of another task than that of the design."""
+    for observer in observers:
+        if observer.task != task:
+            raise InputError(
+                f"observer {observer.name!r}: found the task {observer.task.name!r}, allowed: "
+                f"{task.name!r}, the task of the design"
+            )
 
 
 def _kinds(task: Task) -> dict[str, Mapping[str, Range]]:

@@ -179,6 +179,8 @@ def read_levels(path: StrPath, reference: float | None = None) -> FloatArray:
     name = "s" if reference is None else "i"
     levels = read_numbers(path, (name,))[1][name]
     if reference is not None:
+        if not 0.0 < reference < np.inf:
+            raise InputError(f"--reference {reference:g}: allowed is a positive number")
         if (levels <= 0).any():
             raise InputError(f"{path}: column i: allowed are positive numbers")
         levels = np.log(levels / reference)

@@ -18,7 +18,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import betaincinv, ndtri
+from scipy.special import betaincinv, stdtrit
 
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, order_effect
 from bayes_toe.answers.words import Word
@@ -282,10 +282,10 @@ def share(hits: int, size: int) -> tuple[float, float, float]:
 
 def mean(values: Sequence[float]) -> tuple[float, float, float]:
     """A mean and its 95 % interval, whose ends are NaN where there is one value only."""
-    middle, error = float(np.mean(values)), float("nan")
-    if len(values) > 1:
-        standard_error = np.std(values, ddof=1) / np.sqrt(len(values))
-        error = float(standard_error * ndtri(1.0 - _TAIL))
+    middle, error, size = float(np.mean(values)), float("nan"), len(values)
+    if size > 1:
+        standard_error = np.std(values, ddof=1) / np.sqrt(size)
+        error = float(standard_error * stdtrit(size - 1, 1.0 - _TAIL))
     return middle, middle - error, middle + error
 
 

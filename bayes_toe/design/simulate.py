@@ -235,6 +235,8 @@ def condition_differences(
     levels: Sequence[str], differ: Sizes | None
 ) -> ConditionDifferences | None:
     """The differences between conditions; None without conditions."""
+    if isinstance(levels, str):
+        raise InputError(f"conditions: found the text {levels!r}, allowed: a list of levels")
     if levels:
         return ConditionDifferences.from_levels(levels, differ)
     if differ:
@@ -254,6 +256,8 @@ def read_differences(conditions: str | None, differ: str | None) -> ConditionDif
     for part in differ.split(",") if differ else ():
         name, _, value = part.partition("=")
         size, _, sd = value.partition(":")
+        if name.strip() in sizes:
+            raise InputError(f"--differ: found {name.strip()} twice, allowed: once")
         try:
             sizes[name.strip()] = float(size), float(sd or 0.0)
         except ValueError:
@@ -592,7 +596,12 @@ def make_batch_design(
         batch_design = _DESIGNS[design](_numbers("--amplitudes", amplitudes), batches)
     else:
         require_file(design, "--design", _DESIGNS)
-        _, columns = read_numbers(design, ("s1", "s2"), optional=("isi",))
+        _, columns = read_numbers(design, ("s1", "s2"), optional=("isi", "n_trials"))
+        if "n_trials" in columns:
+            raise InputError(
+                f"{design}, column n_trials: found a design with numbers of trials, allowed: "
+                "s1, s2, isi; every pair comes once in each batch (--batches)"
+            )
         if "isi" in columns:
             require_intervals(columns["isi"])
         batch_design = BatchDesign(columns["s1"], columns["s2"], batches, columns.get("isi"))

@@ -16,6 +16,7 @@ import pandas as pd
 from scipy.special import logsumexp
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
+from bayes_toe.data.messages import join_names
 from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.errors import InputError
 from bayes_toe.seeds import generator
@@ -65,9 +66,11 @@ def trial_list(
     """
     if not 1 <= blocks <= design.total:
         raise InputError(f"--blocks {blocks}: allowed is 1 to {design.total}, the number of trials")
+    if len(set(conditions)) < len(conditions):
+        raise InputError(f"--conditions: found {join_names(conditions)}, allowed: each level once")
     rng = generator(seed, subject, "order of trials")
     n_levels = max(1, len(conditions))
-    counts = np.hstack([_block_counts(design, blocks, rng) for _ in range(n_levels)])
+    counts = _block_counts(design, blocks, n_levels, rng)
     is_equal = np.tile(design.s1 == design.s2, n_levels)
     n_equal, n_different = counts[:, is_equal].sum(axis=1), counts[:, ~is_equal].sum(axis=1)
     order = [rng.permutation(np.repeat(np.arange(len(is_equal)), row)) for row in counts]
@@ -92,21 +95,23 @@ def trial_list(
 # --- Which pairs in which block -------------------------------------------------------------------
 
 
-def _block_counts(design: StudyDesign, blocks: int, rng: Rng) -> IntArray:
-    """Trials of each pair in each block, shape (blocks, pairs).
+def _block_counts(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> IntArray:
+    """Trials of each pair at each level in each block, shape (blocks, levels * pairs).
 
-    Blocks differ by as little as they can. Both orders of two stimuli come first; single pairs then
-    even out the blocks.
+    Both orders of two stimuli come first; single pairs then even out the blocks, those of one
+    level before those of all levels.
     """
-    counts = np.zeros((blocks, design.n_pairs), np.int64)
+    counts = np.zeros((n_levels, blocks, design.n_pairs), np.int64)
     units = _units(design)
-    shuffled = [units[i] for i in rng.permutation(len(units)).tolist()]
-    for pairs, times in sorted(shuffled, key=lambda unit: -len(unit[0])):
-        counts[:, pairs] += times // blocks
-        keys = rng.uniform(size=blocks), counts[:, pairs].sum(axis=1), counts.sum(axis=1)
-        fewest = np.lexsort(keys)[: times % blocks]
-        counts[np.ix_(fewest, pairs)] += 1
-    return counts
+    for of_level in counts:
+        shuffled = [units[i] for i in rng.permutation(len(units)).tolist()]
+        for pairs, times in sorted(shuffled, key=lambda unit: -len(unit[0])):
+            of_level[:, pairs] += times // blocks
+            in_block = counts.sum(axis=(0, 2))
+            keys = (rng.uniform(size=blocks), of_level[:, pairs].sum(axis=1), in_block)
+            fewest = np.lexsort((*keys, of_level.sum(axis=1)))[: times % blocks]
+            of_level[np.ix_(fewest, pairs)] += 1
+    return np.hstack(list(counts))
 
 
 def _units(design: StudyDesign) -> list[tuple[list[int], int]]:

@@ -104,9 +104,9 @@ def _measured(
 def worst(
     convergences: Mapping[str, Convergence],
 ) -> tuple[tuple[str, float], tuple[str, float]]:
-    """The quantity with the fewest effective draws, bulk or tail, and their number.
+    """The quantity with the fewest effective draws, and the one with the largest R-hat.
 
-    What has the largest R-hat, and which. NaN is worst.
+    Each comes with its number; effective draws are the fewer of bulk and tail. NaN is worst.
     """
     ess, r_hat = {}, {}
     for name, convergence in convergences.items():

@@ -33,11 +33,13 @@ class Predictor:
 
     @classmethod
     def from_draws(cls, draws: Draws, subject: str, *, most: int | None = None) -> Predictor:
-        """The predictor of a subject's draws: all of them, or about `most`, evenly spaced."""
+        """The predictor of a subject's draws: all of them, or at most `most`, evenly spaced."""
         require_draws(draws)
         target = draws.posterior(subject)
         x = np.concatenate(list(draws.points(subject)))
-        return cls(target, x if most is None else x[:: max(1, len(x) // most)])
+        if most is not None:
+            x = x[:: -(-len(x) // most)]
+        return cls(target, x)
 
     def yes(self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None = None) -> FloatArray:
         """P of the answer that the task counts, for any pairs, (pairs,) -> (draws, pairs).

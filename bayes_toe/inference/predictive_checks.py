@@ -53,8 +53,8 @@ class Fit:
     """Fit of one subject's answers at one point."""
 
     q: FloatArray  # (pairs,): their probability by the model
-    # (pairs,): signed root of the deviance; positive where 'equal' was answered more often than the
-    # model has it
+    # (pairs,): signed root of the deviance; positive where the answer that the task counts was
+    # given more often than the model has it
     residual: FloatArray
     deviance: float  # sum over pairs, against the saturated model
     degrees_of_freedom: int  # pairs less the free parameters

@@ -318,7 +318,9 @@ class WeightedDraws:
     @property
     def standard_error(self) -> float:
         """Standard error of the mean weight, relative to it."""
-        return float(np.sqrt(1.0 / self.effective_number - 1.0 / len(self.x)))
+        # 1/(effective number) - 1/size without its cancellation.
+        deviations = self.shares - 1.0 / len(self.x)
+        return float(np.linalg.norm(deviations))
 
     def resampled(self, rng: AnyRng, size: int) -> FloatArray:
         """Draws by their shares, so of equal weight, shape (size, k)."""

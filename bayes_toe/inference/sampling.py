@@ -68,6 +68,8 @@ class SamplerSettings:
 
     def __post_init__(self) -> None:
         require_kind("draws", self.draws, Integral, "a whole number from 1 to 1000000")
+        for name in ("ensembles", "walkers", "max_thin"):
+            require_kind(name, getattr(self, name), Integral, "a whole number")
         if self.walkers == 0:
             object.__setattr__(self, "walkers", 2 * min(128, max(32, self.draws // 80)))
         rules = {
@@ -171,7 +173,7 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
                 reason,
                 imprecise,
             )
-        thin *= 2
+        thin = min(2 * thin, settings.max_thin)
 
 
 def burn_in(fitted: FittedProposal) -> int:

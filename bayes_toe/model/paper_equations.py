@@ -88,7 +88,7 @@ def width(sigma_p: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
 
 
 def noise_ratio(sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> FloatArray:
-    """Gamma = sigma_l^2 / sigma_p^2, by the ratio first: no square overflows or underflows.
+    """Gamma = sigma_l^2 / sigma_p^2, by the ratio first, so that the square of a unit never counts.
 
     Source: Eq. axis1.
     """
@@ -278,3 +278,7 @@ def require_natural(
     for rule, holds in rules.items():
         if not np.all(holds):
             raise NumericalError(rule)
+    with np.errstate(over="ignore"):
+        ratio = variance_ratio(noise_ratio(sigma, noise))
+    if not np.isfinite(ratio).all():
+        raise NumericalError("sigma_l / sigma_p must be below 1e153")

@@ -551,7 +551,7 @@ class PaperPosterior:
         if name == self.share:
             return float(self._share.quantile(probability))
         if name == "pull":
-            return 1.0 - self.prior_quantile("gain", 1.0 - probability)
+            return float(pull(self.prior.distribution("gamma").quantile(probability)))
         if name == "jnd":
             return _JND_OVER_WIDTH[self.share] * self.prior_quantile("width", probability)
         return prior_quantile(self.prior, name, probability, self.power)

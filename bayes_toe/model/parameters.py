@@ -25,7 +25,6 @@ from scipy.special import (
     expit,
     log_expit,
     log_ndtr,
-    logit,
     ndtr,
     ndtri,
     ndtri_exp,
@@ -38,6 +37,8 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.distributions import LOG_2PI
 
 LOG_INTENSITY, PER_LOG_INTENSITY, PURE_NUMBER = "ln intensity", "1 / ln intensity", "1"
+#: A quantile above this one is a float with all its digits.
+_SMALLEST_QUANTILE = 1e-200
 _STUDENT_LOG_NORM = float(np.log(2.0 / (np.pi * np.sqrt(3.0))))
 
 
@@ -191,8 +192,22 @@ class LogitOfBeta:
         return (self.a + self.b) * expit(u) * expit(-u)
 
     def quantile(self, probability: FloatArray) -> FloatArray:
-        """Inverse of the distribution function."""
-        return logit(betaincinv(self.a, self.b, probability))
+        """Inverse of the distribution function, finite also where the share rounds to 0 or 1."""
+        log_share = _log_beta_quantile(self.a, self.b, probability)
+        log_rest = _log_beta_quantile(self.b, self.a, 1.0 - probability)
+        return log_share - log_rest
+
+
+def _log_beta_quantile(a: float, b: float, probability: FloatArray) -> FloatArray:
+    """Log of the quantile of Beta(a, b).
+
+    The distribution function of a small x is x^a / (a B(a, b)), which gives the quantiles that are
+    no floats.
+    """
+    quantile = betaincinv(a, b, probability)
+    with np.errstate(divide="ignore"):
+        log_of_small = (np.log(probability) + np.log(a) + betaln(a, b)) / a
+        return np.where(quantile > _SMALLEST_QUANTILE, np.log(quantile), log_of_small)
 
 
 @dataclass(frozen=True)

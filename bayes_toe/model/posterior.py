@@ -16,7 +16,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
-#: The range of quantiles that :func:`contraction` compares.
+#: The range of quantiles that :func:`posterior_contraction` compares.
 RANGE = (0.05, 0.95)
 #: Contraction below which a parameter is said to be dominated by its prior: a range narrowed by
 #: less than three tenths.

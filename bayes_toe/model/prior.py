@@ -23,6 +23,7 @@ from typing import Any, ClassVar, Self, cast
 import numpy as np
 
 from bayes_toe.arrays import AnyRng, FloatArray, Record
+from bayes_toe.data.messages import join_names
 from bayes_toe.data.study import Subject, common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
@@ -154,7 +155,10 @@ class Prior(PriorFields):
                 f"prior: no distribution of {parameter!r}, allowed: {', '.join(self.families)}"
             )
         numbers = self._numbers(parameter).items()
-        names = ", ".join(name for name, value in numbers if value in (STIMULI, None))
+        unset = [name for name, value in numbers if value is None]
+        if unset:
+            raise InputError(f"prior: {join_names(unset)} is not set, allowed: a number")
+        names = ", ".join(name for name, value in numbers if value == STIMULI)
         raise InputError(
             f"prior: {names} is to come from pairs of different stimuli, and there are none; "
             "allowed: a number"
@@ -180,19 +184,14 @@ class Prior(PriorFields):
 
         As in 'Normal(M, 2.5 R)' where its numbers are those of the stimuli.
         """
-        numbers = self._numbers(parameter)
-        stimuli = {number.name: number.stimuli for number in self.declared()}
-        symbols = {name: stimuli[name] for name, value in numbers.items() if value == STIMULI}
-        if not symbols:
+        if not self.depends_on_stimuli(parameter):
             return self.distribution(parameter).describe()
-        stand_in = self.families[parameter](
-            *(1.0 if name in symbols else value for name, value in numbers.items())
-        ).describe()
-        family, words = stand_in.split("(")[0], stand_in[stand_in.index("(") + 1 : -1].split(", ")
-        words_or_symbols = [
-            symbols.get(name, word) for name, word in zip(numbers, words, strict=True)
-        ]
-        return f"{family}({', '.join(words_or_symbols)})"
+        words = []
+        for number in self.declared():
+            if number.parameter == parameter:
+                value = getattr(self, number.name)
+                words.append(number.stimuli if value == STIMULI else f"{value:g}")
+        return f"{self.families[parameter].__name__}({', '.join(words)})"
 
     @property
     def penalty(self) -> Normal:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
+from numbers import Real
 from typing import Any, Final, Literal
 
 from bayes_toe.data.messages import display_name, quoted
@@ -60,6 +61,12 @@ class PriorField:
             words += f'; or "{STIMULI}", {OF_STIMULI[self.stimuli]}'
         return words
 
+    def takes(self, value: object) -> bool:
+        """Whether a value lies in the range, or is "stimuli" where that is allowed."""
+        if value == STIMULI:
+            return bool(self.stimuli)
+        return self.smallest <= real(value) <= self.largest  # a NaN is in no range
+
     @property
     def allowed(self) -> str:
         """The range in words."""
@@ -96,7 +103,7 @@ class PriorFields:
     Raises
     ------
     InputError
-        If a value is not finite, or a scale or shape is not positive.
+        If a value is outside its range.
     """
 
     mu1_mean: float | Literal["stimuli"] = prior_field(
@@ -151,18 +158,11 @@ class PriorFields:
     def __post_init__(self) -> None:
         for number in self.declared():
             value = getattr(self, number.name)
-            if (value is None and number.default is None) or (value == STIMULI and number.stimuli):
-                continue
-            if (
-                isinstance(value, str)
-                or not math.isfinite(value)
-                or (number.is_positive and value <= 0)
-            ):
-                value = value if isinstance(value, str) else f"{value:g}"
-                kinds = "a positive finite number" if number.is_positive else "a finite number"
-                if number.stimuli:
-                    kinds += f" or {STIMULI!r}"
-                raise InputError(f"prior: {number.name}={value}, allowed: {kinds}")
+            is_left_out = value is None and number.default is None
+            if not is_left_out and not number.takes(value):
+                raise InputError(
+                    f"prior: {number.name}: found {shown(value)}, allowed: {number.allowed}"
+                )
 
     @classmethod
     @cache
@@ -182,17 +182,15 @@ def number_problems(keys: Mapping[str, PriorField], key: str, value: object) -> 
     """
     if key not in keys:
         return [f"key {quoted(key)}: unknown, allowed: {', '.join(keys)}"]
-    number = keys[key]
-    is_in_range = number.smallest <= real(value) <= number.largest  # a NaN is in no range
-    if is_in_range or (value == STIMULI and number.stimuli):
+    if keys[key].takes(value):
         return []
-    return [f"key {key}: found {shown(value)}, allowed: {number.allowed}"]
+    return [f"key {key}: found {shown(value)}, allowed: {keys[key].allowed}"]
 
 
 def real(value: object) -> float:
     """The number that a value is; NaN where it is none, or too large an integer."""
     # bool is an int for Python, not for a reader.
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, Real):
         return math.nan
     try:
         return float(value)

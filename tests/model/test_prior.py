@@ -70,11 +70,13 @@ def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
 @pytest.mark.parametrize(
     ("numbers", "message"),
     [
-        ({"sigma_p_scale": 0.0}, "prior: sigma_p_scale=0, allowed: a positive finite number"),
-        ({"sigma_p_scale": -1.0}, "sigma_p_scale=-1, allowed: a positive finite number"),
-        ({"sigma_p_scale": np.inf}, "sigma_p_scale=inf, allowed: a positive finite number"),
-        ({"mu1_mean": np.nan}, "prior: mu1_mean=nan, allowed: a finite number or 'stimuli'"),
-        ({"gamma_a": "stimuli"}, "gamma_a=stimuli, allowed: a positive finite number$"),
+        ({"sigma_p_scale": 0.0}, "prior: sigma_p_scale: found 0.0, allowed: a number from 1e-100"),
+        ({"sigma_p_scale": -1.0}, "found -1.0, allowed: a number from 1e-100"),
+        ({"sigma_p_scale": np.inf}, "found inf, allowed: a number from 1e-100"),
+        ({"mu1_mean": np.nan}, "mu1_mean: found nan, allowed: a number from .* or 'stimuli'"),
+        ({"mu1_mean": None}, "mu1_mean: found None, allowed"),
+        ({"gamma_a": "stimuli"}, "gamma_a: found 'stimuli', allowed: a number from 0.05 to 1000$"),
+        ({"gamma_a": 1e-5}, "gamma_a: found 1e-05, allowed: a number from 0.05 to 1000$"),
     ],
 )
 def test_numbers_that_are_refused(numbers, message):
