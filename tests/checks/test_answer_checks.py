@@ -145,6 +145,22 @@ def test_roved_stimuli_with_sure_answers_that_come_again_are_no_repetition():
     assert "repeated_trials" in messages(from_trials("S", keys, unsure, task=WHICH_STRONGER))
 
 
+def test_each_repeated_trial_is_counted_once():
+    rng = default_rng(3)
+    keys = np.column_stack([np.zeros(30), rng.choice([-0.1, 0.1, 0.2, -0.2], 30)])
+    yes = rng.integers(2, size=30)
+    many = from_trials("S", np.tile(keys, (12, 1)), np.tile(yes, 12), task=WHICH_STRONGER)
+    assert messages(many)["repeated_trials"].startswith("330 of 360 trials repeat earlier ones")
+
+
+def test_answers_to_many_differences_are_seen_to_be_reversed():
+    steps = np.arange(10, 60, 2) / 100
+    s2 = np.concatenate([steps, -steps])
+    n_equal = np.round(40 * (1 - 0.9 * np.exp2(-((s2 / 0.3) ** 2)))).astype(int)
+    subject = Subject("S", np.zeros(len(s2)), s2, n_equal, np.full(len(s2), 40))
+    assert "reversed_answers" in messages(subject)
+
+
 def test_repeated_counts_of_a_pair_are_no_repetition():
     rows = {"s1": [0, 0.3] * 30, "s2": [0.3, 0] * 30, "n_equal": [5, 4] * 30, "n_trials": [9] * 60}
     study = bt.read_study(pd.DataFrame({"subject": "S", **rows}))

@@ -107,6 +107,9 @@ def test_stimuli_on_two_scales():
     slipped = [*itertools.product([0.0, 0.1, 0.3], repeat=2), (0.0, 3.0)]
     n_trials = [40] * 9 + [1]
     subject = Subject.from_counts("S01", *zip(*slipped, strict=True), [0] * 10, n_trials)
+    both_far = [*slipped[:9], (3.0, 3.0)]
+    once = Subject.from_counts("S01", *zip(*both_far, strict=True), [0] * 10, n_trials)
+    assert messages(once)["two_scales"].startswith("In 1 trial of 361")
     lone = "In 1 trial of 361, a stimulus lies a factor of 15 from all others."
     assert messages(subject)["two_scales"] == f"{lone} Check its decimal point."
 

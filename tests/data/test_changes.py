@@ -100,6 +100,12 @@ def test_blocks_of_several_files_are_named_after_these(tmp_path):
     assert turned.changes == ("--swap 'a:session 1.csv: 2,session 2.csv: 3'",)
 
 
+def test_a_block_may_have_a_comma_in_its_name():
+    study = bt.read_study(FRAME.assign(block=["1,2"] * 4 + ["3"] * 4))
+    excluded = study.exclude("a", "1,2")
+    assert content(changed(study, exclude=["a:1,2"])) == content(excluded)
+
+
 REFUSED = [
     (["--swap", "x:2"], "--swap x:2: no subject 'x'; the subjects are a, b:1"),
     (["--exclude", "a:9"], "--exclude a:9: found no block '9', allowed: 1, 2, 3"),

@@ -136,6 +136,11 @@ def test_check_warns_where_no_pair_is_in_two_conditions(read):
         ),
         (ROWS, {"reference": "up"}, "--reference: found 'up', allowed: left, right"),
         (ROWS, {"condition": "hand"}, "there is no column hand"),
+        (
+            ROWS.replace("left", "2").replace("right", "6"),
+            {"reference": "6"},
+            "--reference: found with levels that are numbers",
+        ),
     ],
 )
 def test_what_is_refused(read, text, options, sentence):
@@ -175,3 +180,8 @@ def test_files_have_the_condition_all_or_none(tmp_path):
     together = bt.read_study(files)
     assert together.names == ("a@left", "a@right", "b@left", "b@right", "c@left", "c@right")
     assert together["b@left"].shared_scales == pytest.approx(together["a@left"].shared_scales)
+
+
+def test_a_condition_that_has_a_level_of_practice_is_a_condition(read):
+    text = ROWS.replace("left", "practice").replace("condition", "phase")
+    assert read(text, condition="phase").conditions.levels == ("practice", "right")

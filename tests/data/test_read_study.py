@@ -6,9 +6,11 @@ import math
 import re
 import tempfile
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import counts, problems
 from hypothesis import given, settings
@@ -909,3 +911,45 @@ def test_a_hopeless_number_of_many_digits_is_none(sign):
         text = digit * 60_000 + sign + digit * 60_000 + "x"
         assert math.isnan(number(text))
         assert whole_number(text) == -1
+
+
+def test_options_take_numbers_as_the_cells_of_a_frame_have_them():
+    options = bt.ReadOptions(equal_code=1234568, different_code=1234567, where={"session": 1.0})
+    assert (options.equal_code, options.where) == ("1234568", {"session": "1"})
+    with pytest.raises(bt.InputError, match="--intensity: found '1', allowed: a positive"):
+        bt.ReadOptions(intensity="1")
+
+
+PERCENTAGES = bt.ReadOptions(columns={"n_second": "percent"})
+
+
+def test_only_the_share_that_is_wrong_is_refused(tmp_path):
+    path = tmp_path / "study.csv"
+    rows = ["a,0,1,33.3,3", "a,1,0,66.7,3", "a,0,2,x,3", "a,2,0,100,?", "a,2,1,0,3"]
+    path.write_text("\n".join(["subject,s1,s2,percent,n_trials", *rows]), encoding="utf-8")
+    lines = problems(partial(bt.read_study, options=PERCENTAGES), path)
+    assert len(lines) == 2
+    assert lines[0].startswith("study.csv: row 4, column percent: found 'x'")
+    assert lines[1].startswith("study.csv: row 5, column n_trials: found '?'")
+
+
+def test_shares_with_a_percent_sign_are_percentages(tmp_path):
+    path = tmp_path / "study.csv"
+    rows = ["a,0,1,0%,200", "a,1,0,0.5%,200"]
+    path.write_text("\n".join(["subject,s1,s2,percent,n_trials", *rows]), encoding="utf-8")
+    assert bt.read_study(path, PERCENTAGES)["a"].n_yes.tolist() == [0, 1]
+
+
+def test_a_pattern_of_pairs_fits_the_whole_name():
+    frame = pd.DataFrame({"subject": ["a"], "100_112_2": ["second"], "112_100_2": ["first"]})
+    study = bt.read_study(frame, bt.ReadOptions(wide="{first}_{second}_*", intensity=100.0))
+    assert study["a"].s2.tolist() == pytest.approx([np.log(1.12), 0.0])
+
+
+def test_files_of_one_name_are_told_apart_by_their_folders(tmp_path):
+    paths = []
+    for folder in ("one/x", "two/x"):
+        paths.append(tmp_path / folder / "t.csv")
+        paths[-1].parent.mkdir(parents=True)
+        paths[-1].write_text("subject,s1,s2,response\na,0,1,second\n", encoding="utf-8")
+    assert bt.read_study(paths)["a"].answers.blocks == ("one/x/t.csv", "two/x/t.csv")

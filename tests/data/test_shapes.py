@@ -537,6 +537,7 @@ def test_a_study_file_reads_a_study_again(name, tmp_path):
         ("", (), "found no files, allowed: files ="),
         ('files = ["a.csv"]\nunit2 = "dB"', (), "key 'unit2': unknown, allowed: files, ignore"),
         ('files = ["a.csv"]\nsecond_code = 1', (), "key second_code: found '1', allowed: a text"),
+        ("files = 3", (), "key files: found '3', allowed: a list of texts"),
         ('files = "a.csv"', (), "key files: found 'a.csv', allowed: a list of texts"),
         ('files = ["a.csv"]\n[columns]\ns1 = 1', (), "allowed: a section of lines NAME = TEXT"),
         ('files = ["a.csv"]', ("--sheet", "A"), "found with options for files in another layout"),

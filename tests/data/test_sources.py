@@ -345,3 +345,11 @@ def test_an_unknown_encoding_is_refused(tmp_path):
     (tmp_path / "study.csv").write_text("subject\n")
     with pytest.raises(bt.InputError, match=r"^--encoding: found 'klingon', allowed: a name such"):
         bt.read_study(tmp_path / "study.csv", bt.ReadOptions(encoding="klingon"))
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars"])
+def test_numbers_of_single_precision_are_read_as_they_are_written(library):
+    s2 = [0.1, 0.3, 0.7]
+    columns = {"subject": ["a"] * 3, "s1": np.array(s2, np.float32), "s2": s2}
+    frame = pytest.importorskip(library).DataFrame({**columns, "response": ["equal"] * 3})
+    assert bt.read_study(frame)["a"].s1.tolist() == s2

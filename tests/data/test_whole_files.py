@@ -16,6 +16,7 @@ import pytest
 from bayes_toe.data.whole_files import (
     HIDDEN,
     MANIFEST,
+    READY,
     require_folder,
     require_settled,
     require_writable,
@@ -266,19 +267,26 @@ with whole_files.whole_together(*files, overwrite=True) as folder:
 
 
 @POSIX
-def test_a_set_that_a_killed_process_replaced_in_part_is_refused_and_then_finished(tmp_path):
+@pytest.mark.parametrize("others", ["", "0123456789abcdef"])
+def test_a_set_that_a_killed_process_replaced_in_part_is_refused_and_then_finished(
+    tmp_path, others
+):
     first, second = tmp_path / "a.csv", tmp_path / "b.csv"
     for file in (first, second):
         file.write_text("old")
     words = [sys.executable, "-c", KILLED_WHILE_FILES_MOVE, str(first), str(second), "b.csv"]
     subprocess.run([*words, "SIGKILL"], check=False)
     assert (first.read_text(), second.read_text()) == ("new", "old")
+    (ready,) = tmp_path.glob(f"{READY}*")
+    for digit in others:  # folders whose removal began
+        ready.with_name(ready.name[:-1] + digit).mkdir(exist_ok=True)
     for file in (first, second):
         with pytest.raises(InputError, match="may be of two runs"):
             require_settled(file)
     require_settled(tmp_path / "c.csv")
     require_writable(tmp_path / "c.csv", overwrite=False)
     assert tree(tmp_path) == {"a.csv": "new", "b.csv": "new"}
+    assert not list(tmp_path.glob(f"{READY}*"))
     require_settled(first)
 
 
