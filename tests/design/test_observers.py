@@ -116,6 +116,9 @@ def test_what_is_refused():
         assume_observers("nobody", 1, 1, [paper])
     with pytest.raises(InputError, match="data_sets=0"):
         assume_observers(None, 0, 1, [paper])
+    other = assume_observers("both", 1, 1, [paper_study_design(task="2afc")])
+    with pytest.raises(InputError, match="allowed: 'same/different', the task of the design"):
+        assume_observers(other, 1, 1, [paper])
     far = StudyDesign([0.0, 500.0], [500.0, 0.0], [10, 10])
     with pytest.raises(InputError, match="kind 'none' all practically never answer 'equal'"):
         assume_observers(None, 1, 1, [far])

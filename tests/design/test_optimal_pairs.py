@@ -138,6 +138,16 @@ def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
     assert design.n_pairs <= 6
 
 
+def test_pairs_that_are_kept_in_one_order_count_with_their_turn():
+    keep = StudyDesign([0.0, 0.0, 0.0, 0.2], [0.2, 0.4, 0.6, 0.4], [2, 2, 2, 2])
+    levels = np.array([0.0, 0.2, 0.4, 0.6])
+    for most in (5, 6):
+        goal = DesignGoal(max_pairs=most, keep=keep)
+        candidates, _ = compare_designs(levels, 60, goal, OBSERVERS)
+        design = candidates[OPTIMISED].design
+        assert (design.total, design.n_pairs <= most) == (60, True)
+
+
 def test_designs_of_which_is_stronger():
     goal = DesignGoal(task="2afc")
     observers = assume_observers("both", 2, 1, [each_once([0, 0.3], [0.3, 0], task=goal.task)])
@@ -150,6 +160,8 @@ def test_designs_of_which_is_stronger():
 def test_levels_of_hardware(tmp_path):
     (tmp_path / "levels.csv").write_text("i\n2\n1\n4\n2\n", encoding="utf-8")
     assert read_levels(tmp_path / "levels.csv", 2.0) == pytest.approx(np.log([0.5, 1.0, 2.0]))
+    with pytest.raises(InputError, match="--reference -1: allowed is a positive number"):
+        read_levels(tmp_path / "levels.csv", -1.0)
     with pytest.raises(InputError, match="column s: missing"):
         read_levels(tmp_path / "levels.csv")
     assert grid(-0.75, 1.25, 0.05)[[0, 15, -1]].tolist() == [-0.75, 0.0, 1.25]

@@ -82,14 +82,15 @@ def test_words_are_counted(table):
         counted["paper", 650, "none", "contraction", "maybe"]
 
 
-def test_intervals_of_shares_and_means_hold_the_truth():
+@pytest.mark.parametrize("size", [2, 50])
+def test_intervals_of_shares_and_means_hold_the_truth(size):
     """95 % do: of Jeffreys' intervals on average over shares, of means by their standard errors."""
     rng = np.random.default_rng(0)
     holds_share, holds_mean = [], []
     for p in rng.uniform(0.05, 0.95, 400):
         _, low, high = share(int(rng.binomial(50, p)), 50)
         holds_share.append(low <= p <= high)
-        _, low, high = mean(rng.normal(p, 1.0, 50))
+        _, low, high = mean(rng.normal(p, 1.0, size))
         holds_mean.append(low <= p <= high)
     assert 0.92 < np.mean(holds_share) < 0.98
     assert 0.92 < np.mean(holds_mean) < 0.98

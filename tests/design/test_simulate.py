@@ -18,6 +18,7 @@ from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.design.simulate import (
     PaperObserver,
     draw_population,
+    read_differences,
     simulate_trials,
     trial_frame,
 )
@@ -172,6 +173,7 @@ def test_populations_of_files(tmp_path):
 FILES = {
     "missing.csv": "subject,mu1,sigma_p,sigma_l\nx,0,0.3,0.1\n",
     "negative.csv": "subject,mu1,sigma_p,sigma_l,q0\nx,0,-1,0.1,0.9\n",
+    "numbers.csv": "s1,s2,n_trials\n0,0.3,70\n",
     "interval.csv": "s1,s2,isi\n0,0.3,-1\n",
     "twice.csv": "subject,mu1,sigma_p,sigma_l,q0\nx,0,1,0.1,0.9\nx,0,1,0.1,0.9\n",
 }
@@ -196,6 +198,8 @@ REFUSED = [
     ({"amplitudes": (1, -2)}, "positive"),
     ({"design": "mine"}, "--design"),
     ({"design": "interval.csv"}, "positive finite numbers of seconds"),
+    ({"design": "numbers.csv"}, "numbers.csv, column n_trials: found a design with numbers"),
+    ({"conditions": "ab"}, "conditions: found the text 'ab', allowed: a list of levels"),
     ({"batches": 0}, "batches=0 must be at least 1"),
     ({"carry_over": 1.0}, "--carry-over: found 1, allowed: a number from 0"),
     ({"conditions": ("a", "a")}, "--conditions: found 'a,a', allowed: two levels"),
@@ -224,3 +228,8 @@ def test_the_command_writes_conditions_and_the_truth(tmp_path):
     assert truth["subject"].tolist() == ["S01@2", "S01@6", "S02@2", "S02@6"]
     study = bt.read_study(tmp_path / "s.csv")
     assert (study.task, study.conditions.levels) == (WHICH_STRONGER, ("2", "6"))
+
+
+def test_a_difference_is_given_once():
+    with pytest.raises(InputError, match="--differ: found contraction twice, allowed: once"):
+        read_differences("a,b", "contraction=0.2,contraction=0.5")

@@ -113,6 +113,15 @@ def test_intervals_are_those_of_the_pairs():
     assert trials.trial.tolist() == list(range(1, 2 * design.total + 1))
 
 
+def test_blocks_are_alike_with_conditions_too():
+    design = StudyDesign([0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [7, 7, 7])
+    for seed in range(20):
+        trials = trial_list(design, blocks=5, conditions=("a", "b", "c"), seed=seed)
+        assert np.ptp(np.bincount(trials.block)[1:]) <= 2
+    with pytest.raises(InputError, match="found a, a, allowed: each level once"):
+        trial_list(design, blocks=5, conditions=("a", "a"), seed=1)
+
+
 @pytest.mark.parametrize(
     ("n_trials", "blocks", "message"),
     [

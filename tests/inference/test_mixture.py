@@ -10,7 +10,13 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.proposal import StudentMixture, efficiency, importance_draws, tempered
+from bayes_toe.inference.proposal import (
+    StudentMixture,
+    WeightedDraws,
+    efficiency,
+    importance_draws,
+    tempered,
+)
 from bayes_toe.model.paper_model import paper_posterior
 
 
@@ -131,3 +137,9 @@ def test_weights_are_flattened_only_until_enough_draws_count():
     power = np.log(flattened[0] / flattened[1]) / (raw[0] - raw[1])
     assert 0.0 < power < 1.0
     assert np.diff(np.log(flattened)) == pytest.approx(power * np.diff(raw))
+
+
+@pytest.mark.parametrize("size", [1, 12, 20, 21])
+def test_equal_weights_have_no_error(size):
+    draws = WeightedDraws(np.zeros((size, 1)), *np.full((3, size), 0.3))
+    assert draws.standard_error == pytest.approx(0.0, abs=1e-15)

@@ -112,6 +112,13 @@ def test_a_limit_too_low_is_said_and_not_hidden(monkeypatch):
     assert not draws.imprecise
 
 
+def test_no_pass_is_thinned_by_more_than_the_limit(funnel):
+    never = SamplerSettings(draws=500, max_r_hat=1.0000001, max_thin=3)
+    assert sample_chains(funnel, never, 1).thin == 3
+    with pytest.raises(bt.InputError, match=r"ensembles: found 4\.5, allowed: a whole number"):
+        SamplerSettings(ensembles=4.5)
+
+
 def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain(funnel):
     posterior = funnel.proposal.posterior
 

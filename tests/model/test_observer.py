@@ -10,6 +10,7 @@ import pytest
 from numpy.random import default_rng
 from scipy import stats
 from scipy.integrate import quad
+from scipy.special import betaln
 
 import bayes_toe as bt
 from bayes_toe.data.conditions import StimulusScales
@@ -293,6 +294,23 @@ def test_priors_integrate_to_1_have_their_slope_and_their_quantiles(density):
         rise = density.log_density(quantile + 1e-5) - density.log_density(quantile - 1e-5)
         assert density.slope(quantile) == pytest.approx(rise / 2e-5, rel=1e-6, abs=1e-8)
         assert density.curvature(quantile) > 0.0
+
+
+@pytest.mark.parametrize(("a", "b"), [(1.0, 0.05), (0.05, 1.0), (0.001, 0.001)])
+def test_quantiles_are_finite_where_a_share_rounds_to_an_edge(a, b):
+    """The smaller share is P^(1/a) (a B(a, b))^(1/a), so its logarithm is linear in that of P."""
+    p = np.array([1e-6, 1e-3, 0.2, 0.6, 1 - 1e-3, 1 - 1e-6])
+    logits = LogitOfBeta(a, b).quantile(p)
+    assert np.isfinite(logits).all()
+    assert (np.diff(logits) > 0.0).all()
+    log_norm = np.log(a) + betaln(a, b)
+    assert logits[0] == pytest.approx((np.log(p[0]) + log_norm) / a, rel=1e-4)
+
+
+def test_an_evidence_is_finite_where_the_prior_has_an_edge():
+    subject = bt.simulate(1, batches=10, seed=1).study.subjects[0]
+    prior = ObserverPrior(q0_b=0.05)
+    assert np.isfinite(order_evidence([subject], 1, prior)[0].log_evidence).all()
 
 
 def test_draws_from_the_prior_follow_its_quantiles(posterior):

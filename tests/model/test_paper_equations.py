@@ -74,6 +74,7 @@ def test_no_measurement_noise_means_no_order_effect():
         ((0.0, 0.0, 0.1, 0.9), "sigma_p"),
         ((0.0, 0.2, -0.1, 0.9), "sigma_l"),
         ((0.0, 0.2, 0.1, 1.1), "q0"),
+        ((0.0, 1e-200, 1.0, 0.9), "sigma_l / sigma_p must be below 1e153"),
     ],
 )
 def test_unusable_parameters_raise_and_are_named(values, name):

@@ -67,6 +67,13 @@ def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
     assert posterior_contraction(target, parameter, low - 0.1, high + 0.1) < 0.0
 
 
+def test_a_small_pull_keeps_its_digits():
+    subject = bt.Subject("S", [0.0], [0.3], [4], [10])
+    target = bt.model.paper_posterior(subject, Prior(gamma_a=0.05))
+    gamma = 0.05**20  # the 5 % quantile of Beta(0.05, 1)
+    assert target.prior_quantile("pull", 0.05) == pytest.approx(gamma, rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("numbers", "message"),
     [
