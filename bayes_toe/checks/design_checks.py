@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
@@ -17,7 +17,6 @@ from bayes_toe.checks.answer_checks import Finding, check_answers
 from bayes_toe.checks.identification import (
     CRITERION_NOTE,
     DELAYS_NOTE,
-    QUESTIONS,
     identify,
 )
 from bayes_toe.data.answers import Reading
@@ -246,7 +245,8 @@ def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
         return
     width = "wide" if spread.cdf(step) < 0.5 else "narrow"
     message = (
-        f"The prior is far too {width} for these stimuli: {prior.spread} ~ {spread.describe()}, "
+        f"The prior is far too {width} for these stimuli: {prior.spread} ~ "
+        f"{prior.describe_distribution(prior.spread)}, "
         f"with steps of {step:.2g} (root mean square of s2 - s1). If s1 and s2 are natural logs, "
         "use the default prior, which takes its scales from the stimuli."
     )
@@ -258,15 +258,15 @@ def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
 
 def identification_findings(study: Study) -> Iterator[Finding]:
     """Questions that cannot be told, with the reason, once if it holds for all subjects."""
-    names_by_reason: dict[tuple[tuple[str, ...], str], list[str]] = {}
+    names_by_message = defaultdict[str, list[str]](list)
     for subject in study:
-        reasons = identify(subject).reasons
-        for reason in dict.fromkeys(reasons.values()):
-            questions = tuple(name for name in QUESTIONS if reasons.get(name) == reason)
-            names_by_reason.setdefault((questions, reason), []).append(subject.name)
-    for (questions, reason), names in names_by_reason.items():
-        text = join_words([question.replace("_", " ") for question in questions])
-        message = f"{capitalized(text)} cannot be told, because {reason}."
+        questions_by_reason = defaultdict[str, list[str]](list)
+        for question, reason in identify(subject).reasons.items():
+            questions_by_reason[reason].append(question.replace("_", " "))
+        for reason, questions in questions_by_reason.items():
+            message = f"{capitalized(join_words(questions))} cannot be told, because {reason}."
+            names_by_message[message].append(subject.name)
+    for message, names in names_by_message.items():
         yield from _once_for_all(study, names, "not_identified", message)
 
 

@@ -6,17 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import WHICH_STRONGER, Task
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.model.observer import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
@@ -86,15 +83,7 @@ def identify(subject: Subject) -> Identification:
     reason = _no_question(subject, order)
     if reason:
         return Identification(False, False, False, dict.fromkeys(QUESTIONS, reason), tuple(notes))
-    pairs = _Pairs(
-        subject.task,
-        tuple(subject.s1.tolist()),
-        tuple(subject.s2.tolist()),
-        tuple(subject.n_trials.tolist()),
-        None if subject.isi is None else tuple(subject.isi.tolist()),
-        subject.shared_scales,
-    )
-    reason = _no_contraction(pairs)
+    reason = _no_contraction(subject)
     if reason:
         return Identification(True, True, False, {"contraction": reason}, tuple(notes))
     return Identification(True, True, True, {}, tuple(notes))
@@ -118,28 +107,8 @@ def _no_question(subject: Subject, order: FloatArray) -> str:
     return ""
 
 
-class _Pairs(NamedTuple):
-    """Properties of a subject's pairs that decide whether a contraction can be identified."""
-
-    task: Task
-    s1: tuple[float, ...]
-    s2: tuple[float, ...]
-    n_trials: tuple[int, ...]
-    isi: tuple[float, ...] | None
-    shared_scales: StimulusScales | None
-
-
-@lru_cache(maxsize=1024)
-def _no_contraction(pairs: _Pairs) -> str:
-    """The reason why only a constant error can be identified; empty if a contraction can too.
-
-    The subjects of a study often have the same pairs, so that one answer serves them all.
-    """
-    s1, s2, n_trials = np.array(pairs.s1), np.array(pairs.s2), np.array(pairs.n_trials)
-    isi = None if pairs.isi is None else np.array(pairs.isi)
-    n_yes = np.zeros_like(n_trials)
-    subject = Subject("pairs", s1, s2, n_yes, n_trials, isi=isi, task=pairs.task)
-    subject = replace(subject, shared_scales=pairs.shared_scales)
+def _no_contraction(subject: Subject) -> str:
+    """The reason why only a constant error can be identified; empty if a contraction can too."""
     stimuli = np.column_stack([subject.s1, subject.s2])
     offsets = stimuli - stimuli.mean(axis=0)
     extent = np.abs(offsets).max()

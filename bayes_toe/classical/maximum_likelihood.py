@@ -313,7 +313,6 @@ def _search(
         largest_step=3.0,
         most_steps=most_steps,
         least_gain=least_gain,
-        value_at=lambda u, index: likelihood.value(u, row[index]),
     )
 
 

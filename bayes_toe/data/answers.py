@@ -129,8 +129,8 @@ class Answers:
         """A copy whose `blocks` are only those that its rows have."""
         if self.block is None:
             return self
-        used, block = np.unique(self.block, return_inverse=True)
-        return replace(self, block=block, blocks=tuple(self.blocks[i] for i in used.tolist()))
+        distinct, block = np.unique(self.block, return_inverse=True)
+        return replace(self, block=block, blocks=tuple(self.blocks[i] for i in distinct.tolist()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -291,14 +291,14 @@ def _is_pair_pattern(pattern: str) -> bool:
     return stimuli == ["{first}", "{second}"] and "{first}{second}" not in pattern
 
 
-def _is_positive(given: object) -> bool:
+def _is_positive(value: object) -> bool:
     """Whether something is a positive finite number."""
-    return isinstance(given, Real) and 0.0 < float(given) < math.inf
+    return isinstance(value, Real) and 0.0 < float(value) < math.inf
 
 
-def _as_text(given: object) -> str:
+def _as_text(value: object) -> str:
     """A text without spaces around it; a number as the cell of a data frame: 1.0 is '1'."""
-    text = f"{given:.15g}" if isinstance(given, bool | int | float) else str(given)
+    text = f"{value:.15g}" if isinstance(value, bool | int | float) else str(value)
     return text.strip()
 
 

@@ -278,6 +278,13 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
     word = plain.lower()
     if is_no_response(word):
         return _MISSING
+    return _answer_by_word(word, yes_code, no_code, words)
+
+
+def _answer_by_word(
+    word: str, yes_code: str | None, no_code: str | None, words: Sequence[Sequence[str]]
+) -> int:
+    """The answer that a word stands for, unless its code was given."""
     given_words = {code.lower() for code in (yes_code, no_code) if code is not None}
     if word in given_words:
         # Where 'Different' was declared to mean equal, 'different' is not read by default.

@@ -6,7 +6,6 @@ are grouped on the way in: a million trials cost what their distinct pairs cost.
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -549,9 +548,11 @@ class Study:
         def by_pair(key: str) -> npt.NDArray[Any]:
             return np.concatenate([getattr(subject, key) for subject in self])
 
-        columns: dict[str, Any] = {"subject": by_subject([one.subject_name for one in self])}
+        columns: dict[str, Any] = {
+            "subject": by_subject([subject.subject_name for subject in self])
+        }
         if self.conditions:
-            columns["condition"] = by_subject([one.condition for one in self])
+            columns["condition"] = by_subject([subject.condition for subject in self])
         columns["s1"], columns["s2"] = by_pair("s1"), by_pair("s2")
         if self.intervals:
             columns["isi"] = by_pair("isi")
@@ -619,20 +620,8 @@ def common_scales(*subjects: Subject) -> StimulusScales | None:
 
 def require_study(given: object) -> None:
     """Refuse what stands in the place of a study, with what makes one."""
-    if isinstance(given, Study):
-        return
-    if isinstance(given, str | os.PathLike):
-        raise InputError(
-            f"found {str(given)!r}, allowed: a Study, such as bt.read_study({str(given)!r})"
-        )
-    finding = f"found {type(given).__name__}, allowed: a Study, such as"
-    if isinstance(given, Subject):
-        raise InputError(f"{finding} bt.Study([subject])")
-    raise InputError(
-        f"{finding} bt.Study(subjects)"
-        if isinstance(given, list | tuple)
-        else f"{finding} bt.read_study(path or DataFrame)"
-    )
+    rule = "a Study, such as bt.read_study(path or DataFrame) or bt.Study(subjects)"
+    require_kind("study", given, Study, rule)
 
 
 def pairs_in_both_orders(subject: Subject) -> IndexArray:

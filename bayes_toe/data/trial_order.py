@@ -218,22 +218,21 @@ def _repeated(
     trial = numbers(table, columns["trial"])
     runs = [columns[name].codes for name in _RUNS if name in columns]
     run_of_row = np.column_stack([*runs, np.zeros(len(n), np.int64)])
-    first_rows, repeats = dict[tuple[float, ...], int](), list[tuple[int, int]]()
-    for row in np.flatnonzero((n > 0) & ~np.isnan(trial)).tolist():
-        first = first_rows.setdefault((subject.codes[row], *run_of_row[row], trial[row]), row)
-        if first != row:
-            repeats.append((row, first))
-    if not repeats:
+    answered = np.flatnonzero((n > 0) & ~np.isnan(trial))
+    identity = np.column_stack([subject.codes, run_of_row, trial])[answered]
+    _, first, index = np.unique(identity, axis=0, return_index=True, return_inverse=True)
+    first_row = answered[first[index.ravel()]]
+    later, earlier = answered[answered != first_row], first_row[answered != first_row]
+    if not len(later):
         return []
-    later, earlier = np.array(repeats).T
     is_repeat = np.logical_and.reduce([key[later] == key[earlier] for key in (*keys, k)])
     if block is None and not is_repeat.all():
         # Without blocks numbers may begin anew in each: only rows that are the same in everything
         # count.
         return []
-    verb = "repeats" if len(repeats) == 1 else "repeat"
+    verb = "repeats" if len(later) == 1 else "repeat"
     number_words = "trial" if block is None else "block and trial"
-    problem = f"{plural(len(repeats), 'row')} {verb} {number_words} of another row"
+    problem = f"{plural(len(later), 'row')} {verb} {number_words} of another row"
     row, other = table.rows[later[0]], table.rows[earlier[0]]
     name = display_name(subject.text(later[0]))
     location = f"first row {row}, which repeats row {other} (subject {name})"

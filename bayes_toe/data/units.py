@@ -74,20 +74,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         )
     if len(subject_names) == len(parts):
         return _without_units(study, column, is_option=options.condition is not None)
-    values = [number(level, False) for level in unit_levels]
-    is_numeric = not options.categorical and not any(map(math.isnan, values))
-    order = level_words(levels(values if is_numeric else unit_levels))
-    if is_numeric and options.reference is not None:
-        raise InputError(
-            f"--reference: found with levels that are numbers ({join_names(order)}), allowed: with "
-            "--categorical"
-        )
-    if options.reference not in (None, *order):
-        raise InputError(
-            f"--reference: found {quoted(str(options.reference))}, "
-            f"allowed: {join_names([*map(display_name, order)])}"
-        )
-    order.sort(key=lambda level: level != options.reference)
+    order, is_numeric = _level_order(unit_levels, options)
     units = [replace(unit, condition=parts[unit.name][2]) for unit in study]
     units.sort(
         key=lambda unit: (subject_names.index(unit.subject_name), order.index(unit.condition))
@@ -95,6 +82,28 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     conditions = Conditions(column, tuple(order), is_numeric)
     notes = (*study.notes, f"condition {conditions.about}")
     return replace(study, subjects=with_shared_scales(units), conditions=conditions, notes=notes)
+
+
+def _level_order(unit_levels: Sequence[str], options: ReadOptions) -> tuple[list[str], bool]:
+    """The levels, the reference first, and whether they are numbers."""
+    values = [number(level, False) for level in unit_levels]
+    is_numeric = not options.categorical and not any(map(math.isnan, values))
+    order = level_words(levels(values if is_numeric else unit_levels))
+    reference = options.reference
+    if reference is None:
+        return order, is_numeric
+    if is_numeric:
+        raise InputError(
+            f"--reference: found with levels that are numbers ({join_names(order)}), allowed: with "
+            "--categorical"
+        )
+    if reference not in order:
+        raise InputError(
+            f"--reference: found {quoted(reference)}, "
+            f"allowed: {join_names([*map(display_name, order)])}"
+        )
+    order.sort(key=lambda level: level != reference)
+    return order, is_numeric
 
 
 def _without_units(study: Study, column: str, *, is_option: bool) -> Study:

@@ -140,20 +140,23 @@ def _masks_of_equals(n_equal: IntArray, n_different: IntArray, rng: Rng) -> list
 
     All ways are equally probable.
     """
-    tables = _count_ways(n_equal, n_different)
-    masks, run = [], 0
-    for log_ways in tables:
-        d, e = (size - 1 for size in log_ways.shape)
-        is_equal = np.ones(e, np.bool_)
-        sizes = []  # of runs of equal pairs before each different one
-        for left in range(d - 1, -1, -1):
-            fewest = max(0, e - MOST_EQUAL + run)
-            log_p = log_ways[left, fewest : e + 1]
+    masks = []
+    run = 0  # equal pairs that came last
+    for log_ways in _count_ways(n_equal, n_different):
+        n_left = log_ways.shape[1] - 1  # equal pairs of the block that are still to come
+        run_sizes = []
+        for different_after in range(log_ways.shape[0] - 2, -1, -1):
+            fewest_left = max(0, n_left - (MOST_EQUAL - run))
+            log_p = log_ways[different_after, fewest_left : n_left + 1]
             p = np.exp(log_p - logsumexp(log_p))
-            sizes.append(e - fewest - int(rng.choice(len(p), p=p)))
-            e, run = e - sizes[-1], 0
-        masks.append(np.insert(is_equal, np.cumsum(sizes, dtype=np.int64), False))
-        run += e
+            next_left = fewest_left + int(rng.choice(len(p), p=p))
+            run_sizes.append(n_left - next_left)
+            n_left, run = next_left, 0
+        mask: list[bool] = []
+        for size in run_sizes:
+            mask += [True] * size + [False]
+        masks.append(np.array(mask + [True] * n_left, np.bool_))
+        run += n_left
     return masks
 
 

@@ -110,10 +110,8 @@ def quick_proposal(
     scales = np.concatenate(
         [1.2 * spread[None], np.repeat(0.6 * spread[None], _QUICK.components - 1, axis=0)]
     )
-    mixture = StudentMixture(
-        np.full(len(means), 1.0 / len(means)), means, scales, _even(_DF, y.shape[1])
-    )
-    cover = StudentMixture(np.ones(1), means[:1], 4.0 * spread[None], _even(_COVER_DF, y.shape[1]))
+    mixture = _equal_weights(means, scales, _DF)
+    cover = _equal_weights(means[:1], 4.0 * spread[None], _COVER_DF)
     history = _adapt(
         Proposal(posterior, transform, mixture, cover, _QUICK.cover_share), _QUICK, rng
     )
@@ -246,32 +244,42 @@ def _adapt(proposal: Proposal, stage: Stage, rng: Rng) -> list[_Round]:
 
 def _first(posterior: SampledPosterior, maxima: Maxima, rng: Rng) -> Proposal:
     """Tempered prior draws, of which two hundred count, and a cloud at each proper maximum."""
+    stage = STAGES[0]
     transform = posterior.transform(maxima.x[maxima.value > maxima.value[0] - 3.0])
-    x = posterior.sample_prior(rng, 2 * STAGES[0].draws)
+    x = posterior.sample_prior(rng, 2 * stage.draws)
     x = x[np.isfinite(x).all(axis=1)]
     weights = tempered(posterior.log_likelihood(x), least=200.0)
     y = transform.forward(x)[0]
     spread = _covariance(y, weights)
-    few = STAGES[0].components // 2
-    centres = [y[rng.choice(len(y), few, p=weights)]]
-    scales = [np.repeat(spread[None], few, axis=0)]
-    around = STAGES[0].components // len(maxima.x) + 1
+    n_prior = stage.components // 2
+    means = [y[rng.choice(len(y), n_prior, p=weights)]]
+    scales = [_repeated(spread, n_prior)]
+    n_each = stage.components // len(maxima.x) + 1
     for mode, curvature in zip(maxima.x, maxima.curvature, strict=True):
         # Flatter than ten units is a ridge that runs to infinity, no use as a scale.
-        if np.linalg.eigvalsh(curvature)[0] > 0.01:
-            factor = np.linalg.inv(np.linalg.cholesky(curvature))
-            cloud = mode + rng.standard_normal((500, len(mode))) @ factor
-            transformed = transform.forward(cloud)[0]
-            mean = transformed.mean(axis=0)
-            centres.append(mean + 0.7 * (transformed[:around] - mean))
-            scales.append(np.repeat(1.5 * _covariance(transformed)[None], around, axis=0))
-    means = np.concatenate(centres)
-    mixture = StudentMixture(
-        np.full(len(means), 1 / len(means)), means, np.concatenate(scales), _even(_DF, y.shape[1])
-    )
-    wide = y[rng.choice(len(y), _COVERS, p=weights)], np.repeat(4.0 * spread[None], _COVERS, axis=0)
-    cover = StudentMixture(np.full(_COVERS, 1 / _COVERS), *wide, _even(_COVER_DF, y.shape[1]))
-    return Proposal(posterior, transform, mixture, cover, STAGES[0].cover_share)
+        if np.linalg.eigvalsh(curvature)[0] <= 0.01:
+            continue
+        factor = np.linalg.inv(np.linalg.cholesky(curvature))
+        cloud = transform.forward(mode + rng.standard_normal((500, len(mode))) @ factor)[0]
+        centre = cloud.mean(axis=0)
+        means.append(centre + 0.7 * (cloud[:n_each] - centre))
+        scales.append(_repeated(1.5 * _covariance(cloud), n_each))
+    mixture = _equal_weights(np.concatenate(means), np.concatenate(scales), _DF)
+    wide = y[rng.choice(len(y), _COVERS, p=weights)]
+    cover = _equal_weights(wide, _repeated(4.0 * spread, _COVERS), _COVER_DF)
+    return Proposal(posterior, transform, mixture, cover, stage.cover_share)
+
+
+def _repeated(scale: FloatArray, times: int) -> FloatArray:
+    """One scale for each of so many components."""
+    return np.repeat(scale[None], times, axis=0)
+
+
+def _equal_weights(means: FloatArray, scales: FloatArray, least_df: int) -> StudentMixture:
+    """A mixture of components of equal weight."""
+    n_components, k = means.shape
+    weights = np.full(n_components, 1.0 / n_components)
+    return StudentMixture(weights, means, scales, _even(least_df, k))
 
 
 def _covariance(y: FloatArray, weights: FloatArray | None = None) -> FloatArray:

@@ -140,12 +140,13 @@ def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: flo
     ascending, p = np.sort(np.ravel(draws)), np.asarray(probabilities, np.float64)
     if not ess > 0.0:
         return np.full(p.shape, np.nan)
-    low, high = (
-        betaincinv(ess * p + 1.0, ess * (1.0 - p) + 1.0, level) * ascending.size - 1.0
-        for level in _ONE_SD
-    )
-    ends = np.maximum(np.floor(low), 0.0), np.minimum(np.ceil(high), ascending.size - 1.0)
-    return (ascending[ends[1].astype(int)] - ascending[ends[0].astype(int)]) / 2.0
+    a, b, size = ess * p + 1.0, ess * (1.0 - p) + 1.0, ascending.size
+    below, above = _ONE_SD
+    low_place = np.floor(betaincinv(a, b, below) * size - 1.0)
+    high_place = np.ceil(betaincinv(a, b, above) * size - 1.0)
+    low = ascending[np.maximum(low_place, 0.0).astype(int)]
+    high = ascending[np.minimum(high_place, size - 1.0).astype(int)]
+    return (high - low) / 2.0
 
 
 def tail_error(draws: FloatArray, ess: float) -> float:

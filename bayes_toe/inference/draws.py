@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -110,13 +110,6 @@ class Draws:
     def prior(self) -> Prior:
         """The prior of these draws; :meth:`described_prior` is the line for a Methods section."""
         return stored_prior(json.loads(self.tree.attrs["settings"])["prior"])
-
-    @property
-    def sampler(self) -> SamplerSettings:
-        """The settings that these draws were made with."""
-        stored = json.loads(self.tree.attrs["settings"])["sampler"]
-        names = stored.keys() & {field.name for field in fields(SamplerSettings)}
-        return SamplerSettings(**{name: stored[name] for name in names})
 
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""

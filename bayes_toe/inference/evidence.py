@@ -13,7 +13,7 @@ there is no such value.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -161,19 +161,12 @@ def _starts(log_density: Callable[[FloatArray], FloatArray], maxima: Maxima) -> 
     offset, _, log_width, logit_q0 = maxima.x[0]
     far = np.exp(log_width) * _OFFSETS
     both_sides = offset + np.concatenate([-far, [0.0], far])
+    parts: list[tuple[FloatArray, Sequence[float]]] = [(-far, _SMALL), (far, _SMALL)]
+    parts += [(both_sides, larger) for larger in _LARGER]
     highest = []
-    for offsets, pulls in (
-        (-far, _SMALL),
-        (far, _SMALL),
-        *((both_sides, larger) for larger in _LARGER),
-    ):
-        points = np.stack(
-            [
-                axis.ravel()
-                for axis in np.meshgrid(offsets, pulls, log_width + _WIDTHS, logit_q0 + _PEAKS)
-            ],
-            axis=-1,
-        )
+    for offsets, logit_pulls in parts:
+        axes = np.meshgrid(offsets, logit_pulls, log_width + _WIDTHS, logit_q0 + _PEAKS)
+        points = np.stack([axis.ravel() for axis in axes], axis=-1)
         highest.append(points[log_density(points).argmax()])
     return np.stack([*maxima.x[:3], *highest])
 

@@ -94,7 +94,6 @@ def ascend(
     largest_step: float = 5.0,
     most_steps: int = 200,
     retry_damping: float = 1e-3,
-    value_at: Callable[[FloatArray, IndexArray], FloatArray] | None = None,
 ) -> Ascent:
     """Damped Newton ascent from every start; no step is taken that lowers the value.
 
@@ -115,9 +114,6 @@ def ascend(
     most_steps : int
     retry_damping : float
         Least damping after a step that would have lowered the value.
-    value_at : callable, optional
-        The log density alone, where it costs much less than `expand`: steps that would lower it
-        then cost no more.
     """
     active = np.arange(len(starts))
     has_converged = np.zeros(len(starts), np.bool_)
@@ -137,16 +133,12 @@ def ascend(
         longest = np.abs(step).max(axis=1)
         step *= np.minimum(1.0, largest_step / np.maximum(longest, _TINY))[:, None]
         trial = np.maximum(x[active] + step, floor[active])
-        is_better = np.ones(len(active), np.bool_)
-        if value_at is not None:
-            is_better = value_at(trial, active) >= value[active]
-        expansion = expand(trial[is_better], active[is_better])
-        is_higher = expansion.value >= value[active[is_better]]
-        is_better[is_better] = is_higher
+        expansion = expand(trial, active)
+        is_better = expansion.value >= value[active]
         better = active[is_better]
         x[better] = trial[is_better]
         for stored, new in zip((value, gradient, curvature), expansion, strict=True):
-            stored[better] = new[is_higher]
+            stored[better] = new[is_better]
 
         # A gain below the rounding of the value cannot be seen: the search has converged, whether
         # or not the step was taken.
@@ -168,8 +160,8 @@ def _steps(
 ) -> ArrayPair:
     """Steps uphill in the moving coordinates, (points, k), and the gain that each predicts.
 
-    The curvature is scaled to a unit diagonal, which the damping raises. Where it is not positive
-    definite its eigenvalues count by their size, so that the step leads away from a saddle.
+    The curvature is scaled to a unit diagonal, and the damping is added to the sizes of its
+    eigenvalues: where it is not positive definite, the step leads away from a saddle.
     """
     k = gradient.shape[1]
     diagonal = np.arange(k)
@@ -181,39 +173,10 @@ def _steps(
         matrix = curvature * scale[:, :, None] * scale[:, None, :]
         matrix[:, diagonal, diagonal] += ~is_moving
         slope = np.where(is_moving, gradient, 0.0) * scale
-        step, is_proper = _solve(matrix, slope, damping)
-        if not is_proper.all():
-            values, vectors = np.linalg.eigh(matrix[~is_proper])
-            along = np.einsum("nij,ni->nj", vectors, slope[~is_proper])
-            along /= np.abs(values) + damping[~is_proper, None]
-            step[~is_proper] = np.einsum("nij,nj->ni", vectors, along)
+        values, vectors = np.linalg.eigh(matrix)
+        along = np.einsum("nij,ni->nj", vectors, slope) / (np.abs(values) + damping[:, None])
+        step = np.einsum("nij,nj->ni", vectors, along)
         return step * scale, 0.5 * step * slope
-
-
-def _solve(
-    matrix: FloatArray, right: FloatArray, damping: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """Solve many small symmetric systems with raised diagonals, and tell which are definite.
-
-    Elimination along the points takes a fraction of the time of LAPACK for each.
-    """
-    a, y = np.moveaxis(matrix, 0, -1).copy(), right.T.copy()
-    k = len(y)
-    a[np.arange(k), np.arange(k)] += damping
-    is_definite = np.ones(len(damping), np.bool_)
-    for j in range(k):
-        is_positive = a[j, j] > 1e-12
-        is_definite &= is_positive
-        a[j, j][~is_positive] = 1.0
-        factor = a[j, j + 1 :] / a[j, j]
-        for i in range(j + 1, k):
-            # Only the part on and behind the diagonal counts.
-            a[i, i:] -= factor[i - j - 1] * a[j, i:]
-        y[j + 1 :] -= factor * y[j]
-    for j in reversed(range(k)):
-        y[j] /= a[j, j]
-        y[:j] -= a[:j, j] * y[j]
-    return y.T, is_definite
 
 
 # --- The maxima of a posterior -------------------------------------------------------------------

@@ -366,27 +366,21 @@ class _Sampler:
         self, profile: Ascent, rows: IndexArray, values: FloatArray
     ) -> tuple[FloatArray, IndexArray, BoolArray]:
         """Starts of free maxima, and of those with lapse rates held."""
+        n_held = len(values)  # the searches after these start from a flat curve, one for each row
+        lapse = 2 if self.batch.is_same_different else 1
         starts: list[FloatArray] = []
         start_rows: list[int] = []
         lapse_is_held: list[bool] = []
-        lapse = 2 if self.batch.is_same_different else 1
         for row in range(self.n_rows):
-            chosen, at_row = self._profile_maxima(row, rows[: len(values)], values, profile)
-            heights = profile.value[at_row]
-            flat = profile.x[len(values) + row]
-            candidates = [profile.x[at_row[i]] for i in chosen]
-            best = candidates[0]
-            if profile.value[len(values) + row] > heights[chosen[0]]:
-                best = flat
-            for point in candidates:
-                starts.append(point)
-                lapse_is_held.append(False)
-            for score in _LAPSE_SCORES:
-                point = best.copy()
-                point[lapse] = score
-                starts.append(point)
-                lapse_is_held.append(True)
-            start_rows += [row] * (len(chosen) + len(_LAPSE_SCORES))
+            chosen, at_row = self._profile_maxima(row, rows[:n_held], values, profile)
+            candidates, flat = at_row[chosen], n_held + row
+            best = flat if profile.value[flat] > profile.value[candidates[0]] else candidates[0]
+            free = profile.x[candidates]
+            with_lapse = np.tile(profile.x[best], (len(_LAPSE_SCORES), 1))
+            with_lapse[:, lapse] = _LAPSE_SCORES
+            starts += [*free, *with_lapse]
+            start_rows += [row] * (len(free) + len(with_lapse))
+            lapse_is_held += [False] * len(free) + [True] * len(with_lapse)
         is_held = np.zeros((len(starts), self.k), np.bool_)
         is_held[:, lapse] = lapse_is_held
         return np.array(starts), np.array(start_rows), is_held

@@ -5,13 +5,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import betainc, chdtrc, gammaln, xlogy
 
-from bayes_toe.arrays import ArrayPair, FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray, IntArray
+from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.answer_curves import times_counts
 from bayes_toe.model.posterior import AnswerPosterior, require_points
@@ -111,22 +113,18 @@ def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> ArrayPai
 
     Where that is not rare, they are 1 and 2.
     """
-    k = np.arange(min(_COUNTS, int(n.max()) + 1), dtype=np.float64).reshape(
-        -1, *(1,) * np.ndim(log_q)
-    )
-    log_rare, log_other = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest)
-    count = np.minimum(k, n)
-    log_ways = gammaln(n + 1.0) - gammaln(count + 1.0) - gammaln(n - count + 1.0)
-    chance = np.where(
-        k <= n,
-        np.exp(log_ways + times_counts(count, log_rare) + times_counts(n - count, log_other)),
-        0.0,
-    )
-    values = np.where(chance > 0.0, binomial_deviance(count, n, log_rare, log_other), 0.0)
-    mean, rare = (chance * values).sum(axis=0), n * np.exp(log_rare) < _OFTEN
-    return np.where(rare, mean, 1.0), np.where(
-        rare, (chance * (values - mean) ** 2).sum(axis=0), 2.0
-    )
+    log_rare, log_common = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest)
+    most = min(_COUNTS, int(n.max()) + 1)
+    counts = np.arange(most, dtype=np.float64)[:, None, None]  # (counts, draws, pairs)
+    k = np.minimum(counts, n)
+    log_ways = gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0)
+    log_chance = log_ways + times_counts(k, log_rare) + times_counts(n - k, log_common)
+    chance = np.where(counts <= n, np.exp(log_chance), 0.0)
+    deviance = np.where(chance > 0.0, binomial_deviance(k, n, log_rare, log_common), 0.0)
+    mean = (chance * deviance).sum(axis=0)
+    variance = (chance * (deviance - mean) ** 2).sum(axis=0)
+    is_rare = n * np.exp(log_rare) < _OFTEN
+    return np.where(is_rare, mean, 1.0), np.where(is_rare, variance, 2.0)
 
 
 # --- Posterior predictive check -------------------------------------------------------------------
@@ -165,27 +163,30 @@ def predictive_check(posterior: AnswerPosterior, x: npt.ArrayLike, seed: int) ->
     subject and model.
     """
     points, subject = require_points(x, len(posterior.coordinates)), posterior.subject
-    k, n = subject.n_yes, subject.n_trials
+    n_yes, n_trials = subject.n_yes, subject.n_trials
     rng = generator(seed, subject.name, posterior.model.name, "predictive check")
-    sums, beyond = np.zeros((3, subject.n_pairs)), 0
-    rows = max(1, _BLOCK // subject.n_pairs)
-    for start in range(0, len(points), rows):
-        block = points[start : start + rows]
-        logs = posterior.log_answers(block)
-        q, complement = map(np.exp, logs)
-        tails = (
-            np.where(x < n, betainc(np.maximum(n - x, 1), x + 1, share), 1.0)
-            for x, share in ((k, complement), (n - k, q))
-        )
-        sums += [values.sum(axis=0) for values in (np.exp(logs[0]), *tails)]
-        replicated, observed = (
-            binomial_deviance(counts, n, *logs).sum(axis=1) for counts in (rng.binomial(n, q), k)
-        )
-        beyond += int(np.count_nonzero(replicated >= observed))
-    (expected, p_fewer, p_more), share = sums / len(points), beyond / len(points)
-    return PredictiveCheck(
-        expected, p_fewer, p_more, share, float(np.sqrt(share * (1.0 - share) / len(points)))
-    )
+    expected, p_fewer, p_more = np.zeros((3, subject.n_pairs))
+    n_beyond, n_rows = 0, max(1, _BLOCK // subject.n_pairs)
+    for start in range(0, len(points), n_rows):
+        log_yes, log_no = posterior.log_answers(points[start : start + n_rows])
+        p_yes, p_no = np.exp(log_yes), np.exp(log_no)
+        expected += p_yes.sum(axis=0)
+        p_fewer += _at_most(n_yes, n_trials, p_no).sum(axis=0)
+        p_more += _at_most(n_trials - n_yes, n_trials, p_yes).sum(axis=0)
+        replicated = rng.binomial(n_trials, p_yes)
+        deviance = binomial_deviance(n_yes, n_trials, log_yes, log_no).sum(axis=1)
+        of_replicated = binomial_deviance(replicated, n_trials, log_yes, log_no).sum(axis=1)
+        n_beyond += int(np.count_nonzero(of_replicated >= deviance))
+    n_draws = len(points)
+    share = n_beyond / n_draws
+    se = float(np.sqrt(share * (1.0 - share) / n_draws))
+    return PredictiveCheck(expected / n_draws, p_fewer / n_draws, p_more / n_draws, share, se)
+
+
+def _at_most(count: IntArray, n_trials: IntArray, p_other: FloatArray) -> FloatArray:
+    """P(no more than `count` answers in `n_trials`), from the probability of the other answer."""
+    n_other = np.maximum(n_trials - count, 1)
+    return np.where(count < n_trials, betainc(n_other, count + 1, p_other), 1.0)
 
 
 @dataclass(frozen=True)
@@ -260,34 +261,39 @@ def summarise_fit(
     all, by their log likelihood, shape (draws,), which is evaluated where it is not given.
     """
     points, subject = require_points(x, len(posterior.coordinates)), posterior.subject
-    check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
+    check = predictive_check(posterior, _thinned(points, most), seed)
     if log_likelihood is None:
         log_likelihood = posterior.log_likelihood(points)
-    best = int(np.argmax(log_likelihood))
-    fit, worst = fit_at(posterior, points[best]), int(np.argmin(check.p_value))
-    isi = [None] * subject.n_pairs if subject.isi is None else subject.isi.tolist()
-    s1, s2, observed, expected = (
-        column.tolist()
-        for column in (subject.s1, subject.s2, subject.n_yes / subject.n_trials, fit.q)
-    )
+    fit = fit_at(posterior, points[int(np.argmax(log_likelihood))])
+    few = _thinned(points, _OF_MOMENTS / subject.n_pairs)
+    answers = posterior.log_answers(few)
+    p_deviance = deviance_p_value(fit.deviance, fit.degrees_of_freedom, subject.n_trials, *answers)
+    worst = _pair_residual(subject, fit, int(np.argmin(check.p_value)))
     size = np.abs(fit.residual)
     largest, *smaller = np.argsort(-size, kind="stable").tolist()[:_MOST_WORST]
     conspicuous = [largest, *(i for i in smaller if size[i] >= _CONSPICUOUS)]
-    few = points[:: max(1, -(-len(points) * subject.n_pairs // _OF_MOMENTS))]
     return GoodnessOfFit(
-        fit.deviance,
-        fit.degrees_of_freedom,
-        check.p_overall,
-        check.p_overall_se,
-        float(check.p_value[worst]),
-        s1[worst],
-        s2[worst],
-        isi[worst],
-        deviance_p_value(
-            fit.deviance, fit.degrees_of_freedom, subject.n_trials, *posterior.log_answers(few)
-        ),
-        tuple(
-            PairResidual(s1[i], s2[i], observed[i], expected[i], isi[i], subject.task.yes)
-            for i in conspicuous
-        ),
+        deviance=fit.deviance,
+        degrees_of_freedom=fit.degrees_of_freedom,
+        p_overall=check.p_overall,
+        p_overall_se=check.p_overall_se,
+        worst_p=float(check.p_value.min()),
+        worst_s1=worst.s1,
+        worst_s2=worst.s2,
+        worst_isi=worst.isi,
+        p_deviance=p_deviance,
+        worst=tuple(_pair_residual(subject, fit, i) for i in conspicuous),
     )
+
+
+def _pair_residual(subject: Subject, fit: Fit, i: int) -> PairResidual:
+    """The share of the counted answer to a pair, and its probability by the model."""
+    isi = None if subject.isi is None else float(subject.isi[i])
+    observed = float(subject.n_yes[i] / subject.n_trials[i])
+    s1, s2 = float(subject.s1[i]), float(subject.s2[i])
+    return PairResidual(s1, s2, observed, float(fit.q[i]), isi, subject.task.yes)
+
+
+def _thinned(points: FloatArray, most: float) -> FloatArray:
+    """Evenly spaced points, at most so many."""
+    return points[:: max(1, math.ceil(len(points) / most))]

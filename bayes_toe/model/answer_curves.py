@@ -156,21 +156,30 @@ def equal_slopes(z: FloatArray, k: FloatArray, answers: LogAnswers) -> tuple[Slo
     distance, k = np.broadcast_arrays(np.abs(z), k)
     with np.errstate(over="ignore", invalid="ignore"):
         near = _near_edge(distance, k)
-        far_share = np.exp(-2.0 * distance * k)
-        fall = np.sign(z) * np.expm1(-2.0 * distance * k)
-        log_edge = -0.5 * (np.square(near) + LOG_2PI)
-        inside = np.asarray(np.exp(log_edge - answers.yes))
-        outside = np.exp(log_edge - answers.no)
-        # Far out both P and phi(d) are too small for their ratio.
-        is_narrow = _is_narrow(distance, k)
-        is_far = (near < -2.0) & ~is_narrow
-        edges = erfcx(-near * np.sqrt(0.5)) - far_share * erfcx((distance + k) * np.sqrt(0.5))
-        inside[is_far] = 1.0 / (np.sqrt(0.5 * np.pi) * edges[is_far])
-        d, half = distance[is_narrow], k[is_narrow]
-        inside[is_narrow] = np.exp(half * (d - 0.5 * half) - _log_window(d, half))
-    in_z = Slopes(inside * fall, -outside * fall)
-    in_k = Slopes(inside * (1.0 + far_share), -outside * (1.0 + far_share))
-    return in_z, in_k
+        log_density = -0.5 * (np.square(near) + LOG_2PI)
+        over_yes = _density_over_inside(distance, k, log_density, answers.yes)
+        over_no = np.exp(log_density - answers.no)
+        # Slopes of P over the density at the near edge.
+        in_z = np.sign(z) * np.expm1(-2.0 * distance * k)
+        in_k = 1.0 + np.exp(-2.0 * distance * k)
+    return Slopes(over_yes * in_z, -over_no * in_z), Slopes(over_yes * in_k, -over_no * in_k)
+
+
+def _density_over_inside(
+    distance: FloatArray, k: FloatArray, log_density: FloatArray, log_inside: FloatArray
+) -> FloatArray:
+    """The density at the near edge over the probability inside the window."""
+    ratio = np.asarray(np.exp(log_density - log_inside))
+    is_narrow = _is_narrow(distance, k)
+    # Far out both are too small for their ratio.
+    near = _near_edge(distance, k)
+    is_far = (near < -2.0) & ~is_narrow
+    far_share = np.exp(-2.0 * distance * k)
+    edges = erfcx(-near * np.sqrt(0.5)) - far_share * erfcx((distance + k) * np.sqrt(0.5))
+    ratio[is_far] = 1.0 / (np.sqrt(0.5 * np.pi) * edges[is_far])
+    d, half = distance[is_narrow], k[is_narrow]
+    ratio[is_narrow] = np.exp(half * (d - 0.5 * half) - _log_window(d, half))
+    return ratio
 
 
 def _near_edge(distance: FloatArray, k: FloatArray) -> FloatArray:

@@ -6,9 +6,7 @@ A prior names a family for every parameter (:class:`bayes_toe.model.prior.Prior`
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,32 +18,11 @@ from scipy.special import (
     logit,
     ndtr,
     ndtri,
-    xlog1py,
-    xlogy,
 )
 
 from bayes_toe.arrays import AnyRng, FloatArray
 
 LOG_2PI = float(np.log(2.0 * np.pi))
-
-
-class Distribution(Hashable, Protocol):
-    """The distribution of one parameter, as a prior needs it.
-
-    A frozen record, its methods for arrays of any shape.
-    """
-
-    def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """Normalised log density; -inf outside the support, finite or a limit on its edges."""
-
-    def quantile(self, p: npt.ArrayLike) -> FloatArray:
-        """Inverse of the distribution function, 0 < p < 1."""
-
-    def sample(self, rng: AnyRng, size: int) -> FloatArray:
-        """Independent draws, shape (size,)."""
-
-    def describe(self) -> str:
-        """Family and numbers, as in 'Normal(0, 10)'."""
 
 
 @dataclass(frozen=True)
@@ -72,10 +49,6 @@ class Normal:
     def sample(self, rng: AnyRng, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
         return rng.normal(self.mean, self.sd, size)
-
-    def describe(self) -> str:
-        """Family, mean and standard deviation."""
-        return f"Normal({self.mean:g}, {self.sd:g})"
 
 
 @dataclass(frozen=True)
@@ -114,10 +87,6 @@ class HalfNormal:
         """Independent draws, shape (size,)."""
         return np.abs(rng.normal(0.0, self.scale, size))
 
-    def describe(self) -> str:
-        """Family and scale."""
-        return f"HalfNormal({self.scale:g})"
-
 
 @dataclass(frozen=True)
 class Beta:
@@ -125,14 +94,6 @@ class Beta:
 
     a: float
     b: float
-
-    def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """(a - 1) ln x + (b - 1) ln(1 - x) - ln B(a, b), limits on the edges; -inf outside."""
-        points = np.asarray(x, np.float64)
-        is_outside = (points < 0.0) | (points > 1.0)
-        inside = np.where(is_outside, 0.5, points)
-        kernel = xlogy(self.a - 1.0, inside) + xlog1py(self.b - 1.0, -inside)
-        return np.where(is_outside, -np.inf, kernel - betaln(self.a, self.b))
 
     def log_density_of_logs(self, log_x: FloatArray, log_complement: FloatArray) -> FloatArray:
         """:meth:`log_density` from ln x and ln(1 - x), where x rounds to an edge."""
@@ -166,12 +127,6 @@ class Beta:
             log_ratio += sign * (log_variate - rng.standard_exponential(size) / shape)
         return log_ratio
 
-    def describe(self) -> str:
-        """Family, a and b."""
-        if self._is_uniform:
-            return "Uniform(0, 1)"
-        return f"Beta({self.a:g}, {self.b:g})"
-
     @property
     def _is_uniform(self) -> bool:
         return self.a == self.b == 1.0
@@ -202,11 +157,6 @@ class LogNormal:
         with np.errstate(divide="ignore"):
             return (np.log(np.maximum(x, 0.0)) - np.log(self.median)) / self.sd
 
-    def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """-z (z/2 + sd) - ln(median sd) - ln(2 pi)/2 with z = ln(x/median)/sd; -inf for x <= 0."""
-        z = self._score(x)
-        return -z * (0.5 * z + self.sd) - np.log(self.median * self.sd) - 0.5 * LOG_2PI
-
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Distribution function."""
         return ndtr(self._score(x))
@@ -219,6 +169,6 @@ class LogNormal:
         """Independent draws, shape (size,)."""
         return self.median * np.exp(rng.normal(0.0, self.sd, size))
 
-    def describe(self) -> str:
-        """Family, median and standard deviation of the logarithm."""
-        return f"LogNormal({self.median:g}, {self.sd:g})"
+
+#: The distribution of one parameter of a prior.
+Distribution = Normal | HalfNormal | Beta | LogNormal

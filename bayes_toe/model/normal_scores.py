@@ -80,11 +80,14 @@ class Funnel:
         In logs, since p may be tiny.
         """
         log_pull = np.log(MAX_PULL) + log_expit(x[:, 1])
-        of_prior = -2.0 * (log_pull + self.log_prior_sd)
-        narrowing = 2.0 * (x[:, 2] - self.log_width) if self.follows_width else 0.0
-        log_spread = -0.5 * np.logaddexp(of_prior, self.log_precision - narrowing)
-        share = np.exp(2.0 * log_spread + of_prior)
-        return share * np.exp(log_pull) * self.prior_mean + (1.0 - share) * self.offset, log_spread
+        log_prior_precision = -2.0 * (log_pull + self.log_prior_sd)
+        log_data_precision: FloatArray | float = self.log_precision
+        if self.follows_width:
+            log_data_precision = self.log_precision - 2.0 * (x[:, 2] - self.log_width)
+        log_sd = -0.5 * np.logaddexp(log_prior_precision, log_data_precision)
+        prior_share = np.exp(2.0 * log_sd + log_prior_precision)
+        mean = prior_share * np.exp(log_pull) * self.prior_mean + (1.0 - prior_share) * self.offset
+        return mean, log_sd
 
 
 @dataclass(frozen=True)

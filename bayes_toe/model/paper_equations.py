@@ -26,9 +26,8 @@ from bayes_toe.errors import NumericalError
 LN2 = float(np.log(2.0))
 #: Largest pull toward the prior mean that gamma < 1 allows: 1 - 1/phi, phi the golden ratio.
 MAX_PULL = (3.0 - 5.0**0.5) / 2.0
-#: The four natural parameters, and every quantity that follows from them.
+#: The four natural parameters.
 NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
-QUANTITIES = (*NATURAL, "gamma", "sigma1", "gain", "width", "offset", "pull")
 
 
 def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
@@ -119,16 +118,17 @@ def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
 
     They themselves, gamma, sigma1, gain and width, offset and pull.
     """
-    gamma = theta.gamma
-    ratio, p = variance_ratio(gamma), pull(gamma)
-    spreads = np.sqrt(ratio) * theta.sigma_p, 1.0 / ratio, width(theta.sigma_p, gamma)
-    return dict(
-        zip(
-            QUANTITIES,
-            map(np.asarray, (*theta, gamma, *spreads, p * (theta.mu1 - sbar), p)),
-            strict=True,
-        )
-    )
+    gamma, p = theta.gamma, pull(theta.gamma)
+    values = {
+        **theta._asdict(),
+        "gamma": gamma,
+        "sigma1": np.sqrt(variance_ratio(gamma)) * theta.sigma_p,
+        "gain": gain(gamma),
+        "width": width(theta.sigma_p, gamma),
+        "offset": p * (theta.mu1 - sbar),
+        "pull": p,
+    }
+    return {name: np.asarray(value) for name, value in values.items()}
 
 
 def evolved_mean(s1: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
@@ -143,32 +143,6 @@ def evolved_mean(s1: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) ->
     """
     first = np.asarray(s1, np.float64)
     return first + pull(gamma) * (np.asarray(mu1, np.float64) - first)
-
-
-class Axis(NamedTuple):
-    """The symmetry axis s2 = slope s1 + intercept.
-
-    Slope without unit, intercept in natural-log intensity.
-    """
-
-    slope: FloatArray
-    intercept: FloatArray
-
-
-def axis(mu1: npt.ArrayLike, gamma: npt.ArrayLike) -> Axis:
-    """Symmetry axis s2 = K s1 + p mu_1 of the pairs, where s2 is the evolved mean of s1.
-
-    P(equal) depends on a pair through its distance from this line, s2 - mu_2(s1), and on its size
-    only. Slope K = (G - 1)/gamma = 1/G and p = (G - 1)/G = gamma/G^2 are in the form in which
-    nothing cancels. Source: Eq. axis2.
-
-    Examples
-    --------
-    >>> [float(v) for v in axis(mu1=3.0, gamma=2.0)]
-    [0.5, 1.5]
-    """
-    slope, intercept = np.broadcast_arrays(gain(gamma), pull(gamma) * np.asarray(mu1, np.float64))
-    return Axis(np.asarray(slope), np.asarray(intercept))
 
 
 def normalised_distance(

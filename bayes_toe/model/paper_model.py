@@ -316,35 +316,36 @@ class PaperPosterior:
         z.
         """
         subject = self.subject
-        counts = subject.n_yes if n_yes is None else n_yes
+        n_yes = subject.n_yes if n_yes is None else n_yes
+        n_no = subject.n_trials - n_yes
         scales = self._scales(x)
         z, logit_share = self._distance(x, scales), x[:, 3:]
         answers = self._answers_at(z, logit_share)
         with np.errstate(over="ignore"):  # far out, where the density is almost 0
             in_z, in_share = self._slopes_at(z, logit_share, answers)
-            n_no = (subject.n_trials - counts).astype(np.float64)
-            yes, no = counts.astype(np.float64), n_no
-            along_z = times_counts(yes, in_z.yes) + times_counts(no, in_z.no)
-            along_share = times_counts(yes, in_share.yes) + times_counts(no, in_share.no)
-            along_log_width = -_finite_product(along_z, z)
+            slope_z = _counted(n_yes, in_z.yes) + _counted(n_no, in_z.no)
+            slope_share = _counted(n_yes, in_share.yes) + _counted(n_no, in_share.no)
+            slope_log_width = -_finite_product(slope_z, z)
+        # z = [(s2 - s1) + r (p lever - c)] / width, and its slopes in c and in the logit of p.
         inverse_width = self._inverse_width(x, scales)
-        p, a, lever = pull_at(x), x[:, 1:2], subject.s1 - self.sbar
-        pull_slope = MAX_PULL * expit(a) * expit(-a)
+        c, p, lever = x[:, :1], pull_at(x), subject.s1 - self.sbar
+        z_slope_c = -inverse_width * scales.pull
+        z_slope_logit_p = inverse_width * (scales.pull * (p * expit(-x[:, 1:2]) * lever))
 
-        gradient = np.zeros(x.shape)
-        gradient[:, 0] = _finite_product(along_z, -inverse_width * scales.pull).sum(axis=1)
-        by_pull = inverse_width * (scales.pull * (pull_slope * lever))
-        gradient[:, 1] = _finite_product(along_z, by_pull).sum(axis=1)
-        gradient[:, 2] = along_log_width.sum(axis=1)
-        gradient[:, 3] = along_share.sum(axis=1)
-        if self._intervals is not None:
+        gradient = np.empty(x.shape)
+        gradient[:, 0] = _finite_product(slope_z, z_slope_c).sum(axis=1)
+        gradient[:, 1] = _finite_product(slope_z, z_slope_logit_p).sum(axis=1)
+        gradient[:, 2] = slope_log_width.sum(axis=1)
+        gradient[:, 3] = slope_share.sum(axis=1)
+        if self._intervals is not None:  # r and the width depend on the logit of p, too
             intervals, interval_of_pair = self._intervals
-            growth = random_walk_slopes(x[:, 1], intervals, self.power)
-            growth = growth.of_pairs(interval_of_pair)
-            by_scale = inverse_width * (scales.pull * (p * lever - x[:, :1]) * growth.pull)
-            gradient[:, 1] += _finite_product(along_z, by_scale).sum(axis=1)
-            gradient[:, 1] += _finite_product(along_log_width, growth.width).sum(axis=1)
-        value = log_likelihoods(counts, subject.n_trials, answers).sum(axis=1)
+            log_slopes = random_walk_slopes(x[:, 1], intervals, self.power).of_pairs(
+                interval_of_pair
+            )
+            z_slope_r = inverse_width * (scales.pull * (p * lever - c) * log_slopes.pull)
+            gradient[:, 1] += _finite_product(slope_z, z_slope_r).sum(axis=1)
+            gradient[:, 1] += _finite_product(slope_log_width, log_slopes.width).sum(axis=1)
+        value = log_likelihoods(n_yes, subject.n_trials, answers).sum(axis=1)
         return value, gradient
 
     def _inverse_width(self, x: FloatArray, scales: Scales) -> FloatArray:
@@ -562,6 +563,11 @@ class PaperPosterior:
         return Natural(*(quantities[name] for name in NATURAL))
 
 
+def _counted(counts: IntArray, values: FloatArray) -> FloatArray:
+    """Counts times values; 0 where the count is 0, whatever the value."""
+    return times_counts(counts.astype(np.float64), values)
+
+
 def _finite_product(slope: FloatArray, factor: FloatArray) -> FloatArray:
     """Their product, 0 where the slope is: it falls faster than any factor may grow far out."""
     with np.errstate(over="ignore", invalid="ignore"):
@@ -741,10 +747,11 @@ def _product_quantile(
 
     It lies between the smallest and the largest h times the quantile of the spread.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    # The root of gamma's distribution function u: sigma_l is smooth in it, du = 2 root d root.
-    root = 0.5 * (nodes + 1.0)
-    gamma = of_gamma.quantile(np.square(root))
+    nodes, node_weights = np.polynomial.legendre.leggauss(_NODES)
+    # The share u = t^2 of gamma's distribution: sigma_l is smooth in t, and du = 2 t dt.
+    t = 0.5 * (nodes + 1.0)
+    weights = t * node_weights
+    gamma = of_gamma.quantile(np.square(t))
     ratio = variance_ratio(gamma)
     over_sigma_p = {
         "sigma_p": np.ones_like(gamma),
@@ -752,10 +759,12 @@ def _product_quantile(
         "sigma1": np.sqrt(ratio),
         "width": ratio**power,
     }
-    shape = over_sigma_p[parameter] / over_sigma_p[spread]
-    unit = float(of_spread.quantile(probability))
+    h = over_sigma_p[parameter] / over_sigma_p[spread]
+    quantile_of_spread = float(of_spread.quantile(probability))
 
-    def excess(x: float) -> float:
-        return float(weights @ (root * of_spread.cdf(x * unit / shape))) - probability
+    def excess(factor: float) -> float:
+        """How much P(parameter < factor times the spread's quantile) is above the probability."""
+        return float(weights @ of_spread.cdf(factor * quantile_of_spread / h)) - probability
 
-    return unit * float(brentq(excess, 0.999 * shape.min(), 1.001 * shape.max(), xtol=1e-12))
+    factor = brentq(excess, 0.999 * h.min(), 1.001 * h.max(), xtol=1e-12)
+    return quantile_of_spread * float(factor)

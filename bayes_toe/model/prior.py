@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
-from bayes_toe.arrays import AnyRng, FloatArray, Record
+from bayes_toe.arrays import FloatArray, Record
 from bayes_toe.data.messages import join_names
 from bayes_toe.data.study import Subject, common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -184,14 +184,15 @@ class Prior(PriorFields):
 
         As in 'Normal(M, 2.5 R)' where its numbers are those of the stimuli.
         """
-        if not self.depends_on_stimuli(parameter):
-            return self.distribution(parameter).describe()
         words = []
         for number in self.declared():
             if number.parameter == parameter:
                 value = getattr(self, number.name)
                 words.append(number.stimuli if value == STIMULI else f"{value:g}")
-        return f"{self.families[parameter].__name__}({', '.join(words)})"
+        family = self.families[parameter]
+        if family is Beta and words == ["1", "1"]:
+            return "Uniform(0, 1)"
+        return f"{family.__name__}({', '.join(words)})"
 
     @property
     def penalty(self) -> Normal:
@@ -242,26 +243,21 @@ class Prior(PriorFields):
         d sigma_p / d sigma_p^2 = 1 / (2 sigma_p) and, at fixed sigma_p, d gamma / d sigma_l^2 = 1 /
         sigma_p^2. Source: Appendix C.
         """
-        gamma, width_too = theta.gamma, self.spread == "width"
-        is_inside = (theta.sigma_p > 0) & (gamma >= 0) & (gamma <= 1)
-        is_inside &= (theta.q0 >= 0) & (theta.q0 <= 1)
-        # d width / d sigma_p
-        stretch = variance_ratio(gamma) ** 1.5 if width_too else np.asarray(1.0)
-        values = (theta.mu1, theta.sigma_p * stretch, gamma, theta.q0)
-        densities = [
-            self.distribution(name).log_density(value)
-            for name, value in zip(self.paper_parameters(), values, strict=True)
-        ]
-        volume = np.log(stretch) - np.log(2.0) - 3.0 * np.log(theta.sigma_p)
-        return np.where(is_inside, sum(densities) + volume, -np.inf)
-
-    def sample(self, rng: AnyRng, size: int) -> Natural:
-        """Independent draws, each array of shape (size,)."""
-        mu1, spread, gamma, q0 = (
-            self.distribution(name).sample(rng, size) for name in self.paper_parameters()
-        )
-        sigma_p = spread if self.spread == "sigma_p" else spread / variance_ratio(gamma) ** 1.5
-        return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
+        gamma, q0 = theta.gamma, theta.q0
+        is_inside = (theta.sigma_p > 0) & (gamma >= 0) & (gamma <= 1) & (q0 >= 0) & (q0 <= 1)
+        log_spread = np.log(theta.sigma_p)
+        if self.spread == "width":
+            log_spread = log_spread + 1.5 * np.log(variance_ratio(gamma))
+        of_gamma = cast(Beta, self.distribution("gamma"))
+        of_q0 = cast(Beta, self.distribution("q0"))
+        log_density = self.penalty.log_density(theta.mu1)
+        # d spread / d sigma_p = spread / sigma_p, and the density of the log is spread times this.
+        log_density = log_density + self.spread_distribution.log_density_of_log(log_spread)
+        with np.errstate(divide="ignore", invalid="ignore"):  # edges, and beyond them
+            log_density += of_gamma.log_density_of_logs(np.log(gamma), np.log1p(-gamma))
+            log_density += of_q0.log_density_of_logs(np.log(q0), np.log1p(-q0))
+        volume = -np.log(2.0) - 4.0 * np.log(theta.sigma_p)
+        return np.where(is_inside, log_density + volume, -np.inf)
 
 
 def stored_prior(values: Mapping[str, Any]) -> Prior:

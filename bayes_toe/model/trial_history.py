@@ -165,14 +165,15 @@ class TrialHistoryPosterior:
         values = self.observer.batch.quantities(self.observer.full_points(self._of_order(x)))
         p, rho = values["contraction"][0], self._carry_over(x)
         first, second = self._stimuli
-        expectation = rho * (1.0 - p) * (second + p * first)
-        decay = rho * np.square(p)
-        carried = np.zeros(len(x))
-        for t, is_start in enumerate(self.trials.is_session_start):
-            drawn_to = np.zeros(len(x)) if is_start else carried
-            carried = expectation[t] + decay * drawn_to
-            expectation[t] = drawn_to
-        return np.asarray(expectation)
+        # E' = rho (1 - p) (s2 + p s1) + rho p^2 E, stimuli from sbar.
+        of_stimuli = rho * (1.0 - p) * (second + p * first)
+        share_kept = rho * np.square(p)
+        expectations = np.zeros_like(of_stimuli)
+        for trial in range(1, len(expectations)):
+            if not self.trials.is_session_start[trial]:
+                before = trial - 1
+                expectations[trial] = of_stimuli[before] + share_kept * expectations[before]
+        return expectations
 
     def log_likelihood(self, x: FloatArray) -> FloatArray:
         """Log likelihood, (points, k) -> (points,); -inf where abs(p) is 1 or more.

@@ -22,7 +22,7 @@ import pandas as pd
 from scipy.special import logit
 
 from bayes_toe.answers.evidence_table import SubjectEvidence, subject_evidence
-from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray, Rng
 from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.design.simulate import PaperObserver, simulate_trials
@@ -44,6 +44,7 @@ from bayes_toe.model.paper_equations import (
     log_different,
     log_equal,
     normalised_distance,
+    variance_ratio,
 )
 from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
 from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
@@ -261,12 +262,21 @@ def observed(job: Job) -> tuple[Subject, Natural | None]:
     design, seed, name = reference_design(batches=DESIGNS[job.design]), job.settings.seed, job.name
     rng = generator(seed, name, "observer")
     if job.from_h1:
-        theta = (job.settings.prior if job.truth is None else job.truth).sample(rng, 1)
+        theta = prior_draw(job.settings.prior if job.truth is None else job.truth, rng)
         observer = PaperObserver(name, Natural(*(value[0] for value in theta)))
         (trials,) = simulate_trials([observer], design, seed)
         return Subject.from_trials(name, trials.s1, trials.s2, trials.yes), theta
     counts = rng.binomial(design.batches, rng.uniform(size=len(design.s1)))
     return Subject(name, design.s1, design.s2, counts, np.full(len(counts), design.batches)), None
+
+
+def prior_draw(prior: Prior, rng: Rng) -> Natural:
+    """One draw of the paper's parameters, each of shape (1,)."""
+    mu1, spread, gamma, q0 = (
+        prior.distribution(name).sample(rng, 1) for name in prior.paper_parameters()
+    )
+    sigma_p = spread if prior.spread == "sigma_p" else spread / variance_ratio(gamma) ** 1.5
+    return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
 
 
 def log_bayes_factors(row: SubjectEvidence) -> dict[str, float]:

@@ -181,9 +181,3 @@ def test_holm_is_the_closed_test_of_bonferroni():
                 closed[family] = np.maximum(closed[family], min(1.0, size * p[family].min()))
         assert holm(p) == pytest.approx(closed, rel=1e-14)
     assert holm([]).shape == (0,)
-
-
-@pytest.mark.parametrize("probability", [equality_test, probability_greater])
-def test_more_trials_than_tails_keep_digits_for_are_refused(probability):
-    with pytest.raises(InputError, match="at most 10000000000"):
-        probability(1, 10**12, 1, 10**12)

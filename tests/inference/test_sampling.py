@@ -115,8 +115,6 @@ def test_a_limit_too_low_is_said_and_not_hidden(monkeypatch):
 def test_no_pass_is_thinned_by_more_than_the_limit(funnel):
     never = SamplerSettings(draws=500, max_r_hat=1.0000001, max_thin=3)
     assert sample_chains(funnel, never, 1).thin == 3
-    with pytest.raises(bt.InputError, match=r"ensembles: found 4\.5, allowed: a whole number"):
-        SamplerSettings(ensembles=4.5)
 
 
 def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain(funnel):
@@ -182,19 +180,10 @@ def test_subjects_whose_names_differ_in_case_are_two():
     assert draws.values("Ann", "offset").mean() < 0 < draws.values("ann", "offset").mean()
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("draws", 0),
-        ("ensembles", 3),
-        ("walkers", 9),
-        ("max_r_hat", 1.0),
-        ("max_quantile_error", 0.0),
-    ],
-)
-def test_settings_out_of_range_are_refused(name, value):
-    with pytest.raises(InputError, match=name):
-        SamplerSettings(**{name: value})
+@pytest.mark.parametrize("draws", [0, 10**6 + 1, 4.5])
+def test_settings_out_of_range_are_refused(draws):
+    with pytest.raises(InputError, match=f"draws: found {draws}, allowed: a whole number from 1"):
+        SamplerSettings(draws=draws)
 
 
 def test_walkers_that_never_move_do_not_pass_for_a_converged_sample():

@@ -12,7 +12,6 @@ from bayes_toe.errors import NumericalError
 from bayes_toe.model.intervals import at_interval
 from bayes_toe.model.paper_equations import (
     Natural,
-    axis,
     equal_probability,
     evolved_mean,
     gain,
@@ -96,19 +95,7 @@ def test_slope_and_prefactor_against_many_digits(gamma):
         slope, prefactor = float((ratio - 1) / g), float((ratio - 1) / ratio)  # Eq. axis2
         # Eq. axis0 with its factor put right: (1 - sigma_p^2/sigma^2) sigma^2/sigma_l^2
         corrected = float((1 - 1 / ratio) * ratio / g)
-    line = axis(1.0, gamma)
     assert float(bt.model.variance_ratio(gamma)) == pytest.approx(float(ratio), rel=4e-16)
-    assert float(line.slope) == pytest.approx(slope, rel=4e-16)
-    assert float(line.slope) == pytest.approx(corrected, rel=4e-16)
-    assert float(line.intercept) == pytest.approx(prefactor, rel=8e-16)
-
-
-@pytest.mark.parametrize("s1", [-2.0, 0.0, 1.3, 5.0])
-def test_on_the_axis_the_probability_is_the_peak(s1):
-    gamma, mu1, sigma_p, q0 = 0.4, 1.3, 0.7, 0.9
-    line = axis(mu1, gamma)
-    s2 = float(line.slope * s1 + line.intercept)
-    q = equal_probability(s1, s2, mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
-    assert float(q) == pytest.approx(q0, rel=1e-14)
-    if s1 == mu1:  # the axis goes through (mu_1, mu_1)
-        assert s2 == pytest.approx(mu1, rel=1e-15)
+    assert float(gain(gamma)) == pytest.approx(slope, rel=4e-16)
+    assert float(gain(gamma)) == pytest.approx(corrected, rel=4e-16)
+    assert float(pull(gamma)) == pytest.approx(prefactor, rel=8e-16)
