@@ -181,7 +181,7 @@ def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    "options, message",
     [
         ("--dask tcp://127.0.0.1:1 --workers 2", "--workers 2 and --dask exclude each other."),
         (
@@ -223,7 +223,7 @@ def test_where_an_event_loop_runs_already_as_in_a_notebook(client):
 
 
 @pytest.mark.parametrize(
-    ("deaths", "expected"),
+    "deaths, expected",
     [(1, "alive"), (9, Failed("failed: 2 workers died of it (killed, or out of memory)"))],
 )
 def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(

@@ -128,7 +128,7 @@ def test_documents_are_short():
     assert counted == documents
 
 
-@pytest.mark.parametrize(("path", "limit"), [(README, 600), (DOCS / "tutorial.md", 2000)])
+@pytest.mark.parametrize("path, limit", [(README, 600), (DOCS / "tutorial.md", 2000)])
 def test_readme_and_tutorial_are_short(path, limit):
     """Words of prose and code; printed text does not count."""
     text = path.read_text(encoding="utf-8")

@@ -65,7 +65,7 @@ def test_trials_and_counts_keep_intervals_apart(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("s1", "isi", "message"),
+    "s1, isi, message",
     [
         ([0.0, 0.0], [1.0, 1.0], "repeated"),
         ([0.0], [0.0], "positive finite numbers of seconds"),
@@ -107,7 +107,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("call", "message"), REFUSED)
+@pytest.mark.parametrize("call, message", REFUSED)
 def test_what_is_refused(study, analysis, call, message):
     with pytest.raises(InputError, match=message):
         call(study, analysis)

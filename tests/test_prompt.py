@@ -54,7 +54,7 @@ def test_every_verb_says_what_a_study_is(argument):
 
 
 @pytest.mark.parametrize(
-    ("verb", "option", "value", "message"),
+    "verb, option, value, message",
     [
         (bt.run, "prior", 3, "prior: found 3, allowed: 'default', 'paper', a TOML file"),
         (bt.run, "prior", "papre", "no such preset or file, allowed: 'default', 'paper'"),
@@ -76,7 +76,7 @@ def test_an_option_of_a_wrong_kind_is_refused(small_study, verb, option, value, 
 
 
 @pytest.mark.parametrize(
-    ("verb", "argument", "message"),
+    "verb, argument, message",
     [
         (bt.predict, ("S", "A", 0.0, 0.3), "draws: found 'S', allowed: Draws, such as bt.sample"),
         (bt.plots.corner, ("posterior.nc", "A"), "draws: found 'posterior.nc', .*bt.load"),

@@ -96,7 +96,7 @@ bt.plots.corner
 
 
 @pytest.mark.parametrize(
-    ("name", "label"),
+    "name, label",
     [
         ("evolved_mean", "mod:update"),
         ("equal_probability", "mod:q"),

@@ -198,7 +198,7 @@ def test_every_recipe_is_run():
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    "words, message",
     [
         ("--where task", "--where: found 'task', allowed: COLUMN=TEXT, each name once"),
         (
@@ -232,7 +232,7 @@ def test_problems_of_all_files_come_together(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    "content, said",
     [
         (
             {"a": {"x": [1.0, 2.0]}, "b": {"x": [1.0]}},

@@ -18,7 +18,7 @@ FATAL = "failed: 2 workers died of it (killed, or out of memory)"
 
 
 @pytest.mark.parametrize(
-    ("deaths", "expected"), [(1, "alive"), (9, Failed(FATAL))], ids=["once", "always"]
+    "deaths, expected", [(1, "alive"), (9, Failed(FATAL))], ids=["once", "always"]
 )
 def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(
     tmp_path, deaths, expected

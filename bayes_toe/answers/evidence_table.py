@@ -1,8 +1,8 @@
-"""The row of evidence.csv.
+"""The rows of evidence.csv.
 
-`subject_evidence` makes a row, and `EvidenceTable` has the rows of a study.
-
-It holds the answer of a subject, and the paper's comparison of H1 with free frequencies (H0).
+`subject_evidence` makes the row of one subject, and `EvidenceTable` has the rows of a study. A row
+has the answer of the subject. It also compares the paper's model (H1) with one free frequency for
+each pair (H0).
 
 All log evidences are natural logs and leave binomial coefficients out, so their differences are log
 Bayes factors. Source of H1 against H0: Appendix C, with the likelihood (not its log) inside the
@@ -66,7 +66,7 @@ class SubjectEvidence:
     ----------
     answer : OrderEffect or None
         None where only H1 against H0 was asked for.
-    fit : FitSummary or None
+    fit : GoodnessOfFit or None
         Goodness of fit of the paper's model (H1).
     notes : tuple of str
         What is not reported, and why.

@@ -4,9 +4,9 @@
 do.
 
 The four models of the observer give the probabilities and Bayes factors. The sizes are averaged
-over the models that have the effect. What stands against the answer comes before its words:
-what the design cannot show, responses that cannot be interpreted, a poor fit, a prior that
-decides.
+over the models that have the effect. The flags say why an answer may be wrong: the
+design cannot show it, the responses cannot be interpreted, the model does not fit, or another scale
+of the prior changes it.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ class OrderEffect:
         Why a question cannot be told, by the name of the question.
     problems : tuple of Problem
         The flags as sentences, with the options that act on them.
-    worst_pairs : tuple of PairFit
+    worst_pairs : tuple of PairResidual
         The pairs with the largest residuals, if the fit is poor.
     """
 
@@ -409,7 +409,7 @@ def order_effect(
         Which questions the design can answer.
     flags : sequence
         Findings about the responses.
-    fit : FitSummary, optional
+    fit : GoodnessOfFit, optional
         Goodness of fit of the best model.
     screen : SerialScreen, optional
         Score tests of the trial before.

@@ -3,7 +3,8 @@
 `serial_screen` gives the p-values of a subject.
 
 The null hypothesis has a free frequency for each pair, so that no curve is assumed. Given how often
-each pair got each answer, every order of a pair's answers is equally probable. With the residual
+each pair got each answer, every order of a pair's answers is equally probable. A pair has n trials
+and k counted answers, and y is 1 where a trial has the counted answer and else 0. With the residual
 e = y - k/n of a trial and its regressors h, from which each pair's mean is subtracted,
 
     U = sum e h,   V = sum k (n - k) / (n (n - 1)) h h',   U' V^-1 U ~ chi-square

@@ -1,6 +1,8 @@
-"""The answer of a study: counts that add up, directions, and how frequent effects are.
+"""The sentences about a whole study.
 
-`study_lines` has the sentences of a study, and `effect_frequencies` the frequencies.
+`study_lines` counts how many subjects have which answer. `effect_frequencies` estimates how
+frequent an effect is in the population. `describe_pair` describes a pair that the model does not
+fit.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Problems in the responses of a subject, known before any sampling.
 
-`check_answers` gives the findings, `answer_flags` those of every subject.
+`check_answers` finds repeated trials, too few trials, one response only, responses of another task,
+swapped blocks, reversed responses, responses that do not depend on the stimuli, blocks that differ,
+and drift. `answer_flags` has the findings of every subject.
 
 Pooled counts assume that the responses to a pair have one probability from the first trial to the
 last. The tests of blocks and of drift are exact, given how often each response was given to each

@@ -1,6 +1,9 @@
-"""Checks of the design: what files, pairs and blocks cannot show.
+"""Probable mistakes in a file, and what its design cannot show.
 
-`check` gives all findings of a study, `check_design` those that do not use the responses.
+`check` gives all findings of a study. `check_design` gives those that do not use the responses: raw
+stimuli, missing decimal points, times in milliseconds, similar names, ignored columns, a prior in
+another unit, pairs in one order, conditions that differ in time or stimuli. `urgent_findings` gives
+those that every command prints.
 """
 
 from __future__ import annotations

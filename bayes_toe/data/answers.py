@@ -1,6 +1,8 @@
 """Answers of a subject in the order in which they were given, before they are pooled.
 
-Some can be swapped or left out.
+`Answers` has the rows. It can swap the two answers in some rows and leave rows out. `counted_rows`
+checks counts and makes `Answers` of them. `Reading` has what else a file said: its columns and its
+probable mistakes.
 """
 
 from __future__ import annotations
@@ -139,7 +141,7 @@ class Reading:
 
     `read` are the columns that were, by our names, `ignored` those that were not, by their names in
     the file; `doubts` say what is probably a mistake in the file, a sentence each, without its full
-    stop; `pooled` are ignored columns that look like a condition with several levels of a subject;
+    stop; `pooled` are ignored columns that look like a condition with several levels of a subject.
     """
 
     read: tuple[str, ...] = ()

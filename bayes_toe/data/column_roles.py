@@ -1,9 +1,11 @@
-"""The roles of a table's columns: by our names, by similar names, by options.
+"""Which column of a table holds what: by our names, by similar names, or by options.
 
-`columns_to_read` gives the columns of a table with the problems of their names.
+`with_likely_columns` finds columns with similar names. `columns_to_read` has the columns to read,
+the problems of their names, and the options that solve them. `VOCABULARY` has the words of other
+labs.
 
-A subject, a response or a count is read from a column with another name where exactly one name is
-like ours. Stimuli are not: a column such as `stim1` may hold intensities or their logarithms.
+A subject, a response or a count is read from a column with another name if exactly one name is
+similar. Stimuli are not: a column such as `stim1` may hold intensities or their logarithms.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Conditions within subjects: their levels, and the stimuli to which constant errors refer.
+"""The levels of a condition within subjects, and the location and scales of stimuli.
 
-Each subject at each level is a unit `S01@left`, which every analysis of single subjects takes as a
-subject. Location and scales of its stimuli are those of the subject over all conditions. Otherwise
-a constant error would move with the stimuli that a condition happens to have.
+`Conditions` has the levels, the comparisons between them, and their design matrix.
+`StimulusScales` has the means and spreads of stimuli. A subject in one condition keeps the scales
+of the subject over all conditions: otherwise a constant error would move with the stimuli that a
+condition happens to have.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """MATLAB files as columns of text, read in a process of their own.
 
 SciPy reads files up to version 7, and h5py those of version 7.3, which are HDF5. A damaged file can
-end the process of such a compiled reader. A process of its own makes that one refused file.
+end the process of such a compiled reader. A separate process reads the file: if it ends, this one
+file is refused.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Names, numbers and lists in messages.
 
-Quoted, on one line, of bounded length, and nothing that a terminal would obey.
-
-And how studies, draws and tables show themselves: a line at a prompt, a small table in a notebook.
+A name in a message is on one line, has a limited length, and has no control characters. The file
+also makes the short table that a notebook shows, and the security policy of a page (`with_policy`).
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Options of reading: intensities, codes of responses, names of columns.
+"""The options with which a file is read: intensities, codes of responses, names of columns.
 
-`ReadOptions` has all of them.
+`ReadOptions` has and checks them. `parse_pairs` reads NAME=TEXT from the command line. `changed`
+swaps answers and excludes subjects. `subject_in` finds the subject in the name of a file.
 """
 
 from __future__ import annotations

@@ -190,7 +190,7 @@ def _table_of_texts(
     rows: Sequence[int],
     notes: Sequence[str] = (),
 ) -> TextTable:
-    """The table of texts by column; `named` are its source, its form and its head."""
+    """The table of texts by column; `head_words` are its source, form and head."""
     source, form, head = head_words
     columns, problems = {}, Problems(source)
     for name, (texts, lines) in column_texts.items():

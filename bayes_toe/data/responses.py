@@ -1,8 +1,8 @@
-"""The meaning of a column of answers: words tell the task, numbers never do.
+"""A column of responses as answers.
 
-`responses` reads a column of words or codes.
-
-Right and wrong become answers by the sign of s2 - s1.
+`responses` reads words or codes. Known words tell the task too; codes such as 1 and 2 need an
+option. A column of right and wrong becomes answers by the sign of s2 - s1. `without_missed` drops
+trials that nobody answered. `refuse_reversed` refuses a study whose answers mean the opposite.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The unit of the stimuli: how screens, figures and reports show stimuli and their differences.
 
-The observer knows natural-log intensities only. A difference x of two of them is 100 (e^x - 1) per
-cent of intensity, or a number of decibels.
+All stimuli are stored as natural-log intensities. A difference x of two of them is shown in
+decibels if that is the unit of the stimuli, and else as 100 (e^x - 1) per cent of intensity.
 """
 
 from __future__ import annotations

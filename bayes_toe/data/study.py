@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: Share of the smallest difference of stimuli within which differences are one step.
-_ROUNDING = 0.25
+#: Differences within this share of the smallest one are one step. Stimuli of two digits need so much.
+_ROUNDING = 0.35
 
 
 @dataclass(frozen=True, eq=False, repr=False)

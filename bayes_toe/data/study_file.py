@@ -1,4 +1,8 @@
-"""Study files: TOML with the files of a study and how they are read, to read them again."""
+"""Study files: TOML with the data files of a study and the options to read them.
+
+`read_study_file` reads one, and `StudySource.text` makes one. `table_files` replaces a folder by
+the tables in it.
+"""
 
 from __future__ import annotations
 

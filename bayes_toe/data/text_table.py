@@ -1,8 +1,8 @@
-"""A table as columns of text, and CSV files as such tables.
+"""A table as columns of text, and the reader of CSV files.
 
-Everything is read as text first, so that subject '01' stays '01' and subject 'NA' stays 'NA'
-whatever the source. What the columns mean, and what of it is allowed, is for
-:mod:`bayes_toe.data.validation` and its users to say, once for all sources.
+`TextTable` has the columns and collects problems with row and column. `read_csv` finds the
+encoding, the delimiter and the row of names. Cells stay text, so that subject '01' stays '01' and
+subject 'NA' stays 'NA'. :mod:`bayes_toe.data.validation` makes numbers of them.
 """
 
 from __future__ import annotations
@@ -239,7 +239,7 @@ class TextTable:
     def fault(self, column: Column, bad: BoolArray, rule: str | Callable[[int], str]) -> None:
         """Note the cells of a column that are bad.
 
-        `allowed` says what would have been right, of the index of a record where it differs.
+        `rule` says what would have been right, of the index of a record where it differs.
         """
         wrong = np.flatnonzero(bad)
         lines = []

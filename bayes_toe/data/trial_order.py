@@ -1,6 +1,7 @@
 """Trials in the order in which they were given.
 
-`answers_in_order` has the answers of each subject row by row, with the starts of sessions.
+`answers_in_order` sorts the rows of each subject by session, block and trial number. It notes
+missing trial numbers and times, and reports rows that repeat a trial number.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Units in a file: the levels of a condition within subjects become part of the subjects' names.
+"""Units: a subject in one condition is analysed as a subject of its own, such as S01@left.
 
-`with_units` changes the column of subjects, `with_conditions` makes the study.
+`with_units` puts these names into the column of subjects. `with_conditions` gives the study its
+conditions, or takes the names back if no subject has two levels.
 """
 
 from __future__ import annotations

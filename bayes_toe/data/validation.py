@@ -1,6 +1,6 @@
-"""Checks of columns that all readers share: numbers, counts, names.
+"""Numbers, counts and shares of cells; cells that hold none are noted as problems.
 
-Small tables of numbers are read here too.
+`read_numbers` reads a small table of numbers.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Writing of results: each file appears whole or not at all, and so do the files of a set.
 
-`whole_file` writes one file, `whole_together` a set, and `whole_folder` a folder.
+`whole_file` writes one file, `whole_together` a set, and `whole_folder` a folder. `require_room`
+refuses what does not fit on the disk. `under_way` says how much of a stopped command is saved.
 
 Files are written in a hidden folder beside their places and then take their names. An existing
 file is replaced only if the caller allows it, and no other file is touched. A set of files is

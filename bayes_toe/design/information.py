@@ -1,5 +1,8 @@
 """Fisher information of one trial about the effects of order, for assumed observers.
 
+`information` computes it for each pair. `exchange_trials` distributes trials over pairs so that the
+information of all is as large as it can be.
+
 An answer to a pair with P(yes) = q has the information g g' q/(1 - q), g the gradient of log q in
 the coordinates of 'both'. With the curvature of the prior and the information of all trials it
 makes a normal approximation of the posterior at each observer's true values. A design's utility is

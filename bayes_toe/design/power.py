@@ -1,10 +1,9 @@
-"""Power of a design: simulate assumed observers, and count the words of their answers.
+"""Power of a design: how often it detects the effects of assumed observers.
 
-`power` gives a :class:`PowerTable`.
-
-Every simulated data set goes the way of a subject: the evidences of the four models, then the
-words. Counted are the words about the order effect, the constant error and the contraction; beside
-them stand the mean widths of the 95 % intervals of the sizes.
+`power` simulates their responses, analyses each data set as that of a real subject, and counts the
+verdicts ('yes', 'probably' and so on) about the order effect, the constant error and the
+contraction. It also averages the widths of the 95 % intervals. The result is a
+:class:`PowerTable`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Synthetic studies: a design, observers, a seed.
+"""Synthetic studies from a design, observers and a seed.
 
-`simulate` makes a study, from observers and a design.
-
-Observers have the parameters of the four models, or those of the paper's model (H1).
+`simulate` makes one. Observers follow one of the four models or the paper's model (H1). They may
+differ between conditions, miss trials, and carry an expectation over to the next trial.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""From a posterior to draws and evidence; names no model."""
+"""Maxima, draws, evidences and goodness of fit of posteriors."""

@@ -1,12 +1,13 @@
 """Fitting of a proposal to a posterior: adaptive importance sampling.
 
-`fit_proposal` adapts a proposal to a posterior and judges it by fresh draws, `quick_proposal`
-starts from draws about a maximum, and `refreshed` adapts a proposal to a few more answers.
+`fit_proposal` adapts a proposal to a posterior and judges it by fresh draws; `adapt_proposal` does
+the adapting alone. `quick_proposal` starts from draws about a maximum, `refreshed` adapts a
+proposal to a few more answers, and `with_trusted_draws` adds draws for an evidence.
 
 Fitting alternates between drawing from the current proposal and EM steps on the draws of the last
 rounds, weighted against the average of the proposals that made them (deterministic-mixture weights,
-Cornuet et al. 2012). While weights are uneven they are tempered; where sixteen components stay
-poor, more draws and twenty-four take over.
+Cornuet et al. 2012). While weights are uneven they are tempered. If the efficiency stays low, the
+fit goes on with more draws and more components.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 `order_evidence` computes them for the subjects of one task, as :class:`OrderEvidence`.
 
-A row is a subject under a model. Fisher scoring finds the maxima from starts along the constant
-error, with lapse rates held at three values, and from a flat curve. They become the components of
+A row is a subject under a model. Fisher scoring finds the maxima. It starts at several
+constant errors, at three lapse rates, and from a large noise. The maxima become the components of
 a mixture of Student-t densities, to which the prior joins. The mixture is adapted to a pool of
 draws (Cornuet et al. 2012) and then fixed: **fresh draws of the fixed mixture give the
 evidence**. Draws that helped to choose a mixture would give too small an evidence, which the

@@ -1,7 +1,8 @@
-"""A global proposal for one posterior: a Student-t mixture, a cover with wide tails and the prior.
+"""The density from which importance samples of one posterior are drawn.
 
-`Proposal` has the density, `importance_draws` makes `WeightedDraws` from it, and `FittedProposal`
-has both with their quality.
+`Proposal` is a sum of three parts: a Student-t mixture that is fitted to the posterior, a wider
+mixture (the cover) for its tails, and the prior. `importance_draws` makes `WeightedDraws` from it,
+and `FittedProposal` has both with their quality.
 
 The cover, a few Student-t components fitted to the posterior flattened by a power, shows long thin
 tails that hold little mass. With the prior in the mixture, importance weights are bounded by the

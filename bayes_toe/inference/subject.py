@@ -1,6 +1,7 @@
-"""The analysis of a subject under a model: modes, proposal, chains, evidence, goodness of fit.
+"""The steps of the analysis of one subject under one model.
 
-`fitted_result` runs the steps that an `AnalysisRequest` names. `subject_draws` has the arrays that
+They are maxima, proposal, chains, evidence and goodness of fit. `fitted_result` runs those that an
+`AnalysisRequest` names. `subject_draws` has the arrays that
 a file stores.
 """
 

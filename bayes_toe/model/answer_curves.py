@@ -1,8 +1,9 @@
-"""Log probability of each answer, and its slopes, from the distance of two stimuli.
+"""Log probabilities of both answers, their derivatives, and the log likelihood of counts.
 
-The distance z counts in standard deviations of the noise. An observer who is asked which stimulus
-is stronger answers 'second' with P = Phi(z). An observer who is asked 'same or different' answers
-'equal' where the noisy distance lies within a criterion k: P = Phi(k - z) - Phi(-k - z).
+They are functions of the distance z between two stimuli. The distance counts in standard deviations
+of the noise. An observer who is asked which stimulus is stronger answers 'second' with P = Phi(z).
+An observer who is asked 'same or different' answers 'equal' where the noisy distance lies within a
+criterion k: P = Phi(k - z) - Phi(-k - z).
 
 Both answers have a log probability of their own, formed from positive terms, so that each is
 accurate where the other one is near 1.

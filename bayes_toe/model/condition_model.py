@@ -1,5 +1,8 @@
 """One observer in several conditions: some parameters differ between them, others are shared.
 
+`ConditionPosterior` is the posterior. D is the root mean square step and R the standard deviation
+of all stimuli.
+
 The coordinates u are those of the observer 'both' (:mod:`bayes_toe.model.parameters`). Where a
 parameter differs, its coordinate in condition i is
 
@@ -8,11 +11,11 @@ parameter differs, its coordinate in condition i is
 with row i of the design X of :meth:`bayes_toe.data.conditions.Conditions.design`. Any two levels
 then differ by N(0, (h unit)^2), whichever is the reference. The units are
 
-    constant error   D/2                so c differs by D/4 beforehand, as a standard deviation
-    contraction      0.25               p by 0.125; less where first stimuli are roved, as its prior
-    noise            1 of log sigma_d   log sigma_d by 0.5
-    lapse rate       1 of its normal score, by 0.5
-    q0               1.2 of its logit, by 0.6
+    constant error   D/2                so the prior sd of the difference of c is D/4
+    contraction      0.25               that of p is 0.125; less where first stimuli are roved
+    noise            1 of log sigma_d   that of log sigma_d is 0.5
+    lapse rate       1 of its normal score, whose sd is 0.5
+    q0               1.2 of its logit, whose sd is 0.6
 
 The mean first stimulus sbar and the scales D and R are those over all conditions: otherwise c would
 move with the stimuli of a condition. The evidence is one integral over all conditions; where

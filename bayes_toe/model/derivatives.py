@@ -1,6 +1,6 @@
 """Hessians by differences of gradients.
 
-`one_sided` serves a search, `hessian` results.
+`one_sided` is fast and is used during a search. `hessian` is accurate and is used for results.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
-"""Families of prior distributions: normalised densities with their slopes, quantiles and draws.
+"""The families of the prior of the paper's model (H1): normal, half-normal, beta and lognormal.
 
-A prior names a family for every parameter (:class:`bayes_toe.model.prior.Prior`).
+Each has a normalised log density, quantiles and random draws. :class:`bayes_toe.model.prior.Prior`
+names a family for every parameter. The densities of the observer's prior are in
+:mod:`bayes_toe.model.parameters`.
 """
 
 from __future__ import annotations

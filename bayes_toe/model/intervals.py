@@ -1,6 +1,7 @@
 """Pull and width of the paper's model (H1) as functions of the inter-stimulus interval.
 
-A random walk of the memory.
+The memory is a random walk: its variance grows with time. `random_walk_scales` gives pull and width
+at an interval over those at the reference interval, which `reference_interval` chooses.
 
 The coordinates of H1 (offset c, pull p, width w) and their prior refer to a reference interval, by
 default the geometric mean of the study's, in which time is counted here: t = 1 is the reference.

@@ -1,10 +1,13 @@
-"""Nearly normal coordinates of H1.
+"""Coordinates in which the posterior of the paper's model (H1) is nearly normal.
 
-The funnel of its posterior straightened out, so that ordinary mixtures fit it.
+`NormalScores` maps the coordinates of H1 to them and back. The importance sampler needs this: in
+the original coordinates the posterior of the offset c gets narrower as the pull p goes to 0.
 
-Given pull p and width w, two things fix the offset c = p (mu1 - sbar): the prior, with mean p (m -
-sbar) and standard deviation p V^(1/2), and the data, about c_0 with a precision that goes as 1/w^2.
-For a normal likelihood the conditional of c is then normal with
+m and V are the prior mean and variance of mu1. c_0 and kappa are the value and the precision of c
+that the data give at the width w_0. Given pull p and width w, two things fix the offset c = p (mu1
+- sbar): the prior, with mean p (m - sbar) and standard deviation p V^(1/2), and the data, about c_0
+with a precision that goes as 1/w^2. For a normal likelihood the conditional of c is then normal
+with
 
     s^-2 = 1 / (p^2 V) + kappa (w_0 / w)^2
     mean = share p (m - sbar) + (1 - share) c_0,    share = s^2 / (p^2 V).

@@ -1,4 +1,4 @@
-"""The observer: one likelihood for both tasks, four models of what the order of stimuli does.
+"""The observer, who answers either task; four models say what the order of stimuli does.
 
     z = ((s2 - s1) - c + p (s1 - sbar)) / (sigma_d exp(b m)),   m = (s1 + s2)/2 - sbar
     which is stronger   P(second) = lambda/2 + (1 - lambda) Phi(z)
@@ -6,9 +6,11 @@
                                    + (1 - lambda) (Phi(k_m - z) - Phi(-k_m - z))
                         k_m = k exp(g m),  q0 = 2 Phi(k) - 1
 
-c is the constant error, p the contraction; the models are 'none', 'constant error', 'contraction'
-and 'both'. All other parameters are free in all four. The coordinates are those of
-:mod:`bayes_toe.model.parameters`; an effect that a model does not have is held at 0.
+c is the constant error, p the contraction, lambda the lapse rate, sigma_d the noise, and k the
+criterion of 'equal'; b and g are the slopes of noise and criterion with intensity. The models are
+'none', 'constant error', 'contraction' and 'both'. All other parameters are free in all four. The
+coordinates are those of :mod:`bayes_toe.model.parameters`; an effect that a model does not have is
+held at 0.
 
 :class:`ObserverBatch` computes many rows at once, a subject and a model each.
 :class:`ObserverPosterior` is the posterior of one subject under one model.

@@ -1,5 +1,8 @@
 """The parameters of the observer: one row each, with names, unit, words, prior and limits.
 
+`ObserverPrior` has the numbers of their prior, and the classes of densities are those of its
+coordinates. The names of all quantities in tables and figures, and the four models, are here too.
+
 The observer of one subject works on stimuli about sbar in units of D, so that no unit of intensity
 matters. Every parameter has one unconstrained coordinate u, in units of its prior:
 

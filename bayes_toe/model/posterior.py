@@ -1,6 +1,7 @@
-"""The interface of posteriors of all models, and the code that they share.
+"""What the posteriors of all models have in common.
 
-`AnswerPosterior` is the interface that figures and checks need, `SampledPosterior` that of engines.
+`AnswerPosterior` is what figures and checks need. `SampledPosterior` is what optimisers and
+samplers need.
 """
 
 from __future__ import annotations

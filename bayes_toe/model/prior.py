@@ -1,4 +1,4 @@
-"""The prior: H1's numbers, and the prior of the four models of the observer.
+"""The priors of the paper's model (H1) and, as `Prior.observer`, of the observer's four models.
 
 The default takes location and scales from the stimuli of each subject, so that adding a constant to
 all stimuli, or multiplying them, changes no probability. With M the mean of all stimuli, R their

@@ -1,7 +1,7 @@
 """The numbers of a prior, each declared once with parameter, unit, words and range.
 
-Everything that shows, reads, varies or refuses a prior's numbers iterates over
-:meth:`PriorFields.declared` and names none of them. The numbers are apart from what is computed
+They are the numbers of the prior of the paper's model (H1). Help texts, prior files and checks read
+:meth:`PriorFields.declared` and name none of them. The numbers are apart from what is computed
 with them (:mod:`bayes_toe.model.prior`), so that a help text loads no SciPy.
 """
 

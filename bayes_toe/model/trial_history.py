@@ -1,5 +1,8 @@
 """Effects of the trial before on the next one, added to the observer.
 
+`TrialHistoryPosterior` is the posterior with these effects, and `TrialSequence` has the trials in
+their order. `looks_sorted` finds files in which that order was lost.
+
     previous response   z + kappa r in 'which is stronger', k_m exp(kappa r) with 'equal'
     carry-over          sbar + E takes the place of sbar in p (s1 - sbar)
 

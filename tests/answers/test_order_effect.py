@@ -55,7 +55,7 @@ def evidence():
 
 
 @pytest.mark.parametrize(
-    ("name", "question", "word", "is_overestimated"),
+    "name, question, word, is_overestimated",
     [
         ("positive error", "constant_error", "yes", True),
         ("negative error", "constant_error", "yes", False),
@@ -102,7 +102,7 @@ def test_probabilities_follow_from_the_evidences(answers):
 
 
 @pytest.mark.parametrize(
-    ("probability", "log_bayes_factor", "word"),
+    "probability, log_bayes_factor, word",
     [
         (0.95, 3.0, Word.YES),
         (0.94, 3.0, Word.PROBABLY),
@@ -207,7 +207,7 @@ def vibrotactile(real_data):
 
 
 @pytest.mark.parametrize(
-    ("name", "probabilities"),
+    "name, probabilities",
     [
         ("1008", (0.0, 0.0, 0.02, 0.97)),
         ("976", (0.0, 0.35, 0.0, 0.65)),

@@ -50,7 +50,7 @@ def test_answers_of_few_trials_to_a_pair_are_screened_without_bias():
 
 
 @pytest.mark.parametrize(
-    ("options", "name", "least"),
+    "options, name, least",
     [
         ({"share_repeated": 0.2}, "answer_p", 27),
         ({"p": 0.35, "carry_over": 0.9}, "stimuli_p", 28),

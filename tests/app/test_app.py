@@ -245,7 +245,7 @@ def test_questions_come_with_what_solves_them_and_no_run_starts_while_one_is_ope
 
 
 @pytest.mark.parametrize(
-    ("name", "content"),
+    "name, content",
     [
         ("x.mat", b"MATLAB 5.0" + bytes(100)),
         ("x.parquet", b"PAR1"),

@@ -109,7 +109,7 @@ def test_constant_errors_are_no_flaw_of_the_answers(task, constant_error):
 
 
 @pytest.mark.parametrize(
-    ("rows", "message"),
+    "rows, message",
     [
         (np.tile(np.arange(84), 2), "84 of 168 trials repeat earlier ones, from trial 85 on."),
         (np.r_[0:84, 20:80], "60 of 144 trials repeat earlier ones, from trial 85 on."),
@@ -149,8 +149,8 @@ def test_each_repeated_trial_is_counted_once():
     rng = default_rng(3)
     keys = np.column_stack([np.zeros(30), rng.choice([-0.1, 0.1, 0.2, -0.2], 30)])
     yes = rng.integers(2, size=30)
-    many = from_trials("S", np.tile(keys, (12, 1)), np.tile(yes, 12), task=WHICH_STRONGER)
-    assert messages(many)["repeated_trials"].startswith("330 of 360 trials repeat earlier ones")
+    copied = from_trials("S", np.tile(keys, (12, 1)), np.tile(yes, 12), task=WHICH_STRONGER)
+    assert messages(copied)["repeated_trials"].startswith("330 of 360 trials repeat earlier ones")
 
 
 def test_answers_to_many_differences_are_seen_to_be_reversed():
@@ -179,7 +179,7 @@ def test_one_answer_only(task, count):
     assert finding.message == f"Every response is {task.yes if count else task.no!r}."
 
 
-@pytest.mark.parametrize(("n_trials", "is_flagged"), [(59, True), (60, False)])
+@pytest.mark.parametrize("n_trials, is_flagged", [(59, True), (60, False)])
 def test_few_trials_are_flagged(n_trials, is_flagged):
     yes = (np.arange(n_trials) % 3 == 0).astype(int)
     keys = np.column_stack([yes * 0.0, np.where(yes, 0.0, 0.3) * (-1) ** np.arange(n_trials)])
@@ -239,7 +239,7 @@ def test_the_number_of_trials_costs_nothing(task, n_trials):
 
 
 @pytest.mark.parametrize(
-    ("swapped", "words", "option"),
+    "swapped, words, option",
     [
         ((3,), "block 4", "4"),
         ((2, 3), "blocks 3 and 4", "3,4"),
@@ -279,7 +279,7 @@ def moving_criterion(rng, kind, count, sd):
     return sd * (walk - walk.mean()) / walk.std()
 
 
-@pytest.mark.parametrize(("kind", "sd"), [("walk", 0.5), ("blocks", 0.5)])
+@pytest.mark.parametrize("kind, sd", [("walk", 0.5), ("blocks", 0.5)])
 @BOTH_TASKS
 def test_a_moving_criterion_is_flagged_and_never_called_swapped_blocks(task, kind, sd):
     n_flagged = 0

@@ -89,7 +89,7 @@ def test_stimuli_that_differ_by_rounding_only():
 
 
 @pytest.mark.parametrize(
-    ("shift", "scale", "is_raw"), [(0, 1, False), (4.4, 1, False), (5.5, 1, True), (0, 10, True)]
+    "shift, scale, is_raw", [(0, 1, False), (4.4, 1, False), (5.5, 1, True), (0, 10, True)]
 )
 def test_stimuli_that_look_raw(shift, scale, is_raw):
     subject = make_subject([(shift + scale * a, shift + scale * b) for a, b in GRID])
@@ -115,7 +115,7 @@ def test_stimuli_on_two_scales():
 
 
 @pytest.mark.parametrize(
-    ("names", "code", "message"),
+    "names, code, message",
     [
         (
             ("vp1", "Vp1", "VP1", "vp3"),
@@ -139,7 +139,7 @@ def test_names_that_are_one_persons_or_formulas(names, code, message):
     assert texts.get(code, "").startswith(message)
 
 
-@pytest.mark.parametrize(("pause", "expected"), [("1.5", set()), ("1500", {"long_pauses"})])
+@pytest.mark.parametrize("pause, expected", [("1.5", set()), ("1500", {"long_pauses"})])
 def test_pauses_that_look_like_milliseconds(tmp_path, pause, expected):
     # A night lies between two of the trials.
     rows = [f"a,{i},{i % 2 * 0.3},0.0,equal,{pause if i != 3 else 90000}" for i in range(8)]

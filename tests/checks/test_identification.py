@@ -26,7 +26,7 @@ def make_subject(pairs, task=SAME_DIFFERENT, n_trials=20):
 
 @pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["equal", "second"])
 @pytest.mark.parametrize(
-    ("pairs", "can_be_told", "reason"),
+    "pairs, can_be_told, reason",
     [
         (GRID, (True, True, True), ""),
         ([pair for pair in GRID if pair[0] <= pair[1]], (False, False, False), "one order only"),
@@ -72,7 +72,7 @@ def orders(is_rising):
 
 
 @pytest.mark.parametrize(
-    ("stretch", "column", "is_identified"),
+    "stretch, column, is_identified",
     [
         (20, "block", False),
         (20, "session", False),

@@ -40,7 +40,7 @@ def test_one_comparison_by_hand():
     assert row.probability_of_direction == probability_greater(25, 40, 12, 50)
 
 
-@pytest.mark.parametrize(("name", "sign"), [("A", 1), ("B", -1)])
+@pytest.mark.parametrize("name, sign", [("A", 1), ("B", -1)])
 def test_a_prior_below_the_stimuli_makes_the_asymmetry_positive(small_study, name, sign):
     # Paper, Fig. 3: prior left of the stimuli (A), more accurate with the weaker stimulus first;
     # right of them (B), the opposite.

@@ -104,7 +104,7 @@ def test_evidence_by_appendix_c_is_the_formula():
 
 
 @pytest.mark.parametrize(
-    ("name", "has_value", "word"),
+    "name, has_value, word",
     [
         ("S02", True, "gamma=1"),
         ("all equal", False, "sigma_p=inf"),

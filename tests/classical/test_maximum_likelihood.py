@@ -26,7 +26,7 @@ FITTED = [(subject, PAPER) for subject in EQUAL + SECOND]
 FITTED += [(SUBJECTS[name], NARROW) for name in ("S02", "S07", "one batch")]
 
 
-@pytest.mark.parametrize(("subject", "prior"), FITTED, ids=str)
+@pytest.mark.parametrize("subject, prior", FITTED, ids=str)
 def test_never_below_a_general_optimiser_and_parameters_have_the_value(subject, prior):
     fits = fit_counts(subject, prior)
     best = best_of_random_starts(subject, STARTS, prior=prior)
@@ -62,7 +62,7 @@ ANY = "any"  # a number
 
 
 @pytest.mark.parametrize(
-    ("subject", "parameters", "edge"),
+    "subject, parameters, edge",
     [
         (CASES["all equal"], (0, INF, INF, 1), "q0=1;sigma_p=inf"),
         (CASES["all different"], (0, NAN, NAN, 0), "q0=0;not unique"),

@@ -206,7 +206,7 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
 
 
 @pytest.mark.parametrize(
-    ("line", "message"),
+    "line, message",
     [
         ("corner POSTERIOR --parameters gain,mu_1", "'mu_1' is unknown or named twice. The para"),
         ("corner POSTERIOR --parameters gain,gain", "'gain' is unknown or named twice"),
@@ -293,7 +293,7 @@ def test_a_prior_file_is_used_shown_and_stored(folder, blank_pictures):
 
 
 @pytest.mark.parametrize(
-    ("preset", "words"),
+    "preset, words",
     [
         ("paper", "mu1 ~ Normal(0, 10)"),
         ("default", "mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1)"),
@@ -326,7 +326,7 @@ APP = "from bayes_toe.cli.app import app; app({!r}.split(), standalone_mode=Fals
 
 
 @pytest.mark.parametrize(
-    ("code", "libraries"),
+    "code, libraries",
     [
         ("import bayes_toe", {*LARGE, "scipy", "numpy"}),
         (APP.format("--help"), {*LARGE, "scipy"}),

@@ -49,7 +49,7 @@ def test_the_example_takes_the_place_of_a_file():
 
 
 @pytest.mark.parametrize(
-    ("typed", "study_file"),
+    "typed, study_file",
     [
         ("  ", StudyFile(example=True)),
         ("'my study.csv' ", StudyFile(files=[Path("my study.csv")])),

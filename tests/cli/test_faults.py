@@ -81,7 +81,7 @@ def running(folder):
 
 
 @pytest.mark.parametrize(
-    ("send", "number", "moment"),
+    "send, number, moment",
     [
         (os.kill, signal.SIGINT, listening),
         (os.kill, signal.SIGHUP, listening),

@@ -91,7 +91,7 @@ def test_effects_and_unequal_numbers_of_trials_are_counted(analysis, tmp_path):
     assert f"({1950 + first.n_pairs:,} trials, 650 to {650 + first.n_pairs} each)" in text
 
 
-@pytest.mark.parametrize(("log_bf", "factor"), [(-20.0, "> 100"), (-2.9, "18"), (9.0, "< 1/100")])
+@pytest.mark.parametrize("log_bf, factor", [(-20.0, "> 100"), (-2.9, "18"), (9.0, "< 1/100")])
 def test_the_group_has_its_means_with_intervals_and_bayes_factors(
     analysis, small_study, tmp_path, monkeypatch, log_bf, factor
 ):

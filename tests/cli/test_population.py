@@ -76,7 +76,7 @@ def test_files_are_those_of_the_group(finished, folder):
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    "options, words",
     [
         ("-o other.csv", "other.csv: the ending is '.csv'. Draws need .nc"),
         ("--categorical site", "--categorical site needs --covariates FILE.csv"),

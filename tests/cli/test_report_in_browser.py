@@ -43,7 +43,7 @@ def names(page):
 
 
 @pytest.mark.parametrize(
-    ("medium", "width", "scheme", "background"),
+    "medium, width, scheme, background",
     [
         ("screen", 400, "light", "rgb(255, 255, 255)"),
         ("screen", 400, "dark", "rgb(23, 24, 27)"),
@@ -73,7 +73,7 @@ def test_folded_it_has_four_screens_with_answer_and_figure_in_the_first(opened):
 
 
 @pytest.mark.parametrize(
-    ("scheme", "ink"), [("light", "rgb(28, 28, 28)"), ("dark", "rgb(228, 228, 228)")]
+    "scheme, ink", [("light", "rgb(28, 28, 28)"), ("dark", "rgb(228, 228, 228)")]
 )
 def test_figures_follow_the_colours_of_the_page(opened, scheme, ink):
     text = opened(scheme=scheme).page.locator("figure svg text").first
@@ -98,7 +98,7 @@ def test_a_telephone_shows_a_card_for_each_subject(opened):
 
 
 @pytest.mark.parametrize(
-    ("width", "visible", "hidden"), [(400, "narrow", "wide"), (1200, "wide", "narrow")]
+    "width, visible, hidden", [(400, "narrow", "wide"), (1200, "wide", "narrow")]
 )
 def test_letters_of_figures_are_legible(opened, width, visible, hidden):
     page = opened(width).page

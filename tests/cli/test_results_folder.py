@@ -28,7 +28,7 @@ def page(folder, name="report.html"):
 
 
 @pytest.mark.parametrize(
-    ("which", "drawn", "note"),
+    "which, drawn, note",
     [
         ("flagged", "AC", "Figures are drawn for subjects that need action (poor fit"),
         ("none", "", "To draw figures of single subjects, type <code>--figures all"),

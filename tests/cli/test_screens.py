@@ -118,7 +118,7 @@ def test_the_screen_of_run_is_this_text(capsys, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("s1", "s2", "text"),
+    "s1, s2, text",
     [
         ("001", "010", "1 equal one, and 1 different one, in both orders"),
         ("010", "011", "2 equal ones, and 1 different one in one order only"),

@@ -113,7 +113,7 @@ def test_notes_that_are_cut_say_so(capsys):
 
 
 @pytest.mark.parametrize(
-    ("headings", "rows", "expected"),
+    "headings, rows, expected",
     [
         (
             ["subject", "trials", "problem"],
@@ -172,7 +172,7 @@ def test_estimates_and_options_stay_on_one_line():
 
 
 @pytest.mark.parametrize(
-    ("value", "error", "limit", "visible"),
+    "value, error, limit, visible",
     [
         (0.123456, 0.004, 2, "0.12"),  # never more than asked for
         (0.123456, 0.0096, 6, "0.12"),  # 0.01 to one digit
@@ -193,7 +193,7 @@ def test_digits_end_where_the_error_begins(value, error, limit, visible):
 
 
 @pytest.mark.parametrize(
-    ("values", "errors", "visible"),
+    "values, errors, visible",
     [
         # Each by its own error, in their order.
         ([0.12, 0.51, 2.34], [0.01, 0.002, 0.2], ["0.12", "0.51", "2.3"]),

@@ -124,7 +124,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("options", "message"), REFUSED)
+@pytest.mark.parametrize("options, message", REFUSED)
 def test_what_cannot_be_changed_is_refused_in_one_line(tmp_path, options, message):
     FRAME.to_csv(tmp_path / "study.csv", index=False)
     for command in (["check"], ["fit", "-o", "out.csv"], ["run", "-o", "out"]):

@@ -49,12 +49,19 @@ def test_numbers_have_a_slope_over_their_range():
     assert first - last == pytest.approx(1.0)
 
 
-def test_units_have_the_scales_of_their_subject(read):
-    study, complete = read(), read(ignore="condition")
+def test_units_are_subjects_in_conditions(read):
+    study = read()
     assert study.names == ("a@left", "a@right", "b@left", "b@right")
     assert [unit.subject_name for unit in study] == ["a", "a", "b", "b"]
     assert [unit.condition for unit in study][:2] == ["left", "right"]
     assert study.conditions == Conditions("condition", ("left", "right"))
+    again = bt.read_study(study.frame())
+    assert (again.names, again.conditions) == (study.names, study.conditions)
+    assert read(reference="right").conditions.comparisons == (("left", "right"),)
+
+
+def test_units_have_the_scales_of_their_subject(read):
+    study, complete = read(), read(ignore="condition")
     for unit in study:
         subject = complete[unit.subject_name]
         assert unit.shared_scales == common_scales(unit) == pytest.approx(common_scales(subject))
@@ -62,10 +69,8 @@ def test_units_have_the_scales_of_their_subject(read):
         assert of_unit.sbar == pytest.approx(of_subject.sbar)
         assert of_unit.sbar != pytest.approx(np.average(unit.s1, weights=unit.n_trials))
         assert of_unit.prior.mu1_mean == pytest.approx(of_subject.prior.mu1_mean)
+        assert unit.scales[:4] == pytest.approx(subject.scales[:4])
     assert study.swap("a@left")["a@left"].shared_scales == study["a@left"].shared_scales
-    again = bt.read_study(study.frame())
-    assert (again.names, again.conditions) == (study.names, study.conditions)
-    assert read(reference="right").conditions.comparisons == (("left", "right"),)
 
 
 def test_intervals_may_be_levels(read):
@@ -90,7 +95,7 @@ def test_what_does_not_differ_within_subjects_is_no_condition(read):
 PAIRS = [(0.0, 0.3, "up"), (0.3, 0.0, "down"), (0.0, 0.6, "up"), (0.6, 0.0, "down")]
 
 
-@pytest.mark.parametrize(("name", "n_levels"), [("{0}-{1}", 4), ("{2}", 2)])
+@pytest.mark.parametrize("name, n_levels", [("{0}-{1}", 4), ("{2}", 2)])
 def test_names_of_pairs_or_of_their_order_are_no_condition_unless_asked_for(read, name, n_levels):
     lines = ["subject,trial,s1,s2,response,condition"]
     for i, pair in enumerate(PAIRS * 4):
@@ -122,7 +127,7 @@ def test_check_warns_where_no_pair_is_in_two_conditions(read):
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "sentence"),
+    "text, options, sentence",
     [
         (
             ROWS.replace("left", "l@ft"),

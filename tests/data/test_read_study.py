@@ -106,12 +106,12 @@ def require_read(data, expected, **options):
     assert not any(np.signbit(subject.s1[subject.s1 == 0]).any() for subject in study)
 
 
-@pytest.mark.parametrize(("rows", "expected"), READ_TRIALS)
+@pytest.mark.parametrize("rows, expected", READ_TRIALS)
 def test_rows_of_trials_are_read(rows, expected):
     require_read(TRIALS + rows, expected)
 
 
-@pytest.mark.parametrize(("text", "expected"), READ_FILES)
+@pytest.mark.parametrize("text, expected", READ_FILES)
 def test_files_are_read(text, expected):
     require_read(text, expected)
 
@@ -136,7 +136,7 @@ def test_columns_are_chosen_by_options():
 
 
 @pytest.mark.parametrize(
-    ("data", "options", "notes"),
+    "data, options, notes",
     [
         (
             TRIALS + "a,0,0,1.0\na,0,0,0\n",
@@ -217,7 +217,7 @@ def test_amplitudes_become_log_intensities_and_do_not_overflow():
 
 
 @pytest.mark.parametrize(
-    ("marks", "synthetic", "noted"),
+    "marks, synthetic, noted",
     [
         ("1 1", True, True),
         ("true YES", True, True),
@@ -370,7 +370,7 @@ def test_of_several_files_the_problems_of_the_first_are_all_told_and_the_other_f
 
 
 @pytest.mark.parametrize(
-    ("options", "expected"),
+    "options, expected",
     [
         ({"equal_code": "a", "different_code": " a "}, "--different-code: found 'a' as --equal-c"),
         ({"equal_code": "  "}, "--equal-code: found ''"),
@@ -411,12 +411,12 @@ def test_an_entry_that_names_nothing_is_refused(entry):
 
 
 @pytest.mark.parametrize(
-    ("codec", "label"),
+    "codec, label",
     [("utf-8", "UTF-8"), ("utf-8-sig", "UTF-8"), ("utf-16", "UTF-16"), ("utf-16-be", "UTF-16")],
 )
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"], ids=["LF", "CRLF", "CR"])
 @pytest.mark.parametrize(
-    ("delimiter", "name"), [(",", "comma"), (";", "semicolon"), ("\t", "tab"), ("|", "bar")]
+    "delimiter, name", [(",", "comma"), (";", "semicolon"), ("\t", "tab"), ("|", "bar")]
 )
 def test_dialects(codec, label, end, delimiter, name):
     text = '"subject","a~b","s1","s2","response"\nZoë,0,0.5,-0.25,equal\nΩ,0,0,0,different\n'
@@ -482,7 +482,7 @@ POINTS = "subject;i1;i2;response\na;850;1.050;second\na;1.050;850;first\n"
 COMMAS = POINTS.replace(";", "\t").replace(".", ",")
 
 
-@pytest.mark.parametrize(("data", "sign", "other"), [(POINTS, ".", ","), (COMMAS, ",", ".")])
+@pytest.mark.parametrize("data, sign, other", [(POINTS, ".", ","), (COMMAS, ",", ".")])
 def test_a_sign_that_may_group_thousands_is_asked_for(data, sign, other):
     with pytest.raises(InputError, match=r"can be 1050 or 1\.050"):
         read(data, intensity=1000.0)
@@ -545,7 +545,7 @@ def test_first_and_second_name_intervals_whatever_was_presented_there():
 
 
 @pytest.mark.parametrize(
-    ("earlier", "after", "expected"),
+    "earlier, after, expected",
     [
         ("3,2,", "3,3,", "row 3, column interval: found '3', allowed: 1 or 2"),
         ("a,0,0.3,1", "a,x,0.3,1", "row 2, column standard: found 'x', allowed: a finite number"),
@@ -646,7 +646,7 @@ CELLS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "options", "column", "rule", "cells"), CELLS)
+@pytest.mark.parametrize("text, options, column, rule, cells", CELLS)
 def test_a_cell_that_cannot_be_used_is_refused(text, options, column, rule, cells):
     for cell in cells.split("|"):
         expected = f"row 2, column {column}: found {cell!r}, allowed: {rule}"
@@ -746,16 +746,14 @@ TRIAL_ROWS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("header", "table"), [("", FILES), (COUNTS, COUNT_ROWS), (TRIALS, TRIAL_ROWS)]
-)
+@pytest.mark.parametrize("header, table", [("", FILES), (COUNTS, COUNT_ROWS), (TRIALS, TRIAL_ROWS)])
 def test_a_file_that_cannot_be_used_is_refused(header, table):
     for rows, lines in table.items():
         assert refused(header + rows) == lines.splitlines()
 
 
 @pytest.mark.parametrize(
-    ("data", "problem"),
+    "data, problem",
     [
         (b"\xff\xfe", EMPTY),
         (
@@ -787,7 +785,7 @@ def test_bytes_that_are_no_text_are_refused(data, problem):
 
 
 @pytest.mark.parametrize(
-    ("rows", "options", "problem"),
+    "rows, options, problem",
     [
         (
             "a,1,2,equal",
@@ -839,7 +837,7 @@ def test_a_column_that_chooses_rows_is_there_once():
 
 
 @pytest.mark.parametrize(
-    ("n_rows", "last"), [(10, []), (11, ["1 more problem"]), (45, ["35 more problems"])]
+    "n_rows, last", [(10, []), (11, ["1 more problem"]), (45, ["35 more problems"])]
 )
 def test_ten_problems_are_told_at_most(n_rows, last):
     lines = refused(TRIALS + "a,x,0,equal\n" * n_rows)

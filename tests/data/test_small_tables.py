@@ -96,7 +96,7 @@ def test_rows_of_another_width_are_refused(written, kind):
 
 
 COLUMNS = pytest.mark.parametrize(
-    ("kind", "column"), [("design", "isi"), ("design", "s1"), ("population", "sigma_l")]
+    "kind, column", [("design", "isi"), ("design", "s1"), ("population", "sigma_l")]
 )
 
 
@@ -148,7 +148,7 @@ def test_the_bundled_truth_is_read_to_the_last_bit():
 
 
 @pytest.mark.parametrize(
-    ("text", "values"),
+    "text, values",
     [
         (
             "subject,age\n01,23\n02,NA\n\n03,31.5\n04,40\n",
@@ -173,7 +173,7 @@ def test_numbers_levels_and_what_is_missing(written, text, values):
 
 
 @pytest.mark.parametrize(
-    ("text", "expected"),
+    "text, expected",
     [
         (
             "subject,age\na,23\nb,2O\nc,31\n",

@@ -97,7 +97,7 @@ def test_a_study_is_the_same_as_from_csv(tmp_path, as_source, frame):
 
 @EVERY
 @pytest.mark.parametrize(
-    ("column", "cells", "expected"),
+    "column, cells, expected",
     [
         ("s1", [0.0, None, 0.0], "'', allowed: a finite number"),
         ("s2", [1.0, float("inf"), 3.0], "'inf', allowed: a finite number"),
@@ -245,7 +245,7 @@ def test_a_damaged_matlab_file_is_one_line(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("reader", "observed"),
+    "reader, observed",
     [
         ("import os; os.abort()", "found a damaged MATLAB file (its reader ended with -"),
         ("import time; time.sleep(60)", "not read within 0.5 s"),
@@ -273,7 +273,7 @@ def test_only_columns_that_are_read_must_hold_texts(tmp_path):
     assert problem.endswith("of type ndarray, allowed: text, numbers or truth values")
 
 
-@pytest.mark.parametrize(("suffix", "changes"), [("mat", 3), ("xlsx", 20)])
+@pytest.mark.parametrize("suffix, changes", [("mat", 3), ("xlsx", 20)])
 def test_a_file_with_changed_bytes_is_read_or_refused(tmp_path, suffix, changes):
     stimuli = np.linspace(0.0, 1.0, 40)
     frame = pd.DataFrame({"subject": "M1", "s1": stimuli, "s2": stimuli[::-1], "response": 1})

@@ -41,7 +41,7 @@ def test_arrays_are_copies_and_read_only():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change, message",
     [
         ({"name": ""}, "subject name '' must be a non-empty text"),
         ({"name": 7}, "subject name 7 must be a non-empty text"),
@@ -83,7 +83,7 @@ def test_counts_are_added_up():
 
 
 @pytest.mark.parametrize(
-    ("n_yes", "n_trials", "message"),
+    "n_yes, n_trials, message",
     [
         ([7, 0], [5, 5], "n_yes must lie in"),
         ([-1, 2], [5, 5], "n_yes must lie in"),

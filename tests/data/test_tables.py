@@ -126,7 +126,7 @@ def test_parquet_tables_keep_every_bit_and_no_apostrophe_is_put(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "start"),
+    "name, start",
     [
         *(("Zoë", "Zo_-"), ("被験者", "_-"), ("../up", "_up-"), ("a/b", "a_b-"), ("...", "_-")),
         *((".hidden", "hidden-"), ("end.", "end.-"), ("con", "_con-"), ("CON.txt", "_CON.txt-")),

@@ -75,7 +75,7 @@ READ = [
 ]
 
 
-@pytest.mark.parametrize(("head", "rows", "options", "expected"), READ, ids=range(len(READ)))
+@pytest.mark.parametrize("head, rows, options, expected", READ, ids=range(len(READ)))
 def test_answers_second_and_first_are_read(tmp_path, head, rows, options, expected):
     study = bt.read_study(written(tmp_path, head, *rows), bt.ReadOptions(**options))
     assert (study.task, counts(study["a"])) == (WHICH_STRONGER, expected)
@@ -233,7 +233,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("head", "rows", "options", "message"), REFUSED, ids=range(len(REFUSED)))
+@pytest.mark.parametrize("head, rows, options, message", REFUSED, ids=range(len(REFUSED)))
 def test_what_cannot_be_read_is_one_line_and_nothing_is_written(
     tmp_path, head, rows, options, message
 ):

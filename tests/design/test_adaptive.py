@@ -153,7 +153,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("call", "message"), REFUSED)
+@pytest.mark.parametrize("call, message", REFUSED)
 def test_what_is_refused(tmp_path, monkeypatch, call, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "old.json").write_text('{"format": "bayes-toe adaptive 1"}', encoding="utf-8")

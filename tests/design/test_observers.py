@@ -65,7 +65,7 @@ def test_ranges_of_a_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    "text, message",
     [
         ("", "found no kind of observers"),
         ("[a]\nluck = 1\n", "[a]: key 'luck': unknown, allowed: noise, q0, lapse_rate"),

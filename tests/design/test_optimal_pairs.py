@@ -141,11 +141,11 @@ def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
 def test_pairs_that_are_kept_in_one_order_count_with_their_turn():
     keep = StudyDesign([0.0, 0.0, 0.0, 0.2], [0.2, 0.4, 0.6, 0.4], [2, 2, 2, 2])
     levels = np.array([0.0, 0.2, 0.4, 0.6])
-    for most in (5, 6):
-        goal = DesignGoal(max_pairs=most, keep=keep)
+    for max_pairs in (5, 6):
+        goal = DesignGoal(max_pairs=max_pairs, keep=keep)
         candidates, _ = compare_designs(levels, 60, goal, OBSERVERS)
         design = candidates[OPTIMISED].design
-        assert (design.total, design.n_pairs <= most) == (60, True)
+        assert (design.total, design.n_pairs <= max_pairs) == (60, True)
 
 
 def test_designs_of_which_is_stronger():
@@ -198,7 +198,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("options", "message"), REFUSED)
+@pytest.mark.parametrize("options, message", REFUSED)
 def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, options, message):
     assert message in refused(f"design -o d.csv {options} --data-sets 1 --seed 1", cwd=tmp_path)
 

@@ -106,7 +106,7 @@ def test_the_command(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    "options, message",
     [
         ("--trials 0", "--trials is '0'. It must be whole numbers from 1"),
         ("--trials 12", "12 trials for 13 pairs"),

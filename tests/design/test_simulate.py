@@ -209,7 +209,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("options", "message"), REFUSED)
+@pytest.mark.parametrize("options, message", REFUSED)
 def test_what_cannot_be_simulated_is_refused(tmp_path, monkeypatch, options, message):
     monkeypatch.chdir(tmp_path)
     for name, text in FILES.items():

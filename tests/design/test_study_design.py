@@ -31,7 +31,7 @@ def test_every_pair_keeps_its_share_and_at_least_one_trial(trials):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    "text, message",
     [
         ("s1,s2\n0,0\n", "design.csv: row 1, column n_trials: missing"),
         (

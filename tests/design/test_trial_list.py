@@ -123,7 +123,7 @@ def test_blocks_are_alike_with_conditions_too():
 
 
 @pytest.mark.parametrize(
-    ("n_trials", "blocks", "message"),
+    "n_trials, blocks, message",
     [
         ([90, 10], 10, "block 1, of 10 trials, has 9 equal pairs: more than 3 would follow each"),
         ([1, 1], 3, "--blocks 3: allowed is 1 to 2"),

@@ -163,7 +163,7 @@ def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval(monk
 
 
 @pytest.mark.parametrize(
-    ("missed", "p_overall", "p_deviance", "freedom", "message"),
+    "missed, p_overall, p_deviance, freedom, message",
     [
         (
             {"A": "R-hat"},
@@ -197,7 +197,7 @@ MANY_SUBJECTS = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIE
 
 
 @pytest.mark.parametrize(
-    ("explored", "message"),
+    "explored, message",
     [
         (lambda draws, *_: bt.explore(draws, subjects=["D"]), "no subject 'D' among the draws"),
         (lambda draws, *_: bt.explore(draws, subjects=[]), "found no subjects"),

@@ -60,7 +60,7 @@ def test_a_file_changes_what_it_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    "text, words",
     [
         ("[gain]\nmean = 0\n", "no section 'gain', allowed: constant_error, contraction, noise"),
         ("[noise]\nscale = 1\n", r"\[noise\] no number 'scale', allowed: mean, mean_scale, sd_sc"),

@@ -132,7 +132,7 @@ AGES = Covariates({"age": {"P000": 20.0, "P001": 30.0}})
 
 
 @pytest.mark.parametrize(
-    ("study", "arguments", "message"),
+    "study, arguments, message",
     [
         (simulated_group(1, 3), {"draws": 3}, "draws=3; allowed is a whole number from 100 to"),
         (simulated_group(1, 3), {"draws": 2.5}, "draws"),

@@ -76,7 +76,7 @@ def test_damage_is_refused(tmp_path):
         load_population(path)
 
 
-@pytest.mark.parametrize(("name", "value"), [("mean", np.nan), ("sd", -1.0)])
+@pytest.mark.parametrize("name, value", [("mean", np.nan), ("sd", -1.0)])
 def test_draws_that_no_group_has_are_refused(tmp_path, name, value):
     BUILT["conditions"]().save(tmp_path / "p.nc")
     with h5py.File(tmp_path / "p.nc", "r+") as file:

@@ -62,7 +62,7 @@ def test_numbers_are_numbers_unless_asked():
         regressors(Covariates({"dose": dose}), NAMES, categorical=["doze"])
 
 
-@pytest.mark.parametrize(("factor", "shift"), [(1e-300, 1e3), (1e300, 0.0), (1e300, 1e3)])
+@pytest.mark.parametrize("factor, shift", [(1e-300, 1e3), (1e300, 0.0), (1e300, 1e3)])
 def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
     moved_ages = {name: (age + shift) * factor for name, age in AGES.items()}
     plain, moved = (
@@ -72,7 +72,7 @@ def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
 
 
 @pytest.mark.parametrize(
-    ("columns", "message"),
+    "columns, message",
     [
         (
             {"age": dict.fromkeys(NAMES, 30.0)},

@@ -187,7 +187,7 @@ def test_log_likelihoods_and_predicted_answers_follow_from_the_draws(analysis, d
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    "call, message",
     [
         (lambda draws, folder: draws.values("Z", "mu1"), "no subject 'Z'"),
         (lambda draws, folder: draws.values("A", "mu_1"), "unknown parameter"),

@@ -1,7 +1,6 @@
 """Files of draws: whole or not at all, and damaged or foreign ones refused in one line."""
 
 import contextlib
-import os
 import random
 import shutil
 from pathlib import Path
@@ -10,8 +9,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from commands import good, refused
-from conftest import grouped_csv
+from commands import refused
 from processes import save_on_a_full_disk
 
 import bayes_toe as bt
@@ -110,7 +108,7 @@ def _inside_itself(file):
 
 
 @pytest.mark.parametrize(
-    ("damage", "message"),
+    "damage, message",
     [
         (_delete("constant_data"), "no group constant_data"),
         (_delete("sample_stats/lp"), "no variable sample_stats/lp over"),
@@ -203,17 +201,3 @@ def test_more_draws_than_a_file_is_written_from_are_refused_with_the_way_out(
     monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
     message = "allowed in a NetCDF file: 0.001 GB; fewer --draws, or files of some subjects each"
     assert message in refused("sample", study_csv, "-o", "posterior.nc", cwd=tmp_path)
-
-
-def test_commands_take_the_file(small_study, tmp_path, blank_pictures):
-    grouped_csv(tmp_path / "study.csv", small_study.select(["B"]))
-    options = ("--draws", "100", "--seed", "1", "--workers", "1")
-    good("run", "study.csv", "-o", "out", "--figures", "none", *options, cwd=tmp_path)
-    good("sample", "study.csv", "-o", "p.nc", *options, cwd=tmp_path)
-    of_run, of_sample = (
-        bt.load(tmp_path / name).group("posterior").load() for name in ("out/posterior.nc", "p.nc")
-    )
-    xr.testing.assert_identical(of_run, of_sample)
-    assert not [
-        name for name in os.listdir(tmp_path) if name.startswith(".") or name.endswith(".partial")
-    ]

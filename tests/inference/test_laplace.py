@@ -79,7 +79,7 @@ def test_value_is_that_of_the_definition_in_natural_coordinates(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "edge"),
+    "name, edge",
     [
         ("S02", "gamma = 1"),
         ("maximum on gamma = 1", "gamma = 1"),

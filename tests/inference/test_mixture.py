@@ -36,7 +36,7 @@ def log_density_of(means, scales, df, x):
 
 
 @pytest.mark.parametrize(
-    ("dim", "df"), [(1, 1), (1, 3), (2, 8), (3, 9), (4, 4), (4, 8), (5, 9), (13, 3)]
+    "dim, df", [(1, 1), (1, 3), (2, 8), (3, 9), (4, 4), (4, 8), (5, 9), (13, 3)]
 )
 def test_mixture_density_in_any_dimension(dim, df):
     rng = default_rng([dim, df])

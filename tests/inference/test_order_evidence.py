@@ -46,7 +46,7 @@ def test_one_trial_says_next_to_nothing():
 
 
 @pytest.mark.parametrize(
-    ("n_yes", "n"),
+    "n_yes, n",
     [
         ([0] * 8, 50),
         ([50] * 8, 50),

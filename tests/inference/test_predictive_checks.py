@@ -90,7 +90,7 @@ def test_predictive_p_values_against_simulated_repetitions(small_study):
 
 
 @pytest.mark.parametrize(
-    ("n", "q", "pairs"), [(10**8, 0.3, 14), (3, 0.4, 200), (40, 0.01, 60), (10**7, 2e-7, 30)]
+    "n, q, pairs", [(10**8, 0.3, 14), (3, 0.4, 200), (40, 0.01, 60), (10**7, 2e-7, 30)]
 )
 def test_the_reference_of_the_deviance_against_simulated_sessions(n, q, pairs):
     # No parameter is fitted, so there are as many degrees of freedom as pairs. P(p < 0.01) is 0.01,

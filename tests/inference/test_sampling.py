@@ -30,7 +30,7 @@ def funnel():
 
 
 @pytest.mark.parametrize(
-    ("efficiency", "pareto_k", "steps"),
+    "efficiency, pareto_k, steps",
     # 0.1^3 and 0.25^5 are at most 1/1000, and never more than 8
     [(0.9, 0.1, 3), (0.75, 0.1, 5), (0.6, 0.1, 8), (0.3, 0.1, 8), (0.9, 0.8, 8)],
 )

@@ -9,7 +9,6 @@ from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.maxima import find_maxima
-from bayes_toe.model.paper_equations import quantities
 from bayes_toe.model.paper_model import paper_posterior, unconstrained
 
 points = st.tuples(st.floats(-2, 2), st.floats(-6, 6), st.floats(-4, 2), st.floats(-6, 6))
@@ -29,15 +28,6 @@ def test_a_draw_next_to_the_edge_comes_back_near_it_or_on_it(logit_pull):
     assert np.allclose(back[:, [0, 2, 3]], x[:, [0, 2, 3]], rtol=1e-12, atol=1e-12)
     # Also where sigma_l came out above sigma_p.
     assert (back[:, 1] > min(logit_pull, 35.0) - 1.0).all()
-
-
-def test_derived_quantities_follow_their_definitions():
-    theta = natural(default_rng(0).normal(size=(50, 4)), 0.1)
-    values = quantities(theta, 0.0)
-    sigma1, variance = values["sigma1"], theta.sigma_l**2
-    assert values["gain"] == pytest.approx(sigma1**2 / (sigma1**2 + variance), rel=1e-12)
-    assert values["width"] == pytest.approx(sigma1 + variance / sigma1, rel=1e-12)
-    assert values["gamma"] == pytest.approx(variance / theta.sigma_p**2, rel=1e-12)
 
 
 CASES = hard_cases()

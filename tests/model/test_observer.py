@@ -5,7 +5,6 @@ from dataclasses import replace
 import definitions
 import mpmath
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.random import default_rng
 from scipy import stats
@@ -188,7 +187,7 @@ def test_rows_are_single_posteriors_and_pairs_without_trials_change_nothing(task
 
 
 @pytest.mark.parametrize(
-    ("change", "tolerance"),
+    "change, tolerance",
     [
         (lambda s: 3.0 * s + 2.0, 1e-9),
         (lambda s: s * 2.0**-40, 1e-12),
@@ -249,20 +248,6 @@ def test_scales_by_hand():
         ObserverBatch.from_subjects([subject])
 
 
-def test_a_subject_in_one_condition_has_the_scales_of_all_conditions():
-    rows = []
-    for condition, start in (("left", 0.0), ("right", 0.5)):
-        for first, second in ((0.0, 0.3), (0.3, 0.0), (0.0, 0.6)):
-            rows.append(("S", condition, start + first, start + second, 6, 10))
-    columns = ["subject", "condition", "s1", "s2", "n_second", "n_trials"]
-    frame = pd.DataFrame(rows, columns=columns)
-    left, right = bt.read_study(frame, bt.ReadOptions(condition="condition"))
-    scales, right_scales = left.scales, right.scales
-    assert scales.sbar == pytest.approx(0.25 + 0.1)
-    assert scales == right_scales
-    assert replace(left, shared_scales=None).scales.sbar == pytest.approx(0.1)
-
-
 # --- Prior, quantities ----------------------------------------------------------------------------
 
 
@@ -296,7 +281,7 @@ def test_priors_integrate_to_1_have_their_slope_and_their_quantiles(density):
         assert density.curvature(quantile) > 0.0
 
 
-@pytest.mark.parametrize(("a", "b"), [(1.0, 0.05), (0.05, 1.0), (0.001, 0.001)])
+@pytest.mark.parametrize("a, b", [(1.0, 0.05), (0.05, 1.0), (0.001, 0.001)])
 def test_quantiles_are_finite_where_a_share_rounds_to_an_edge(a, b):
     """The smaller share is P^(1/a) (a B(a, b))^(1/a), so its logarithm is linear in that of P."""
     p = np.array([1e-6, 1e-3, 0.2, 0.6, 1 - 1e-3, 1 - 1e-6])

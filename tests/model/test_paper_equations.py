@@ -67,7 +67,7 @@ def test_no_measurement_noise_means_no_order_effect():
 
 
 @pytest.mark.parametrize(
-    ("values", "name"),
+    "values, name",
     [
         ((np.nan, 0.2, 0.1, 0.9), "mu1"),
         ((0.0, 0.0, 0.1, 0.9), "sigma_p"),

@@ -29,7 +29,7 @@ def test_points_in_blocks_are_points_one_by_one():
     assert posterior.log_density(x) == pytest.approx(single_points, rel=1e-13)
 
 
-@pytest.mark.parametrize(("point", "message"), [([np.nan, 0, 0, 0], "NaN"), ([0.0, 0.0], "shape")])
+@pytest.mark.parametrize("point, message", [([np.nan, 0, 0, 0], "NaN"), ([0.0, 0.0], "shape")])
 def test_points_that_are_refused(point, message):
     with pytest.raises(NumericalError, match=message):
         paper_posterior(CASES["all equal"]).log_density([point])
@@ -49,7 +49,7 @@ OF_WIDTH = Prior(width_median=0.3, width_sd=0.8, q0_a=4.0, **NUMBERS)
 FLAT = Prior(0.4, 1e30, 0.7, reference_interval=1.0)
 #: Both tasks, at one interval and at several.
 OF_ALL = pytest.mark.parametrize(
-    ("task", "isi"), list(product(TASKS, (None, [0.25, 1.0, 2.0, 0.5, 8.0])))
+    "task, isi", list(product(TASKS, (None, [0.25, 1.0, 2.0, 0.5, 8.0])))
 )
 
 
@@ -84,7 +84,7 @@ FAR = [(1, -80.0), (1, -20.0), (1, 25.0), (2, -5.0), (2, 3.0), (3, -25.0), (3, 6
 
 
 @OF_ALL
-@pytest.mark.parametrize(("coordinate", "value"), FAR)
+@pytest.mark.parametrize("coordinate, value", FAR)
 def test_far_out(task, isi, coordinate, value):
     target = paper_posterior(subject(task, isi, scale=1000, shift=1e6), FLAT)
     x = [value if i == coordinate else middle for i, middle in enumerate(MIDDLE)]

@@ -74,7 +74,7 @@ def test_a_small_pull_keeps_its_digits():
 
 
 @pytest.mark.parametrize(
-    ("numbers", "message"),
+    "numbers, message",
     [
         ({"sigma_p_scale": 0.0}, "prior: sigma_p_scale: found 0.0, allowed: a number from 1e-100"),
         ({"sigma_p_scale": -1.0}, "found -1.0, allowed: a number from 1e-100"),
@@ -117,7 +117,7 @@ def with_observer(**numbers):
 
 
 @pytest.mark.parametrize(
-    ("text", "expected"),
+    "text, expected",
     [
         ("", DEFAULT),
         ("[paper]", bt.Prior()),
@@ -145,7 +145,7 @@ def test_every_number_of_the_observer_has_a_key():
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    "text, message",
     [
         ("mu_sd = 2", "key 'mu_sd': unknown, allowed: sections [noise], [q0], [lapse_rate]"),
         ("mu1_sd = 2", "key mu1_sd: found outside of the sections, allowed: in the section [paper"),
@@ -206,7 +206,7 @@ def test_paths_that_are_refused(tmp_path):
 # --- shares at their ends -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("a", "b"), [(1.0, 2.0), (2.0, 3.0), (0.6, 1.0), (0.3, 0.4), (30.0, 7.0)])
+@pytest.mark.parametrize("a, b", [(1.0, 2.0), (2.0, 3.0), (0.6, 1.0), (0.3, 0.4), (30.0, 7.0)])
 def test_a_beta_of_gamma_is_exact_wherever_the_pull_is(a, b):
     prior = Prior(gamma_a=a, gamma_b=b)
     logits = [-700.0, -80.0, -9.0, -0.6, -1e-3, 0.0, 0.4, 3.0, 36.0, 80.0, 700.0]
@@ -268,7 +268,7 @@ def log_density(distribution, x):
     return distribution.log_density(x)
 
 
-@pytest.mark.parametrize(("ours", "theirs"), FAMILIES)
+@pytest.mark.parametrize("ours, theirs", FAMILIES)
 def test_families_are_scipys(ours, theirs):
     p = np.array([1e-12, 0.01, 0.2, 0.5, 0.9, 1 - 1e-6])
     x = theirs.ppf(p)
@@ -291,7 +291,7 @@ def test_families_are_scipys(ours, theirs):
 
 
 @pytest.mark.parametrize(
-    ("distribution", "x", "expected"),
+    "distribution, x, expected",
     [
         (HalfNormal(1.0), [-1.0, 0.0, 1e300], [-np.inf, 0.5 * np.log(2 / np.pi), -np.inf]),
         (Beta(1.0, 1.0), [0.0, 1.0], [0.0, 0.0]),
@@ -308,7 +308,7 @@ def test_densities_at_edges_and_beyond(distribution, x, expected):
 
 
 @pytest.mark.parametrize("name", ["gamma", "lapse_rate"])
-@pytest.mark.parametrize(("a", "b"), [(1.0, 0.05), (0.05, 1.0), (0.05, 0.05), (1.0, 0.25)])
+@pytest.mark.parametrize("a, b", [(1.0, 0.05), (0.05, 1.0), (0.05, 0.05), (1.0, 0.25)])
 def test_draws_of_a_share_with_poles_have_finite_coordinates_of_its_distribution(name, a, b):
     """Half of the draws from Beta(1, 0.05) lie nearer to 1 than floats do."""
     prior = Prior(**{f"{name}_a": a, f"{name}_b": b})

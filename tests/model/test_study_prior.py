@@ -49,7 +49,7 @@ def test_a_subject_without_different_stimuli_has_no_default_prior():
         )
 
 
-@pytest.mark.parametrize(("factor", "shift"), [(3.0, 2.0), (1.0, 6.0), (0.25, -3.0)])
+@pytest.mark.parametrize("factor, shift", [(3.0, 2.0), (1.0, 6.0), (0.25, -3.0)])
 @pytest.mark.parametrize("task", TASKS)
 def test_the_unit_of_intensity_changes_nothing(task, factor, shift):
     plain = bt.model.paper_posterior(make_subject(task=task))

@@ -22,7 +22,7 @@ from bayes_toe.model.trial_history import (
 
 TASKS = pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT], ids=["2afc", "same"])
 HISTORIES = pytest.mark.parametrize(
-    ("has_response", "has_carry_over"), [(False, False), (True, False), (False, True), (True, True)]
+    "has_response, has_carry_over", [(False, False), (True, False), (False, True), (True, True)]
 )
 
 

@@ -61,7 +61,7 @@ def test_the_title_has_both_effects_and_warns(few):
 
 
 @pytest.mark.parametrize(
-    ("position", "name", "family"),
+    "position, name, family",
     [
         (0, "constant_error", stats.t(3)),
         (1, "contraction", stats.norm()),

@@ -28,7 +28,7 @@ def inside(limits, u):
     return ((counts >= limits.lower) & (counts <= limits.upper)).all(axis=1)
 
 
-@pytest.mark.parametrize(("size", "level"), [(40, 0.9), (150, 0.99)])
+@pytest.mark.parametrize("size, level", [(40, 0.9), (150, 0.99)])
 def test_a_band_holds_as_often_as_it_says(size, level):
     """Independent route: uniform numbers. 4 standard errors: a false alarm in 16,000 runs."""
     rng, limits, trials = default_rng(11), band(size, level), 8000
@@ -99,7 +99,7 @@ def test_right_probabilities_pass_and_their_error_is_the_floor():
     assert min(element.p_value for element in outcome) > 1e-3
 
 
-@pytest.mark.parametrize(("stretch", "shift"), [(2.5, 0.0), (0.3, 0.0), (-1.0, 0.0), (1.0, 1.0)])
+@pytest.mark.parametrize("stretch, shift", [(2.5, 0.0), (0.3, 0.0), (-1.0, 0.0), (1.0, 1.0)])
 def test_overconfident_timid_reversed_and_shifted_ones_fail(stretch, shift):
     odds, answers, rng = statements(4, stretch)
     outcome = reliability(odds + shift, answers, rng)
@@ -131,9 +131,7 @@ def test_bins_hold_frequencies_with_exact_intervals():
         assert (lower, upper) == pytest.approx((interval.low, interval.high), abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("odds", "answers"), [([], []), ([0.0], [True, False]), ([np.nan], [True])]
-)
+@pytest.mark.parametrize("odds, answers", [([], []), ([0.0], [True, False]), ([np.nan], [True])])
 def test_nothing_to_judge_is_refused(odds, answers):
     with pytest.raises(InputError):
         reliability(odds, answers, default_rng(0))

@@ -79,7 +79,7 @@ def parts(fitted, count):
         yield replace(fitted, draws=draws, efficiency=efficiency(draws.log_weights))
 
 
-@pytest.mark.parametrize(("name", "fits"), [("S01", 5), ("one order missing", 5)])
+@pytest.mark.parametrize("name, fits", [("S01", 5), ("one order missing", 5)])
 def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fits):
     # Parts of the draws are as independent as fits are, and error bars of fewer draws are harder to
     # get right.

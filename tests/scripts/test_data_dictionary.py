@@ -73,7 +73,7 @@ def test_a_column_without_words_is_named():
 
 
 @pytest.mark.parametrize(
-    ("file", "column", "message"),
+    "file, column, message",
     [
         ("evidence.csv", "order_effect", [word.value for word in Word]),
         ("evidence.csv", "best_model", ORDER_MODELS),

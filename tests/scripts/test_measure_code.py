@@ -22,7 +22,7 @@ def measured(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("source", "expected"),
+    "source, expected",
     [
         ("def f(): return 1", 1),
         ("def f(a): return 1 if a else 2", 2),
@@ -47,7 +47,7 @@ def test_names_that_say_something(name):
 
 
 @pytest.mark.parametrize(
-    ("measure", "source", "expected"),
+    "measure, source, expected",
     [
         ("nodes", "a = 1", 5),
         ("long lines", f"a = '{'x' * 95}'\nb = '{'x' * 94}'", 1),
@@ -66,7 +66,7 @@ def test_measures(measured, measure, source, expected):
 
 
 @pytest.mark.parametrize(
-    ("other", "expected"),
+    "other, expected",
     [
         ("from package.first import a", 1),
         ("def f():\n from package import first", 1),

@@ -87,7 +87,7 @@ def test_evidence_table_and_figure(folder, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "pictures"),
+    "options, pictures",
     [("--coordinates gain,mu1", ["A.png", "b_2.png"]), ("--subject A --prior", ["A.png"])],
 )
 def test_corner_plots_of_all_subjects_or_one(folder, tmp_path, options, pictures):
@@ -98,7 +98,7 @@ def test_corner_plots_of_all_subjects_or_one(folder, tmp_path, options, pictures
 
 
 @pytest.mark.parametrize(
-    ("line", "message"),
+    "line, message",
     [
         # Refused before the study is read.
         ("sample_posteriors.py none.csv -o p.nc", "p.nc: exists"),
@@ -120,7 +120,7 @@ def test_problems_are_told_before_the_work_and_end_with_exit_code_2(folder, line
 
 
 @pytest.mark.parametrize(
-    ("option", "name", "subject", "case"),
+    "option, name, subject, case",
     [
         ("", "error_bars", "one batch", "one batch"),
         (
