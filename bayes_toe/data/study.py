@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: Differences within this share of the smallest one are one step. Stimuli of two digits need so much.
+#: Differences within this share of the smallest one are one step: stimuli may have two digits only.
 _ROUNDING = 0.35
 
 
