@@ -60,7 +60,7 @@ def observer(truth: str, n_trials: int, number: int, seed: int) -> Subject:
         moved = share * (s2 - centre) + contraction * share * (s1 - centre)
         expectation = carry_over * (moved + contraction**2 * expectation)
     ones = np.ones(n_trials, np.int64)
-    answers = Answers(keys, n_yes, ones, trials=True, place=place)
+    answers = Answers(keys, n_yes, ones, has_trial_rows=True, place=place)
     return Subject.from_answers(name, answers, WHICH_STRONGER)
 
 

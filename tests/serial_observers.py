@@ -60,5 +60,5 @@ def answered(
         weight = (1.0 - p) * (s2 - centre) + p * (1.0 - p) * (s1 - centre)
         expectation = carry_over * (weight + p**2 * expectation)
     position = np.arange(n_trials) + session
-    answers = Answers(keys, n_yes, np.ones(n_trials, int), trials=True, place=position)
+    answers = Answers(keys, n_yes, np.ones(n_trials, int), has_trial_rows=True, place=position)
     return Subject.from_answers(f"observer {seed}", answers, task)

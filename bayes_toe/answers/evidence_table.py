@@ -145,7 +145,7 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         """
         import pandas as pd
 
-        prior = None if self.prior is None else self.prior.describe_orders(self.task)
+        prior = None if self.prior is None else self.prior.describe_all(self.task)
         rows = [row.cells for row in self.rows]
         empty = dict.fromkeys(EVIDENCE_COLUMNS)
         rows += [{**empty, "subject": name} for name in self.failed]

@@ -18,7 +18,7 @@ from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import capitalized, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
-from bayes_toe.data.validation import AT
+from bayes_toe.data.validation import CONDITION_SEPARATOR
 from bayes_toe.inference.predictive_checks import PairResidual
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ORDER_MODELS
 
@@ -119,7 +119,7 @@ def count_all(answers: Sequence[OrderEffect], noun: str, units: bool) -> str:
     """All that count, as in '12 subjects' or '24 conditions of 12 subjects'."""
     if not units:
         return plural(len(answers), noun)
-    n_subjects = len({answer.subject.rpartition(AT)[0] for answer in answers})
+    n_subjects = len({answer.subject.rpartition(CONDITION_SEPARATOR)[0] for answer in answers})
     return f"{plural(len(answers), 'condition')} of {plural(n_subjects, noun)}"
 
 

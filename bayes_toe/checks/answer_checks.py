@@ -8,7 +8,7 @@ Pooled counts assume that the responses to a pair have one probability from the 
 last. The tests of blocks and of drift are exact, given how often each response was given to each
 pair: tables are drawn as if these responses had fallen on the blocks by chance, so small cells
 need no chi-square. In a study of clean observers a test flags any subject with probability
-:data:`STUDY_LEVEL` at most, however many there are (Bonferroni). The draws have a fixed seed.
+:data:`FALSE_ALARM_RATE` at most, however many there are (Bonferroni). The draws have a fixed seed.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.seeds import generator
 
 #: Chance that a test flags anyone in a study of clean observers.
-STUDY_LEVEL = 0.01
+FALSE_ALARM_RATE = 0.01
 #: Standard deviation of an answer's share between pairs that a test of them must see.
 NOTICEABLE = 0.15
 #: Log odds, in nats, by which answers must be more probable with the buttons swapped.
@@ -148,7 +148,7 @@ def not_interpreted(study: Study) -> dict[str, str]:
 def check_answers(study: Study) -> tuple[Finding, ...]:
     """Findings about the responses of every subject, with codes of :data:`FLAG_KINDS`."""
     require_study(study)
-    level = STUDY_LEVEL / len(study)
+    level = FALSE_ALARM_RATE / len(study)
     of_study = _other_task(study)
     findings: list[Finding] = []
     for subject in study:
@@ -165,7 +165,7 @@ def uninterpretable_findings(study: Study) -> list[Finding]:
 
 def _subject_findings(subject: Subject, level: float) -> Iterator[Finding]:
     answers = None if subject.answers is None else subject.answers.answered
-    if answers is not None and answers.trials:
+    if answers is not None and answers.has_trial_rows:
         yield from _repeated_trials(subject, answers)
     if subject.total_trials < FEW_TRIALS:
         n_trials = plural(subject.total_trials, "trial")
@@ -180,7 +180,7 @@ def _subject_findings(subject: Subject, level: float) -> Iterator[Finding]:
             yield unlike_blocks
             if unlike_blocks.code == "swapped_blocks":
                 return  # which explains what else may be found
-        if answers.trials:
+        if answers.has_trial_rows:
             yield from _drift(subject, answers, level)
     yield from _unrelated_answers(subject)
     yield from _reversed_answers(subject)

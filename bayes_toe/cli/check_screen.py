@@ -34,7 +34,7 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool 
     for note in study.notes[:1]:
         out.line(f"Read as {note}", indent=2)
     if shows_prior:
-        out.line(f"Prior: {prior.describe_orders(study.task)}", indent=2)
+        out.line(f"Prior: {prior.describe_all(study.task)}", indent=2)
     _print_problems(out, study, by_subject)
     of_study = [finding for finding in findings if not finding.subject]
     limits = [finding.message for finding in findings if finding.code == "not_identified"]

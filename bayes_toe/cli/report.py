@@ -310,7 +310,7 @@ def _settings(analysis: Analysis) -> dict[str, str]:
     sampler = {_SAMPLER.get(key, key): str(value) for key, value in settings["sampler"].items()}
     return {
         "sampled model": "the paper's model (H1)",
-        "prior": analysis.settings.prior.describe_orders(analysis.study.task),
+        "prior": analysis.settings.prior.describe_all(analysis.study.task),
         "seed": str(attrs["seed"]),
         **sampler,
         "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),

@@ -37,7 +37,7 @@ class Answers:
     block : array of int, shape (rows,), or None
         The index in `blocks` of each row's block; None without such a column.
     blocks : tuple of str
-    trials : bool
+    has_trial_rows : bool
         Whether rows are trials.
     place : array of int, shape (rows,), or None
         Positions of trials in their order; None if it is not known. They rise by one within a
@@ -53,7 +53,7 @@ class Answers:
     n_trials: IntArray
     block: IntArray | None = None
     blocks: tuple[str, ...] = ()
-    trials: bool = False
+    has_trial_rows: bool = False
     place: IntArray | None = None
     iti: FloatArray | None = None
     span: tuple[int, int] | None = None

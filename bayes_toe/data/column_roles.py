@@ -176,7 +176,7 @@ def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) ->
 
 
 def columns_to_read(
-    names: Sequence[str], options: ReadOptions, *, python: bool = False
+    names: Sequence[str], options: ReadOptions, *, is_frame: bool = False
 ) -> tuple[list[str], list[str], list[Remedy]]:
     """Our names of the columns that are read, what is wrong with the names, and what to type.
 
@@ -187,7 +187,7 @@ def columns_to_read(
     """
     roles_read = _roles_read(names, options)
     problems = [
-        *_answer_problems(names, roles_read, options, python),
+        *_answer_problems(names, roles_read, options, is_frame),
         *_meaning_problems(names, roles_read, options),
     ]
     if options.subject_from is not None:
@@ -296,7 +296,7 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
 
 
 def _answer_problems(
-    names: Sequence[str], roles_read: Sequence[str], options: ReadOptions, python: bool
+    names: Sequence[str], roles_read: Sequence[str], options: ReadOptions, is_frame: bool
 ) -> Iterator[str]:
     """Problems of responses that are there twice, belong to two tasks, or are missing."""
     counts = [display_name(options.name(ours)) for ours in _COUNTS if ours in roles_read]
@@ -313,7 +313,7 @@ def _answer_problems(
         yield f"column {counts[1]}: {finding}, allowed: one of them, since a study has one task"
     if "response" in roles_read and response in names and looks_like(response, "correct"):
         option = f"--correct {display_name(response)}"
-        if python:
+        if is_frame:
             option = f"ReadOptions(correct={response!r})"
         finding = "found as response, though it seems to say right or wrong"
         rule = f"{option} (which is stronger), or a column that has the answers"

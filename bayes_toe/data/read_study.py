@@ -398,7 +398,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     if options.wide is not None:
         table = with_pairs(table, options)
     options = with_likely_columns(table.names, options)
-    roles_read, problems, remedies = columns_to_read(table.names, options, python=table.python)
+    roles_read, problems, remedies = columns_to_read(table.names, options, is_frame=table.is_frame)
     table.problems.remedies += remedies
     table.require(problems)
     table = _without_practice(_chosen_rows(table, options.where), options)
@@ -458,7 +458,7 @@ def _columns_looked_at(names: Sequence[str], options: ReadOptions) -> set[str]:
 
 def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> Column:
     """The column of the one subject that the name of a file tells."""
-    subject = None if table.python else subject_in(Path(str(path)), pattern)
+    subject = None if table.is_frame else subject_in(Path(str(path)), pattern)
     if subject is None:
         rule = f"a file named as --subject-from {pattern}"
         raise InputError(f"{table.source}: found no subject in its name, allowed: {rule}")

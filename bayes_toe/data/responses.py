@@ -74,7 +74,7 @@ def responses(
     else:
         rule = _allowed_texts(options.codes(task), words, names)
         if not has_scores:
-            rule += f"; other codes by {_code_options(names, table.python)}"
+            rule += f"; other codes by {_code_options(names, table.is_frame)}"
         table.fault(column, answer == _UNKNOWN, rule)
     yes_texts = _as_answered(column, answer == _YES, names[0])
     no_texts = _as_answered(column, answer == _NO, names[1])
@@ -108,9 +108,9 @@ def _allowed_texts(
     return f"{' or '.join(parts)}, or empty"
 
 
-def _code_options(names: Sequence[str], python: bool) -> str:
+def _code_options(names: Sequence[str], is_frame: bool) -> str:
     """The options that tell the codes of both answers."""
-    if python:
+    if is_frame:
         return f"ReadOptions({', '.join(f'{name}_code=...' for name in names)})"
     return ", ".join(f"--{name}-code" for name in names)
 
@@ -131,7 +131,7 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
     rule = f"{task.name!r}, which the answers are of"
     if len(texts) > 1:
         choice = f"--where {display_name(column.name)}=TEXT"
-        if table.python:
+        if table.is_frame:
             choice = f"ReadOptions(where={{{column.name!r}: ...}})"
         rule = f"one task, which {choice} chooses"
     location = f"{table.source}: column {display_name(column.name)}"

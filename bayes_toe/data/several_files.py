@@ -160,7 +160,7 @@ def _copies(name: str, answers: Sequence[tuple[str, Answers]]) -> Iterable[str]:
         content = in_order.keys.tobytes(), in_order.n_yes.tobytes()
         earlier = first_source.setdefault(content, source)
         n_trials = len(in_order.n_yes)
-        if earlier != source and in_order.trials and n_trials >= _FEWEST:
+        if earlier != source and in_order.has_trial_rows and n_trials >= _FEWEST:
             trials = f"{n_trials} trials of subject {display_name(name)}"
             yield f"{source} has the same {trials} as {earlier}: {TWICE}, remove one file"
 
@@ -195,7 +195,7 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
         n_trials=np.concatenate([file.n_trials for file in files]),
         block=np.concatenate(block_parts),
         blocks=tuple(block_names),
-        trials=all(file.trials for file in files),
+        has_trial_rows=all(file.has_trial_rows for file in files),
         place=_concatenated(place_parts),
         iti=_concatenated([file.iti for file in files]),
     )

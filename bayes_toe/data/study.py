@@ -32,7 +32,7 @@ from bayes_toe.data.messages import (
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tables import frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.data.validation import AT
+from bayes_toe.data.validation import CONDITION_SEPARATOR
 from bayes_toe.errors import InputError, require_kind
 
 if TYPE_CHECKING:
@@ -259,7 +259,11 @@ class Subject:
     @property
     def subject_name(self) -> str:
         """The name of the subject, without a condition."""
-        return self.name.removesuffix(f"{AT}{self.condition}") if self.condition else self.name
+        return (
+            self.name.removesuffix(f"{CONDITION_SEPARATOR}{self.condition}")
+            if self.condition
+            else self.name
+        )
 
     @property
     def n_pairs(self) -> int:

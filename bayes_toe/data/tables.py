@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import as_html, join_few, join_names, name_from_key, quoted
 from bayes_toe.data.read_table import is_parquet, require_parquet
-from bayes_toe.data.validation import AT, is_formula
+from bayes_toe.data.validation import CONDITION_SEPARATOR, is_formula
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 
@@ -137,7 +137,7 @@ def write_table(
     target = Path(path)
     require_parquet(target)
     if units:
-        parts = frame["subject"].str.partition(AT)
+        parts = frame["subject"].str.partition(CONDITION_SEPARATOR)
         frame = frame.assign(subject=parts[0])
         frame.insert([*frame].index("subject") + 1, "condition", parts[2])
     if not is_parquet(target):

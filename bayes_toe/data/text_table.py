@@ -200,7 +200,7 @@ class TextTable:
         return self.problems.source
 
     @property
-    def python(self) -> bool:
+    def is_frame(self) -> bool:
         """Whether it is a frame: messages then name arguments and not options."""
         return self.head == "columns"
 

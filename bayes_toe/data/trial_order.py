@@ -16,7 +16,7 @@ from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.messages import TWICE, display_name, join_names, plural
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import AT, number, numbers
+from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
 
 Numbers = TypeVar("Numbers", FloatArray, IntArray)
 #: Runs in which numbers of trials may begin anew, the shortest first; memory does so at each of the
@@ -57,7 +57,7 @@ def answers_in_order(
         if trial is not None and place is None:
             unordered.append(display_name(name))
         if n_absent:
-            n_missing[name.partition(AT)[0]] = n_absent
+            n_missing[name.partition(CONDITION_SEPARATOR)[0]] = n_absent
         # Rows of the same subject in other conditions stay in the sequence, without answers.
         is_own_row = subject.codes[rows] == subject.codes[part[0]]
         in_order = Answers(
@@ -66,7 +66,7 @@ def answers_in_order(
             n_trials=np.where(is_own_row, n[rows], 0),
             block=_at_rows(block_rank, rows),
             blocks=blocks,
-            trials=is_trials,
+            has_trial_rows=is_trials,
             place=place,
             iti=None if place is None else _at_rows(iti, rows),
             span=(int(part.min()), int(part.max())) if is_trials else None,
@@ -149,7 +149,7 @@ def _rows_with_a_pair(
     """
     subject_names = subject.texts
     if has_conditions:
-        subject_names = [text.partition(AT)[0] for text in subject.texts]
+        subject_names = [text.partition(CONDITION_SEPARATOR)[0] for text in subject.texts]
     places = {name: place for place, name in enumerate(subject_names)}
     subject_of_row = np.array([places[name] for name in subject_names])[subject.codes]
     rows = np.flatnonzero(~np.isnan(pairs).any(axis=1))

@@ -18,7 +18,7 @@ from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.study import Study, Subject, with_shared_scales
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import AT, number
+from bayes_toe.data.validation import CONDITION_SEPARATOR, number
 from bayes_toe.errors import InputError
 
 #: From so many trials with a repeated pair on, it is no chance that each pair keeps its level.
@@ -37,8 +37,12 @@ def with_units(
         return columns
     subject, condition = columns["subject"], columns["condition"]
     for column in (subject, condition):
-        is_joined = column.map(lambda text: AT in text, np.bool_)
-        table.fault(column, is_joined, f"a name without {AT}, which joins subject and condition")
+        is_joined = column.map(lambda text: CONDITION_SEPARATOR in text, np.bool_)
+        table.fault(
+            column,
+            is_joined,
+            f"a name without {CONDITION_SEPARATOR}, which joins subject and condition",
+        )
 
     level_names = []
     for text in condition.texts:
@@ -49,7 +53,7 @@ def with_units(
     units = []
     for subject_code, level_code in pairs.tolist():
         name = subject.texts[subject_code]
-        units.append(f"{name}{AT}{level_names[level_code]}" if name else "")
+        units.append(f"{name}{CONDITION_SEPARATOR}{level_names[level_code]}" if name else "")
     return {**columns, "subject": Column.from_texts(subject.name, units, unit_of_row.ravel())}
 
 
@@ -65,7 +69,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     if "condition" not in study.reading.read:
         return study
     column = options.name("condition")
-    parts = {unit.name: unit.name.partition(AT) for unit in study}
+    parts = {unit.name: unit.name.partition(CONDITION_SEPARATOR) for unit in study}
     subject_names = list(dict.fromkeys(name for name, _, _ in parts.values()))
     unit_levels = [level for _, _, level in parts.values()]
     if not all(unit_levels):
@@ -115,7 +119,9 @@ def _without_units(study: Study, column: str, *, is_option: bool) -> Study:
             f"{study.source}: {problem}, allowed: at two and more of some subject; "
             "between subjects it is a covariate"
         )
-    subjects = tuple(replace(unit, name=unit.name.partition(AT)[0]) for unit in study)
+    subjects = tuple(
+        replace(unit, name=unit.name.partition(CONDITION_SEPARATOR)[0]) for unit in study
+    )
     notes = (*study.notes, f"{problem}, so that it is no condition within subjects: not used")
     return replace(study, subjects=subjects, notes=notes)
 

@@ -19,7 +19,7 @@ from bayes_toe.data.text_table import Column, TextTable
 #: Beyond it, whole numbers are not exact in the floating point of the likelihood.
 LARGEST_COUNT = 2**53
 #: What stands between a subject and a level in the name of a unit.
-AT = "@"
+CONDITION_SEPARATOR = "@"
 #: What a cell may say, in any case, where there is nothing to say.
 MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null"})
 #: What a response may say besides, where nobody responded.

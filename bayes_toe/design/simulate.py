@@ -24,7 +24,7 @@ from bayes_toe.data.messages import quoted
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study, Subject, with_shared_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
-from bayes_toe.data.validation import AT, number, read_numbers
+from bayes_toe.data.validation import CONDITION_SEPARATOR, number, read_numbers
 from bayes_toe.design.observers import (
     KINDS,
     PRIOR,
@@ -181,11 +181,11 @@ class ConditionDifferences:
         values = [number(level, decimal_comma=False) for level in levels]
         is_numeric = bool(np.isfinite(values).all())
         names = tuple(level_words(values) if is_numeric else levels)
-        have_names = all(name and AT not in name for name in names)
+        have_names = all(name and CONDITION_SEPARATOR not in name for name in names)
         if len(names) < 2 or len(set(names)) < len(names) or not have_names:
             raise InputError(
                 f"--conditions: found {quoted(','.join(levels))}, allowed: two levels and more, "
-                f"each once, without {AT}"
+                f"each once, without {CONDITION_SEPARATOR}"
             )
         sizes = {}
         for name, value in (differ or {}).items():
@@ -207,7 +207,7 @@ class ConditionDifferences:
 
     def observers(self, observer: SimulatedObserver, seed: int) -> list[SimulatedObserver]:
         """An observer in every condition, named such as S01@left."""
-        names = [f"{observer.name}{AT}{level}" for level in self.conditions.levels]
+        names = [f"{observer.name}{CONDITION_SEPARATOR}{level}" for level in self.conditions.levels]
         if isinstance(observer, PaperObserver):
             if self.sizes:
                 raise InputError(
@@ -620,7 +620,7 @@ def trial_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
 
     parts = []
     for answered in trials:
-        ending = f"{AT}{answered.condition}" if answered.condition else ""
+        ending = f"{CONDITION_SEPARATOR}{answered.condition}" if answered.condition else ""
         columns: dict[str, npt.ArrayLike] = {"subject": answered.subject.removesuffix(ending)}
         if answered.condition:
             columns["condition"] = answered.condition

@@ -134,8 +134,8 @@ def laplace_evidence_natural(
     curvature, x = density.curvature(ascent.x[best], best)[0], ascent.x[best[0]]
     # Coordinate by coordinate: toward an edge slope and curvature vanish together, and nothing else
     # tells that they do.
-    slope, bend = np.abs(ascent.gradient[best[0]]), np.abs(np.diagonal(curvature))
-    if not ascent.has_converged[best[0]] or np.any(slope > _STILL * bend):
+    slope, diagonal = np.abs(ascent.gradient[best[0]]), np.abs(np.diagonal(curvature))
+    if not ascent.has_converged[best[0]] or np.any(slope > _STILL * diagonal):
         edges = {
             "gamma = 1": x[1],
             "gamma = 0": -x[1],

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
-from bayes_toe.model.derivatives import hessian, one_sided
+from bayes_toe.model.derivatives import hessian, one_sided_hessian
 from bayes_toe.model.posterior import SampledPosterior
 
 _CONVERGED = 5e-13  # predicted gain, in nats, at which a search has converged
@@ -52,7 +52,7 @@ class Differenced:
 
     def __init__(self, density: ValueAndGradient, n_starts: int, k: int) -> None:
         self._density = density
-        self._bend = np.ones((n_starts, k))
+        self._diagonal = np.ones((n_starts, k))
 
     def expand(self, x: FloatArray, index: IndexArray) -> Expansion:
         """The log densities about points, as :data:`Expand`."""
@@ -60,9 +60,9 @@ class Differenced:
         def slopes(points: FloatArray) -> ArrayPair:
             return self._density(points, np.resize(index, len(points)))
 
-        value, gradient, second = one_sided(slopes, x, self._bend[index])
-        bend = np.abs(np.diagonal(second, axis1=1, axis2=2))
-        self._bend[index] = np.where(np.isfinite(bend), bend, self._bend[index])
+        value, gradient, second = one_sided_hessian(slopes, x, self._diagonal[index])
+        diagonal = np.abs(np.diagonal(second, axis1=1, axis2=2))
+        self._diagonal[index] = np.where(np.isfinite(diagonal), diagonal, self._diagonal[index])
         return Expansion(value, gradient, -second)
 
     def curvature(self, x: FloatArray, index: IndexArray) -> FloatArray:
@@ -71,7 +71,7 @@ class Differenced:
         def gradient(points: FloatArray) -> FloatArray:
             return self._density(points, np.resize(index, len(points)))[1]
 
-        return -hessian(gradient, x, self._bend[index])
+        return -hessian(gradient, x, self._diagonal[index])
 
 
 class Ascent(NamedTuple):

@@ -363,19 +363,19 @@ class PaperPosterior:
     # --- Prior -----------------------------------------------------------------------------------
 
     @cached_property
-    def _noise_ratio(self) -> Beta:
+    def _gamma_prior(self) -> Beta:
         """The prior of gamma."""
         return cast(Beta, self.prior.distribution("gamma"))
 
     @cached_property
-    def _share(self) -> Beta:
+    def _share_prior(self) -> Beta:
         """The prior of q0 or the lapse rate."""
         return cast(Beta, self.prior.distribution(self.share))
 
     @cached_property
-    def _logit_share(self) -> LogitOfBeta:
+    def _logit_share_prior(self) -> LogitOfBeta:
         """The prior of its logit."""
-        return LogitOfBeta(self._share.a, self._share.b)
+        return LogitOfBeta(self._share_prior.a, self._share_prior.b)
 
     @property
     def _spread_power(self) -> float:
@@ -396,9 +396,9 @@ class PaperPosterior:
         with np.errstate(over="ignore"):  # mu1 beyond the largest float: the density is 0
             log_prior = self.prior.penalty.log_density(self.sbar + reach(points))
         log_prior = log_prior + self.prior.spread_distribution.log_density_of_log(log_spread)
-        log_prior += self._noise_ratio.log_density_of_logs(*log_noise_ratio(a))
+        log_prior += self._gamma_prior.log_density_of_logs(*log_noise_ratio(a))
         log_prior += log_jacobian_of_pull(a) - 1.5 * log_gain
-        return log_prior + self._logit_share.log_density(points[:, 3])
+        return log_prior + self._logit_share_prior.log_density(points[:, 3])
 
     def prior_gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of the log prior density, (points, 4)."""
@@ -417,9 +417,9 @@ class PaperPosterior:
                 of_pull += self._spread_power * narrowing * of_log_spread
             columns = (
                 score * inverse_pull(a),
-                of_pull + slope_of_noise_ratio(self._noise_ratio, a),
+                of_pull + slope_of_noise_ratio(self._gamma_prior, a),
                 of_log_spread,
-                self._logit_share.slope(x[:, 3]),
+                self._logit_share_prior.slope(x[:, 3]),
             )
             return np.stack(columns, axis=-1)
 
@@ -439,8 +439,8 @@ class PaperPosterior:
 
     def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, 4)."""
-        update = _sample_update(rng, size, self.prior, self.sbar, self.power)
-        return np.column_stack([update, self._share.sample_logits(rng, size)])
+        update = _sample_shape(rng, size, self.prior, self.sbar, self.power)
+        return np.column_stack([update, self._share_prior.sample_logits(rng, size)])
 
     # --- What engines ask for --------------------------------------------------------------------
 
@@ -550,7 +550,7 @@ class PaperPosterior:
             offsets = _prior_offsets(self.prior, self.sbar, self.power)
             return float(np.quantile(offsets, probability))
         if name == self.share:
-            return float(self._share.quantile(probability))
+            return float(self._share_prior.quantile(probability))
         if name == "pull":
             return float(pull(self.prior.distribution("gamma").quantile(probability)))
         if name == "jnd":
@@ -577,7 +577,7 @@ def _finite_product(slope: FloatArray, factor: FloatArray) -> FloatArray:
     return np.where(slope == 0.0, 0.0, product)
 
 
-def _sample_update(rng: AnyRng, size: int, prior: Prior, sbar: float, power: float) -> FloatArray:
+def _sample_shape(rng: AnyRng, size: int, prior: Prior, sbar: float, power: float) -> FloatArray:
     """Draws of (c, logit pull, log width) from the prior, shape (size, 3).
 
     With gamma = p/(1 - p)^2, p/(p_max - p) is gamma/(1 - gamma) times (1/p_max - p): finite where
@@ -596,7 +596,7 @@ def _sample_update(rng: AnyRng, size: int, prior: Prior, sbar: float, power: flo
 @lru_cache(maxsize=4)
 def _prior_offsets(prior: Prior, sbar: float, power: float) -> FloatArray:
     """Draws of the offset from the prior; the same for all subjects of a design."""
-    return _sample_update(np.random.default_rng(0), PRIOR_DRAWS, prior, sbar, power)[:, 0]
+    return _sample_shape(np.random.default_rng(0), PRIOR_DRAWS, prior, sbar, power)[:, 0]
 
 
 # --- Coordinates ---------------------------------------------------------------------------------

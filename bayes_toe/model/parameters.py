@@ -39,7 +39,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.distributions import LOG_2PI
 
-LOG_INTENSITY, PER_LOG_INTENSITY, PURE_NUMBER = "ln intensity", "1 / ln intensity", "1"
+LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, PURE_NUMBER = "ln intensity", "1 / ln intensity", "1"
 #: A quantile above this one is a float with all its digits.
 _SMALLEST_QUANTILE = 1e-200
 _STUDENT_LOG_NORM = float(np.log(2.0 / (np.pi * np.sqrt(3.0))))
@@ -235,7 +235,7 @@ class Quantity:
     symbol: str
     label: str
     words: str
-    unit: str = LOG_INTENSITY
+    unit: str = LOG_INTENSITY_UNIT
 
 
 @dataclass(frozen=True)

@@ -211,7 +211,7 @@ class Prior(PriorFields):
             parts.append(f"{name} ~ {self.describe_distribution(name)}")
         return ", ".join(parts) + self.remark
 
-    def describe_orders(self, task: Task = SAME_DIFFERENT) -> str:
+    def describe_all(self, task: Task = SAME_DIFFERENT) -> str:
         """The priors of the observer and of H1 in words, in one line."""
         return f"{self.observer.describe(task)}. The paper's model (H1): {self.describe(task)}"
 

@@ -95,7 +95,7 @@ def test_a_constant_first_stimulus_leaves_the_second():
     rng = default_rng(7)
     keys = np.column_stack([np.zeros(300), rng.choice([-0.3, 0.3, 0.6], 300)])
     n_yes = (rng.random(300) < norm.cdf(keys[:, 1] / NOISE)).astype(int)
-    answers = Answers(keys, n_yes, np.ones(300, int), trials=True, place=np.arange(300))
+    answers = Answers(keys, n_yes, np.ones(300, int), has_trial_rows=True, place=np.arange(300))
     observed = screen(Subject.from_answers("standard first", answers, WHICH_STRONGER))
     assert all(0.0 < p <= 1.0 for p in astuple(observed))
 

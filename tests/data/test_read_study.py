@@ -254,7 +254,7 @@ def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
     assert in_order.n_trials.tolist() == [1, 1, 1, 0]
     assert in_order.block.tolist() == [0, 0, 1, 1]
     assert in_order.is_session_start.tolist() == [True, False, True, False]
-    assert in_order.trials
+    assert in_order.has_trial_rows
     assert study.reading.ignored == ()
     numbered = answers(ORDERED + words("a,0,1,1,10,2\na,0,0,0,9,1\na,0,0,1,10,1\n"))
     assert (numbered.blocks, numbered.n_yes.tolist()) == (("9", "10"), [0, 1, 1])
@@ -318,7 +318,7 @@ def test_counts_have_answers_where_they_have_blocks():
     assert content(study) == {"a": [(0.0, 1.0, 3, 10)]}
     in_order = study["a"].answers
     assert (in_order.n_yes.tolist(), in_order.n_trials.tolist()) == ([1, 2], [5, 5])
-    assert (in_order.blocks, in_order.trials) == (("1", "2"), False)
+    assert (in_order.blocks, in_order.has_trial_rows) == (("1", "2"), False)
     assert answers(COUNTS + "a,0,1,1,5\n") is None
 
 

@@ -14,7 +14,7 @@ from scipy.special import logit
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import TASKS
 from bayes_toe.errors import NumericalError
-from bayes_toe.model.derivatives import hessian, one_sided
+from bayes_toe.model.derivatives import hessian, one_sided_hessian
 from bayes_toe.model.paper_equations import MAX_PULL, pull, variance_ratio
 from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.prior import Prior
@@ -115,10 +115,10 @@ def test_a_hessian_by_differences(task):
         return target.gradient(x)[1]
 
     assert np.abs(hessian(gradient, x)[0] - exact).max() < 1e-7 * np.abs(exact).max()
-    value, slopes, bends = one_sided(target.gradient, x, np.abs(np.diag(exact))[None])
+    value, slopes, curvatures = one_sided_hessian(target.gradient, x, np.abs(np.diag(exact))[None])
     assert (value == target.log_density(x)).all()
     assert (slopes == gradient(x)).all()
-    assert np.abs(bends[0] - exact).max() < 1e-5 * np.abs(exact).max()
+    assert np.abs(curvatures[0] - exact).max() < 1e-5 * np.abs(exact).max()
 
 
 powers = st.floats(-300, -1e-9).map(lambda e: 10.0**e)

@@ -34,7 +34,7 @@ def two_sessions(task=WHICH_STRONGER, seed=1, n_trials=60, missed=5):
     answered[rng.choice(n_trials, missed, replace=False)] = 0
     n_yes = rng.integers(0, 2, n_trials) * answered
     position = np.arange(n_trials) + (np.arange(n_trials) >= n_trials // 3)
-    answers = Answers(keys, n_yes, answered, trials=True, place=position)
+    answers = Answers(keys, n_yes, answered, has_trial_rows=True, place=position)
     return Subject.from_answers("A", answers, task)
 
 
