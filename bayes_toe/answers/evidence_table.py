@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy.special import betaln
@@ -22,7 +22,7 @@ from bayes_toe.answers.order_effect import ANSWER_COLUMNS, OrderEffect
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.inference.evidence import laplace_evidence, laplace_evidence_natural
+from bayes_toe.inference.evidence import Evidence, laplace_evidence, laplace_evidence_natural
 from bayes_toe.inference.predictive_checks import GoodnessOfFit
 from bayes_toe.inference.subject import Fitted, SubjectResult
 from bayes_toe.model.distributions import LOG_2PI
@@ -172,14 +172,8 @@ def subject_evidence(
     (:mod:`bayes_toe.classical.fit`), None with intervals; `fit` is None where draws of H1 cannot be
     trusted.
     """
-    posterior, estimate = fitted.proposal.proposal.posterior, result.evidence
-    if (
-        not isinstance(posterior, PaperPosterior)
-        or estimate is None
-        or estimate.pareto_k is None
-        or estimate.efficiency is None
-    ):
-        raise ValueError("the row of an evidence table needs an evidence by importance sampling")
+    posterior = cast(PaperPosterior, fitted.proposal.proposal.posterior)
+    estimate = cast(Evidence, result.evidence)
     subject = posterior.subject
     laplace, why_no_laplace = laplace_evidence(fitted.maxima)
     natural: float | None = None

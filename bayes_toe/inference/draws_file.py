@@ -13,9 +13,9 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from bayes_toe.arrays import Record, StrPath
+from bayes_toe.arrays import FloatArray, Record, StrPath
 from bayes_toe.checks.answer_checks import not_interpreted
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, StimulusScales
@@ -67,44 +67,30 @@ _RANGES = {
 # --- From the draws of subjects to a tree ---------------------------------------------------------
 
 
-class _Head:
-    """The small arrays of a subject's draws."""
-
-    def __init__(self, draws: SubjectDraws) -> None:
-        self.units = draws.units
-        self.coordinates = draws.coordinates
-        self.size = draws.log_posterior.shape
-        self.acceptance = draws.acceptance
-        self.statistics = draws.statistics
-
-
 def assembled_tree(
     study: Study,
     subject_draws: Iterable[SubjectDraws],
     settings: Settings,
     failed: Mapping[str, str],
 ) -> xr.DataTree:
-    """The tree of all subjects' draws; `subject_draws` is gone through twice.
-
-    A quantity that a subject does not have, such as the frequency of a pair, is NaN.
-    """
-    heads = [_Head(draws) for draws in subject_draws]
-    units: dict[str, str] = {}
-    for head in heads:
-        for name, unit in head.units.items():
-            units.setdefault(name, unit)
-    size = (*heads[0].size, len(study))
-    values = {name: np.full(size, np.nan) for name in (*units, "lp")}
+    """The tree of the draws of all subjects, each of which is read once."""
+    values: dict[str, FloatArray] = {}
+    without_draws = []
     for i, draws in enumerate(subject_draws):
-        for name, drawn in {**draws.quantities, "lp": draws.log_posterior}.items():
+        arrays = {**draws.quantities, "lp": draws.log_posterior}
+        if not values:
+            size = draws.log_posterior.shape
+            values = {name: np.empty((*size, len(study))) for name in arrays}
+        for name, drawn in arrays.items():
             values[name][:, :, i] = drawn
+        without_draws.append(replace(draws, quantities={}, log_posterior=np.empty(0)))
 
-    posterior = _coordinates(study, heads[0].size, settings.sampler.walkers)
-    for name, unit in units.items():
+    posterior = _coordinates(study, size, settings.sampler.walkers)
+    for name, unit in without_draws[0].units.items():
         posterior[name] = (BY_SUBJECT, values[name], {"units": unit})
-    coordinates = ", ".join(heads[0].coordinates[:6])
+    coordinates = ", ".join(without_draws[0].coordinates[:6])
     density = f"log density of the unconstrained coordinates ({coordinates}), unnormalised"
-    statistics = _statistics(study, heads)
+    statistics = _statistics(study, size, without_draws)
     statistics["lp"] = (BY_SUBJECT, values["lp"], {"description": density})
     groups = {
         "/posterior": posterior,
@@ -131,16 +117,17 @@ def _coordinates(study: Study, size: tuple[int, ...], walkers: int) -> xr.Datase
     )
 
 
-def _statistics(study: Study, heads: list[_Head]) -> xr.Dataset:
-    """Statistics that every subject has."""
+def _statistics(
+    study: Study, size: tuple[int, ...], subject_draws: Sequence[SubjectDraws]
+) -> xr.Dataset:
+    """Statistics of the draws of every subject."""
     types: dict[str, type] = {"converged": np.int8, "shortfall": object, "imprecise": object}
-    table = _coordinates(study, heads[0].size, 1).drop_vars("walker")
-    rates = np.stack([head.acceptance for head in heads], axis=-1)
+    table = _coordinates(study, size, 1).drop_vars("walker")
+    rates = np.stack([draws.acceptance for draws in subject_draws], axis=-1)
     table["acceptance_rate"] = (("chain", "subject"), rates)
-    for name in heads[0].statistics:
-        if all(name in head.statistics for head in heads):
-            column = [head.statistics[name] for head in heads]
-            table[name] = ("subject", np.array(column, types.get(name)))
+    for name in subject_draws[0].statistics:
+        column = [draws.statistics[name] for draws in subject_draws]
+        table[name] = ("subject", np.array(column, types.get(name)))
     return table
 
 

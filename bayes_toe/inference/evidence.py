@@ -36,9 +36,9 @@ class Evidence:
 
     value: float | None
     se: float | None
-    # of the importance weights, as k-hat; None where the evidence is exact
-    efficiency: float | None
-    pareto_k: float | None
+    # Of the importance weights.
+    efficiency: float
+    pareto_k: float
     why_not: str = ""  # the reason where it is withheld
 
 

@@ -637,18 +637,6 @@ class ObserverPosterior:
         names = self.names.all
         return {name: by_name[name].reshape(x.shape[:-1]) for name in names}
 
-    @property
-    def _units(self) -> dict[str, float]:
-        """The quantities that are a multiple of their coordinate, each at the coordinate 1."""
-        step, prior = self.scales.step, self.prior
-        slope_unit = float(self.batch.slope_unit[0, 0]) / step
-        return {
-            "noise_slope": prior.noise_slope_scale * slope_unit,
-            "criterion_slope": prior.criterion_slope_scale * slope_unit,
-            "constant_error": prior.constant_error_scale * step,
-            "contraction": float(self.batch.contraction_sd[0, 0]),
-        }
-
     def prior_quantile(self, name: str, probability: float) -> float:
         """Prior quantile of a quantity; that of the zone by draws."""
         if name == "zone" and name in self.names.all:
@@ -671,7 +659,8 @@ class ObserverPosterior:
 
         The inverse of :meth:`quantities`.
         """
-        step, prior, units = self.scales.step, self.prior, self._units
+        step, prior = self.scales.step, self.prior
+        at_one = self.quantities(np.ones(len(self.coordinates)))
         columns = []
         for name in self.coordinates:
             values = np.asarray(quantities[name], np.float64)
@@ -682,7 +671,7 @@ class ObserverPosterior:
             elif name == "lapse_rate":
                 columns.append(lapse_score(values, prior.lapse_rate_b))
             else:
-                columns.append(values / units[name])
+                columns.append(values / at_one[name])
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
