@@ -1,8 +1,11 @@
-"""The verbs of a study: sample, evidence, or both.
+"""The analysis of every subject of a study, in parallel.
 
-Every subject goes through the one pipeline (:mod:`bayes_toe.inference.subject`).
+`run` computes the answers, the evidence, the draws of the paper's model, the fits, the differences
+between conditions and the group. Its result is an `Analysis`. `sample` draws from one model, and
+`evidence` computes the answers and the evidence only.
 
-All take the same options: seed, prior, draws, workers, progress, keep.
+All three take seed, prior, draws, workers, progress and keep. A subject whose computation fails is
+left out, and the result names the reason.
 """
 
 from __future__ import annotations
@@ -313,11 +316,10 @@ def evidence(
 
 @dataclass(frozen=True, eq=False)
 class _Analysed:
-    """One subject: the row of the evidence table.
+    """One subject: the row of the evidence table, and draws and fit where they are wanted.
 
-    Draws and, but for intervals, which it does not know, the fit, where asked for.
-
-    `shown`, shape (draws, k), are draws averaged over the four models, where chains were asked for.
+    There is no fit with intervals. `curve_draws`, shape (draws, k), are averaged over the four
+    models, where chains are wanted.
     """
 
     drawn: SubjectDraws | None

@@ -1,7 +1,8 @@
 """The exceptions and warnings a user may catch.
 
 Every exception is a :class:`BayesToeError`; the command line turns each into one line per problem
-and exit code 2.
+and exit code 2. `Remedy` is an option that solves a problem. `require_kind` and `require_share`
+refuse arguments.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Settings files of plotting libraries, which a data folder must not decide."""
+"""Figures do not depend on settings files in the working folder.
+
+matplotlib and ArviZ read such files when they are imported, and a data folder may hold one.
+"""
 
 from __future__ import annotations
 

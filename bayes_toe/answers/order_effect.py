@@ -414,11 +414,8 @@ def order_effect(
     screen : SerialScreen, optional
         Score tests of the trial before.
     """
-    probabilities, log_bayes_factors = _questions(evidence.log_evidence)
-    if identification.contraction_adds_to_error:
-        # Without a contraction to look for, the order effect is the constant error.
-        for values in (probabilities, log_bayes_factors):
-            values["order_effect"] = values["constant_error"]
+    is_error_only = identification.contraction_adds_to_error
+    probabilities, log_bayes_factors = _questions(evidence.log_evidence, is_error_only)
     sizes, upper_bounds, size_flags = _sizes(evidence)
     is_interpretable = all(flag.is_interpretable for flag in flags)
     questions = [question for question in QUESTIONS if getattr(identification, question)]
@@ -428,7 +425,7 @@ def order_effect(
     is_misfit = fit is not None and fit.misfit
     problems = _response_problems(flags, is_misfit)
     problems |= _screen_problems(screen)
-    problems |= _prior_problems(evidence, questions)
+    problems |= _prior_problems(evidence, questions, is_error_only)
     for flag_words in (*size_flags, *_error_flags(evidence)):
         problems[flag_words] = Problem(f"{capitalized(flag_words)}.")
     best = int(np.argmax(evidence.log_evidence))
@@ -489,11 +486,14 @@ def _by_model(values: FloatArray) -> dict[str, float]:
     return dict(zip(MODEL_NAMES, values.tolist(), strict=True))
 
 
-def _questions(log_evidence: FloatArray) -> tuple[dict[str, float], dict[str, float]]:
+def _questions(
+    log_evidence: FloatArray, is_error_only: bool
+) -> tuple[dict[str, float], dict[str, float]]:
     """Posterior probability and log Bayes factor of each question, from four log evidences.
 
     The Bayes factors average evidences, not joint probabilities, within each side, so they do not
-    depend on the prior probabilities of the models.
+    depend on the prior probabilities of the models. If no contraction can be told from a constant
+    error, the order effect is the constant error.
     """
     log_joint = log_evidence + np.log(PRIOR_PROBABILITIES)
     log_total = logsumexp(log_joint)
@@ -503,6 +503,9 @@ def _questions(log_evidence: FloatArray) -> tuple[dict[str, float], dict[str, fl
         log_mean_with = logsumexp(log_evidence[has_effect]) - np.log(has_effect.sum())
         log_mean_without = logsumexp(log_evidence[~has_effect]) - np.log((~has_effect).sum())
         log_bayes_factors[question] = float(log_mean_with - log_mean_without)
+    if is_error_only:
+        for values in (probabilities, log_bayes_factors):
+            values["order_effect"] = values["constant_error"]
     return probabilities, log_bayes_factors
 
 
@@ -526,12 +529,15 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], 
 
 def _upper_bounds(evidence: OrderEvidence, draws: AveragedDraws) -> dict[str, float]:
     """The 95 % quantile of each question's size, in JND."""
-    constant_error = np.abs(draws.quantities["constant_error"])
-    contraction = np.abs(draws.quantities["contraction"]) * evidence.scales.first_spread
+    subject, scales = evidence.subject, evidence.scales
+    constant_error, p = draws.quantities["constant_error"], draws.quantities["contraction"]
+    # The mean first stimulus of one condition is not that of all conditions.
+    mean_first = np.average(subject.s1, weights=subject.n_trials)
+    mean_shift = constant_error - p * (mean_first - scales.sbar)
     sizes = {
-        "order_effect": np.hypot(constant_error, contraction),
-        "constant_error": constant_error,
-        "contraction": contraction,
+        "order_effect": np.hypot(mean_shift, p * scales.first_spread),
+        "constant_error": np.abs(constant_error),
+        "contraction": np.abs(p) * scales.first_spread,
     }
     bounds = {}
     for question, size in sizes.items():
@@ -592,10 +598,12 @@ def _error_flags(evidence: OrderEvidence) -> list[str]:
 # --- Prior sensitivity ---------------------------------------------------------------------------
 
 
-def _prior_problems(evidence: OrderEvidence, questions: Sequence[str]) -> dict[str, Problem]:
+def _prior_problems(
+    evidence: OrderEvidence, questions: Sequence[str], is_error_only: bool
+) -> dict[str, Problem]:
     """The flag of questions whose probability passes .25 or .75 with another prior scale."""
-    default = _questions(evidence.log_evidence)
-    varied = [_questions(values) for values in rescaled_evidences(evidence)]
+    default = _questions(evidence.log_evidence, is_error_only)
+    varied = [_questions(values, is_error_only) for values in rescaled_evidences(evidence)]
     changes: dict[str, list[str]] = {}
     for question in questions:
         for factor, rescaled in zip(SCALE_FACTORS * 2, varied, strict=True):  # of c, then of p

@@ -14,8 +14,8 @@ the slope of logit P in s2 - s1 of the present pair: what a shift of the criteri
 those stimuli does. A fourth regressor is the sum of the answers 2 to 5 trials before, by which a
 criterion that moves slowly shows.
 
-An answer is not independent of the other ones to its pair: where both trials are of one pair, the
-mean of e times the earlier answer is -2 k (n - k) / (n^2 (n - 1)), which U is corrected for.
+An answer is not independent of the other ones to its pair: where both trials are among the n of one
+pair, the mean of e times the earlier answer is -2 k (n - k) / (n^2 (n - 1)). U is corrected for it.
 """
 
 from __future__ import annotations
@@ -116,13 +116,16 @@ def _scores(subject: Subject, slopes: FloatArray) -> ArrayPair:
     regressors[_ANSWER] = trials.answer[previous]
     regressors[_FIRST] = slopes[pair] * (trials.first[previous] - mean_stimulus)
     regressors[_SECOND] = slopes[pair] * (trials.second[previous] - mean_stimulus)
+    is_tested = np.zeros(len(trials.pair), np.bool_)
+    is_tested[rows] = True
     corrections = np.zeros(4)
-    corrections[_ANSWER] = correction[pair[trials.pair[previous] == pair]].sum()
+    is_same_pair = is_tested[previous] & (trials.pair[previous] == pair)
+    corrections[_ANSWER] = correction[pair[is_same_pair]].sum()
     for lag in _LAGS:
         earlier = trials.earlier(lag)[rows]
         has_earlier = earlier >= 0
         regressors[_MOVING, has_earlier] += trials.answer[earlier[has_earlier]]
-        is_same_pair = has_earlier & (trials.pair[earlier] == pair)
+        is_same_pair = has_earlier & is_tested[earlier] & (trials.pair[earlier] == pair)
         corrections[_MOVING] += correction[pair[is_same_pair]].sum()
 
     residual = is_yes - (k / n_safe)[pair]
@@ -148,16 +151,14 @@ def _chi_square(
     scores: FloatArray, variance: FloatArray, columns: Sequence[int]
 ) -> tuple[float, int]:
     """U' V^-1 U of some regressors, and its degrees of freedom: the rank of V."""
-    statistic, n_free = 0.0, 0
-    scores, variance = scores.copy(), variance.copy()
-    total = np.diagonal(variance).copy()
+    statistic, n_free, remaining = 0.0, 0, variance
     for i in columns:
-        remaining = variance[i, i]
-        if remaining <= _COLLINEAR * total[i]:
+        own_variance, own_score = remaining[i, i], scores[i]
+        if own_variance <= _COLLINEAR * variance[i, i]:
             continue
-        statistic += scores[i] ** 2 / remaining
+        statistic += own_score**2 / own_variance
         n_free += 1
-        share = variance[:, i] / remaining
-        scores -= share * scores[i]
-        variance -= np.outer(share, variance[i])
+        slope = remaining[:, i] / own_variance
+        scores = scores - slope * own_score
+        remaining = remaining - np.outer(slope, remaining[i])
     return float(statistic), n_free

@@ -191,15 +191,17 @@ def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:
     if not 2 <= len(interpretable) < FEWEST_FOR_GROUP:
         return []
     shares = []
-    for question, share in effect_frequencies(interpretable).items():
-        words = {answer.words[question] for answer in interpretable}
-        if words != {Word.CANNOT_BE_TOLD}:
-            shares.append(f"{question.replace('_', ' ')} {100.0 * share:.0f} %")
+    for question in (CONSTANT_ERROR.name, CONTRACTION.name):
+        told = [answer for answer in interpretable if answer.words[question] != Word.CANNOT_BE_TOLD]
+        if told:
+            share = 100.0 * effect_frequencies(told)[question]
+            subjects = plural(len(told), "subject")
+            shares.append(f"{question.replace('_', ' ')} {share:.0f} % ({subjects})")
     if not shares:
         return []
     return [
-        f"Expected share of subjects with an effect ({len(interpretable)} subjects): "
-        f"{', '.join(shares)}. These shares do not say how large the effects are."
+        f"Expected share of subjects with an effect: {', '.join(shares)}. These shares do not say "
+        "how large the effects are."
     ]
 
 

@@ -269,15 +269,18 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
     """
     words = []
     for name, value in sorted(options.items()):
-        texts = [value]
-        if isinstance(value, list):
-            texts = value
-        elif isinstance(value, dict):
-            texts = [f"{ours}={theirs}" for ours, theirs in sorted(value.items())]
+        option = f"--{name.replace('_', '-')}"
+        if isinstance(value, dict):
+            value = [f"{ours}={theirs}" for ours, theirs in sorted(value.items())]
         if name == "columns":
-            texts = [",".join(texts)]
-        for text in texts:
-            words += [f"--{name.replace('_', '-')}", *([text] if isinstance(text, str) else [])]
+            value = ",".join(value)
+        if isinstance(value, str):
+            words += [option, value]
+        elif isinstance(value, list):
+            for text in value:
+                words += [option, text]
+        else:
+            words.append(option)
     return words
 
 

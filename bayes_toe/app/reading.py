@@ -1,4 +1,7 @@
-"""Read the files of a study for the page, in a process of its own: a damaged file may end it."""
+"""Read the files of a study for the web page, in a process of its own.
+
+A damaged file may end this process; the server goes on. The result is printed as JSON.
+"""
 
 from __future__ import annotations
 

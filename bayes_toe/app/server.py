@@ -245,14 +245,14 @@ class OneJob(Handler):
     async def post(self, name: str, action: str) -> None:
         """Do what a button of the page says."""
         job, site = self.job(name), self.site
-        run = job.run_state()
-        if action == "options" and run == "running":
-            raise InputError("The study is being analysed")
+        is_running = job.run_state() == "running"
         if action == "options":
+            if is_running:
+                raise InputError("The study is being analysed")
             await site.read(job, require_options(self.request.body))
         elif action == "run":
             site.process = job.start()
-        elif run == "running":
+        elif is_running:  # stop, delete
             await site.stop()
         if action == "delete":
             shutil.rmtree(job.folder)

@@ -1,15 +1,11 @@
-"""Asymmetry between the two orders of a pair, without a model: estimate, exact test, counts.
+"""Asymmetry between the two orders of a pair, without a model.
 
-A comparison is a pair of different stimuli that was presented in both orders: r the weaker, c the
-stronger. The asymmetry is q(c, r) - q(r, c). It is positive where 'equal' is the likelier answer
-with the stronger stimulus first; the subject is then more accurate with the weaker one first, as
-the model predicts for a prior mean below the stimuli. Of 'which is stronger?' q is the probability
-of the wrong answer, as 'equal' is one, so that the sign means the same.
-
-Erratum: the paper's sentence on its panel A ('more accurate when the weaker stimulus was presented
-first, in which case the blue curve lies below the red one') follows the swapped colours of Fig. 3's
-caption. With red = weaker first, as in the text and Fig. 1C, the red curve lies below the blue one
-there.
+`asymmetry` gives an `AsymmetryTable` with estimates, exact tests and counts. A comparison is a pair
+of different stimuli in both orders; r is the weaker and c the stronger one. The asymmetry is
+q(c, r) - q(r, c), where q(a, b) is the probability of 'equal' with a first and b second. In 'which
+is stronger?' q is the probability of a wrong answer. 'Equal' is wrong for different stimuli too, so
+the sign means the same in both tasks: where it is positive, the subject is more accurate with the
+weaker stimulus first, as the model predicts for a prior mean below the stimuli.
 
 The exact test is Boschloo's. The number of trials of each order is set by the experimenter and the
 number of 'equal' answers by nobody, so the data are two independent binomials. Fisher's test
@@ -18,6 +14,11 @@ p-value as its statistic and computes that statistic's exact distribution under 
 at the common probability that is least favourable. It never exceeds its level and its p-value is
 never above Fisher's, which it comes close to where trials are many. Two-sided p-values are twice
 the smaller one-sided ones: an order effect has a sign, and half the level is spent on each.
+
+Erratum: the paper's sentence on its panel A ('more accurate when the weaker stimulus was presented
+first, in which case the blue curve lies below the red one') follows the swapped colours of Fig. 3's
+caption. With red = weaker first, as in the text and Fig. 1C, the red curve lies below the blue one
+there.
 """
 
 from __future__ import annotations
@@ -274,31 +275,22 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     q_weak, q_strong = laplace_estimate(*weak), laplace_estimate(*strong)
     se_weak, se_strong = laplace_error(*weak), laplace_error(*strong)
     difference = q_strong - q_weak
-    is_maximal = np.zeros(len(weak_rows), bool)
     # Of two alike, the one with the smaller p-value.
-    is_maximal[np.lexsort((tests.p_value, -np.abs(difference)))[:1]] = True
-    columns = [
-        subject.s1[weak_rows],
-        subject.s2[weak_rows],
-        *weak,
-        *strong,
-        q_weak,
-        se_weak,
-        q_strong,
-        se_strong,
-        difference,
-        np.hypot(se_weak, se_strong),
-        tests.p_value,
-        holm(tests.p_value),
-        tests.test,
-        probability_greater(*strong, *weak),
-        is_maximal,
-    ]
-    values = zip(*(column.tolist() for column in columns), strict=True)
-    comparisons = tuple(Comparison(subject.name, *row) for row in values)
+    largest_first = np.lexsort((tests.p_value, -np.abs(difference).round(12)))
+    is_maximal = np.zeros(len(weak_rows), bool)
+    is_maximal[largest_first[:1]] = True
+    # In the order of the fields of a comparison.
+    stimuli = (subject.s1[weak_rows], subject.s2[weak_rows])
+    frequencies = (q_weak, se_weak, q_strong, se_strong, difference, np.hypot(se_weak, se_strong))
+    test = (tests.p_value, holm(tests.p_value), tests.test, probability_greater(*strong, *weak))
+    columns = (*stimuli, *weak, *strong, *frequencies, *test, is_maximal)
+    lists = [column.tolist() for column in columns]
+    comparisons = tuple(Comparison(subject.name, *values) for values in zip(*lists, strict=True))
     is_pooled = subject.isi is None
-    n_unequal = len({frozenset(pair) for pair in subject.pairs if pair[0] != pair[1]})
-    n_one_order = n_unequal - len(comparisons) if is_pooled else 0
+    n_one_order = 0
+    if is_pooled:
+        different = {frozenset(pair) for pair in subject.pairs if pair[0] != pair[1]}
+        n_one_order = len(different) - len(comparisons)
     return SubjectAsymmetry(
         subject.name, accuracy(subject), comparisons, n_one_order, pooled=is_pooled
     )

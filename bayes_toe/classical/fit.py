@@ -175,25 +175,29 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | Non
     """
     fitted, covariance = replicates.fitted, replicates.covariance()
     theta, edge = fitted.parameters[0], fitted.at_edge[0]
-    open_edges = ";".join(part for part in edge.split(";") if part != "not unique")
-    lies = " and ".join(
-        [
-            *([f"lies at {open_edges}"] if open_edges else []),
-            *(["is not unique"] if open_edges != edge else []),
-        ]
-    )
+    open_edges = ";".join(name for name in edge.split(";") if name != "not unique")
+    findings = []
+    if open_edges:
+        findings.append(f"lies at {open_edges}")
+    if open_edges != edge:
+        findings.append("is not unique")
+    maximum = f"the maximum {' and '.join(findings)}"
+    missing = f"{_LABEL} does not exist"
     if not np.isfinite(theta).all() or theta[1] == 0.0:
-        return None, f"{_LABEL} does not exist: the maximum {lies}"
+        return None, f"{missing}: {maximum}"
     if covariance is None:
-        return None, f"{_LABEL} does not exist: some replicates leave a parameter infinite or open"
+        return None, f"{missing}: some replicates leave a parameter infinite or open"
     sd = np.sqrt(np.diagonal(covariance))
-    still = np.any(sd == 0.0) or np.any(np.ptp(replicates.fits.parameters, axis=0) == 0.0)
-    if still or np.linalg.eigvalsh(covariance / sd[:, None] / sd[None, :])[0] < _SINGULAR:
-        return None, f"{_LABEL} does not exist: the covariance of the replicates is singular"
+    ranges = np.ptp(replicates.fits.parameters, axis=0)
+    is_constant = np.any(sd == 0.0) or np.any(ranges == 0.0)
+    if is_constant or np.linalg.eigvalsh(covariance / sd[:, None] / sd)[0] < _SINGULAR:
+        return None, f"{missing}: the covariance of the replicates is singular"
     half_log_det = 0.5 * float(np.linalg.slogdet(covariance)[1]) + 2.0 * LOG_2PI
     density = prior.log_density_variances(Natural(*theta))
     value = float(fitted.log_likelihood[0] + density + half_log_det)
-    return value, f"{_LABEL}: the maximum {lies}, beyond which its Gaussian reaches" if edge else ""
+    if not edge:
+        return value, ""
+    return value, f"{_LABEL}: {maximum}, beyond which its Gaussian reaches"
 
 
 #: Bootstrap replicates of a subject; the paper has about 1,000.

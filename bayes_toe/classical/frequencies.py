@@ -1,8 +1,9 @@
-"""Statistics without a model: frequencies of 'equal', their uncertainty, accuracy, order.
+"""Statistics of responses without a model.
 
-The Laplace estimator is the mean, and its error the standard deviation, of the posterior Beta(n_Eq
-+ 1, n_Diff + 1) that a uniform prior gives each frequency; neither degenerates where every answer
-was the same.
+`laplace_estimate` and `laplace_error` are the mean and the standard deviation of a frequency under
+a uniform prior, Beta(n_Eq + 1, n_Diff + 1): inside (0, 1) and above 0 even if all answers are the
+same. `accuracy` is the share of right answers. `presentation_order` says which stimulus of a pair
+came first.
 """
 
 from __future__ import annotations

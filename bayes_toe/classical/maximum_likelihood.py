@@ -8,11 +8,11 @@ edge, sometimes one where a parameter is infinite, 0 or without effect. The fit 
 each of these edges. Source: Eq. mod:logp_grouped. (The paper calls it minimising the
 log-likelihood; it is maximising.)
 
-Points are u = (c, -log(p/p_max), -log w, -log share), where c is the offset and p the pull. gamma =
-1 and a share of 1 are the bounds u_1 = 0 and u_3 = 0, on which Newton's method can end. gamma = 0
+A search moves in u = (c, -log(p/p_max), -log w, -log share), where c is the offset and p the pull.
+gamma = 1 and a share of 1 are the bounds u_1 = 0 and u_3 = 0, on which a search can end. gamma = 0
 (no order effect, mu1 at the penalty's mean) is fitted separately. All other edges lie at infinity:
-a search is on its way to one if the edge is as high as its end, and another point in the same
-direction is not.
+the maximum is on such an edge if the edge is as high as the end of the search, and an ordinary
+point in the same direction is lower.
 
 Searches start at the highest points of the parts of a grid. Several maxima differ in the pull: a
 vanishing one with the prior mean far to either side, a middle one, and the largest. A pull nearly
@@ -432,14 +432,20 @@ def _make_fits(
 ) -> MaximumLikelihoodFits:
     """Natural parameters, edges and what stays open, for all rows."""
     u, is_wide, is_never, is_narrow, is_vanishing = suprema
-    is_outside = is_wide | is_never
     has_no_pull, has_largest_pull = u[:, 1] >= _EMPTY, u[:, 1] <= _FULL
+    is_outside = is_wide | is_never
+    is_inside = ~(is_outside | is_narrow)
 
+    # Parameters that the counts leave open: mu1, sigma_p, sigma_l and the share.
     is_open = is_flat.copy()
     is_open[is_outside, :3] = False
     is_open[is_narrow, 1:3] = False
     is_open[is_never] = [False, True, True, False]
-    is_full = (u[:, 3] <= _FULL) & ~is_open[:, 3]
+    has_full_share = (u[:, 3] <= _FULL) & ~is_open[:, 3]
+    # A share of 1 is q0 = 1, or a lapse rate of 0.
+    is_zero, is_one = is_never, has_full_share
+    if likelihood.sign < 0.0:
+        is_zero, is_one = has_full_share, is_never
 
     x, posterior = likelihood.coordinates(u), likelihood.posterior
     parameters = _natural_parameters(likelihood, x)
@@ -447,23 +453,14 @@ def _make_fits(
     parameters[has_no_pull, 2] = 0.0
     parameters[is_narrow, 1:3] = 0.0
     parameters[is_wide, 1:3] = np.inf
-    # A share of 1 is q0 = 1, or a lapse rate of 0.
-    is_zero, is_one = is_never, is_full
-    if likelihood.sign < 0.0:
-        is_zero, is_one = is_full, is_never
     parameters[is_zero, 3] = 0.0
     parameters[is_one, 3] = 1.0
 
-    is_regular = ~(is_outside | is_narrow)
-    edges = (
-        (is_regular & has_no_pull) | is_vanishing,
-        is_regular & has_largest_pull & ~is_open[:, 2],
-        is_zero,
-        is_one,
-        is_narrow,
-        is_wide,
-        is_open.any(axis=1),
-    )
+    # In the order of EDGES.
+    is_gamma_0 = (is_inside & has_no_pull) | is_vanishing
+    is_gamma_1 = is_inside & has_largest_pull & ~is_open[:, 2]
+    is_not_unique = is_open.any(axis=1)
+    edges = (is_gamma_0, is_gamma_1, is_zero, is_one, is_narrow, is_wide, is_not_unique)
     objective = np.maximum(ended.value, likelihood.value(u, np.arange(len(u))))
     return MaximumLikelihoodFits(
         parameters=np.where(is_open, np.nan, parameters),

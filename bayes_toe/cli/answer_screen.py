@@ -1,6 +1,7 @@
-"""The answer on the screen: a table of subjects, what needs action, then the study.
+"""The answer of a study on the screen: a table of subjects, their problems, and the conclusion.
 
-And what screens and report share: which subjects need action, and the sizes beside the words.
+`print_subjects` prints the table and the problems, `print_answer` the conclusion. Reports use
+`flagged`, `doubtful_subjects` and `effect_size` too.
 """
 
 from __future__ import annotations

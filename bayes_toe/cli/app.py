@@ -1,4 +1,4 @@
-"""The application: commands in the order of the help, and the layout of the help.
+"""The Typer program of the command line: its commands, and the layout of the help.
 
 Exit codes: 0 done, 1 unexpected failure, 2 bad input or output, 3 done but some subject failed or
 its draws did not converge (see `run_context.py`), 128 + n after signal n (see `entry_point.py`).

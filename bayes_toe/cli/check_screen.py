@@ -78,11 +78,12 @@ def answer_of_check(
     study: Study, limits: list[str], by_subject: Mapping[str, Sequence[Finding]]
 ) -> tuple[list[str], list[str]]:
     """What the design can show, the subjects that need a decision, and the next commands."""
-    lines = limits
+    lines = []
     if not limits:
-        lines = ["The design can show a constant error and a contraction."]
+        lines.append("The design can show a constant error and a contraction.")
     elif identify(study.subjects[0]).constant_error:
-        lines = ["The design can show a constant error.", *limits]
+        lines.append("The design can show a constant error.")
+    lines += limits
     options = []
     for findings in by_subject.values():
         options += [finding.option for finding in findings if finding.option][:1]

@@ -1,8 +1,8 @@
-"""The entry point of the `bayes-toe` command.
+"""The entry point of the `bayes-toe` command: `main`.
 
-`main` prepares the process and starts the commands. Its streams survive a closed or full log,
-libraries get a cache folder if they have none, and a signal ends the command with one line: it
-cleans up and leaves no process behind.
+`main` runs the commands of `app.py`. It replaces standard output and standard error first, so that
+a failed write does not end the command. It gives libraries a cache folder if they can make none.
+After a signal the command prints one line, cleans up, and ends its worker processes.
 """
 
 from __future__ import annotations

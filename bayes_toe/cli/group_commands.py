@@ -1,4 +1,8 @@
-"""Commands about a group, conditions within subjects, and consecutive trials."""
+"""The commands `population`, `contrast` and `history`.
+
+`population` estimates a group, `contrast` compares the conditions of each subject, and `history`
+estimates how a response depends on the previous trial.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The options that commands share, each declared once, and the study that a command is given."""
+"""The command-line options that several commands share, each declared once.
+
+`StudyFile` has the options that name the files of a study and say how to read them. It asks for a
+file if none is given, and reads the study.
+"""
 
 from __future__ import annotations
 

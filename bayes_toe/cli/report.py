@@ -482,15 +482,23 @@ def _name_subjects(names: Sequence[str]) -> str:
 
 def _overview_row(answer: OrderEffect) -> Record:
     """A subject in the table of all subjects; its marks stand for two of the flags."""
+    texts = {size: effect_size(answer, question) for question, size in SIZE_OF.items()}
+    texts["jnd_percent"], fit = "", ""
+    if answer.is_interpretable:
+        texts["jnd_percent"], fit = answer.format_size("jnd_percent"), _FITS[answer.fits]
+    sizes: list[Any] = []
+    for size, text in texts.items():
+        if text:
+            sizes.append((answer.sizes[size].q50, text))
+        else:
+            sizes.append(("", ""))
     flags = [flag for flag in answer.flags if not flag.startswith((MISFIT_FLAG, PRIOR_FLAG))]
-    sizes = {size: effect_size(answer, question) for question, size in SIZE_OF.items()}
-    sizes["jnd_percent"] = answer.format_size("jnd_percent") if answer.is_interpretable else ""
     return {
         "subject": answer.subject,
         "is_interpretable": answer.is_interpretable,
         "words": [_word(answer, question) for question in QUESTIONS],
-        "sizes": [(answer.sizes[size].q50 if text else "", text) for size, text in sizes.items()],
-        "fit": _FITS[answer.fits] if answer.is_interpretable else "",
+        "sizes": sizes,
+        "fit": fit,
         "flags": "; ".join(flags),
     }
 

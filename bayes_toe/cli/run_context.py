@@ -1,8 +1,8 @@
 """`as_command` makes a command of a function; `RunContext` has the options that commands share.
 
-A parameter that is a record becomes one option for each field. The context reads the study, runs
-the work in parallel, keeps finished subjects, and checks and writes outputs. Errors of input end
-the command with exit code 2.
+A parameter that is a dataclass becomes one option for each field. Errors of input end the command
+with exit code 2. `RunContext` reads the study, runs the work in parallel, stores finished subjects,
+and checks and writes outputs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Printing: lines of at most 80 columns, tables, a progress bar, numbers."""
+"""What the command line prints: `Terminal`, and the functions that format its texts.
+
+`Terminal` prints lines, tables, notes and a progress bar. A line has at most 80 columns.
+`round_to_errors` gives numbers only the digits that their Monte Carlo errors allow.
+"""
 
 from __future__ import annotations
 
@@ -240,14 +244,19 @@ def _table_line(
 ) -> str:
     """A row of a table; the last cell of a short row goes across the other columns."""
     line = ""
+    last = len(row) - 1
+    is_short = len(row) < len(widths)
     for i, cell in enumerate(row):
         width = widths[i]
-        is_spanning = i == len(row) - 1 < len(widths) - 1
+        is_spanning = is_short and i == last
         if is_spanning:
             width = WIDTH - cell_width(line)
         text = shorten(cell, width)
         padding = " " * (width - cell_width(text))
-        line += padding + text if i in numeric and not is_spanning else text + padding
+        if i in numeric and not is_spanning:
+            line += padding + text
+        else:
+            line += text + padding
         line += " " * gap
     return line.rstrip()
 
@@ -384,13 +393,15 @@ def round_to_errors(
     """
     digits = [min(max_decimals, _decimals(error, max_decimals)) for error in errors]
     texts = [_rounded(value, n) for value, n in zip(values, digits, strict=True)]
-    if all(float(low) < float(high) for low, high in itertools.pairwise(texts)):
+    printed = map(float, texts)
+    if all(low < high for low, high in itertools.pairwise(printed)):
         return texts
-    decimals = min(digits)
     n_different = len(set(values))
-    while (
-        decimals < max_decimals and len({round(value, decimals) for value in values}) < n_different
-    ):
+    decimals = min(digits)
+    while decimals < max_decimals:
+        rounded = {round(value, decimals) for value in values}
+        if len(rounded) >= n_different:
+            break
         decimals += 1
     return [_rounded(value, decimals) for value in values]
 

@@ -1,4 +1,8 @@
-"""Commands that show saved draws, explore and corner, and the web page, app."""
+"""The commands `explore`, `corner` and `app`.
+
+`explore` writes an HTML page of saved draws, and `corner` draws corner plots of them. `app` starts
+the web page that analyses studies.
+"""
 
 from __future__ import annotations
 

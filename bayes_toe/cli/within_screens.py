@@ -1,4 +1,8 @@
-"""The screens of `contrast` and `history`: what differs within subjects."""
+"""The screens of `contrast` and `history`.
+
+`print_contrast` prints the differences between the conditions of each subject. `print_history`
+prints how responses depend on the previous trial, and `history_lines` counts the conclusions.
+"""
 
 from __future__ import annotations
 
@@ -38,21 +42,29 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
 
 def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
     """Headings and rows; the name of a subject, or of its comparison, stands in its first row."""
-    has_one_comparison = len({row.comparison for row in table}) == 1
+    comparisons = {row.comparison for row in table}
+    has_one_comparison = len(comparisons) == 1
+    title = "difference"
+    if has_one_comparison:
+        (title,) = comparisons
     rows = []
     label_before = ""
     for row in table:
         if row.quantity == "order effect":
             continue
-        label = row.subject if has_one_comparison else f"{row.subject} {row.comparison}"
-        word = row.short_word or "-"
+        label = row.subject
+        if not has_one_comparison:
+            label += f" {row.comparison}"
+        first_cell = label
+        if label == label_before:
+            first_cell = ""
+        label_before = label
+        word, size = row.short_word or "-", "-"
+        if row.short_word not in ("no", "probably not"):
+            size = row.size(table.unit)
         if row.robust == "no":
             word += " ?"
-        size = "-" if row.short_word in ("no", "probably not") else row.size(table.unit)
-        cells = [row.quantity, size, row.factor, word]
-        rows.append(["" if label == label_before else label, *cells])
-        label_before = label
-    title = table.rows[0].comparison if has_one_comparison else "difference"
+        rows.append([first_cell, row.quantity, size, row.factor, word])
     return ["subject", "", f"{title} [95 % interval]", "BF", "differs"], rows
 
 

@@ -1,9 +1,8 @@
-"""The page's data of a subject and model: draws, contours, curves, counts, answer.
+"""The data of one subject under one model in the page of the explorer.
 
-`entries_of` makes an `Entry` for each subject and model of a file of draws.
-
-Arrays are text in a page: base64 of little-endian numbers, which a browser turns into typed arrays
-without parsing them.
+`entries_of` makes an `Entry` for each subject and model of a file of draws. `Entry.packed` has its
+draws, contours, curves, counts and answer for JSON. An array is a text there: base64 of
+little-endian numbers, of which the browser makes a typed array.
 """
 
 from __future__ import annotations
@@ -149,18 +148,27 @@ class Entry:
 
     def packed(self, rows: int) -> Record:
         """The entry as the page stores it, with about so many draws."""
-        x = self.x.reshape(-1, self.x.shape[-1])
-        n_rows = min(len(x), rows)
-        index = np.arange(n_rows) * len(x) // n_rows  # by the rule that explorer.js goes back by
-        quantities = self.target.quantities(x)
+        draws = self.x.reshape(-1, self.x.shape[-1])
+        n_rows = min(len(draws), rows)
+        index = np.arange(n_rows) * len(draws) // n_rows  # explorer.js inverts this rule
+        quantities = self.target.quantities(draws)
+        selected = {name: values[index] for name, values in quantities.items()}
         columns = self.columns(quantities)
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
-        marked = {name: np.quantile(draws, MARKED).tolist() for name, draws in present.items()}
-        marked |= {name: list(size) for name, size in self.estimates.items()}
-        selected = {name: values[index] for name, values in quantities.items()}
-        true_values = self._true_values()
         spans = axis_limits(present.values(), list(columns), self.target)
-        prior = prior_values(self.target)
+        true_values, prior = self._true_values(), prior_values(self.target)
+        shown_values, marked, truth, prior_quantiles = [], [], {}, []
+        for name, values in columns.items():
+            shown_values.append(values[index])
+            interval = self.estimates.get(name, np.quantile(present[name], MARKED))
+            marked.append([*map(float, interval)])
+            if name in true_values:
+                truth[name] = true_values[name]
+            quantiles = np.quantile(prior[name], _QUANTILES)
+            prior_quantiles.append(axis_values(name, quantiles, self.unit))
+        prior_shares = [1.0] * len(columns)
+        if self.is_averaged:
+            prior_shares = _prior_shares(columns)
         return {
             "subject": self.target.subject.name,
             "label": self.label,
@@ -169,24 +177,19 @@ class Entry:
             "badges": [*self.badges, *self._dominated(quantities)],
             "words": self.words,
             "rows": n_rows,
-            "of": len(x),
+            "of": len(draws),
             "perChain": self.x.shape[1],
             "names": list(columns),
             "main": [name for name in self.main if name in columns],
-            "values": text_of([values[index] for values in columns.values()]),
-            "marked": [marked[name] for name in columns],
+            "values": text_of(shown_values),
+            "marked": marked,
             "with": [*map(len, present.values())],
-            "truth": {name: true_values[name] for name in columns if name in true_values},
+            "truth": truth,
             "spans": spans,
             "contours": outlined(columns, spans),
-            "prior": text_of(
-                [
-                    axis_values(name, np.quantile(prior[name], _QUANTILES), self.unit)
-                    for name in columns
-                ]
-            ),
-            "priorShares": _prior_shares(columns) if self.is_averaged else [1.0] * len(columns),
-            **self._responses(x[index], selected),
+            "prior": text_of(prior_quantiles),
+            "priorShares": prior_shares,
+            **self._responses(draws[index], selected),
         }
 
     def _true_values(self) -> dict[str, float]:
@@ -210,13 +213,12 @@ class Entry:
 
     def _responses(self, x: FloatArray, quantities: NamedArrays) -> Record:
         """Counts, and curves over them."""
-        counts = self.target.subject
-        stimuli = counts.stimuli
-        low, high = float(stimuli.min()), float(stimuli.max())
-        pad = 0.08 * (high - low) if high > low else 0.5
+        counts, target = self.target.subject, self.target
+        low, high = float(counts.stimuli.min()), float(counts.stimuli.max())
+        pad = 0.5
+        if high > low:
+            pad = 0.08 * (high - low)
         ends = [low - pad, high + pad]
-        fitted = Predictor(self.target, x)
-        knows_intervals = isinstance(self.target, PaperPosterior) and counts.isi is not None
         pairs = {
             "s1": counts.s1,
             "s2": counts.s2,
@@ -227,16 +229,20 @@ class Entry:
             "error": laplace_error(counts.n_yes, counts.n_trials),
             "along": along(counts),
         }
+        reference = None
         if counts.isi is not None:
             pairs["isi"] = counts.isi
-        panels = slices(counts)
+            if isinstance(target, PaperPosterior):
+                reference = getattr(target, "reference", None)
+        fitted, panels = Predictor(target, x), slices(counts)
+        has_several = len(panels) > 1
         return {
             "pairs": {key: values.tolist() for key, values in pairs.items()},
-            "slices": [panel.packed(fitted, panel.title(len(panels) > 1)) for panel in panels],
+            "slices": [panel.packed(fitted, panel.title(has_several)) for panel in panels],
             "undrawn": len(slice_keys(counts)) - len(panels),
-            "reference": getattr(self.target, "reference", None) if knows_intervals else None,
+            "reference": reference,
             "ends": ends,
-            "axis": text_of(axis(quantities, self.target.sbar, ends)),
+            "axis": text_of(axis(quantities, target.sbar, ends)),
         }
 
 

@@ -1,4 +1,8 @@
-"""The page of the explorer: one file that needs no server and no network."""
+"""The page of the explorer: one HTML file that needs no server and no network.
+
+`explore` makes an `Explorer` from draws; `entries` has the subjects and models, and `page` the
+HTML.
+"""
 
 from __future__ import annotations
 

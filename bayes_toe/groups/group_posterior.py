@@ -3,14 +3,14 @@
 `SubjectRows` is the likelihood of all subjects. `separate_fits` fits each subject alone.
 `GroupPosterior` joins both with the hyperprior; a call gives the log density and its gradient.
 
-Subject i has the coefficients of :mod:`bayes_toe.groups.hyperprior` and, with conditions, their
-differences. For each coefficient
+Subject i has a vector of coefficients a_i: the parameters of the group (see
+:mod:`bayes_toe.groups.hyperprior`) and, with conditions, their differences. The group has means m,
+effects beta of the covariates x_i, and standard deviations tau:
 
-    a_i = mu_i + tau u_i,   mu_i = m + x_i' beta,   u_i ~ Normal(0, 1),
+    a_i = mu_i + tau u_i,   mu_i = m + x_i' beta,   u_i ~ Normal(0, 1).
 
-with the covariates x. Where the responses say nothing of a_i the best coordinate is its score u_i
-(non-centred); where they determine a_i it is a_i itself (centred). The coordinate xi lies between
-both:
+Where the responses say nothing of a_i the best coordinate is its score u_i (non-centred); where
+they determine a_i it is a_i itself (centred). The coordinate xi lies between both:
 
     a = s mu + (1 - s) e + tau s^(1/2) xi,   s = 1/(1 + h tau^2).
 
@@ -263,41 +263,46 @@ class GroupPosterior:
 
     def __call__(self, theta: FloatArray) -> ArrayPair:
         """Log density, (points,), and gradient, (points, n_coordinates)."""
-        numbers, q = self.numbers, self.rows.n_coefficients
+        numbers, q, fits = self.numbers, self.rows.n_coefficients, self.fits
+        precision, information = fits.precision[:, None], fits.information[:, None]
         mean, sd_score, effects, block = self._split(theta)
+        xi, unshared = block[..., :q], block[..., q:]
         sds = numbers.sds(sd_score)
         tau = sds.values
         expected = self._expected(mean, effects)
-        xi, unshared = block[..., :q], block[..., q:]
-        ratio = self.fits.precision[:, None] * np.square(tau)
-        share = 1.0 / (1.0 + ratio)
+
+        # Coefficients a, their scores u = (a - mu) / tau, and the pull h (e - mu) of the responses.
+        share = 1.0 / (1.0 + precision * np.square(tau))
         root = np.sqrt(share)
         unit = tau * root
-        pulled = self.fits.information[:, None] - self.fits.precision[:, None] * expected
-        offset = np.square(unit) * pulled
-        score = tau * share * pulled + root * xi
-        coefficients = expected + offset + unit * xi
+        pull = information - precision * expected
+        score = tau * share * pull + root * xi
+        coefficients = expected + np.square(unit) * pull + unit * xi
         w = self._subject_points(coefficients, unshared)
-        log_likelihood, slope = self.rows.gradient(w)
+
+        log_likelihood, likelihood_slope = self.rows.gradient(w)
         log_unshared, unshared_slope = self.rows.log_own_prior(w[..., q:])
-        by_unshared = slope[..., q:] + unshared_slope
-        by_coefficient = slope[..., :q] + by_unshared @ self.fits.ridge
-
-        by_xi = by_coefficient * unit - score * root
-        precision_unit = self.fits.precision[:, None] * tau * share
-        by_expected = by_coefficient * share + score * precision_unit
-        coefficient_rise = share * root * (2.0 * unit * pulled + xi)
-        score_rise = share * pulled * (2.0 * share - 1.0) - root * precision_unit * xi
-        by_sd = by_coefficient * coefficient_rise - score * score_rise - precision_unit
-
+        log_jacobian = 0.5 * np.log(share)
+        log_scores = (log_jacobian - 0.5 * np.square(score)).sum(axis=-1)
+        log_of_subjects = log_likelihood + log_unshared + log_scores
         log_prior = numbers.log_prior_of_mean(mean) + sds.log_prior
         log_prior = log_prior.sum(axis=-1) + numbers.log_effect(effects).sum(axis=(1, 2))
-        log_scores = (0.5 * np.log(share) - 0.5 * np.square(score)).sum(axis=-1)
-        value = log_prior + (log_likelihood + log_unshared + log_scores).sum(axis=0)
+        value = log_prior + log_of_subjects.sum(axis=0)
+
+        # Slopes in a and in the coordinates of a subject, then in mu and tau.
+        by_unshared = likelihood_slope[..., q:] + unshared_slope
+        by_coefficient = likelihood_slope[..., :q] + by_unshared @ fits.ridge
+        by_xi = by_coefficient * unit - score * root
+        score_fall = precision * tau * share  # -du/dmu, and minus the slope of the log Jacobian
+        by_expected = by_coefficient * share + score * score_fall
+        coefficient_rise = share * root * (2.0 * unit * pull + xi)  # da/dtau
+        score_rise = share * pull * (2.0 * share - 1.0) - root * score_fall * xi  # du/dtau
+        by_sd = by_coefficient * coefficient_rise - score * score_rise - score_fall
+
         mean_slope = numbers.slope_of_mean_prior(mean) + by_expected.sum(axis=0)
         sd_slope = sds.prior_slope + by_sd.sum(axis=0) * sds.rise
-        effect_slope = numbers.effect_slope(effects)
-        effect_slope = effect_slope + np.einsum("nr,npq->prq", self.x, by_expected)
+        by_effect = np.einsum("nr,npq->prq", self.x, by_expected)
+        effect_slope = numbers.effect_slope(effects) + by_effect
         subject_slope = np.concatenate([by_xi, by_unshared], axis=-1)
         parts = (mean_slope, sd_slope, effect_slope, subject_slope.swapaxes(0, 1))
         return value, np.concatenate([part.reshape(len(theta), -1) for part in parts], axis=1)

@@ -5,7 +5,8 @@ many further draws, or with shorter steps if trajectories diverged. `GroupDraws`
 
 All chains move together: every leapfrog step is one call of the log density for all of them,
 because a gradient in NumPy costs much the same for one point as for a dozen. All trajectories have
-the same mean length; the length of each is random, so that no frequency is ever in step with it.
+the same mean length. The length of each is random, because a fixed one could bring a coordinate
+back to its start every time.
 The step size and the covariance of the coordinates are learnt during warm-up from all chains; then
 both are fixed. A trajectory on which the energy grows by more than 1000 nats is divergent: it is
 rejected and counted.

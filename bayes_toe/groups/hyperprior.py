@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -146,6 +146,12 @@ class Hyperprior:
     contraction: ParameterHyperprior = field(default=ParameterHyperprior(0.0, 0.2, 0.15))
     noise: ParameterHyperprior = field(default=ParameterHyperprior(0.0, 0.6, 0.4))
     q0: ParameterHyperprior = field(default=ParameterHyperprior(1.8, 1.0, 1.0))
+
+    def __post_init__(self) -> None:
+        numbers = {}
+        for name, row in asdict(self).items():
+            numbers[name] = {key: row[key] for key in NUMBERS}
+        _require("hyperprior", numbers)
 
     def changed(self, sections: Mapping[str, Mapping[str, float]]) -> Hyperprior:
         """The same with other numbers, by parameter and number.

@@ -136,13 +136,20 @@ class GroupEffect(NamedTuple):
 
 
 def study_scales(study: Study) -> StimulusScales:
-    """The scales of all subjects together; the spread of first stimuli is that within subjects."""
+    """The scales of all subjects together; the spread of first stimuli is that within subjects.
+
+    A subject has one spread over all conditions.
+    """
     scales = common_scales(*study)
     if scales is None:
         raise InputError("no pair has two different stimuli, so no order effect can be seen")
-    offsets = np.concatenate([subject.s1 - _mean_first([subject]) for subject in study])
-    n_trials = np.concatenate([subject.n_trials for subject in study])
-    first_spread = float(np.sqrt(np.average(np.square(offsets), weights=n_trials)))
+    offsets, n_trials = [], []
+    for units in units_by_subject(study).values():
+        mean = _mean_first(units)
+        offsets += [unit.s1 - mean for unit in units]
+        n_trials += [unit.n_trials for unit in units]
+    squares = np.square(np.concatenate(offsets))
+    first_spread = float(np.sqrt(np.average(squares, weights=np.concatenate(n_trials))))
     return scales._replace(first_spread=first_spread)
 
 
@@ -233,6 +240,9 @@ class PopulationResult:
 
     def effect(self, name: str) -> GroupEffect:
         """Mean, standard deviation and Bayes factor of `constant_error` or `contraction`."""
+        if name not in (CONSTANT_ERROR.name, CONTRACTION.name):
+            rule = f"{CONSTANT_ERROR.name}, {CONTRACTION.name}"
+            raise InputError(f"effect: found {name!r}, allowed: {rule}")
         j = self.index(name)
         mean, sd = self.draws.mean[..., j], self.draws.sd[..., j]
         sd_interval = Interval.from_draws(sd)

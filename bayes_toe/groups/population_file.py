@@ -178,6 +178,11 @@ def _read(tree: xr.DataTree) -> tuple[Study, Regressors, GroupDraws, Record]:
     )
     if not is_number or (draws.sd < 0.0).any():
         raise InputError("its draws are no numbers, or a standard deviation is below 0")
+    n_columns = len(columns)
+    has_effects = draws.effects.shape == (n_chains, n_draws, n_columns, n_coefficients)
+    is_column = regressors.x.shape == (len(regressors.subjects), n_columns)
+    if not (has_effects and is_column and np.isfinite(regressors.x).all()):
+        raise InputError("its covariates are not those of its draws")
     if draws.subjects.shape[:3] != expected or draws.subjects.shape[3] < n_coefficients:
         raise InputError("its draws are of other subjects")
     return study, regressors, draws, record

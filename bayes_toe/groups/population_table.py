@@ -1,4 +1,8 @@
-"""population.csv, a row for each quantity of the group; population_subjects.csv, its subjects."""
+"""The rows of population.csv and population_subjects.csv.
+
+A `PopulationRow` is one quantity of the group, a `GroupSubjectRow` one parameter of a subject.
+`summary_row` and `subject_row` compute them from draws.
+"""
 
 from __future__ import annotations
 

@@ -2,9 +2,9 @@
 
 `predictive_check` simulates new groups with as many subjects, the same trials and covariates. Each
 is drawn from the group of one posterior draw, and its responses are simulated. The estimates of the
-observed subjects are not used again, because they would hide a misfit. Spread, skewness and the
-farthest subject of accuracy, asymmetry and share of the counted response are compared with those of
-the new groups.
+observed subjects are not used again, because they would hide a misfit. The
+spread and the farthest subject of the mean asymmetry, the spread of accuracy, and the skewness and
+the farthest subject of the share of the counted response are compared with those of the new groups.
 """
 
 from __future__ import annotations
@@ -142,28 +142,29 @@ def _measures(
     def by_subject(values: FloatArray | IntArray) -> FloatArray:
         return np.add.reduceat(values, rows.first_row, axis=0)
 
-    weights = np.zeros(difference.shape)
+    # 1 for the strong-first row of a pair that was met in both orders, -1 for the weak-first one.
+    signs = np.zeros(difference.shape)
     for i, unit in enumerate(units):
         for weak_first, strong_first in pairs_in_both_orders(unit):
-            weights[i, strong_first], weights[i, weak_first] = 1.0, -1.0
-    n_compared = by_subject((weights > 0.0).sum(axis=1))
+            signs[i, strong_first], signs[i, weak_first] = 1.0, -1.0
+    n_compared = by_subject((signs > 0.0).sum(axis=1))
     is_compared = n_compared > 0
     if is_compared.sum() > 1:
         # Laplace's estimator of the frequency of a wrong response.
-        shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)
-        total = by_subject((weights[:, None] * shares).sum(axis=2))
-        yield (
-            "mean asymmetry",
-            total[is_compared] / n_compared[is_compared, None],
-            ("spread", "farthest"),
-        )
-    n_judged = np.where(task.right(difference) == 0, 0, n_trials)
-    subject_judged = by_subject(n_judged.sum(axis=1))
-    is_judged = subject_judged > 0
+        wrong_shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)
+        total = by_subject((signs[:, None] * wrong_shares).sum(axis=2))
+        mean_asymmetry = total[is_compared] / n_compared[is_compared, None]
+        yield "mean asymmetry", mean_asymmetry, ("spread", "farthest")
+    # Equal stimuli have no right response in some tasks.
+    n_judged_by_pair = np.where(task.right(difference) == 0, 0, n_trials)
+    n_judged = by_subject(n_judged_by_pair.sum(axis=1))
+    is_judged = n_judged > 0
     if is_judged.sum() > 1:
-        wrong = by_subject(n_wrong.sum(axis=2))
-        yield "accuracy", 1.0 - wrong[is_judged] / subject_judged[is_judged, None], ("spread",)
-    share = by_subject(n_yes.sum(axis=2)) / by_subject(n_trials.sum(axis=1))[:, None]
+        n_wrong_of_subject = by_subject(n_wrong.sum(axis=2))
+        wrong_share = n_wrong_of_subject[is_judged] / n_judged[is_judged, None]
+        yield "accuracy", 1.0 - wrong_share, ("spread",)
+    n_all = by_subject(n_trials.sum(axis=1))
+    share = by_subject(n_yes.sum(axis=2)) / n_all[:, None]
     yield f"share of {task.yes!r}", share, ("skewness", "farthest")
 
 

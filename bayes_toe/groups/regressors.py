@@ -1,8 +1,8 @@
-"""Covariates as the columns x of eta_ik ~ Normal(m_k + x_i' beta_k, tau_k^2).
+"""Covariates as the columns of a regression: `regressors`.
 
-A numeric covariate is one column, in sds about its mean. A category has a column for each level but
-the reference, 1 for its subjects and 0 for others. So m is the mean of subjects at the reference
-levels and at the means of numeric covariates.
+The column of a numeric covariate is (value - mean) / sd. A category has a column for each level but
+the reference: 1 for the subjects of the level and 0 for others. The mean of a coefficient is
+m + x' beta, so m is that of subjects at the reference levels and at the means of covariates.
 """
 
 from __future__ import annotations

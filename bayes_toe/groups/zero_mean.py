@@ -4,9 +4,10 @@ The Bayes factor of 0 against any other value is the posterior density at 0 over
 at 0. Given the coefficients a of n subjects and their standard deviation tau, the likelihood of a
 mean m is Normal(e; m, v^2) with e the mean of a and v = tau / sqrt(n). So
 
-    BF = mean over draws of  Normal(e; 0, v^2) / integral of Normal(e; m, v^2) prior(m) dm,
+    BF = mean over draws of  Normal(e; 0, v^2) / integral of Normal(e; m, v^2) prior(m) dm.
 
-which is accurate even if 0 is far from all draws.
+It is accurate where 0 is among the draws. Where 0 is far from all of them, the average rests on a
+few draws: then the Bayes factor says only that a mean of 0 is much less probable.
 
 Sources: Dickey 1971, Annals of Mathematical Statistics 42, 204-223; Gelfand and Smith 1990, JASA
 85, 398-409 (the average of densities).
@@ -23,9 +24,15 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.inference.diagnostics import errors
+from bayes_toe.model.parameters import StandardStudent
 
-_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(40)
-_LOG_WEIGHTS = np.log(_WEIGHTS / _WEIGHTS.sum())
+#: Nodes of a normal density, in standard deviations, and of Student's t with 3 degrees of freedom,
+#: which is 2 cos^2(angle)/pi at sqrt(3) tan(angle); each with the logs of their shares.
+_NORMAL_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(40)
+_LOG_NORMAL_SHARES = np.log(_WEIGHTS / _WEIGHTS.sum())
+_ANGLES = (np.arange(400) + 0.5) * np.pi / 400 - 0.5 * np.pi
+_STUDENT_NODES = np.sqrt(3.0) * np.tan(_ANGLES)
+_LOG_STUDENT_SHARES = np.log(np.square(np.cos(_ANGLES)) / 200)
 
 
 class ZeroBayesFactor(NamedTuple):
@@ -49,12 +56,27 @@ def zero_mean(
     residual = draws.subjects[..., j] - draws.effects[..., j] @ x.T
     centre = residual.mean(axis=-1)
     width = draws.sd[..., j] / np.sqrt(residual.shape[-1])
-    means = centre[..., None] + width[..., None] * _NODES
-    every = np.zeros((*means.shape, len(numbers.mean)))
-    every[..., j] = means
-    log_prior = numbers.log_prior_of_mean(every)[..., j]
-    log_average = logsumexp(log_prior + _LOG_WEIGHTS, axis=-1)
+    log_average = _log_average_prior(centre, width, numbers, j)
     return _average(_log_normal(centre, np.square(width)) - log_average)
+
+
+def _log_average_prior(
+    centre: FloatArray, width: FloatArray, numbers: HyperpriorNumbers, j: int
+) -> FloatArray:
+    """Log of the integral of Normal(centre; m, width^2) prior(m) dm over the mean of a coefficient.
+
+    The nodes are those of the narrower of the two densities.
+    """
+    mean, scale = numbers.mean[j], numbers.mean_scale[j]
+    if not numbers.has_heavy_tails[j]:
+        return _log_normal(centre - mean, np.square(width) + scale**2)
+    score = (centre[..., None] + width[..., None] * _NORMAL_NODES - mean) / scale
+    log_prior = StandardStudent().log_density(score) - np.log(scale)
+    at_normal_nodes = logsumexp(log_prior + _LOG_NORMAL_SHARES, axis=-1)
+    distance = centre[..., None] - mean - scale * _STUDENT_NODES
+    log_likelihood = _log_normal(distance, np.square(width)[..., None])
+    at_student_nodes = logsumexp(log_likelihood + _LOG_STUDENT_SHARES, axis=-1)
+    return np.where(width < scale, at_normal_nodes, at_student_nodes)
 
 
 def zero_effect(

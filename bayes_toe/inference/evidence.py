@@ -92,9 +92,7 @@ def laplace_evidence(maxima: Maxima) -> tuple[float | None, str]:
     return _laplace_value(float(maxima.value[0]), maxima.curvature[0], "Laplace of H1")
 
 
-def laplace_evidence_natural(
-    posterior: PaperPosterior, maxima: Maxima, starts: FloatArray | None = None
-) -> tuple[float | None, str]:
+def laplace_evidence_natural(posterior: PaperPosterior, maxima: Maxima) -> tuple[float | None, str]:
     """Log evidence at the highest maximum in (mu1, sigma_p^2, sigma_l^2, q0), nats.
 
     None, with the reason, where that is on an edge.
@@ -102,8 +100,7 @@ def laplace_evidence_natural(
     `maxima` are those in unconstrained identified coordinates. The search runs in these
     coordinates, in which an edge lies at infinity: a Newton ascent toward it goes on in steps of
     about one, however little it gains. At a stationary point determinants of the Hessian differ by
-    the square of the Jacobian alone. `starts`, shape (starts, 4), are by default a few about these
-    maxima.
+    the square of the Jacobian alone.
     """
     label = "Laplace of H1 in the paper's coordinates"
 
@@ -126,8 +123,7 @@ def laplace_evidence_natural(
         slope[:, 3] += np.tanh(0.5 * x[:, 3])
         return log_density(x, log_joint), slope
 
-    if starts is None:
-        starts = _starts(lambda x: log_density(x, posterior.log_density(x)), maxima)
+    starts = _starts(lambda x: log_density(x, posterior.log_density(x)), maxima)
     density = Differenced(density_and_gradient, *starts.shape)
     ascent = ascend(density.expand, starts)
     best = np.lexsort((ascent.has_converged, ascent.value))[-1:]  # of equals a converged one

@@ -33,7 +33,7 @@ from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.model.intervals import interval_units, reference_interval
 from bayes_toe.model.paper_model import PaperPosterior
-from bayes_toe.model.parameters import quantity_named
+from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.posterior import AnswerPosterior, SampledPosterior, posterior_contraction
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.seeds import generator
@@ -266,7 +266,7 @@ def location(values: FloatArray) -> tuple[float, ...]:
 
 def unit(name: str, target: AnswerPosterior) -> str:
     """The unit of a quantity; at the reference interval where an interval acts on it."""
-    plain = quantity_named(name).unit
+    plain = QUANTITY_BY_NAME[name].unit
     if target.subject.isi is None or not isinstance(target, PaperPosterior):
         return plain
     reference = reference_interval(target.prior.reference_interval, target.subject)

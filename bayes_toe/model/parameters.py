@@ -398,11 +398,6 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
 }
 
 
-def quantity_named(name: str) -> Quantity:
-    """The quantity with this name. Unknown names are frequencies of pairs, q_1 and so on."""
-    return QUANTITY_BY_NAME.get(name, Quantity(name, name, name, "", PURE_NUMBER))
-
-
 #: The models of the observer by name, each with the effects of order that are free in it.
 ORDER_MODELS: Mapping[str, tuple[Parameter, ...]] = {
     "none": (),

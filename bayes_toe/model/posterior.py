@@ -46,9 +46,7 @@ class Names:
 
 
 def _ordered(names: tuple[str, ...]) -> tuple[str, ...]:
-    ordered = [name for name in QUANTITY_BY_NAME if name in names]
-    unordered = [name for name in dict.fromkeys(names) if name not in QUANTITY_BY_NAME]
-    return (*ordered, *unordered)
+    return tuple(name for name in QUANTITY_BY_NAME if name in names)
 
 
 def require_points(x: npt.ArrayLike, k: int) -> FloatArray:

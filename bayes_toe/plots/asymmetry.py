@@ -129,23 +129,24 @@ def _draw_comparisons(ax: Axes, rows: Sequence[Sequence[Comparison]], size: floa
     """Draw the comparisons of every row, one below the other; return how far they reach from 0."""
     points = []
     for i, comparisons in enumerate(rows):
-        # Bars of many comparisons in one row would hide each other.
-        visible = 1.0 if len(comparisons) <= _CROWDED else np.nan
+        n_comparisons = len(comparisons)
         for j, comparison in enumerate(comparisons):
-            height = i + 0.7 * ((j + 0.5) / len(comparisons) - 0.5)
-            error = comparison.asymmetry_se
-            points.append(
-                (comparison.asymmetry, height, visible * error, comparison.p_adjusted, error)
-            )
+            height = i + 0.7 * ((j + 0.5) / n_comparisons - 0.5)
+            bar = error = comparison.asymmetry_se
+            if n_comparisons > _CROWDED:
+                bar = np.nan  # Bars of many comparisons in one row would hide each other.
+            points.append((comparison.asymmetry, height, bar, comparison.p_adjusted, error))
     value, y, bars, p, errors = np.array(points, np.float64).reshape(-1, 5).T
+    signs, is_significant = np.sign(value), p < LEVEL
     for sign, (colour, marker) in _MARKS.items():
-        for is_significant, face in ((False, "white"), (True, colour)):
-            is_selected = (np.sign(value) == sign) & ((p < LEVEL) == is_significant)
+        for is_filled, face in ((False, "white"), (True, colour)):
+            is_selected = (signs == sign) & (is_significant == is_filled)
             style: Style = {"ms": size, "mew": 0.7, "elinewidth": 0.6, "mfc": face}
             if is_selected.any():
                 x, half = value[is_selected], bars[is_selected]
                 ax.errorbar(x, y[is_selected], None, half, marker, color=colour, **style)
-    return min(1.05, 1.08 * float((np.abs(value) + errors).max(initial=0.1)))
+    reach = np.abs(value) + errors
+    return min(1.05, 1.08 * float(reach.max(initial=0.1)))
 
 
 def _draw_key(ax: Axes, share_of: str) -> None:

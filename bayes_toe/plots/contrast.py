@@ -1,4 +1,8 @@
-"""Differences between conditions: of every subject, and the curves of one subject by condition."""
+"""Figures of the differences between conditions.
+
+`contrast` draws the differences of all subjects. `contrast_curves` draws the responses and curves
+of one subject, a panel for each condition.
+"""
 
 from __future__ import annotations
 
@@ -157,6 +161,8 @@ def contrast_curves(study: Study, table: ContrastTable, subject: str) -> Figure:
         ax.set_title(title, fontsize=LETTERS)
     label_outer(panels, n_panels)
     title = plain(subject)
+    if len(units) > n_panels:
+        title += f", {n_panels} of {len(units)} conditions"
     if study.synthetic:
         title += " (synthetic data)"
     figure.suptitle(title, fontsize=LETTERS + 1.0)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
+from numbers import Real
 from textwrap import fill
 from typing import Any, NamedTuple, cast
 
@@ -28,13 +29,13 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.messages import join_names
 from bayes_toe.data.stimulus_unit import StimulusUnit
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.models import model_posterior, model_title, stored_model
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.paper_equations import NATURAL, Natural, quantities
 from bayes_toe.model.paper_model import PRIOR_DRAWS, PaperPosterior
-from bayes_toe.model.parameters import quantity_named
+from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.posterior import AnswerPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, Style, new_figure, plain
@@ -219,7 +220,7 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
 
 def axis_label(name: str, unit: StimulusUnit) -> str:
     """The label of the axis of a quantity."""
-    label = quantity_named(name).symbol
+    label = QUANTITY_BY_NAME[name].symbol
     return f"{label}, {unit.of_differences}" if name in DIFFERENCES else label
 
 
@@ -250,6 +251,21 @@ def support(target: AnswerPosterior, name: str) -> Span:
     return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)
 
 
+def _require_possible(name: str, value: float, target: AnswerPosterior) -> None:
+    """Refuse a true value that the quantity cannot have."""
+    low, high = support(target, name)
+    rule = "a finite number"
+    if high < np.inf:
+        rule = f"a number from {low:g} to {high:g}"
+    elif low == 0.0:
+        rule = "a positive finite number"
+    require_kind(f"truths: {name}", value, Real, rule)
+    is_finite = np.isfinite(axis_values(name, value, target.subject.unit))
+    is_zero_scale = name == "sigma_p" and value == 0.0
+    if not (is_finite and low <= value <= high) or is_zero_scale:
+        raise InputError(f"truths: {name}={value!r}, allowed: {rule}")
+
+
 def all_true_values(truths: Values, target: AnswerPosterior) -> dict[str, float]:
     """True values and all that follow from them, as axes show them."""
     for name, value in truths.items():
@@ -257,19 +273,18 @@ def all_true_values(truths: Values, target: AnswerPosterior) -> dict[str, float]
             raise InputError(
                 f"truths: unknown quantity {name!r}; there are: {', '.join(target.names.all)}"
             )
-        sign = "positive " if name == "sigma_p" else ""
-        if not np.isfinite(value) or (sign and value <= 0.0):
-            raise InputError(f"truths: {name}={value!r}, allowed: a {sign}finite number")
+        _require_possible(name, value, target)
     # NaN stands for an unknown value, and marks what cannot be known without it.
     natural = {}
     for name in target.names.natural:
         natural[name] = np.asarray(truths.get(name, np.nan), np.float64)
     if isinstance(target, PaperPosterior) and set(NATURAL) <= set(natural):
         # The paper's parameters may also lie outside the prior's support.
-        values = quantities(Natural(*(natural[name] for name in NATURAL)), target.sbar)
+        parameters = Natural(*(natural[name] for name in NATURAL))
+        derived = quantities(parameters, target.sbar)
     else:
-        values = target.quantities(target.points(natural))
-    true_values = {name: float(value) for name, value in values.items() if np.isfinite(value)}
+        derived = target.quantities(target.points(natural))
+    true_values = {name: float(value) for name, value in derived.items() if np.isfinite(value)}
     true_values |= truths
     unit = target.subject.unit
     return {name: float(axis_values(name, value, unit)) for name, value in true_values.items()}
@@ -302,18 +317,21 @@ class Density(NamedTuple):
     @classmethod
     def from_draws(cls, x: FloatArray, y: FloatArray, across: Span, up: Span) -> Density:
         """The density of draws, shape (draws,) each, in a panel of these limits."""
-        counts = np.histogram2d(y, x, BINS, [up, across])[0]
+        counts, _, _ = np.histogram2d(y, x, BINS, [up, across])
         n_distinct = len(np.unique(x))  # a draw that is repeated says nothing new
         smooth = gaussian_filter(counts, _SMOOTHING * n_distinct ** (-1.0 / 6.0))
-        values = np.pad(np.pad(smooth, 1, mode="edge"), 1, constant_values=smooth.min())
-        bins = []
-        for draws, (low, high) in ((y, up), (x, across)):
+        continued = np.pad(smooth, 1, mode="edge")
+        values = np.pad(continued, 1, constant_values=smooth.min())
+        shares = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS  # of a panel, at bin middles
+        middles, bins = [], []
+        for draws, (low, high) in ((x, across), (y, up)):
+            middles.append(low + (high - low) * shares)
             bins.append((draws - low) / (high - low) * BINS + AROUND - 0.5)
+        column, row = bins  # of each draw, with fractions
         # Outside it is less than any density.
-        at_draws = map_coordinates(values, bins, order=1, mode="constant", cval=-1.0)
-        middles = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS
+        at_draws = map_coordinates(values, [row, column], order=1, mode="constant", cval=-1.0)
         levels = np.quantile(at_draws, 1.0 - np.array(LEVELS)).tolist()
-        middle_x, middle_y = (low + (high - low) * middles for low, high in (across, up))
+        middle_x, middle_y = middles
         return cls(middle_x, middle_y, values, tuple(levels))
 
 

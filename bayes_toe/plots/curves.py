@@ -120,15 +120,16 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     counts = fitted.target.subject
     if counts.intervals:
         return _interval_figure(counts, fitted, title)
-    weaker = _panels(counts)
-    is_by_stimulus = 1 <= len(weaker) <= MOST_PANELS
-    n_panels = len(weaker) if is_by_stimulus else 1
+    stimuli = _panels(counts)
+    if len(stimuli) > MOST_PANELS:
+        stimuli = []
+    n_panels = max(1, len(stimuli))
     n_columns = min(2, n_panels)
     figure = new_figure(6.0, max(3.8, 2.5 * n_rows(n_panels, n_columns) + 0.6))
     panels = grid_panels(figure, n_panels, n_columns, sharey=True)
-    if not is_by_stimulus:
+    if not stimuli:
         distance_panel(panels[0], fitted)
-    for ax, stimulus in zip(panels, weaker if is_by_stimulus else [], strict=False):
+    for ax, stimulus in zip(panels, stimuli, strict=False):
         order_panel(ax, counts, fitted.yes, stimulus)
         label_along(ax, counts)
         if n_panels > 1:

@@ -1,4 +1,4 @@
-"""Figures as files and as the content of files.
+"""Figures as files, or as bytes.
 
 The same figure gives the same bytes, and a file appears whole or not at all.
 """

@@ -54,7 +54,7 @@ _LABELS = {
 #: Labels of effects on the means.
 _EFFECT_LABELS = {
     **_LABELS,
-    NOISE.name: "JND (%)",
+    NOISE.name: "JND, relative change (%)",
     PEAK.name: "logit of largest P('equal')",
 }
 _POINTS = 200  # along a density
@@ -197,17 +197,28 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
     Every row has a scale of its own: the median of new groups is in the middle, and their central
     90 % are as wide as in any other row.
     """
+    interval_label, observed_label = "new groups, 5 to 95 %", "observed"
     for i, row in enumerate(check.statistics):
-        colour = BAD if row.p_value < CONTRADICTED else "black"
-        side = row.q95 - row.q50 if row.is_above else row.q50 - row.q05
-        position = (row.observed - row.q50) / side if side > 0.0 else 0.0
-        marker = "D"
-        if abs(position) > 2.0:
-            marker = "<" if position < 0.0 else ">"
-            position = np.copysign(2.0, position)
-        ax.barh(i, 2.0, 0.36, -1.0, color=BAND, label="" if i else "new groups, 5 to 95 %")
+        colour = "black"
+        if row.p_value < CONTRADICTED:
+            colour = BAD
+        side = row.q50 - row.q05
+        if row.is_above:
+            side = row.q95 - row.q50
+        distance = row.observed - row.q50
+        position, marker = 0.0, "D"
+        if side > 0.0:
+            position = distance / side
+        elif distance != 0.0:
+            position = np.copysign(np.inf, distance)
+        if position > 2.0:
+            position, marker = 2.0, ">"
+        elif position < -2.0:
+            position, marker = -2.0, "<"
+        ax.barh(i, 2.0, 0.36, -1.0, color=BAND, label=interval_label)
         ax.plot([0.0, 0.0], [i - 0.18, i + 0.18], color=EQUAL, lw=0.8)
-        ax.plot(position, i, marker, ms=4.0, color=colour, label="" if i else "observed", ls="")
+        ax.plot(position, i, marker, ms=4.0, color=colour, label=observed_label, ls="")
+        interval_label, observed_label = "", ""  # one row is enough for the legend
         low, high, observed = rounded(row.q05, row.q95, row.q05, row.q95, row.observed)
         text = f"{observed}, expected {low} to {high}, p = {row.p_value:.2g}"
         ax.text(0.0, i - 0.24, text, ha="center", va="bottom", fontsize=SMALL, color=colour)
@@ -244,18 +255,20 @@ def _effects(result: PopulationResult) -> dict[str, FloatArray]:
 
     Those on the PSE shift are in the unit of differences, those on the JND in per cent.
     """
-    effects = {}
     if result.comparisons:
+        effects = {}
         for name in DIFFERING:
             columns = [result.difference(name, levels)[0].ravel() for levels in result.comparisons]
             effects[name] = np.stack(columns, axis=1)
     elif result.regressors.columns:
+        effects = {}
+        n_columns = len(result.regressors.columns)
         for name in result.names:
             draws = result.draws.effects[..., result.index(name)]
-            effects[name] = draws.reshape(-1, len(result.regressors.columns))
-    if effects:
-        for name in (CONSTANT_ERROR.name, NOISE.name):
-            values = effects[name]
-            is_noise = name == NOISE.name
-            effects[name] = percent(values) if is_noise else result.in_units(name, values)
+            effects[name] = draws.reshape(-1, n_columns)
+    else:
+        return {}
+    shift, noise = CONSTANT_ERROR.name, NOISE.name
+    effects[shift] = result.in_units(shift, effects[shift])
+    effects[noise] = percent(effects[noise])
     return effects

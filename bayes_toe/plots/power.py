@@ -1,4 +1,8 @@
-"""Figures of the power of a design, and of an optimised design."""
+"""Figures of how often a design detects an effect.
+
+`power` draws the share of simulated observers with 'yes' or 'probably' over the number of trials.
+`design` draws the pairs of an optimised design and compares it with others.
+"""
 
 from __future__ import annotations
 

@@ -24,6 +24,7 @@ from bayes_toe.groups.population import PopulationResult
 from bayes_toe.plots.curves import (
     Curve,
     draw_shares,
+    has_several_weaker,
     label_along,
     main_weaker,
     mean_first,
@@ -47,6 +48,7 @@ from bayes_toe.plots.style import (
     plain,
     rows_by_order,
     stimulus_axis,
+    write_note,
 )
 
 #: Subjects whose responses are shown.
@@ -122,14 +124,14 @@ def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:
         return [answer.subject for answer in interpretable]
     interpretable.sort(key=lambda answer: answer.log_bayes_factors["order_effect"])
     least_probable, *candidates = interpretable
-    selected = [answer for answer in candidates if answer.words["order_effect"].is_positive]
-    n_low = 0
-    if len(selected) < MAX_SUBJECTS:
-        selected = candidates
-    else:
-        selected.sort(key=lambda answer: answer.sizes["pse_shift_percent"].q50)
-        n_low = MAX_SUBJECTS // 2 - 1
-    selected = [*selected[:n_low], *selected[n_low + 1 - MAX_SUBJECTS :]]
+    n_places = MAX_SUBJECTS - 1
+    selected = candidates[-n_places:]
+    positive = [answer for answer in candidates if answer.words["order_effect"].is_positive]
+    if len(positive) > n_places:
+        positive.sort(key=lambda answer: answer.sizes["pse_shift_percent"].q50)
+        n_low = n_places // 2
+        n_high = n_places - n_low
+        selected = [*positive[:n_low], *positive[-n_high:]]
     names = {answer.subject for answer in (least_probable, *selected)}
     return [answer.subject for answer in answers if answer.subject in names]
 
@@ -171,6 +173,8 @@ def responses_panel(
         order_panel(ax, counts, curve, 0.0 if reference is None else reference, **along)
         stimulus_axis(ax, "stronger stimulus", counts.unit, middle)
         ax.set_ylabel("share 'equal'")
+        if has_several_weaker(counts):
+            write_note(ax, "pairs with other weaker stimuli are not shown")
 
 
 def is_by_first(counts: Subject) -> bool:

@@ -1,4 +1,8 @@
-"""Serial dependence: responses by the stimuli and by the response of the trial before."""
+"""The figure of serial dependence: `serial`.
+
+It draws how far responses lie above or below the model without history, by the stimuli of the trial
+before (left) and by its response (right).
+"""
 
 from __future__ import annotations
 
@@ -59,7 +63,7 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     for ax in axes[:-1].ravel():
         ax.set_xlabel("")
     notes = []
-    if len(rows) < len(candidates):
+    if len(rows) < len(candidates) and not subjects:
         notes.append(f"{len(rows)} of {len(candidates)} subjects, strongest evidence first")
     if table.study.synthetic:
         notes.append("synthetic data")

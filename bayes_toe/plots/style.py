@@ -311,7 +311,9 @@ def legend_above(
 
     Estimates with error bars come first. `side` is where its lower edge touches the panel.
     """
-    handles, labels = zip(*_main_first(ax), strict=True)
+    entries = _main_first(ax)
+    handles = [handle for handle, _ in entries]
+    labels = [label for _, label in entries]
     style: Style = {
         "loc": f"lower {side}",
         "bbox_to_anchor": ({"left": 0.0, "center": 0.5, "right": 1.0}[side], 1.0),

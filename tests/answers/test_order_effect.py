@@ -1,10 +1,11 @@
 """The answer of one subject: words, sizes, prior sensitivity, what stands against it, files."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.answers.model_average import weighted_quantiles
+from bayes_toe.answers.model_average import averaged_draws, weighted_quantiles
 from bayes_toe.answers.order_effect import (
     ANSWER_COLUMNS,
     QUESTIONS,
@@ -239,3 +240,30 @@ def test_dots_have_a_constant_error_and_a_misfit(real_data):
     answer, _ = answer_subject(dots, seed=1)
     assert [answer.word(question) for question in QUESTIONS] == ["yes", "yes", "probably not"]
     assert answer.fits is False
+
+
+def test_an_effect_that_is_the_constant_error_depends_on_the_prior_as_that_does():
+    s2 = [-0.3, -0.2, -0.1, 0.1, 0.2, 0.3]
+    subject = Subject("S", [0.0] * 6, s2, [5, 5, 17, 33, 39, 40], [40] * 6, task=WHICH_STRONGER)
+    answer, _ = answer_subject(subject, 1)
+    assert answer.probabilities["order_effect"] == answer.probabilities["constant_error"]
+    assert not any(flag.startswith("depends on the prior") for flag in answer.flags)
+
+
+def test_a_bound_of_a_condition_counts_its_distance_from_the_mean_of_all():
+    rows = []
+    for condition, start in (("left", 0.0), ("right", 0.6)):
+        for first, second in ((0.0, 0.1), (0.1, 0.0), (0.0, 0.2), (0.2, 0.0)):
+            n_second = 2 if second > first else 1
+            rows.append(("S", condition, start + first, start + second, n_second, 3))
+    columns = ["subject", "condition", "s1", "s2", "n_second", "n_trials"]
+    frame = pd.DataFrame(rows, columns=columns)
+    study = bt.read_study(frame, bt.ReadOptions(condition="condition"))
+    for unit in study:
+        answer, evidence = answer_subject(unit, 1)
+        draws = averaged_draws(evidence)
+        c, p = draws.quantities["constant_error"], draws.quantities["contraction"]
+        shifts = c[:, None] - p[:, None] * (unit.s1 - unit.scales.sbar)
+        size = np.sqrt(np.mean(np.square(shifts), axis=1)) / draws.quantities["jnd"]
+        (bound,) = weighted_quantiles(size, draws.weights, [0.95])
+        assert answer.upper_bounds["order_effect"] == pytest.approx(bound)

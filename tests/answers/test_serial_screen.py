@@ -111,3 +111,18 @@ def test_slopes_are_those_of_the_logit_in_a_shift(task):
     )
     expected = (ahead - backward) / (2e-5 * posterior.prior.constant_error_scale)
     np.testing.assert_allclose(logit_slopes(posterior, x), expected, rtol=1e-6, atol=1e-8)
+
+
+def test_a_trial_before_that_is_not_tested_needs_no_correction():
+    """Blocks of two trials of one pair; the answers are independent."""
+    answer_p = []
+    for seed in range(150):
+        rng = default_rng(seed)
+        pair = np.repeat(np.tile(np.arange(10), 4), 2)
+        s1, s2 = 0.05 * (pair % 5 + 1) * (pair >= 5), 0.05 * (pair % 5 + 1) * (pair < 5)
+        n_yes = (rng.random(80) < np.where(pair < 5, 0.6, 0.4)).astype(int)
+        place = np.arange(80) + np.arange(80) // 2  # a gap starts a block
+        keys = np.column_stack([s1, s2])
+        answers = Answers(keys, n_yes, np.ones(80, int), has_trial_rows=True, place=place)
+        answer_p.append(screen(Subject.from_answers("S", answers, WHICH_STRONGER)).answer_p)
+    assert np.mean(np.array(answer_p) < 0.05) < 0.12

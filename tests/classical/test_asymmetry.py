@@ -181,3 +181,10 @@ def test_holm_is_the_closed_test_of_bonferroni():
                 closed[family] = np.maximum(closed[family], min(1.0, size * p[family].min()))
         assert holm(p) == pytest.approx(closed, rel=1e-14)
     assert holm([]).shape == (0,)
+
+
+def test_of_equal_asymmetries_the_one_with_the_smaller_p_value_is_maximal():
+    counts = [5, 0, 7, 2]
+    subject = bt.Subject("S", [0.0, 0.1, 0.0, 0.2], [0.1, 0.0, 0.2, 0.0], counts, [20] * 4)
+    (row,) = bt.asymmetry(bt.Study([subject]))
+    assert row.maximal.p_value == min(comparison.p_value for comparison in row.comparisons)

@@ -36,6 +36,11 @@ def test_densities_are_those_of_the_table():
     assert sds.values == pytest.approx(sd, rel=1e-12)
 
 
+def test_rows_of_numbers_that_cannot_be_are_refused():
+    with pytest.raises(InputError, match=r"hyperprior: \[contraction\] mean_scale is -0.2"):
+        Hyperprior(contraction=ParameterHyperprior(0.0, -0.2, 0.15))
+
+
 def test_a_difference_is_half_as_wide_as_a_mean():
     assert Hyperprior().q0.difference == ParameterHyperprior(0.0, 0.5, 0.5)
 

@@ -83,3 +83,11 @@ def test_draws_that_no_group_has_are_refused(tmp_path, name, value):
         file["posterior"][name][0, 0] = value
     with pytest.raises(InputError, match="its draws are no numbers, or a standard deviation"):
         load_population(tmp_path / "p.nc")
+
+
+def test_covariates_that_are_not_those_of_the_draws_are_refused(tmp_path):
+    path = with_covariates().save(tmp_path / "population.nc")
+    with h5py.File(path, "r+") as file:
+        file["constant_data/x"][...] = np.nan
+    with pytest.raises(InputError, match="its covariates are not those of its draws"):
+        load_population(path)

@@ -18,7 +18,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.models import MODEL_NAMES, model_posterior, require_model
 from bayes_toe.model.paper_equations import Natural, quantities
 from bayes_toe.model.paper_model import paper_posterior
-from bayes_toe.model.parameters import QUANTITY_BY_NAME, quantity_named
+from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.plots.corner import BINS, OVERLAID, TRUTH, Density, support
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
@@ -41,7 +41,7 @@ def marked(ax):
 def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
     figure = bt.plots.corner(analysis.draws, "A", truths=TRUE, prior=bt.Prior())
     axes = np.array(figure.axes).reshape(4, 4)
-    assert [ax.get_xlabel() for ax in axes[-1]] == [quantity_named(name).symbol for name in TRUE]
+    assert [ax.get_xlabel() for ax in axes[-1]] == [QUANTITY_BY_NAME[name].symbol for name in TRUE]
     for ax, (name, value) in zip(axes.diagonal(), TRUE.items(), strict=True):
         assert ax.get_xlim()[0] < value < ax.get_xlim()[1]
         drawn = [line.get_xdata()[0] for line in ax.lines]
@@ -108,6 +108,9 @@ def test_draws_that_are_one_point_have_one_level():
         ({"truths": {"mu_1": 0.0}}, "unknown quantity 'mu_1'"),
         ({"truths": {"mu1": float("nan")}}, "mu1=nan"),
         ({"truths": {"sigma_p": 0.0}}, "a positive finite number"),
+        ({"truths": {"q0": 2.0}}, "q0=2.0, allowed: a number from 0 to 1"),
+        ({"truths": {"jnd": 800.0}}, "jnd=800.0, allowed: a positive finite number"),
+        ({"truths": {"jnd": "a"}}, "truths: jnd: found 'a', allowed: a positive"),
         ({"truths": {"A": TRUE}}, "unknown quantity 'A'"),
         ({"subject": ["A"]}, "allowed: 2 to 4, each once"),
         ({"subject": ["A", "A"]}, "found 'A', 'A'; allowed"),

@@ -8,9 +8,10 @@ from scipy import stats
 
 import bayes_toe as bt
 from bayes_toe.data.covariates import Covariates
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import regressors
-from bayes_toe.plots.population import MAX_NAMES_IN_GROUP, forest
+from bayes_toe.plots.population import MAX_NAMES_IN_GROUP, check_panel, forest
 from bayes_toe.plots.style import BAD, new_figure
 
 CHECK = PredictiveCheck(
@@ -129,3 +130,17 @@ def test_the_effect_of_a_condition():
     result = made_result(two_conditions(1, n_subjects=3))
     draws, *_ = result.difference("constant_error", ("right", "left"))
     require_effect(result, "hand right − left", np.median(draws))
+
+
+def test_a_group_without_anything_to_check_has_a_figure():
+    first = bt.Subject("A", [0, 0.2, 0], [0.2, 0, 0], [15, 5, 10], [20] * 3, task=WHICH_STRONGER)
+    second = bt.Subject("B", [0, 0.2], [0, 0.2], [9, 12], [20, 20], task=WHICH_STRONGER)
+    result = made_result(bt.Study([first, second]))
+    require_legible(bt.plots.population(result, PredictiveCheck(())))
+
+
+def test_what_lies_beyond_groups_that_do_not_differ_stands_at_the_edge():
+    row = Statistic("spread", "accuracy", 0.2, 0.0, 0.0, 0.0, 0.004, True)
+    ax = new_figure(4.0, 3.0).subplots()
+    check_panel(ax, PredictiveCheck((row,)))
+    assert ax.lines[1].get_xdata() == [2.0]
