@@ -255,7 +255,7 @@ def require_options(content: bytes) -> Record:
         texts = [*value, *value.values()] if isinstance(value, dict) else value
         has_other_kinds = isinstance(texts, list) and not {*map(type, texts)} <= {str}
         if type(value) is not _KINDS.get(name) or has_other_kinds:
-            raise InputError(f"The option {name} is unknown, or its value is")
+            raise InputError(f"The option {name}, or its value, is unknown")
     return options
 
 

@@ -120,7 +120,9 @@ class Bootstrap:
             )
         n_on_edge = self.fits.edges.sum(axis=0).tolist()
         for name, n_there in zip(self.fits.edge_names, n_on_edge, strict=True):
-            if n_there and name in _EDGE_WORDS:
+            if name == "not unique" and n_there == len(self):
+                remarks.append("no bootstrap replicate determines every parameter")
+            elif n_there and name in _EDGE_WORDS:
                 remarks.append(f"{n_there} {replicates} {_EDGE_WORDS[name]}")
         low, high = self.intervals().T
         is_outside = (value < low) | (value > high)

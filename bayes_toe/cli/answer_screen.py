@@ -25,7 +25,7 @@ from bayes_toe.cli.terminal import (
     command_lines,
     is_narrow,
     names_to_show,
-    typed_command,
+    repeated_command,
 )
 from bayes_toe.data.messages import capitalized, join_names, join_words
 
@@ -178,7 +178,7 @@ def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
     marked = {answer.subject: _marked_problems(answer) for answer in answers}
     for problems in marked.values():
         options += [option for _, _, option in problems if option][:1]
-    command = typed_command()
+    command = repeated_command()
     for subject, problems in marked.items():
         for mark, message, option in problems:
             if option and len(options) == 1:

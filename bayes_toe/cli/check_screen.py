@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,8 @@ from bayes_toe.cli.terminal import (
     describe_study,
     typed_command,
 )
-from bayes_toe.data.messages import capitalized, plural
+from bayes_toe.data.messages import capitalized, cli_argument, join_words, plural
+from bayes_toe.data.study import common_scales
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
@@ -37,13 +39,12 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool 
         out.line(f"Prior: {prior.describe_all(study.task)}", indent=2)
     _print_problems(out, study, by_subject)
     of_study = [finding for finding in findings if not finding.subject]
-    limits = [finding.message for finding in findings if finding.code == "not_identified"]
     separate = ("not_identified", *NOTES)
     out.findings(finding for finding in of_study if finding.code not in separate)
     notes = [finding.message for finding in of_study if finding.code in NOTES]
     texts = [f"{capitalized(note.rstrip('.'))}." for note in (*study.notes[1:], *notes)]
     out.notes((("", text, "") for text in texts), "-")
-    lines, commands = answer_of_check(study, limits, by_subject)
+    lines, commands = answer_of_check(study, findings, by_subject)
     out.answer(lines)
     for command in commands:
         out.lines(command_lines(command, "  "))
@@ -75,30 +76,59 @@ def _print_problems(out: Terminal, study: Study, by_subject: dict[str, list[Find
 
 
 def answer_of_check(
-    study: Study, limits: list[str], by_subject: Mapping[str, Sequence[Finding]]
+    study: Study, findings: Sequence[Finding], by_subject: Mapping[str, Sequence[Finding]]
 ) -> tuple[list[str], list[str]]:
     """What the design can show, the subjects that need a decision, and the next commands."""
-    lines = []
-    if not limits:
-        lines.append("The design can show a constant error and a contraction.")
-    elif identify(study.subjects[0]).constant_error:
-        lines.append("The design can show a constant error.")
-    lines += limits
+    lines = _limits_of_design(study, findings)
+    if common_scales(*study) is None:
+        return lines, []
     options = []
-    for findings in by_subject.values():
-        options += [finding.option for finding in findings if finding.option][:1]
+    for of_subject in by_subject.values():
+        options += [finding.option for finding in of_subject if finding.option][:1]
     run = typed_command("run")
     if not options:
         return [*lines, "No subject needs a decision. Type:"], [run]
-    commands = [f"{run} {' '.join(options)}".replace("--swap", "--exclude")]
-    swap = [option for option in options if option.startswith("--swap")]
-    if swap:
-        commands.insert(0, f"{run} {' '.join(swap)}")
-    choice = "one of these" if swap else "this"
+    exclude = [option.replace("--swap", "--exclude", 1) for option in options]
+    commands = []
+    has_swap = exclude != options
+    if has_swap:
+        commands.append(f"{run} {' '.join(options)}")
+    if {f"--exclude {cli_argument(name)}" for name in study.names}.issubset(exclude):
+        lines.append("Without the subjects that need a decision, no subject is left.")
+    else:
+        commands.append(f"{run} {' '.join(exclude)}")
+    if not commands:
+        return lines, []
+    choice = "one of these" if len(commands) > 1 else "this"
     verb = "needs" if len(options) == 1 else "need"
     n_all = plural(len(study), "subject")
     lines.append(f"{len(options)} of {n_all} {verb} a decision. Type {choice}:")
     return lines, commands
+
+
+def _limits_of_design(study: Study, findings: Sequence[Finding]) -> list[str]:
+    """The effects that the design can show, and those that it cannot, with numbers of subjects."""
+    n_subjects, all_subjects = len(study), plural(len(study), "subject")
+    identified = [identify(subject) for subject in study]
+    n_constant_error = sum(of_subject.constant_error for of_subject in identified)
+    n_contraction = sum(of_subject.contraction for of_subject in identified)
+    effects = []
+    for effect, n in (("a constant error", n_constant_error), ("a contraction", n_contraction)):
+        if n == n_subjects:
+            effects.append(effect)
+        elif n:
+            effects.append(f"{effect} ({n} of {all_subjects})")
+    lines = [f"The design can show {join_words(effects)}."] if effects else []
+    names_by_message = defaultdict[str, list[str]](list)
+    for finding in findings:
+        if finding.code == "not_identified":
+            names_by_message[finding.message].append(finding.subject)
+    for message, names in names_by_message.items():
+        if names == [""]:
+            lines.append(message)
+        else:
+            lines.append(f"{message.rstrip('.')} ({len(names)} of {all_subjects}).")
+    return lines
 
 
 def describe_pairs(study: Study) -> str:

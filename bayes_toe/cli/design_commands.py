@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from bayes_toe.design.optimal_pairs import DesignGoal
     from bayes_toe.design.study_design import StudyDesign
 
+#: Trials of a design that is searched for, if nothing else is said.
+TRIALS = 650
 _POWER_FILES = ("power.csv", "power_data_sets.csv", "power.png", "power.pdf")
 Observers = Annotated[Text, rare("--observers", "NAME", "none, contraction, both, a file.")]
 
@@ -152,11 +154,11 @@ class GoalOptions:
                 )
             if self.levels is None and not has_list:
                 raise bt.InputError("--intensity needs --levels levels.csv or --list trials.csv.")
-        is_search = (self.lowest, self.highest, self.levels) != (None, None, None)
+        is_search = replace(self, intensity=None) != GoalOptions()
         if file is not None and (not has_list or is_search):
             raise bt.InputError(
-                f"{file}: a given design needs --list trials.csv, without --lowest, --highest and "
-                "--levels."
+                f"{file}: a given design needs --list trials.csv, without options of the search "
+                "such as --lowest and --max-pairs."
             )
 
     def log_levels(self) -> FloatArray:
@@ -201,10 +203,8 @@ class ListOptions:
         """The levels of the condition; none without a condition."""
         from bayes_toe.design.simulate import read_differences
 
-        if self.conditions is not None and self.list_output is None:
-            raise bt.InputError(
-                "--conditions needs --list trials.csv, which has trials of each condition."
-            )
+        if self.list_output is None and self != ListOptions():
+            raise bt.InputError("--blocks, --subjects and --conditions need --list trials.csv.")
         differences = read_differences(self.conditions, None)
         return () if differences is None else differences.conditions.levels
 
@@ -235,10 +235,12 @@ class ListOptions:
             split = f" ({design.total} in each of {join_names([*levels])}, mixed within blocks)"
         n_trials = design.total * max(1, len(levels))
         context.out.line()
+        each = " each" if self.subjects > 1 else ""
         context.out.line(
-            f"{self.list_output}: {plural(self.subjects, 'subject')}, {n_trials} trials each in "
-            f"{self.blocks} blocks{split}. Each block balances the order of the stimuli as the "
-            f"design does, with at most {MOST_EQUAL} equal pairs in a row. Seed {seed}."
+            f"{self.list_output}: {plural(self.subjects, 'subject')}, {n_trials} trials{each} in "
+            f"{plural(self.blocks, 'block')}{split}. Within each block, both orders of a pair are "
+            f"as frequent as in the design. At most {MOST_EQUAL} equal pairs follow each other. "
+            f"Seed {seed}."
         )
 
 
@@ -252,7 +254,7 @@ def design(
         ),
     ] = None,
     output: Annotated[Path, writes("FILE.csv", "Design.")] = Path("design.csv"),
-    trials: Annotated[int, option("--trials", NUMBER, "Trials of a subject.", min=1)] = 650,
+    trials: Annotated[int, option("--trials", NUMBER, "Trials of a subject.", min=1)] = TRIALS,
     question: Question = "same/different",
     goal: GoalOptions,
     data_sets: Annotated[int, rare("--data-sets", NUMBER, "Observers of each effect.", min=1)] = 16,
@@ -272,6 +274,8 @@ def design(
     n_levels = max(1, len(lists.levels()))
     goal.require(file, bool(list_files))
     if file is not None:
+        if trials != TRIALS:
+            raise bt.InputError(f"{file}: a given design has its trials. Leave out --trials.")
         context.require_files(*list_files)
         seed = root_seed(context.seed)
         lists.write(bt.design.read_study_design(file), seed, goal.intensity, context)
@@ -295,9 +299,18 @@ def design(
     }
     context.write(files)
     print_design(context.out, optimal)
-    lists.write(optimal.design, optimal.seed, goal.intensity, context)
+    problem = ""
+    try:
+        lists.write(optimal.design, optimal.seed, goal.intensity, context)
+    except bt.InputError as error:  # The design is not lost.
+        problem, list_files = str(error), []
     written = f"Written: {', '.join(map(str, [*files, *list_files]))}. Seed {optimal.seed}."
     context.out.answer([*optimal.reasons(), *optimal.power.sentences(OPTIMISED), written])
+    if problem:
+        raise bt.InputError(
+            f"{problem}. For the list, type: bayes-toe design {output} --list "
+            f"{lists.list_output} --blocks NUMBER"
+        )
 
 
 # --- simulate -------------------------------------------------------------------------------------
@@ -376,5 +389,5 @@ def simulate(
         write_table(frame, file, overwrite=context.overwrite)
     total = sum(len(answered.yes) for answered in trials)
     context.print_written(
-        f"{len(simulated)} synthetic subjects, {total:,} trials in {output}", seed
+        f"{plural(len(simulated), 'synthetic subject')}, {plural(total, 'trial')} in {output}", seed
     )

@@ -22,6 +22,7 @@ from bayes_toe.answers.order_effect import (
 )
 from bayes_toe.cli.terminal import Terminal
 from bayes_toe.data.messages import capitalized, plural
+from bayes_toe.inference.diagnostics import worst
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 
 if TYPE_CHECKING:
@@ -62,9 +63,9 @@ def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck)
         if name in result.identified
     ]
     out.line(f"New subject (prediction): {', '.join(new_subject)}.")
-    n_effective, r_hat = _convergence(result, result.names)
+    (_, n_effective), (_, r_hat) = worst(result.draws.convergence)
     fit = "poor" if check.warnings else "good"
-    out.line(f"Fit of the group: {fit}. Draws: {n_effective} effective, R-hat {r_hat}.")
+    out.line(f"Fit of the group: {fit}. Draws: {n_effective:,.0f} effective, R-hat {r_hat:.3f}.")
     out.notes(("", note, "") for note in result.regressors.notes)
     print_problems(out, result, check.warnings)
 

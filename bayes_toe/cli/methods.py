@@ -198,12 +198,13 @@ def _limits(analysis: Analysis) -> list[str]:
     """The conclusions that must not be used as they are."""
     answers = [answer for answer in analysis.answers if answer.is_interpretable]
     names_of = doubtful_subjects(answers)
+    of_interpreted = set(names_of)
     excluded = [answer.subject for answer in analysis.answers if not answer.is_interpretable]
     names_of["Not interpreted: {}."] = excluded
     names_of["There are no results for {}."] = list(analysis.draws.failed)
     sentences = []
     for sentence, names in names_of.items():
-        if len(names) == len(answers) > 1:
+        if sentence in of_interpreted and len(names) == len(answers) > 1:
             sentences.append(sentence.format("any participant"))
         elif names:
             sentences.append(sentence.format(_text(join_names(names))))

@@ -60,7 +60,7 @@ DaskAddress = Annotated[Text, rare("--dask", "tcp://HOST:PORT", "Use a Dask clus
 PriorFile = Annotated[Text, option("--prior", "PRIOR", "Prior: default, paper, or a TOML file.")]
 Resume = Annotated[bool, flag("--resume", "Continue a stopped command.")]
 Overwrite = Annotated[bool, flag("--overwrite", "Replace existing output.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print problems only.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print errors only.")]
 
 SavedDraws = Annotated[
     Path, typer.Argument(metavar="posterior.nc", help="Draws saved by run or sample.")

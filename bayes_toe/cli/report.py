@@ -60,6 +60,7 @@ from bayes_toe.cli.answer_screen import (
     POOR_FIT,
     doubtful_subjects,
     effect_size,
+    not_counted,
 )
 from bayes_toe.cli.group_screen import group_answer, group_tables
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
@@ -403,6 +404,7 @@ def _answer(analysis: Analysis) -> list[str]:
     lines = study_lines(answers, synthetic=analysis.study.synthetic, units=units)
     if not units:
         lines += few_subjects_lines(answers)
+    lines += not_counted(answers)
     return [_typeset(line) for line in lines if line]
 
 

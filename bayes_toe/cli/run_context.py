@@ -172,7 +172,10 @@ class RunContext:
         from bayes_toe.data.whole_files import require_writable
 
         self._require_unread(*files)
+        places = [file.resolve() for file in files]
         for file in files:
+            if places.count(file.resolve()) > 1:
+                raise InputError(f"{file}: named for two outputs. Use two names.")
             require_parquet(file)
             require_writable(file, overwrite=self.overwrite)
 

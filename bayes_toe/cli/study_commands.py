@@ -58,7 +58,8 @@ def check(
     if study_output is not None:
         text = study.source.text(study_output.parent)
         context.write({study_output: lambda path: path.write_text(text, encoding="utf-8")})
-        TYPED[1:] = [str(study_output)]  # The next command reads that file.
+        prior_words = [] if context.prior is None else ["--prior", context.prior]
+        TYPED[1:] = [str(study_output), *prior_words]  # The next command reads that file.
     print_check(context.out, read, prior, shows_prior=context.prior is not None)
 
 

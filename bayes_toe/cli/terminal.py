@@ -156,7 +156,8 @@ def command_lines(command: str, start: str) -> list[str]:
     ['  bayes-toe run study.csv']
     """
     indent = " " * (len(start) + 2)
-    glued = _OPTION.sub(rf"\1{_GLUE}", visible(command))
+    words = [shlex.quote(word).replace(" ", _GLUE) for word in shlex.split(visible(command))]
+    glued = _OPTION.sub(rf"\1{_GLUE}", " ".join(words))
     lines = wrap(
         glued,
         WIDTH - 2,  # for the backslash
@@ -169,9 +170,16 @@ def command_lines(command: str, start: str) -> list[str]:
     return [f"{line} \\" for line in lines[:-1]] + lines[-1:]
 
 
-def typed_command(name: str = "") -> str:
-    """The command line that was typed, or the one of another command with the same file."""
-    words = [name, *TYPED[1:]] if name else TYPED
+def typed_command(name: str) -> str:
+    """The command line that was typed, for another command with the same file."""
+    return shlex.join(["bayes-toe", name, *TYPED[1:]])
+
+
+def repeated_command() -> str:
+    """The command line that was typed, to be typed again when its outputs exist."""
+    words = [word for word in TYPED if word != "--resume"]
+    if "--overwrite" not in words:
+        words.append("--overwrite")
     return shlex.join(["bayes-toe", *words])
 
 
@@ -341,7 +349,7 @@ def describe_amount(study: Study) -> str:
     pairs = f"{min(numbers):,} to {max(numbers):,} pairs"
     if len(set(numbers)) == 1:
         pairs = plural(numbers[0], "pair")
-    return f"{subjects}, {n_trials:,} trials, {study.task.title}, {pairs}"
+    return f"{subjects}, {plural(n_trials, 'trial')}, {study.task.title}, {pairs}"
 
 
 # --- numbers, with no more digits than their Monte Carlo errors allow ----------------------------

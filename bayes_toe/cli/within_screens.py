@@ -29,6 +29,8 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
     else:
         out.line()
         out.line(f"All {len(table.subjects):,} subjects: {file}")
+    if len({row.comparison for row in table}) > 1:
+        out.line("BF and word: a difference between any two conditions.")
     if any(row.robust == "no" for row in table):
         out.line("? The word changes if the lapse rate may differ between conditions.")
     notes = []
@@ -41,31 +43,28 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
 
 
 def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows; the name of a subject, or of its comparison, stands in its first row."""
+    """Headings and rows; a subject and a comparison are named in their first rows."""
     comparisons = {row.comparison for row in table}
     has_one_comparison = len(comparisons) == 1
-    title = "difference"
-    if has_one_comparison:
-        (title,) = comparisons
     rows = []
-    label_before = ""
+    label_before = ("", "")
     for row in table:
         if row.quantity == "order effect":
             continue
-        label = row.subject
-        if not has_one_comparison:
-            label += f" {row.comparison}"
-        first_cell = label
-        if label == label_before:
-            first_cell = ""
+        label = (row.subject, row.comparison)
+        first_cells = ["", ""] if label == label_before else [*label]
         label_before = label
         word, size = row.short_word or "-", "-"
         if row.short_word not in ("no", "probably not"):
             size = row.size(table.unit)
         if row.robust == "no":
             word += " ?"
-        rows.append([first_cell, row.quantity, size, row.factor, word])
-    return ["subject", "", f"{title} [95 % interval]", "BF", "differs"], rows
+        rows.append([*first_cells, row.quantity, size, row.factor, word])
+    if has_one_comparison:
+        (title,) = comparisons
+        rows = [[name, *cells] for name, _, *cells in rows]
+        return ["subject", "", f"{title} [95 % interval]", "BF", "differs"], rows
+    return ["subject", "difference", "", "[95 % interval]", "BF", "differs"], rows
 
 
 # --- Serial dependence ---------------------------------------------------------------------------

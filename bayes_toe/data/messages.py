@@ -94,7 +94,7 @@ def capitalized(text: str) -> str:
 
 def plural(count: int, noun: str) -> str:
     """A number and its noun, '1 cell' or '2 cells'."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def format_p_value(value: float) -> str:

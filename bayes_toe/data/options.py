@@ -347,22 +347,28 @@ def _blocks_by_subject(option: str, texts: Iterable[str], study: Study) -> dict[
     """The blocks that the texts name for each subject; an empty list stands for all blocks."""
     blocks_of: dict[str, list[str]] = {}
     for text in texts:
-        name, blocks = _subject_and_blocks(text, study, option)
-        is_named_before = name in blocks_of
-        all_blocks = blocks_of.get(name, []) + blocks
-        names_whole_subject = not blocks or not blocks_of.get(name)
-        has_duplicates = len(set(all_blocks)) < len(all_blocks)
-        if has_duplicates or (is_named_before and names_whole_subject):
-            raise InputError(f"{option} {text}: named twice; name each subject or block once")
-        blocks_of[name] = all_blocks
+        subject_name, blocks = _subject_and_blocks(text, study, option)
+        units = [unit.name for unit in study if unit.subject_name == subject_name]
+        for name in units or [subject_name]:
+            is_named_before = name in blocks_of
+            all_blocks = blocks_of.get(name, []) + blocks
+            names_whole_subject = not blocks or not blocks_of.get(name)
+            has_duplicates = len(set(all_blocks)) < len(all_blocks)
+            if has_duplicates or (is_named_before and names_whole_subject):
+                raise InputError(f"{option} {text}: named twice; name each subject or block once")
+            blocks_of[name] = all_blocks
     return blocks_of
 
 
 def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list[str]]:
-    """The subject and the blocks that SUBJECT:BLOCK,BLOCK names; names may have colons."""
-    names = [name for name in study.names if text == name or text.startswith(f"{name}:")]
+    """The subject and the blocks that SUBJECT:BLOCK,BLOCK names; names may have colons.
+
+    With conditions it is a subject in one of them, or in all.
+    """
+    all_names = {*study.names, *(unit.subject_name for unit in study)}
+    names = [name for name in all_names if text == name or text.startswith(f"{name}:")]
     name = max(names, key=len, default=text.partition(":")[0])
-    if name not in study.names:
+    if not names:
         subject_names = join_names([*map(display_name, study.names)])
         raise InputError(
             f"{option} {text}: no subject {quoted(name)}; the subjects are {subject_names}"
@@ -370,9 +376,10 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
     if text == name:
         return name, []
     blocks = text[len(name) + 1 :]
-    answers = study[name].answers
-    if answers is not None and blocks in answers.blocks:  # a name with a comma in it
-        return name, [blocks]
+    for unit in study:
+        is_named = name in (unit.name, unit.subject_name)
+        if is_named and unit.answers is not None and blocks in unit.answers.blocks:
+            return name, [blocks]  # a name with a comma in it
     return name, [block.strip() for block in blocks.split(",")]
 
 

@@ -130,6 +130,8 @@ def read_table(
     if suffix in _NOT_READ:
         finding, rule = _NOT_READ[suffix]
         raise InputError(f"{name}: found {finding}, allowed: {rule}")
+    if sheet is not None and suffix not in _EXCEL_SUFFIXES:
+        raise InputError(f"{name}: found --sheet {sheet}, allowed: with an Excel file")
     if suffix in _EXCEL_SUFFIXES:
         return _read_excel(name, data, choice, sheet)
     if suffix in _JSON_SUFFIXES:

@@ -154,7 +154,7 @@ def read_study_file(path: StrPath) -> StudySource:
     problems = []
     for key, value in table.items():
         if key not in (*_DEFAULTS, *_LISTS):
-            rule = join_names([*_LISTS, *_DEFAULTS], 40)
+            rule = join_names([*dict.fromkeys((*_LISTS, *_DEFAULTS))], 40)
             problems.append(f"{path}: key {quoted(key)}: unknown, allowed: {rule}")
         elif not _has_kind(value, _kind(key)):
             rule = _KINDS[_kind(key)]

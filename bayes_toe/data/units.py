@@ -67,6 +67,11 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         no level.
     """
     if "condition" not in study.reading.read:
+        if options.reference is not None or options.categorical:
+            raise InputError(
+                "--reference and --categorical-condition: found without a condition, allowed: with "
+                "--condition COLUMN"
+            )
         return study
     column = options.name("condition")
     parts = {unit.name: unit.name.partition(CONDITION_SEPARATOR) for unit in study}
@@ -100,7 +105,7 @@ def _level_order(unit_levels: Sequence[str], options: ReadOptions) -> tuple[list
     if is_numeric:
         raise InputError(
             f"--reference: found with levels that are numbers ({join_names(order)}), allowed: with "
-            "--categorical"
+            "--categorical-condition"
         )
     if reference not in order:
         raise InputError(

@@ -244,7 +244,7 @@ def test_design_shares_its_trials_among_conditions(tmp_path):
     assert pd.read_csv(tmp_path / "design.csv").n_trials.sum() == 50
     trials = pd.read_csv(tmp_path / "l.csv")
     assert trials.condition.value_counts().to_dict() == {"a": 50, "b": 50}
-    assert "100 trials each in 10 blocks (50 in each of a, b" in " ".join(screen.split())
+    assert "100 trials in 10 blocks (50 in each of a, b" in " ".join(screen.split())
 
 
 def test_repeated_trials_are_named_by_every_command(tmp_path):

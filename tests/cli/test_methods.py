@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from populations import made_result
@@ -9,7 +10,7 @@ from populations import made_result
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.answers.words import Word
-from bayes_toe.cli.methods import write_methods
+from bayes_toe.cli.methods import _limits, write_methods
 
 
 def text_of(analysis, folder, group=None):
@@ -116,3 +117,11 @@ def test_a_mean_that_no_pairs_can_show_is_not_reported(analysis, small_study, tm
 def test_names_are_no_markup(analysis, tmp_path):
     changed = with_answers(analysis, {"subject": "*[x](y)\u202e"})
     assert r"| \*\[x\](y)\\u202e |" in text_of(changed, tmp_path)
+
+
+def test_names_are_given_where_as_many_are_excluded_as_interpreted(analysis):
+    interpreted = [replace(analysis.answers[i % 3], subject=name) for i, name in enumerate("ABCD")]
+    answers = [*interpreted[:2], *(replace(a, is_interpretable=False) for a in interpreted[2:])]
+    draws = SimpleNamespace(failed={})
+    sentences = _limits(SimpleNamespace(answers=answers, draws=draws))
+    assert "Not interpreted: C, D." in sentences

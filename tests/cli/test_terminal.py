@@ -52,7 +52,7 @@ def test_of_many_subjects_the_table_has_those_that_need_action(numerous, capsys,
     assert "The other 98 subjects need no action. All 100 subjects: evidence.csv" in text
     assert "! S98  Block 3 differs from the others (p < .001).\n" in text
     assert "       type: --exclude S98:3\n" in text
-    command = "bayes-toe run study.csv --exclude S98:3 --exclude S99"
+    command = "bayes-toe run study.csv --overwrite --exclude S98:3 --exclude S99"
     assert text.endswith(f"To apply all of these, type:\n  {command}\n")
 
 
@@ -169,6 +169,10 @@ def test_estimates_and_options_stay_on_one_line():
         "  bayes-toe run " + "study.csv " * 5 + "\\",
         "    --swap A08:2,4 --exclude A09",
     ]
+    name = "a long name of a file/" * 3 + "study of 2024.csv"
+    *_, last = command_lines(f"bayes-toe run '{name}' --exclude C", "  ")
+    assert last == "    --exclude C"
+    assert f"'{name}'" in "\n".join(command_lines(f"bayes-toe run '{name}'", "  "))
 
 
 @pytest.mark.parametrize(

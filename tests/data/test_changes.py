@@ -106,6 +106,13 @@ def test_a_block_may_have_a_comma_in_its_name():
     assert content(changed(study, exclude=["a:1,2"])) == content(excluded)
 
 
+def test_a_subject_is_excluded_in_all_conditions():
+    frame = FRAME.assign(hand=["left", "left", "right"] * 2 + ["left", "right"])
+    units = bt.read_study(frame, bt.ReadOptions(condition="hand"))
+    assert changed(units, exclude=["a"]).names == ("b:1@left", "b:1@right")
+    assert changed(units, exclude=["a@left"]).names == ("a@right", "b:1@left", "b:1@right")
+
+
 REFUSED = [
     (["--swap", "x:2"], "--swap x:2: no subject 'x'; the subjects are a, b:1"),
     (["--exclude", "a:9"], "--exclude a:9: found no block '9', allowed: 1, 2, 3"),

@@ -141,6 +141,7 @@ def test_check_warns_where_no_pair_is_in_two_conditions(read):
         ),
         (ROWS, {"reference": "up"}, "--reference: found 'up', allowed: left, right"),
         (ROWS, {"condition": "hand"}, "there is no column hand"),
+        (ROWS, {"ignore": "condition", "reference": "up"}, "--reference and --categorical"),
         (
             ROWS.replace("left", "2").replace("right", "6"),
             {"reference": "6"},

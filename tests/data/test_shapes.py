@@ -470,6 +470,11 @@ def test_a_shape_that_needs_a_word_is_refused_with_it(name, tmp_path):
     assert all(part in result.stderr for part in parts), result.stderr
 
 
+def test_a_sheet_is_one_of_an_excel_file(tmp_path):
+    result = check(tmp_path, "a.csv", csv(IN_LOGS), {"sheet": "A"})
+    assert result.stderr == "error: a.csv: found --sheet A, allowed: with an Excel file\n"
+
+
 @pytest.mark.parametrize("name", WARNED)
 def test_a_shape_that_may_mislead_is_warned_of(name, tmp_path):
     content, part = WARNED[name]

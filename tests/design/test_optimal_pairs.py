@@ -194,7 +194,10 @@ REFUSED = [
     ("--lowest 0 --highest 1 --for gain", "--for: found 'gain', allowed: order-effect, constant"),
     ("--lowest 0 --highest 1 --intensity 2", "--intensity needs --levels levels.csv or"),
     ("--levels l.csv --intensity -1", "--intensity is -1.0. It must be a positive"),
-    ("given.csv", "given.csv: a given design needs --list trials.csv, without --lowest"),
+    ("given.csv", "given.csv: a given design needs --list trials.csv, without options of the"),
+    ("given.csv --list t.csv --max-pairs 4", "without options of the search such as --lowest"),
+    ("given.csv --list t.csv --trials 60", "given.csv: a given design has its trials."),
+    ("--lowest 0 --highest 1 --subjects 3", "--blocks, --subjects and --conditions need --list"),
 ]
 
 
