@@ -57,9 +57,9 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.cli.results_folder import FIGURE_BYTES, PRODUCTS, FigureChoice, write_results
+    from bayes_toe.cli.results_folder import PRODUCTS, FigureChoice, write_results
     from bayes_toe.data.study import refuse_intervals
-    from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
+    from bayes_toe.explorer.page import require_bokeh, require_few
     from bayes_toe.groups.predictive_check import predictive_check
 
     if explore:
@@ -73,9 +73,7 @@ def run(
         refuse_intervals(read, "--paper-figures")
     if explore:
         require_few(len(read), "subjects")
-    subject_bytes = FIGURE_BYTES[figures] + EXPLORER_BYTES * explore
-    posterior = output / "posterior.nc"
-    _require_room(context, posterior, keep, read, prior, subject_bytes=subject_bytes)
+    _require_fitting(context, read, prior)
     analysis = context.work(
         "sampling", len(read), bt.run, read, draws=context.draws, prior=prior, keep=keep
     )
@@ -167,7 +165,7 @@ def sample(
     keep = context.partial_folder(output)
     read, prior = context.read(study)
     require_model(model, read.task)
-    _require_room(context, output, keep, read, prior, model)
+    _require_fitting(context, read, prior, model)
     context.introduce(read, prior)
     context.out.findings(identification_findings(read), "-")
     options: dict[str, Any] = {"model": model, "draws": context.draws, "prior": prior, "keep": keep}
@@ -180,31 +178,17 @@ def sample(
     context.end(draws.failed, draws.not_converged, draws.imprecise)
 
 
-def _require_room(
-    context: RunContext,
-    file: Path,
-    keep: Path,
-    study: bt.Study,
-    prior: bt.Prior,
-    model: str = "paper",
-    *,
-    subject_bytes: int = 0,
+def _require_fitting(
+    context: RunContext, study: bt.Study, prior: bt.Prior, model: str = "paper"
 ) -> None:
-    """Refuse before the work draws that will not fit on the disk.
-
-    There are two copies, because the draws of each subject are stored until all are in one file.
-    `subject_bytes` is the size of figures and pages of a subject.
-    """
-    from bayes_toe.data.whole_files import require_room
+    """Refuse before the work more draws than one file is written from."""
     from bayes_toe.inference.draws import stored_bytes
     from bayes_toe.inference.draws_file import require_fitting
     from bayes_toe.inference.sampling import SamplerSettings
     from bayes_toe.model.models import require_model
 
     record = require_model(model, study.task)
-    draws = stored_bytes(study, prior, SamplerSettings(context.draws), record)
-    require_fitting(draws)
-    require_room(file, 2 * draws + subject_bytes * (len(study) + 1), used=keep)
+    require_fitting(stored_bytes(study, prior, SamplerSettings(context.draws), record))
 
 
 def evidence(

@@ -48,8 +48,8 @@ PRODUCTS = (
     "paper_figures",
     STUDY_FILE,
 )
-#: Choices of --figures, each with about the bytes that a subject takes.
-FIGURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
+#: What `--figures` can be.
+_FIGURES = ("all", "flagged", "none")
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ class FigureChoice:
     paper_figures: bool = False
 
     def __post_init__(self) -> None:
-        if self.subjects not in FIGURE_BYTES:
+        if self.subjects not in _FIGURES:
             raise InputError(
-                f"--figures is {self.subjects!r}. It must be one of {', '.join(FIGURE_BYTES)}."
+                f"--figures is {self.subjects!r}. It must be one of {', '.join(_FIGURES)}."
             )
 
 

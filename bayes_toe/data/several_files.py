@@ -22,9 +22,6 @@ from bayes_toe.errors import InputError
 
 _FEWEST = 20  # answers to one sequence of pairs that are not the same by chance
 
-#: Files with the same problem that are named.
-_FILES_SHOWN = 2
-
 
 def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     """The study in several files, or frames, each of which `read` reads.
@@ -69,26 +66,13 @@ def _distinguishing_folder(path: Path, paths: Sequence[Path]) -> str:
 
 
 def _of_all_files(faulty: Sequence[InputError]) -> InputError:
-    """The problems of the first files; what many files have alike is said once."""
-    groups: dict[tuple[str, ...], list[InputError]] = {}
-    for error in faulty:
-        without_file = tuple(problem.partition(": ")[2] for problem in error.problems)
-        groups.setdefault(without_file, []).append(error)
-    lines: list[str] = []
-    remaining = len(faulty)
-    for alike in groups.values():
-        is_repeated = len(alike) > _FILES_SHOWN
-        errors_listed = alike[:1] if is_repeated else alike
-        problems = [problem for error in errors_listed for problem in error.problems]
-        if lines and len(lines) + len(problems) > MAX_LINES:
-            break
-        lines += problems
-        remaining -= len(alike)
-        if is_repeated:
-            lines.append(f"... and the same in {plural(len(alike) - 1, 'more file')}")
-    if remaining:
-        lines.append(f"... and problems in {plural(remaining, 'more file')}")
-    return InputError(lines, faulty[0].remedies)
+    """The first problems of all files."""
+    if len(faulty) == 1:
+        return faulty[0]
+    problems = list(chain.from_iterable(error.problems for error in faulty))
+    if len(problems) > MAX_LINES:
+        problems = [*problems[:MAX_LINES], "... and more problems"]
+    return InputError(problems, faulty[0].remedies)
 
 
 def _together(studies: Sequence[Study]) -> Study:

@@ -1,7 +1,7 @@
 """Writing of results: each file appears whole or not at all, and so do the files of a set.
 
-`whole_file` writes one file, `whole_together` a set, and `whole_folder` a folder. `require_room`
-refuses what does not fit on the disk. `under_way` says how much of a stopped command is saved.
+`whole_file` writes one file, `whole_together` a set, and `whole_folder` a folder.
+`under_way` says how much of a stopped command is saved.
 
 Files are written in a hidden folder beside their places and then take their names. An existing
 file is replaced only if the caller allows it, and no other file is touched. A set of files is
@@ -332,33 +332,6 @@ def remove_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def require_room(place: Path, needed: int, *, used: Path | None = None) -> None:
-    """Refuse now what will not fit on the disk.
-
-    Parameters
-    ----------
-    place : Path
-        File or folder that will be written; it need not exist.
-    needed : int
-        Bytes; a tenth more must be free.
-    used : Path, optional
-        A folder that holds some of these bytes already.
-    """
-    more = 1.1 * needed
-    with reporting(place):
-        for folder in (place.absolute(), *place.absolute().parents):
-            if folder.is_dir():
-                break
-        free = shutil.disk_usage(folder).free
-        if used is not None and used.is_dir():
-            more -= sum(file.stat().st_size for file in used.iterdir())
-    if more > free:
-        sizes = f"about {more / 1e6:.3g} MB are needed, {free / 1e6:.3g} MB are free"
-        raise OutputError(
-            f"{format_path(place)}: cannot be written ({sizes}), choose another place"
-        )
-
-
 @contextmanager
 def unfinished(home: Path) -> Iterator[Path]:
     """A new hidden folder in another one, which is made where it is missing.
@@ -368,7 +341,6 @@ def unfinished(home: Path) -> Iterator[Path]:
     """
     with ExitStack() as cleanup:  # left in reverse order
         make_folders(home, cleanup)
-        require_room(home, 2**16)
         sweep(home)
         folder = home / f"{HIDDEN}{_machine()}-{os.getpid()}-{secrets.token_hex(8)}"
         cleanup.callback(shutil.rmtree, folder, ignore_errors=True)

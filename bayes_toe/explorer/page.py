@@ -35,8 +35,6 @@ from bayes_toe.version import __version__
 
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200
-#: About how many bytes a subject takes in a page of its own or of few.
-EXPLORER_BYTES = 1_200_000
 #: Bytes of draws and curves in all, of all where entries are few, of one where they are not; as
 #: text they take a third more.
 _BYTES, _FEW_BYTES, _ENTRY_BYTES = 20e6, 4e6, 300e3

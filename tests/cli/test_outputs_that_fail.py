@@ -14,7 +14,6 @@ from commands import PROGRAM, call, good, inside
 from conftest import few_pairs, grouped_csv
 
 from bayes_toe.cli.report import write_report
-from bayes_toe.errors import OutputError
 
 ONE_WORKER = "--seed 1 --workers 1"
 
@@ -56,16 +55,6 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(study_folder, tmp_pat
     assert (file.read_text(), list(file.parent.iterdir())) == ("old", [file])
 
 
-@pytest.mark.parametrize("command", ["sample", "run"])
-def test_what_will_not_fit_is_known_before_the_work(study_folder, tmp_path, monkeypatch, command):
-    free = shutil._ntuple_diskusage(10**5, 0, 10**5)
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: free)
-    monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
-    finished = inside(f"{command} {study_folder}/study.csv -o {tmp_path}/out -q")
-    assert "MB are needed, " in one_line(finished)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(
     study_folder, tmp_path, monkeypatch, blank_pictures
 ):
@@ -79,23 +68,6 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(
     assert "cannot be written" in one_line(inside(line))
     monkeypatch.setattr("bayes_toe.cli.results_folder.write_report", lambda *_: None)
     assert "report.html is missing" in one_line(inside(f"{line} --resume"))
-
-
-def test_what_is_stored_already_needs_no_more_room(study_folder, tmp_path, monkeypatch):
-    def started(*_):
-        raise OutputError("the work began")
-
-    line = f"sample {study_folder}/study.csv -o {tmp_path}/out.nc --resume -q"
-    free = shutil._ntuple_diskusage(10**5, 0, 10**5)
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: free)
-    monkeypatch.setattr("bayes_toe.analysis._survivors", started)
-    assert "MB are needed, " in one_line(inside(line))
-    folder = tmp_path / "out.nc.partial"
-    folder.mkdir()
-    (folder / ".bayes_toe_store").touch()
-    with (folder / "0.result").open("wb") as file:
-        file.truncate(10**9)
-    assert "the work began" in one_line(inside(line))
 
 
 def test_a_log_that_is_closed_costs_no_subject(tmp_path):
