@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import display_name, join_names, quoted
+from bayes_toe.data.messages import join_names, quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.validation import (
     MISSING_WORDS,
@@ -21,31 +20,10 @@ from bayes_toe.data.validation import (
     require_numbers,
     require_texts,
 )
-from bayes_toe.errors import InputError
 
-
-@dataclass(frozen=True)
-class Covariates:
-    """Covariates of some subjects.
-
-    Attributes
-    ----------
-    values : mapping of str to mapping of str to str or float
-        By covariate and subject: a finite number (else an InputError) where the covariate is
-        numeric, a text where it is not; what is missing is left out.
-    """
-
-    values: Mapping[str, Mapping[str, str | float]]
-
-    def __post_init__(self) -> None:
-        for name, column in self.values.items():
-            for subject, value in column.items():
-                if not isinstance(value, str) and not math.isfinite(value):
-                    location = f"covariate {display_name(name)} of subject {quoted(subject)}"
-                    raise InputError(
-                        f"{location}: found {value}, allowed: a finite number or a text; leave out "
-                        "what is missing"
-                    )
+#: By covariate and subject: a finite number where the covariate is numeric, a text where it is not.
+#: What is missing is left out.
+Covariates = Mapping[str, Mapping[str, str | float]]
 
 
 def levels(values: Iterable[str | float]) -> list[str | float]:
@@ -61,10 +39,8 @@ def level_words(values: Iterable[str | float]) -> list[str]:
     ]
 
 
-def read_covariates(path: Covariates | StrPath) -> Covariates:
+def read_covariates(path: StrPath) -> Covariates:
     r"""Covariates from a CSV file with a column `subject` and one column per covariate.
-
-    Those that are some stay what they are.
 
     Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark; a decimal comma
     where the comma does not separate cells. Empty cells and NA are missing. A covariate whose cells
@@ -84,11 +60,9 @@ def read_covariates(path: Covariates | StrPath) -> Covariates:
     ...     file = Path(folder, "people.csv")
     ...     table = "subject,age,site\nS01,23,north\nS02,NA,south\nS03,31.5,west\n"
     ...     _ = file.write_text(table, encoding="utf-8")
-    ...     read_covariates(file).values["age"]
+    ...     read_covariates(file)["age"]
     {'S01': 23.0, 'S03': 31.5}
     """
-    if isinstance(path, Covariates):
-        return path
     table = read_table(path, set)
     has_one_name_each = len(table.names) == len(table.columns) and "" not in table.names
     if "subject" not in table.names or len(table.names) < 2 or not has_one_name_each:
@@ -117,7 +91,7 @@ def read_covariates(path: Covariates | StrPath) -> Covariates:
             if text in meanings:
                 values[name][subject.text(row)] = meanings[text]
     table.problems.refuse()
-    return Covariates(values)
+    return values
 
 
 def _meanings(texts: Iterable[str], decimal_comma: bool) -> dict[str, str | float]:

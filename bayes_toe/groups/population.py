@@ -454,8 +454,9 @@ def population(
     ----------
     study : Study
         At least two subjects.
-    covariates : Covariates or path, optional
-        Or a CSV file of them: what may move the means. Subjects that lack one are left out.
+    covariates : mapping or path, optional
+        What may move the means, by covariate and subject, or a CSV file of them. Subjects that
+        lack one are left out.
     categorical : tuple of str
         Covariates whose numbers are names of levels.
     draws : int
@@ -495,7 +496,9 @@ def population(
     names = tuple(units_by_subject(study))
     columns = Regressors.none(names)
     if covariates is not None:
-        columns = regressors(read_covariates(covariates), names, categorical=categorical)
+        if not isinstance(covariates, Mapping):
+            covariates = read_covariates(covariates)
+        columns = regressors(covariates, names, categorical=categorical)
         study = study.select(columns.subjects)
     if len(columns.subjects) < _FEWEST_SUBJECTS:
         raise InputError(

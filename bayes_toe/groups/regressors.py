@@ -96,21 +96,20 @@ def regressors(
     --------
     >>> age, group = [30.0, 20.0, 25.0, 40.0, 35.0], "xxyy"
     >>> columns = {"age": dict(zip("abcde", age)), "group": dict(zip("abcd", group))}
-    >>> found = regressors(Covariates(columns), ["e", "d", "c", "b", "a"])
+    >>> found = regressors(columns, ["e", "d", "c", "b", "a"])
     >>> found.subjects, dict(found.left_out), found.x[:, 1].tolist()
     (('d', 'c', 'b', 'a'), {'e': 'no group'}, [1.0, 1.0, 0.0, 0.0])
     >>> [column.about for column in found.columns]
     ['age, per sd of 8.539 about 28.75', 'group y against x']
     """
-    table = covariates.values
-    _require_known(categorical, table)
+    _require_known(categorical, covariates)
     left_out = _incomplete_subjects(covariates, subjects)
     reasons = join_names([f"{quoted(subject)} ({reason})" for subject, reason in left_out.items()])
     complete = tuple(subject for subject in subjects if subject not in left_out)
-    _require_subjects(complete, len(table), reasons)
+    _require_subjects(complete, len(covariates), reasons)
     columns: list[Regressor] = []
     parts = [np.empty((len(complete), 0))]
-    for name, by_subject in table.items():
+    for name, by_subject in covariates.items():
         values = [by_subject[subject] for subject in complete]
         has_text = any(isinstance(value, str) for value in by_subject.values())
         if has_text or name in categorical:
@@ -123,7 +122,7 @@ def regressors(
     _require_subjects(complete, len(columns), reasons)
     _require_independent(columns, x)
     notes = []
-    outside = set().union(*table.values()).difference(subjects)
+    outside = set().union(*covariates.values()).difference(subjects)
     if outside:
         names = join_names([*map(quoted, sorted(outside))])
         notes.append(f"covariates of subjects that are not in the study ignored: {names}")
@@ -144,8 +143,8 @@ def _incomplete_subjects(covariates: Covariates, subjects: Sequence[str]) -> dic
     """Subjects that lack a covariate, with the reason."""
     reasons = {}
     for subject in subjects:
-        missing = [name for name, values in covariates.values.items() if subject not in values]
-        if len(missing) == len(covariates.values) > 1:
+        missing = [name for name, values in covariates.items() if subject not in values]
+        if len(missing) == len(covariates) > 1:
             reasons[subject] = "no covariates"
         elif missing:
             reasons[subject] = ", ".join(f"no {display_name(name)}" for name in missing)
@@ -153,6 +152,11 @@ def _incomplete_subjects(covariates: Covariates, subjects: Sequence[str]) -> dic
 
 
 def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], FloatArray]:
+    if not np.isfinite(values).all():
+        raise InputError(
+            f"covariate {display_name(name)}: found a number that is not finite, allowed: finite "
+            "numbers; leave out what is missing"
+        )
     _require_several(name, f"{values[0]:g}", bool(values.min() < values.max()))
     # Squares of numbers beyond 1e154 are beyond the largest float.
     unit = float(np.abs(values).max())

@@ -8,7 +8,6 @@ from populations import made_result, simulated_group, two_conditions
 from scipy import stats
 
 import bayes_toe as bt
-from bayes_toe.data.covariates import Covariates
 from bayes_toe.errors import InputError
 from bayes_toe.groups import population as module
 from bayes_toe.groups.predictive_check import CONTRADICTED, _statistics, predictive_check
@@ -93,7 +92,7 @@ def test_covariates_move_the_means():
     groups = dict(zip(study.names, ["a"] * 8 + ["b"] * 7, strict=False))
     ages = dict(zip(study.names, rng.normal(30.0, 5.0, 15).tolist(), strict=False))
     with pytest.warns(bt.ConvergenceWarning, match="subject 'Q7' is left out: no covariates"):
-        result = bt.population(study, covariates=Covariates({"group": groups, "age": ages}), seed=1)
+        result = bt.population(study, covariates={"group": groups, "age": ages}, seed=1)
     rows = {(row.level, row.parameter): row for row in result.table.select("effect")}
     effect = rows["group b", "constant_error"]
     assert effect.q025 < 0.8 < effect.q975
@@ -128,7 +127,7 @@ def test_delays_are_taken_together():
         assert set(pooled[subject.name].n_trials) == {6}
 
 
-AGES = Covariates({"age": {"P000": 20.0, "P001": 30.0}})
+AGES = {"age": {"P000": 20.0, "P001": 30.0}}
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import xarray as xr
 from populations import made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
-from bayes_toe.data.covariates import Covariates
 from bayes_toe.errors import InputError
 from bayes_toe.groups.population import load_population
 from bayes_toe.groups.regressors import regressors
@@ -16,7 +15,7 @@ from bayes_toe.groups.regressors import regressors
 def with_covariates():
     study = simulated_group(1, n_subjects=6)
     ages = dict(zip(study.names, (20.0, 30.0, 25.0, 33.0, 28.0, 41.0), strict=True))
-    columns = regressors(Covariates({"age": ages}), study.names)
+    columns = regressors({"age": ages}, study.names)
     return made_result(study, columns, n_divergent=1)
 
 

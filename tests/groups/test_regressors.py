@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_toe.data.covariates import Covariates, read_covariates
+from bayes_toe.data.covariates import read_covariates
 from bayes_toe.errors import InputError
 from bayes_toe.groups.regressors import regressors
 
@@ -15,7 +15,7 @@ SITES = dict(
 
 
 def test_least_squares_on_them_finds_slopes_and_differences():
-    result = regressors(Covariates({"age": AGES, "site": SITES}), NAMES)
+    result = regressors({"age": AGES, "site": SITES}, NAMES)
     level = {"east": 2.0, "north": -1.0, "west": 4.5}
     y = np.array([0.3 * AGES[name] + level[SITES[name]] for name in NAMES])
     mean, slope, *differences = np.linalg.lstsq(
@@ -51,23 +51,21 @@ def test_subjects_in_the_studys_order_and_those_left_out_by_name(tmp_path):
 
 def test_numbers_are_numbers_unless_asked():
     dose = dict(zip(NAMES, [10.0, 2.0, 0.0, 10.0, 2.0, 0.0, 2.0, 0.0], strict=True))
-    (column,) = regressors(Covariates({"dose": dose}), NAMES).columns
+    (column,) = regressors({"dose": dose}, NAMES).columns
     assert column.level == ""
-    result = regressors(Covariates({"dose": dose}), NAMES, categorical=["dose"])
+    result = regressors({"dose": dose}, NAMES, categorical=["dose"])
     # In the order of numbers.
     abouts = [column.about for column in result.columns]
     assert abouts == ["dose 2 against 0", "dose 10 against 0"]
     assert result.x.sum(axis=0).tolist() == [3.0, 2.0]
     with pytest.raises(InputError, match="categorical: found 'doze', allowed: 'dose'"):
-        regressors(Covariates({"dose": dose}), NAMES, categorical=["doze"])
+        regressors({"dose": dose}, NAMES, categorical=["doze"])
 
 
 @pytest.mark.parametrize("factor, shift", [(1e-300, 1e3), (1e300, 0.0), (1e300, 1e3)])
 def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
     moved_ages = {name: (age + shift) * factor for name, age in AGES.items()}
-    plain, moved = (
-        regressors(Covariates({"age": values}), NAMES).x for values in (AGES, moved_ages)
-    )
+    plain, moved = (regressors({"age": values}, NAMES).x for values in (AGES, moved_ages))
     assert moved == pytest.approx(plain, abs=1e-10)
 
 
@@ -114,6 +112,11 @@ def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
 )
 def test_what_cannot_be_used_is_one_line(columns, message):
     with pytest.raises(InputError) as refused:
-        regressors(Covariates(columns), NAMES)
+        regressors(columns, NAMES)
     (line,) = refused.value.problems
     assert line.startswith(message)
+
+
+def test_no_number_from_python_is_not_finite():
+    with pytest.raises(InputError, match="covariate age: found a number that is not finite"):
+        regressors({"age": {**AGES, NAMES[0]: float("nan")}}, NAMES)
