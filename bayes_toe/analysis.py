@@ -28,7 +28,6 @@ from bayes_toe.classical.fit import (
     FitTable,
     SubjectFit,
     bootstrap_evidence,
-    bootstrap_subject,
     subject_fit,
 )
 from bayes_toe.data.messages import as_html
@@ -361,20 +360,18 @@ def _analysed(
     answer, order = answer_subject(subject, seed, settings.prior.observer, flags)
     result, fitted = fitted_result(paper_posterior(subject, prior), seed, request)
     fit, by_bootstrap = None, None
-    if subject.isi is None and request.chains is not None:
-        # The maximum-likelihood fit knows no intervals.
+    is_paper_task = subject.task == SAME_DIFFERENT
+    # The maximum-likelihood fit knows no intervals.
+    if subject.isi is None and (is_paper_task or request.chains is not None):
         fit = subject_fit(subject, prior, seed=seed)
-    if subject.isi is None and subject.task == SAME_DIFFERENT:
-        # The bootstrap's evidence is of the paper's task.
-        if fit is None:
-            replicates = bootstrap_subject(subject, seed=seed, prior=prior, replicates=REPLICATES)
-        else:
-            replicates = fit.bootstrap
-        by_bootstrap = bootstrap_evidence(replicates, prior)
+        if is_paper_task:
+            by_bootstrap = bootstrap_evidence(fit, prior)
     described = weighted_fit(fitted.proposal, seed) if result.fit is None else result.fit
     row = subject_evidence(result, fitted, by_bootstrap, answer=answer, fit=described)
     curve_draws, drawn = None, None
-    if request.chains is not None:
+    if request.chains is None:
+        fit = None  # not wanted
+    else:
         curve_draws = averaged_draws(order).resampled(
             generator(seed, subject.name, "shown"), _N_CURVE_DRAWS
         )

@@ -48,9 +48,13 @@ _EDGE_WORDS = {
 }
 
 
+#: Bootstrap replicates of a subject; the paper has about 1,000.
+REPLICATES = 400
+
+
 @dataclass(frozen=True, eq=False)
-class Bootstrap:
-    """Fits of one subject's bootstrap replicates."""
+class SubjectFit:
+    """Fit of one subject: the maximum, and those of the bootstrap replicates."""
 
     subject: str
     fitted: MaximumLikelihoodFits  # of the subject's own answers, one row
@@ -59,6 +63,27 @@ class Bootstrap:
 
     def __len__(self) -> int:
         return len(self.fits)
+
+    @property
+    def parameters(self) -> FloatArray:
+        """mu1, sigma_p, sigma_l (natural-log intensity) and q0, or lapse_rate.
+
+        NaN where the data leave one open, which `at_edge` says.
+        """
+        return self.fitted.parameters[0]
+
+    @property
+    def log_likelihood(self) -> float:
+        """Log likelihood at the maximum, without binomial coefficients and penalty on mu1."""
+        return float(self.fitted.log_likelihood[0])
+
+    @property
+    def at_edge(self) -> str:
+        """Edges on which the maximum lies, joined with ';', empty inside.
+
+        :data:`bayes_toe.classical.maximum_likelihood.EDGES`.
+        """
+        return self.fitted.at_edge[0]
 
     def intervals(self, level: float = 0.95) -> FloatArray:
         """Percentile interval of the four parameters, shape (4, 2).
@@ -103,7 +128,8 @@ class Bootstrap:
         columns = np.stack([mu1, np.square(sigma_p), np.square(sigma_l), q0])
         return np.cov(columns) if np.isfinite(columns).all() and len(self) > 1 else None
 
-    def remarks(self) -> tuple[str, ...]:
+    @property
+    def notes(self) -> tuple[str, ...]:
         """Remarks on the fit and its intervals, a sentence each."""
         remarks = []
         if not self.fitted.arrived[0]:
@@ -135,21 +161,6 @@ class Bootstrap:
         return tuple(remarks)
 
 
-def bootstrap_subject(
-    subject: Subject,
-    *,
-    seed: int,
-    prior: Prior,
-    replicates: int = 1000,
-) -> Bootstrap:
-    """Bootstrap the fit of one subject; the prior's normal of mu1 is the penalty.
-
-    The seed and the name of the subject determine the random stream.
-    """
-    counts = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
-    return Bootstrap(subject.name, fit_counts(subject, prior), fit_counts(subject, prior, counts))
-
-
 def resample(subject: Subject, rng: Rng, replicates: int) -> IntArray:
     """New counts of every pair, (replicates, pairs).
 
@@ -163,7 +174,7 @@ def resample(subject: Subject, rng: Rng, replicates: int) -> IntArray:
     return np.asarray(rng.binomial(subject.n_trials, q), np.int64)
 
 
-def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | None, str]:
+def bootstrap_evidence(fit: SubjectFit, prior: Prior) -> tuple[float | None, str]:
     """Log evidence of H1 by Appendix C's own recipe, with a remark.
 
     It is for 'same or different' only.
@@ -175,7 +186,7 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | Non
     on an edge the number is the paper's, and the second value says that the Gaussian then reaches
     beyond the edge. Source: Eq. app:evidapprox.
     """
-    fitted, covariance = replicates.fitted, replicates.covariance()
+    fitted, covariance = fit.fitted, fit.covariance()
     theta, edge = fitted.parameters[0], fitted.at_edge[0]
     open_edges = ";".join(name for name in edge.split(";") if name != "not unique")
     findings = []
@@ -190,7 +201,7 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | Non
     if covariance is None:
         return None, f"{missing}: some replicates leave a parameter infinite or open"
     sd = np.sqrt(np.diagonal(covariance))
-    ranges = np.ptp(replicates.fits.parameters, axis=0)
+    ranges = np.ptp(fit.fits.parameters, axis=0)
     is_constant = np.any(sd == 0.0) or np.any(ranges == 0.0)
     if is_constant or np.linalg.eigvalsh(covariance / sd[:, None] / sd)[0] < _SINGULAR:
         return None, f"{missing}: the covariance of the replicates is singular"
@@ -202,8 +213,6 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | Non
     return value, f"{_LABEL}: {maximum}, beyond which its Gaussian reaches"
 
 
-#: Bootstrap replicates of a subject; the paper has about 1,000.
-REPLICATES = 400
 UNCERTAINTY_COLUMNS = (
     *("subject", "parameter", "posterior_median", "posterior_lower", "posterior_upper"),
     *("fit", "bootstrap_lower", "bootstrap_upper", "at_edge"),
@@ -216,52 +225,6 @@ def fit_columns(task: Task) -> tuple[str, ...]:
     limits = map("_".join, product(natural, ("lower", "upper")))
     ending = ("level", "replicates", "penalty")
     return ("subject", *natural, "log_likelihood", "at_edge", *limits, *ending)
-
-
-@dataclass(frozen=True, eq=False)
-class SubjectFit:
-    """Fit of one subject: the maximum, with its bootstrap."""
-
-    bootstrap: Bootstrap
-
-    @property
-    def subject(self) -> str:
-        """Name of the subject."""
-        return self.bootstrap.subject
-
-    @property
-    def fitted(self) -> MaximumLikelihoodFits:
-        """The maximum."""
-        return self.bootstrap.fitted
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Remarks on the fit and its intervals."""
-        return self.bootstrap.remarks()
-
-    @property
-    def parameters(self) -> FloatArray:
-        """mu1, sigma_p, sigma_l (natural-log intensity) and q0, or lapse_rate.
-
-        NaN where the data leave one open, which `at_edge` says.
-        """
-        return self.fitted.parameters[0]
-
-    @property
-    def log_likelihood(self) -> float:
-        """Log likelihood at the maximum.
-
-        It has no binomial coefficients and no penalty on mu1.
-        """
-        return float(self.fitted.log_likelihood[0])
-
-    @property
-    def at_edge(self) -> str:
-        """Edges on which the maximum lies, joined with ';', empty inside.
-
-        :data:`bayes_toe.classical.maximum_likelihood.EDGES`.
-        """
-        return self.fitted.at_edge[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,7 +258,7 @@ class FitTable(SubjectTable[SubjectFit]):
         ending = (self.level, self.replicates, penalty)
         rows = []
         for row in self:
-            limits = row.bootstrap.intervals(self.level).ravel()
+            limits = row.intervals(self.level).ravel()
             fitted = (row.subject, *row.parameters, row.log_likelihood, row.at_edge)
             rows.append((*fitted, *limits, *ending))
         return pd.DataFrame(rows, columns=list(fit_columns(self.task)))
@@ -320,7 +283,7 @@ class FitTable(SubjectTable[SubjectFit]):
         tails = [0.5 - self.level / 2.0, 0.5, 0.5 + self.level / 2.0]
         rows = []
         for row in self:
-            intervals = row.bootstrap.intervals(self.level)
+            intervals = row.intervals(self.level)
             for key, best, limits in zip(row.fitted.names, row.parameters, intervals, strict=True):
                 low, middle, high = np.quantile(draws.values(row.subject, key), tails)
                 rows.append((row.subject, key, middle, low, high, best, *limits, row.at_edge))
@@ -385,5 +348,9 @@ def fit(
 def subject_fit(
     subject: Subject, prior: Prior, *, seed: int, replicates: int = REPLICATES
 ) -> SubjectFit:
-    """Fit and bootstrap of one subject; arguments as in :func:`fit`."""
-    return SubjectFit(bootstrap_subject(subject, seed=seed, prior=prior, replicates=replicates))
+    """Fit and bootstrap of one subject; arguments as in :func:`fit`.
+
+    The seed and the name of the subject determine the random stream.
+    """
+    counts = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
+    return SubjectFit(subject.name, fit_counts(subject, prior), fit_counts(subject, prior, counts))

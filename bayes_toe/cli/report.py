@@ -646,7 +646,7 @@ def _fitted(fit: SubjectFit | None, names: Sequence[str], level: float) -> dict[
     if fit is None:
         return {}
     texts = {}
-    limits = fit.bootstrap.intervals(level)
+    limits = fit.intervals(level)
     for name, best, (low, high) in zip(names, fit.parameters, limits, strict=True):
         texts[name] = f"{_number(best, 3)} [{_number(low, 3)}, {_number(high, 3)}]"
     return texts

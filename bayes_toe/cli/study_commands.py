@@ -137,7 +137,7 @@ def print_fits(out: Terminal, table: FitTable) -> None:
     for row in table:
         names = list(row.fitted.names)
         cells = [row.subject]
-        limits = row.bootstrap.intervals(table.level).tolist()
+        limits = row.intervals(table.level).tolist()
         for value, (low, high) in zip(row.parameters.tolist(), limits, strict=True):
             has_interval = not (isnan(value) or isnan(low))
             interval = f" [{low:.2f}, {high:.2f}]" if has_interval else ""

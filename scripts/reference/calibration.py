@@ -23,7 +23,7 @@ from scipy.special import logit
 
 from bayes_toe.answers.evidence_table import SubjectEvidence, subject_evidence
 from bayes_toe.arrays import BoolArray, FloatArray, Rng
-from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
+from bayes_toe.classical.fit import bootstrap_evidence, subject_fit
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.design.simulate import PaperObserver, simulate_trials
 from bayes_toe.design.study_design import PAPER_BATCHES, reference_design
@@ -243,7 +243,7 @@ def work(job: Job) -> tuple[Row, Row]:
         draws = Draws(assembled_tree(study, [subject_draws(result)], settings, {}))
         ranks = {"design": job.design, **ranks_of(draws, subject, theta, settings.seed)}
     if job.with_evidence:
-        replicates = bootstrap_subject(subject, seed=settings.seed, prior=settings.prior)
+        replicates = subject_fit(subject, settings.prior, seed=settings.seed, replicates=1000)
         row = subject_evidence(result, fitted, bootstrap_evidence(replicates, settings.prior))
         known = {
             "design": job.design,

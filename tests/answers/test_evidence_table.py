@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -17,7 +18,7 @@ from bayes_toe.answers.evidence_table import (
     frequency_evidence_laplace,
     subject_evidence,
 )
-from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
+from bayes_toe.classical.fit import bootstrap_evidence, subject_fit
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import (
@@ -48,7 +49,7 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
     subject, prior = CASES["perfect observer"], bt.Prior()
     posterior = paper_posterior(subject, prior)
     result, fitted = fitted_result(posterior, 1, AnalysisRequest(evidence_draws=20_000))
-    replicates = bootstrap_subject(subject, seed=1, replicates=50, prior=prior)
+    replicates = subject_fit(subject, prior, seed=1, replicates=50)
     row = subject_evidence(result, fitted, bootstrap_evidence(replicates, prior))
     assert (row.log_evidence_h1_laplace, row.log_bayes_factor_laplace) == (None, None)
     assert row.log_evidence_h1 is not None
@@ -82,7 +83,8 @@ def test_the_table_has_the_bayes_factor_of_its_evidences(analysis):
 
 
 def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analysis, monkeypatch):
-    monkeypatch.setattr("bayes_toe.analysis.REPLICATES", 40)  # as many as the other has
+    few = partial(subject_fit, replicates=40)  # as many as the other has
+    monkeypatch.setattr("bayes_toe.analysis.subject_fit", few)
     study = analysis.study.select(["B"])
     alone = bt.evidence(study, seed=analysis.settings.seed, prior="paper", workers=1)
     frame = analysis.evidence.frame().query("subject == 'B'").reset_index(drop=True)

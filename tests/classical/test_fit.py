@@ -9,7 +9,7 @@ from reference.hard_cases import hard_cases
 from scipy.stats import norm
 
 import bayes_toe as bt
-from bayes_toe.classical.fit import Bootstrap, bootstrap_evidence, bootstrap_subject, resample
+from bayes_toe.classical.fit import SubjectFit, bootstrap_evidence, resample, subject_fit
 from bayes_toe.classical.maximum_likelihood import MaximumLikelihoodFits
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -22,7 +22,7 @@ SUBJECTS = {**CASES, **{subject.name: subject for subject in bt.example_study("s
 
 @pytest.fixture(scope="module")
 def replicates():
-    return bootstrap_subject(SUBJECTS["S01"], seed=3, prior=Prior(), replicates=400)
+    return subject_fit(SUBJECTS["S01"], Prior(), seed=3, replicates=400)
 
 
 def make_bootstrap(replicates, fitted=(0.1, 0.3, 0.1, 0.9)):
@@ -35,7 +35,7 @@ def make_bootstrap(replicates, fitted=(0.1, 0.3, 0.1, 0.9)):
         subject = SUBJECTS["S01"]
         return MaximumLikelihoodFits(parameters, value, value, edges, arrived, points, subject)
 
-    return Bootstrap("x", fits(np.array([fitted])), fits(replicates))
+    return SubjectFit("x", fits(np.array([fitted])), fits(replicates))
 
 
 def variance_scale(parameters):
@@ -61,9 +61,9 @@ def test_a_study_of_which_is_stronger_has_the_same_table_with_lapses():
     assert list(frame.columns[:6]) == [*natural, "log_likelihood", "at_edge"]
     assert frame.loc["S07", natural].tolist() == table["S07"].parameters.tolist()
     limits = [f"{name}_{end}" for name, end in product(natural, ("lower", "upper"))]
-    intervals = table["S07"].bootstrap.intervals(0.95)
+    intervals = table["S07"].intervals(0.95)
     assert frame.loc["S07", limits].tolist() == intervals.ravel().tolist()
-    low, high = table["S07"].bootstrap.bands(0.0, [-0.3, 0.3])
+    low, high = table["S07"].bands(0.0, [-0.3, 0.3])
     assert low[0] < high[0] < 0.5 < low[1] < high[1]
 
 
@@ -114,7 +114,7 @@ def test_evidence_by_appendix_c_is_the_formula():
     ],
 )
 def test_evidence_says_what_is_wrong_with_it(name, has_value, word):
-    bootstrap = bootstrap_subject(SUBJECTS[name], seed=1, prior=Prior(), replicates=200)
+    bootstrap = subject_fit(SUBJECTS[name], Prior(), seed=1, replicates=200)
     value, note = bootstrap_evidence(bootstrap, Prior())
     assert (value is not None) == has_value
     assert word in note
@@ -123,7 +123,7 @@ def test_evidence_says_what_is_wrong_with_it(name, has_value, word):
 @pytest.mark.parametrize("mu1", [-9.0, 9.0])
 def test_a_fit_outside_its_interval_is_said_to_be_so(mu1):
     values = np.array([0.1, 0.3, 0.1, 0.9]) + default_rng(2).normal(size=(50, 4)) / 10
-    (remark,) = make_bootstrap(values, (mu1, 0.3, 0.1, 0.9)).remarks()
+    (remark,) = make_bootstrap(values, (mu1, 0.3, 0.1, 0.9)).notes
     assert remark.startswith("outside the 95 % interval: mu1, because")
 
 
@@ -146,7 +146,7 @@ def test_posterior_and_bootstrap_side_by_side(analysis):
     row = frame.loc["A", "q0"].drop("at_edge").astype(float)
     quantiles = np.quantile(analysis.draws.values("A", "q0"), [0.5, 0.1, 0.9])
     fit = table["A"]
-    expected = [*quantiles, fit.parameters[3], *fit.bootstrap.intervals(0.8)[3]]
+    expected = [*quantiles, fit.parameters[3], *fit.intervals(0.8)[3]]
     assert row.tolist() == pytest.approx(expected)
     fits = bt.fit(analysis.study.select(["A"]), replicates=5, seed=1, workers=1)
     with pytest.raises(InputError, match="same subjects"):
@@ -154,14 +154,14 @@ def test_posterior_and_bootstrap_side_by_side(analysis):
 
 
 def test_what_has_no_value_is_missing_and_said_and_wrong_options_raise(small_study):
-    open_ = bootstrap_subject(CASES["single pair"], seed=1, prior=Prior(), replicates=50)
+    open_ = subject_fit(CASES["single pair"], Prior(), seed=1, replicates=50)
     assert np.isnan(open_.intervals()[1:]).all()
     assert open_.covariance() is None
-    assert open_.remarks()[0] == "not determined by these answers: sigma_p, sigma_l, q0"
-    assert "do not determine a parameter" in open_.remarks()[1]
-    blunt = bootstrap_subject(CASES["all equal"], seed=1, prior=Prior(), replicates=200)
+    assert open_.notes[0] == "not determined by these answers: sigma_p, sigma_l, q0"
+    assert open_.notes[1] == "no bootstrap replicate determines every parameter"
+    blunt = subject_fit(CASES["all equal"], Prior(), seed=1, replicates=200)
     assert blunt.intervals()[1, 1] == np.inf
-    assert any("infinite sigma_p" in text for text in blunt.remarks())
+    assert any("infinite sigma_p" in text for text in blunt.notes)
     for options in ({"replicates": 0}, {"level": 1.0}, {"seed": -1}, {"workers": 0}):
         with pytest.raises(InputError):
             bt.fit(small_study, **options)
