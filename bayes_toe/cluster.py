@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 import platform
 import sys
-import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache
@@ -29,17 +27,13 @@ from bayes_toe.errors import InputError, WorkerError
 from bayes_toe.version import library_versions
 
 if TYPE_CHECKING:
-    from distributed import Client, Future, as_completed
+    from distributed import Client
 
 Result = TypeVar("Result")
 Failure = TypeVar("Failure")
 _NO_CONNECTION = "the connection to the Dask scheduler is lost"
 #: Seconds for a scheduler to answer.
 PATIENCE = 8.0
-#: Seconds that a cluster which has lost all its workers may take to start another one.
-PATIENCE_WITHOUT_WORKERS = 600.0
-#: Seconds between two looks for results, and between two counts of the workers.
-_LOOK, _COUNT = 0.02, 1.0
 _one_at_a_time = Lock()
 
 
@@ -101,12 +95,11 @@ def run_on(
     Raises
     ------
     InputError
-        If `client` is no client, or scheduler or workers lack this package or have other versions.
+        If `client` is no client, or a worker has other versions than this process.
     WorkerError
-        If the client is closed, the scheduler cannot be reached any more, or all workers are gone
-        and none comes back.
+        If the client is closed, or the scheduler cannot be reached any more.
     """
-    _require_fit(client)
+    _require_open(client)
     from dask import config
     from distributed import Future, as_completed
     from distributed.scheduler import KilledWorker
@@ -127,13 +120,15 @@ def run_on(
     try:
         # With no worker a job waits on the cluster for the first that comes.
         submit_up_to(max(1, _n_workers(client)))
-        for future in _in_order_of_end(client, futures):
+        for future in futures:
             if future.cancelled():
                 raise WorkerError(_NO_CONNECTION)
             # Before the result is fetched, so that no worker waits.
             submit_up_to(max(1, _n_workers(client)) + 1)
             try:
                 yield index_of_key[future.key], future.result()
+            except ImportError as error:
+                raise InputError(f"a Dask worker lacks what is here: {error}") from error
             except KilledWorker as error:
                 yield index_of_key[future.key], failure(error.allowed_failures + 1)
             future.release()
@@ -141,25 +136,6 @@ def run_on(
     finally:
         if index_of_key and client.status == "running":
             client.cancel([Future(key, client) for key in index_of_key])
-
-
-def _in_order_of_end(client: Client, futures: as_completed) -> Iterator[Future]:
-    """Futures as they end; waiting has an end too where the cluster has lost all its workers."""
-    last_seen = math.inf
-    while not futures.is_empty():
-        next_count = 0.0
-        while not futures.has_ready():
-            now = time.monotonic()
-            if now >= next_count:
-                next_count = now + _COUNT
-                if _n_workers(client) > 0:
-                    last_seen = now
-                elif now - last_seen > PATIENCE_WITHOUT_WORKERS:
-                    raise WorkerError(
-                        f"the Dask cluster has no worker for {PATIENCE_WITHOUT_WORKERS:g} s"
-                    )
-            time.sleep(_LOOK)
-        yield next(futures)
 
 
 def _n_workers(client: Client) -> int:
@@ -174,7 +150,6 @@ def _run_there(expected: Mapping[str, str], job: Callable[[], Result]) -> Result
 
     Matplotlib is not made for threads.
     """
-    # The worker may have joined after all were asked.
     _require_same(f"the worker on {platform.node()}", versions(), expected)
     with _one_at_a_time:
         threadpool_limits(1)  # For good: the libraries of one job are those of the next.
@@ -187,30 +162,20 @@ def versions() -> Mapping[str, str]:
     return {"Python": platform.python_version(), **library_versions("distributed")}
 
 
-def _require_fit(client: Client) -> None:
-    """Require an open client, and our versions at the scheduler and at its workers."""
+def _require_open(client: Client) -> None:
+    """Require a client, and that it is open."""
     if not hasattr(client, "scheduler_info"):
         raise InputError(
             f"workers={client!r}: allowed is a number of processes from 1, or a distributed.Client"
         )
     if client.status != "running":
         raise WorkerError(f"the Dask client is {client.status}")
-    try:
-        of_scheduler = client.run_on_scheduler(versions)
-        of_workers = client.run(versions, on_error="return")
-    except (ImportError, AttributeError) as error:
-        of_scheduler, of_workers = error, {}
-    except OSError as error:
-        raise WorkerError(_NO_CONNECTION) from error
-    for process, its_versions in {"the scheduler": of_scheduler, **of_workers}.items():
-        _require_same(process, its_versions, versions())
 
 
 def _require_same(
-    process: str, its_versions: Mapping[str, str] | Exception, expected: Mapping[str, str]
+    process: str, its_versions: Mapping[str, str], expected: Mapping[str, str]
 ) -> None:
-    if isinstance(its_versions, Exception):
-        raise InputError(f"{process} lacks what this process has: {its_versions}")
+    """Refuse a worker with other versions of the programs on which results depend."""
     for name, version in expected.items():
         if its_versions.get(name) != version:
             raise InputError(
