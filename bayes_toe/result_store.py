@@ -22,7 +22,7 @@ from importlib import import_module
 from itertools import chain, compress
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Generic, TextIO, TypeVar
+from typing import IO, Any, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -218,7 +218,7 @@ def require_ours(folder: Path) -> None:
 
 def count_stored(folder: Path) -> int:
     """The number of results that a folder holds."""
-    return sum(1 for _ in folder.glob(f"*{SUFFIX}"))
+    return len(list(folder.glob(f"*{SUFFIX}")))
 
 
 def discard(folder: Path) -> None:
@@ -238,7 +238,7 @@ def _held(folder: Path) -> Iterator[None]:
     with reporting(folder):
         lock = open(folder / _LOCK, "a+", encoding="utf-8", opener=_open_no_link)  # noqa: SIM115
     with lock:
-        if not _is_locked(lock):
+        if not is_locked(lock):
             lock.seek(0)
             holder = lock.read(1000) or "another process"
             raise OutputError(f"{format_path(folder)}: in use by {holder}; wait for it")
@@ -254,8 +254,11 @@ def _open_no_link(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
 
 
-def _is_locked(lock: TextIO) -> bool:
-    """Whether this process has the lock now; taken for granted where there are no such locks."""
+def is_locked(lock: IO[str]) -> bool:
+    """Whether this process has the lock now; a child that inherits the file keeps it.
+
+    Taken for granted where there are no such locks.
+    """
     try:
         import fcntl
     except ImportError:

@@ -171,12 +171,6 @@ class Difference(NamedTuple):
         text = format_signed(self.interval(unit), unit.of_differences)
         return text.replace("+", "") if self.p_direction is None else text
 
-    @property
-    def conclusion(self) -> str:
-        """Its word and the Bayes factor of a difference."""
-        text = f"{self.word} (BF {self.factor})" if self.word else "no evidence"
-        return f"{text}, depends on lapses" if self.robust == "no" else text
-
 
 def word_of(log_bf: float | None) -> str:
     """The word for a log Bayes factor of a difference.

@@ -52,6 +52,7 @@ QUESTIONS: Mapping[str, BoolArray] = {
 SIZES = ("pse_shift_percent", "pse_shift_jnd", "contraction_p", "jnd_percent", "zone_percent")
 #: The size that stands beside the word for an effect.
 SIZE_OF = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
+_SIZE_LABELS = {"constant_error": "PSE shift", "contraction": "p ="}
 QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
 _EVIDENCES = tuple(f"log_evidence_{name.replace(' ', '_')}" for name in MODEL_NAMES)
 #: Columns with which evidence.csv begins.
@@ -273,12 +274,11 @@ class OrderEffect:
         if word.is_positive and question == "contraction":
             bracket = f"{self.direction}, {bracket}"
         details = [f"{word} ({bracket})"]
-        if word.is_positive and question == "constant_error":
-            details.append(f"PSE shift {self.format_size('pse_shift_percent')}")
-        if word.is_positive and question == "contraction":
-            details.append(f"p = {self.format_size('contraction_p')}")
         bound = self.upper_bounds.get(question, 0.0)
-        if not word.is_positive and bound > 0.0:
+        if word.is_positive and question in SIZE_OF:
+            size = self.format_size(SIZE_OF[question])
+            details.append(f"{_SIZE_LABELS[question]} {size}")
+        elif not word.is_positive and bound > 0.0:
             details.append(f"at most {format_number(bound)} JND (95 %)")
         return f"{heading}: {', '.join(details)}."
 

@@ -30,7 +30,7 @@ from bayes_toe.data.messages import quoted
 from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.whole_files import write_whole
 from bayes_toe.errors import InputError
-from bayes_toe.result_store import count_stored, discard
+from bayes_toe.result_store import count_stored, discard, is_locked
 from bayes_toe.version import __version__
 
 #: Files that a study may have. Files of the page have other names.
@@ -136,7 +136,7 @@ class Job:
         if reading is None or reading["study"] is None:
             raise InputError("A question about the file is open")
         with _open_lock(self.folder.parent) as lock:
-            if not _take(lock):
+            if not is_locked(lock):
                 raise InputError("Another study is being analysed. Wait for it, or stop it.")
             store = self.folder / _STORE
             if self._read(_COMMAND) != words:
@@ -290,7 +290,7 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
 def running(home: Path) -> tuple[str, int]:
     """The study that is analysed now and its process group; '' and 0 where there is none."""
     with _open_lock(home) as lock:
-        if _take(lock):
+        if is_locked(lock):
             return "", 0
         lock.seek(0)
         name, _, group = lock.read().partition(" ")
@@ -306,14 +306,3 @@ def end_group(group: int, number: signal.Signals) -> None:
 
 def _open_lock(home: Path) -> IO[str]:
     return open(home / _LOCK, "a+", encoding="utf-8")
-
-
-def _take(lock: IO[str]) -> bool:
-    """Whether this process has the lock now; a child that inherits the file keeps it."""
-    import fcntl
-
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True

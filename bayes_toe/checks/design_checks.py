@@ -299,9 +299,8 @@ def _one_order(subject: Subject) -> Iterator[Finding]:
     if not 0 < len(lone) < 0.5 * len(presented):
         return
     describe = subject.unit.describe
-    pairs = ", ".join(f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone[:_MOST_PAIRS_SHOWN])
-    if len(lone) > _MOST_PAIRS_SHOWN:
-        pairs += f" and {len(lone) - _MOST_PAIRS_SHOWN} more"
+    names = [f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone]
+    pairs = join_names(names, _MOST_PAIRS_SHOWN)
     verb = "was" if len(lone) == 1 else "were"
     message = f"{plural(len(lone), 'pair')} {verb} presented in one order only: {pairs}."
     yield Finding(subject.name, "one_order", message)

@@ -88,17 +88,17 @@ ON_PREVIOUS_TRIAL = "Responses depend on the previous trial for {}."
 
 def doubtful_subjects(answers: Iterable[OrderEffect]) -> dict[str, list[str]]:
     """Sentences on the use of conclusions, and the interpreted subjects that each concerns."""
-    poor_fit, no_fit, on_previous_trial = list[str](), list[str](), list[str]()
+    subjects: dict[str, list[str]] = {POOR_FIT: [], NO_FIT: [], ON_PREVIOUS_TRIAL: []}
     for answer in answers:
         if not answer.is_interpretable:
             continue
         if answer.fits is False:
-            poor_fit.append(answer.subject)
+            subjects[POOR_FIT].append(answer.subject)
         elif answer.fits is None:
-            no_fit.append(answer.subject)
+            subjects[NO_FIT].append(answer.subject)
         if answer.depends_on_previous_trial:
-            on_previous_trial.append(answer.subject)
-    return {POOR_FIT: poor_fit, NO_FIT: no_fit, ON_PREVIOUS_TRIAL: on_previous_trial}
+            subjects[ON_PREVIOUS_TRIAL].append(answer.subject)
+    return subjects
 
 
 def effect_size(answer: OrderEffect, question: str) -> str:

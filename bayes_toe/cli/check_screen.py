@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ from bayes_toe.cli.terminal import (
     Terminal,
     command_lines,
     describe_study,
+    merge_notes,
     typed_command,
 )
 from bayes_toe.data.messages import capitalized, cli_argument, join_words, plural
@@ -108,26 +108,20 @@ def answer_of_check(
 
 def _limits_of_design(study: Study, findings: Sequence[Finding]) -> list[str]:
     """The effects that the design can show, and those that it cannot, with numbers of subjects."""
-    n_subjects, all_subjects = len(study), plural(len(study), "subject")
+    all_subjects = plural(len(study), "subject")
     identified = [identify(subject) for subject in study]
-    n_constant_error = sum(of_subject.constant_error for of_subject in identified)
-    n_contraction = sum(of_subject.contraction for of_subject in identified)
     effects = []
-    for effect, n in (("a constant error", n_constant_error), ("a contraction", n_contraction)):
-        if n == n_subjects:
-            effects.append(effect)
-        elif n:
-            effects.append(f"{effect} ({n} of {all_subjects})")
+    for effect in ("constant_error", "contraction"):
+        n = sum(getattr(of_subject, effect) for of_subject in identified)
+        if n:
+            share = "" if n == len(study) else f" ({n} of {all_subjects})"
+            effects.append(f"a {effect.replace('_', ' ')}{share}")
     lines = [f"The design can show {join_words(effects)}."] if effects else []
-    names_by_message = defaultdict[str, list[str]](list)
-    for finding in findings:
-        if finding.code == "not_identified":
-            names_by_message[finding.message].append(finding.subject)
-    for message, names in names_by_message.items():
-        if names == [""]:
-            lines.append(message)
-        else:
-            lines.append(f"{message.rstrip('.')} ({len(names)} of {all_subjects}).")
+    limits = [item for item in findings if item.code == "not_identified"]
+    for subjects, message, _ in merge_notes((item.subject, item.message, "") for item in limits):
+        if subjects:
+            message = f"{message.rstrip('.')} ({len(subjects)} of {all_subjects})."
+        lines.append(message)
     return lines
 
 

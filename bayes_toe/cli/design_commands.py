@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -71,16 +71,21 @@ def power(
     designs, numbers = _read_designs(design, question), _whole_numbers("--trials", trials)
     # Refuses a bad file before any work.
     assumed = assume_observers(observers, data_sets, 0, list(designs.values()))
-    options: dict[str, Any] = {"data_sets": data_sets, "prior": context.prior}
-    total = len(designs) * len(numbers) * len(assumed)
-    planned = (designs, numbers, observers)
-    table = context.work("simulating and analysing", total, bt.design.power, *planned, **options)
-    frames = (table.frame(), table.data_sets_frame())
-    names = _POWER_FILES
-    with whole_folder(output, names, required=names, overwrite=context.overwrite) as folder:
-        for name, frame in zip(names, frames, strict=False):
-            write_table(frame, folder / name)
-        for name in names[len(frames) :]:
+    table = context.work(
+        "simulating and analysing",
+        len(designs) * len(numbers) * len(assumed),
+        bt.design.power,
+        designs,
+        numbers,
+        observers,
+        data_sets=data_sets,
+        prior=context.prior,
+    )
+    files, overwrite = _POWER_FILES, context.overwrite
+    with whole_folder(output, files, required=files, overwrite=overwrite) as folder:
+        table.save(folder / "power.csv")
+        write_table(table.data_sets_frame(), folder / "power_data_sets.csv")
+        for name in ("power.png", "power.pdf"):
             bt.plots.save_figure(bt.plots.power(table), folder / name)
     print_power(context.out, table)
     written = f"Tables and figure in {output}. Seed {table.seed}."
@@ -221,14 +226,15 @@ class ListOptions:
         if self.list_output is None:
             return
         levels = self.levels()
-        names = subject_names(self.subjects)
-        options: dict[str, Any] = {
-            "blocks": self.blocks,
-            "seed": seed,
-            "conditions": levels,
-            "reference": reference,
-        }
-        lists = [bt.design.trial_list(design, subject=name, **options) for name in names]
+        trial_list = partial(
+            bt.design.trial_list,
+            design,
+            blocks=self.blocks,
+            seed=seed,
+            conditions=levels,
+            reference=reference,
+        )
+        lists = [trial_list(subject=name) for name in subject_names(self.subjects)]
         write_table(pd.concat(lists), self.list_output, overwrite=context.overwrite)
         split = ""
         if levels:
@@ -285,15 +291,20 @@ def design(
     compared = output.with_name(f"{output.stem}_compared.csv")
     text, figure = output.with_suffix(".md"), output.with_suffix(".png")
     context.require_files(output, compared, text, figure, *list_files)
-    search = (goal.log_levels(), trials // n_levels, goal.goal(question), observers)
-    options: dict[str, Any] = {"data_sets": data_sets, "prior": context.prior}
-    total = 4 * 6 * data_sets
     optimal = context.work(
-        "simulating and analysing", total, bt.design.optimal_design, *search, **options
+        "simulating and analysing",
+        4 * 6 * data_sets,
+        bt.design.optimal_design,
+        goal.log_levels(),
+        trials // n_levels,
+        goal.goal(question),
+        observers,
+        data_sets=data_sets,
+        prior=context.prior,
     )
     files: dict[Path, Callable[[Path], object]] = {
         output: optimal.design.save,
-        compared: partial(optimal.power.save),
+        compared: optimal.power.save,
         text: lambda path: path.write_text(optimal.text(), encoding="utf-8"),
         figure: partial(bt.plots.save_figure, bt.plots.design(optimal)),
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import bayes_toe as bt
 from bayes_toe.cli.options import ModelName, StudyFile, flag, rare, writes
@@ -159,17 +159,23 @@ def sample(
     [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --model both --seed 1
     """
     from bayes_toe.checks.design_checks import identification_findings
-    from bayes_toe.model.models import require_model
 
     context.require_files(output)
     keep = context.partial_folder(output)
     read, prior = context.read(study)
-    require_model(model, read.task)
     _require_fitting(context, read, prior, model)
     context.introduce(read, prior)
     context.out.findings(identification_findings(read), "-")
-    options: dict[str, Any] = {"model": model, "draws": context.draws, "prior": prior, "keep": keep}
-    draws = context.work("sampling", len(read), bt.sample, read, **options)
+    draws = context.work(
+        "sampling",
+        len(read),
+        bt.sample,
+        read,
+        model=model,
+        draws=context.draws,
+        prior=prior,
+        keep=keep,
+    )
     draws.save(output, overwrite=context.overwrite)
     print_draws(context.out, draws)
     context.finish(keep, draws.failed)
@@ -212,7 +218,7 @@ def evidence(
     context.finish(keep, table.failed)
     print_model_evidence(context.out, table, output.name)
     print_subjects(context.out, table.answers, output.name)
-    frequencies = [] if read.conditions is not None else few_subjects_lines(table.answers)
+    frequencies = few_subjects_lines(table.answers) if read.conditions is None else []
     closing = without_decision(table.answers, table.failed)
     closing += [f"Table: {output}.", f"Seed {table.seed}."]
     context.print_failed(table.failed)

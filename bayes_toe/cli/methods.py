@@ -40,7 +40,7 @@ from bayes_toe.checks.identification import identify
 from bayes_toe.cli.answer_screen import doubtful_subjects
 from bayes_toe.cli.group_screen import group_estimate, log_factor_of_mean
 from bayes_toe.data.messages import capitalized, join_names, plural, visible
-from bayes_toe.data.study import Study
+from bayes_toe.data.study import Study, units_by_subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.population import PopulationResult
 
@@ -116,11 +116,14 @@ def _methods(analysis: Analysis, version: str) -> list[str]:
 
 def _data(study: Study) -> list[str]:
     """The task, the amount of data, and the changes that were made to them."""
-    trials = [subject.total_trials for subject in study.without_conditions()]
+    trials = []
+    for units in units_by_subject(study).values():
+        trials.append(sum(unit.total_trials for unit in units))
     amount = f"{sum(trials):,} trials"
     if len(trials) > 1:
-        number = f"{min(trials):,} to {max(trials):,}"
-        amount += f", {trials[0]:,} each" if len(set(trials)) == 1 else f", {number} each"
+        fewest, most = min(trials), max(trials)
+        number = f"{most:,}" if fewest == most else f"{fewest:,} to {most:,}"
+        amount += f", {number} each"
     participants = plural(len(trials), "participant")
     sentences = [f"{participants} reported {study.task.question} ({amount})."]
     if study.synthetic:

@@ -488,12 +488,10 @@ def _overview_row(answer: OrderEffect) -> Record:
     texts["jnd_percent"], fit = "", ""
     if answer.is_interpretable:
         texts["jnd_percent"], fit = answer.format_size("jnd_percent"), _FITS[answer.fits]
-    sizes: list[Any] = []
+    sizes = []
     for size, text in texts.items():
-        if text:
-            sizes.append((answer.sizes[size].q50, text))
-        else:
-            sizes.append(("", ""))
+        median = answer.sizes[size].q50 if text else ""
+        sizes.append((median, text))
     flags = [flag for flag in answer.flags if not flag.startswith((MISFIT_FLAG, PRIOR_FLAG))]
     return {
         "subject": answer.subject,

@@ -37,12 +37,8 @@ def visible(text: str) -> str:
 
     Control, bidirectional and invisible characters as their escapes.
     """
-    return (
-        text
-        if text.isprintable()
-        else "".join(
-            character if character.isprintable() else repr(character)[1:-1] for character in text
-        )
+    return "".join(
+        character if character.isprintable() else repr(character)[1:-1] for character in text
     )
 
 
@@ -121,8 +117,7 @@ def describe_p_value(value: float) -> str:
 
 def join_few(names: Sequence[str]) -> str:
     """The first four names, and how many there are beyond them."""
-    ending = f" and {len(names) - 4:,} more" if len(names) > 4 else ""
-    return ", ".join(map(repr, names[:4])) + ending
+    return join_names([*map(repr, names)], 4)
 
 
 def name_from_key(name: object) -> str:

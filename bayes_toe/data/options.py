@@ -350,11 +350,10 @@ def _blocks_by_subject(option: str, texts: Iterable[str], study: Study) -> dict[
         subject_name, blocks = _subject_and_blocks(text, study, option)
         units = [unit.name for unit in study if unit.subject_name == subject_name]
         for name in units or [subject_name]:
-            is_named_before = name in blocks_of
             all_blocks = blocks_of.get(name, []) + blocks
-            names_whole_subject = not blocks or not blocks_of.get(name)
             has_duplicates = len(set(all_blocks)) < len(all_blocks)
-            if has_duplicates or (is_named_before and names_whole_subject):
+            is_whole_subject = name in blocks_of and not (blocks and blocks_of[name])
+            if has_duplicates or is_whole_subject:
                 raise InputError(f"{option} {text}: named twice; name each subject or block once")
             blocks_of[name] = all_blocks
     return blocks_of

@@ -103,12 +103,8 @@ def read_table(
     InputError
         If the source cannot be read, is too large or empty, or its head cannot be split.
     """
-    if hasattr(source, "collect") and not hasattr(source, "to_series"):
-        raise InputError(
-            f"{type(source).__name__}: found a lazy frame, allowed: a frame, which its collect() "
-            "gives"
-        )
-    if hasattr(source, "columns") and (hasattr(source, "iloc") or hasattr(source, "to_series")):
+    # A lazy frame has no rows, and warns where it is asked for its columns.
+    if (hasattr(source, "iloc") or hasattr(source, "to_series")) and hasattr(source, "columns"):
         return _read_frame(source, choice)
     if not isinstance(source, str | os.PathLike):
         raise InputError(

@@ -445,15 +445,6 @@ class Study:
         notes = (*self.notes, f"only pairs with an interval of {isi:g} s")
         return replace(self, subjects=some, notes=notes, reading=Reading())
 
-    def without_conditions(self) -> Study:
-        """The study with each subject's answers in all conditions put together."""
-        subjects = tuple(map(pooled, units_by_subject(self).values()))
-        return (
-            self
-            if self.conditions is None
-            else replace(self, subjects=subjects, reading=Reading(), conditions=None)
-        )
-
     def select(self, names: Sequence[str | int] | str | int) -> Study:
         """The same study with only these subjects, or this one, in the order asked for."""
         asked = [names] if isinstance(names, str | int) else names

@@ -102,12 +102,13 @@ class SubjectTable(Table[Row]):
     """
 
     def __getitem__(self, name: str | int) -> Row:
-        if name_from_key(name) not in self._by_name:
+        subject_name = name_from_key(name)
+        if subject_name not in self._by_name:
             raise InputError(
                 f"no subject {name!r} in the table; there are: "
                 f"{join_names([quoted(row.subject) for row in self.rows])}"
             )
-        return self._by_name[name_from_key(name)]
+        return self._by_name[subject_name]
 
     @cached_property
     def _by_name(self) -> dict[str, Row]:

@@ -239,8 +239,7 @@ def _repeated(
     location = f"first row {row}, which repeats row {other} (subject {name})"
     if is_repeat.all():
         return [f"{problem} with the same stimuli and answer, {location}: {TWICE}, remove them"]
-    n_same = f"{is_repeat.sum()} of them" if is_repeat.any() else "none"
     return [
-        f"{problem}, {n_same} with the same stimuli and answer, {location}: unless these are "
-        f"several sessions under the same numbers, {TWICE}"
+        f"{problem}, {is_repeat.sum()} with the same stimuli and answer, {location}: unless these "
+        f"are several sessions under the same numbers, {TWICE}"
     ]

@@ -74,21 +74,19 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
             )
         return study
     column = options.name("condition")
-    parts = {unit.name: unit.name.partition(CONDITION_SEPARATOR) for unit in study}
-    subject_names = list(dict.fromkeys(name for name, _, _ in parts.values()))
-    unit_levels = [level for _, _, level in parts.values()]
+    parts = [unit.name.partition(CONDITION_SEPARATOR) for unit in study]
+    names, _, unit_levels = zip(*parts, strict=True)
     if not all(unit_levels):
         raise InputError(
             f"{study.source}: found column {display_name(column)} in some files only, "
             "allowed: in all or in none"
         )
-    if len(subject_names) == len(parts):
+    if len(set(names)) == len(names):
         return _without_units(study, column, is_option=options.condition is not None)
     order, is_numeric = _level_order(unit_levels, options)
-    units = [replace(unit, condition=parts[unit.name][2]) for unit in study]
-    units.sort(
-        key=lambda unit: (subject_names.index(unit.subject_name), order.index(unit.condition))
-    )
+    pairs = zip(study, unit_levels, strict=True)
+    units = [replace(unit, condition=level) for unit, level in pairs]
+    units.sort(key=lambda unit: (names.index(unit.subject_name), order.index(unit.condition)))
     conditions = Conditions(column, tuple(order), is_numeric)
     notes = (*study.notes, f"condition {conditions.about}")
     return replace(study, subjects=with_shared_scales(units), conditions=conditions, notes=notes)

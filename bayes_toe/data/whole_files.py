@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import format_path
+from bayes_toe.data.messages import format_path, join_names
 from bayes_toe.errors import InputError, OutputError, OutputExistsError
 
 #: Beginning of the name of a folder whose files are not finished, and of one whose files are
@@ -175,10 +175,7 @@ def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) ->
         return
     taken = [name for name in names if os.path.lexists(target / name)]
     if taken:
-        problem = f"already holds {', '.join(taken[:3])}"
-        if len(taken) > 3:
-            problem += f" and {len(taken) - 3} more"
-        raise OutputExistsError(f"{format_path(target)}: {problem}")
+        raise OutputExistsError(f"{format_path(target)}: already holds {join_names(taken, 3)}")
 
 
 def _require_there(new: Path, target: Path, files: Sequence[str]) -> None:

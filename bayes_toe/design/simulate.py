@@ -475,8 +475,13 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     task, root = task_of(task), root_seed(seed)
     batch_design = make_batch_design(design, amplitudes, batches, isi)
     differences = condition_differences(conditions, differ)
+    simulated: Sequence[SimulatedObserver]
     if isinstance(observers, Mapping):
-        simulated: Sequence[SimulatedObserver] = stated_observers(observers, task)
+        simulated = [
+            _stated_observer(name, values, task, "observers") for name, values in observers.items()
+        ]
+        if not simulated:
+            raise InputError("observers: found none, allowed: at least one")
     elif isinstance(observers, bool) or not isinstance(observers, int) or observers < 1:
         raise InputError(
             f"observers: found {observers!r}, allowed: a whole number from 1, or parameters by name"
@@ -524,13 +529,6 @@ def draw_population(
         replace(observer, name=name)
         for name, observer in zip(subject_names(size), drawn, strict=False)
     ]
-
-
-def stated_observers(observers: Truth, task: Task) -> list[SimulatedObserver]:
-    """Observers of parameters by name, those of the four models or of the paper's."""
-    if not observers:
-        raise InputError("observers: found none, allowed: at least one")
-    return [_stated_observer(name, values, task, "observers") for name, values in observers.items()]
 
 
 def read_observers(path: str, task: Task) -> list[SimulatedObserver]:

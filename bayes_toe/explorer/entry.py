@@ -198,7 +198,7 @@ class Entry:
         for name, value in (self.truth or {}).items():
             if name in self.target.names.all:
                 truth[name] = value
-        return all_true_values(truth, self.target) if truth else {}
+        return all_true_values(truth, self.target)
 
     def _dominated(self, quantities: NamedArrays) -> list[tuple[str, str]]:
         """Quantities whose 5 to 95 % range is not much narrower than the prior's."""

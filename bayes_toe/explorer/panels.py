@@ -83,14 +83,6 @@ class _Sources(dict[str, ColumnDataSource]):
 
 def _plot(name: str, tools: list[Any], **options: Any) -> Any:
     """A figure that fills its place."""
-    size: dict[str, Any] = {
-        "sizing_mode": "stretch_both",
-        "min_border": AROUND,
-        "min_width": 20,
-        "min_height": 20,
-        "width": 120,
-        "height": 120,
-    }
     plot = figure(
         name=name,
         tools=tools,
@@ -98,7 +90,12 @@ def _plot(name: str, tools: list[Any], **options: Any) -> Any:
         outline_line_color="#777777",
         background_fill_color=_PAGE,
         border_fill_color=_PAGE,
-        **size,
+        sizing_mode="stretch_both",
+        min_border=AROUND,
+        min_width=20,
+        min_height=20,
+        width=120,
+        height=120,
         **options,
     )
     plot.grid.grid_line_color = None
@@ -109,8 +106,6 @@ def _plot(name: str, tools: list[Any], **options: Any) -> Any:
             axis_label_text_font_style="normal",
             axis_label_text_color=_INK,
             major_label_text_color=_INK,
-        )
-        axis.update(
             major_tick_line_color=_INK,
             minor_tick_line_color=None,
             axis_line_color=None,

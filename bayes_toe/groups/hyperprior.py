@@ -41,6 +41,7 @@ from bayes_toe.model.parameters import (
     StandardNormal,
     StandardStudent,
 )
+from bayes_toe.model.prior_fields import real
 
 _LARGEST = 1e3
 _SMALLEST = 1e-3
@@ -153,15 +154,17 @@ class Hyperprior:
             numbers[name] = {key: row[key] for key in NUMBERS}
         _require("hyperprior", numbers)
 
-    def changed(self, sections: Mapping[str, Mapping[str, float]]) -> Hyperprior:
-        """The same with other numbers, by parameter and number.
+    def changed(
+        self, sections: Mapping[str, Mapping[str, float]], source: str = "hyperprior"
+    ) -> Hyperprior:
+        """The same with other numbers, by parameter and number; errors name the source.
 
         Raises
         ------
         InputError
             For an unknown parameter or number, and for a number that is out of range.
         """
-        _require("hyperprior", sections)
+        _require(source, sections)
         rows = {name: replace(getattr(self, name), **row) for name, row in sections.items()}
         return replace(self, **rows)
 
@@ -197,9 +200,7 @@ def read_hyperprior(path: StrPath) -> Hyperprior:
         If the file cannot be read, or if it names something that is unknown or out of range.
     """
     example = "NUMBER = VALUE below a line [PARAMETER], as in sd_scale = 0.3 below [contraction]"
-    sections = toml_table(path, example)
-    _require(format_path(Path(path)), sections)
-    return Hyperprior().changed(sections)
+    return Hyperprior().changed(toml_table(path, example), format_path(Path(path)))
 
 
 def _require(source: str, sections: Mapping[str, Any]) -> None:
@@ -214,8 +215,7 @@ def _require(source: str, sections: Mapping[str, Any]) -> None:
                 problems.append(f"[{name}] no number {key!r}, allowed: {', '.join(NUMBERS)}")
                 continue
             least = -_LARGEST if key == "mean" else _SMALLEST
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not is_number or not least <= value <= _LARGEST:
+            if not least <= real(value) <= _LARGEST:
                 number_range = f"a number from {least:g} to {_LARGEST:g}"
                 problems.append(f"[{name}] {key} is {value!r}; allowed is {number_range}")
     if problems:

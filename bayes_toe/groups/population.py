@@ -357,23 +357,25 @@ class PopulationResult:
     def table(self) -> PopulationTable:
         """The rows of population.csv."""
         rows = []
-        for name in self.names:
-            j = self.index(name)
+        for j, name in enumerate(self.names):
             zero = None
             if name in _SMALL_SD:
                 zero = zero_mean(self.draws, self.numbers, self.regressors.x, j)
             rows.append(summary_row(name, "mean", self.draws.mean[..., j], zero=zero))
         for name, values in self.quantities(self.draws.mean).items():
             rows.append(summary_row(name, "mean", values))
-        for name in self.names:
-            rows.append(summary_row(name, "sd", self.draws.sd[..., self.index(name)]))
-        for name in self.names:
-            rows.append(summary_row(name, "new_subject", self.new_subject[..., self.index(name)]))
-        for name, values in self.quantities(self.new_subject).items():
+        for j, name in enumerate(self.names):
+            rows.append(summary_row(name, "sd", self.draws.sd[..., j]))
+        for name, values in self._all_quantities(self.new_subject).items():
             rows.append(summary_row(name, "new_subject", values))
         rows += self._covariate_rows()
         rows += self._condition_rows()
         return PopulationTable(tuple(rows))
+
+    def _all_quantities(self, coefficients: FloatArray) -> dict[str, FloatArray]:
+        """Coefficients by their names, and the quantities that follow from them."""
+        values = {name: coefficients[..., j] for j, name in enumerate(self.names)}
+        return values | self.quantities(coefficients)
 
     def _covariate_rows(self) -> list[PopulationRow]:
         rows = []
@@ -402,8 +404,7 @@ class PopulationResult:
         rows = []
         for i, subject in enumerate(self.subjects):
             draws = self.draws.subjects[:, :, i]
-            values = {name: draws[..., j] for j, name in enumerate(self.names)}
-            values |= self.quantities(draws)
+            values = self._all_quantities(draws)
             for j, name in enumerate(self.own_names):
                 values[name] = self._own_quantity(name, draws[..., n_coefficients + j])
             rows += [subject_row(subject, name, column) for name, column in values.items()]
@@ -546,13 +547,12 @@ def subject_rows(study: Study, scales: StimulusScales) -> SubjectRows:
         sbar = _mean_first(subject_units)
         own_scales = scales._replace(sbar=sbar, first_spread=0.0)
         unit_scales += [own_scales] * len(subject_units)
-    if study.conditions is None:
-        return SubjectRows.from_subjects(
-            units, unit_scales, np.array(first_row), np.zeros((len(units), 0)), ()
-        )
-    levels = [study.conditions.levels.index(unit.condition) for unit in units]
-    design = study.conditions.design()[levels]
-    return SubjectRows.from_subjects(units, unit_scales, np.array(first_row), design, DIFFERING)
+    design = np.zeros((len(units), 0))
+    differing: tuple[str, ...] = ()
+    if study.conditions is not None:
+        levels = [study.conditions.levels.index(unit.condition) for unit in units]
+        design, differing = study.conditions.design()[levels], DIFFERING
+    return SubjectRows.from_subjects(units, unit_scales, np.array(first_row), design, differing)
 
 
 def _numbers(hyperprior: Hyperprior, study: Study, scales: StimulusScales) -> HyperpriorNumbers:

@@ -28,6 +28,7 @@ from bayes_toe.version import library_versions
 
 _READABLE = "allowed: a population.nc written by bayes-toe"
 _MARK = "group_record"
+_DRAWS = ("mean", "sd", "effect", "subjects")
 
 
 def save_group(
@@ -153,13 +154,8 @@ def load_group(path: StrPath) -> tuple[Study, Regressors, GroupDraws, Record]:
 def _read(tree: xr.DataTree) -> tuple[Study, Regressors, GroupDraws, Record]:
     record = json.loads(tree.attrs[_MARK])
     drawn = tree["posterior"].to_dataset()
-    draws = GroupDraws(
-        drawn["mean"].values,
-        drawn["sd"].values,
-        drawn["effect"].values,
-        drawn["subjects"].values,
-        record["n_divergent"],
-    )
+    mean, sd, effects, subjects = (drawn[name].values for name in _DRAWS)
+    draws = GroupDraws(mean, sd, effects, subjects, record["n_divergent"])
     study = _study(record["study"], tree["observed_data"].to_dataset())
     of_subjects = tree["constant_data"].to_dataset()
     columns = tuple(Regressor(**column) for column in record["regressors"]["columns"])
@@ -170,21 +166,14 @@ def _read(tree: xr.DataTree) -> tuple[Study, Regressors, GroupDraws, Record]:
         record["regressors"]["left_out"],
         tuple(record["regressors"]["notes"]),
     )
-    n_chains, n_draws, n_coefficients = draws.mean.shape
-    expected = n_chains, n_draws, len(regressors.subjects)
-    is_number = all(
-        np.isfinite(values).all()
-        for values in (draws.mean, draws.sd, draws.effects, draws.subjects)
-    )
-    if not is_number or (draws.sd < 0.0).any():
+    is_number = all(np.isfinite(drawn[name]).all() for name in _DRAWS)
+    if not is_number or (sd < 0.0).any():
         raise InputError("its draws are no numbers, or a standard deviation is below 0")
-    n_columns = len(columns)
-    has_effects = draws.effects.shape == (n_chains, n_draws, n_columns, n_coefficients)
-    is_column = regressors.x.shape == (len(regressors.subjects), n_columns)
-    if not (has_effects and is_column and np.isfinite(regressors.x).all()):
+    # Sizes with the same name are the same in all arrays of the draws.
+    expected = (drawn.sizes["subject"], len(columns))
+    is_column = regressors.x.shape == expected and drawn.sizes["covariate"] == len(columns)
+    if not (is_column and np.isfinite(regressors.x).all()):
         raise InputError("its covariates are not those of its draws")
-    if draws.subjects.shape[:3] != expected or draws.subjects.shape[3] < n_coefficients:
-        raise InputError("its draws are of other subjects")
     return study, regressors, draws, record
 
 

@@ -93,11 +93,8 @@ class PopulationTable(Table[PopulationRow]):
 
     def select(self, quantity: str, parameter: str | None = None) -> tuple[PopulationRow, ...]:
         """The rows of one quantity, or of one quantity and parameter."""
-        return tuple(
-            row
-            for row in self.rows
-            if row.quantity == quantity and parameter in (None, row.parameter)
-        )
+        rows = [row for row in self.rows if row.quantity == quantity]
+        return tuple(row for row in rows if parameter in (None, row.parameter))
 
 
 class GroupSubjectRow(NamedTuple):

@@ -61,7 +61,7 @@ def convergence(draws: npt.ArrayLike) -> Convergence:
     A constant quantity has no such diagnostics; all three are then NaN. So are those of draws with
     a NaN, of fewer than four draws, and R-hat of a single chain.
     """
-    return Convergence(*_measured(_CONVERGENCE, np.asarray(draws, np.float64)[None])[0])
+    return convergence_of({"": np.asarray(draws, np.float64)})[""]
 
 
 def errors(draws: npt.ArrayLike) -> Errors:
@@ -69,7 +69,7 @@ def errors(draws: npt.ArrayLike) -> Errors:
 
     NaN where there is no convergence to judge.
     """
-    return Errors(*_measured(_ERRORS, np.asarray(draws, np.float64)[None])[0])
+    return errors_of({"": np.asarray(draws, np.float64)})[""]
 
 
 def convergence_of(quantities: NamedArrays) -> dict[str, Convergence]:

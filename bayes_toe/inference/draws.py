@@ -389,12 +389,13 @@ class Draws:
 
     def _require_name(self, name: str | int) -> str:
         """A subject's name, of whom there are draws."""
-        if name_from_key(name) not in self._places:
+        subject_name = name_from_key(name)
+        if subject_name not in self._places:
             raise InputError(
                 f"no subject {name!r} among the draws; there are: "
                 f"{join_names([*map(repr, self.names)], 20)}"
             )
-        return name_from_key(name)
+        return subject_name
 
     def __repr__(self) -> str:
         size = self.group("posterior").sizes

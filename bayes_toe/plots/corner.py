@@ -254,10 +254,8 @@ def support(target: AnswerPosterior, name: str) -> Span:
 def _require_possible(name: str, value: float, target: AnswerPosterior) -> None:
     """Refuse a true value that the quantity cannot have."""
     low, high = support(target, name)
-    rule = "a finite number"
-    if high < np.inf:
-        rule = f"a number from {low:g} to {high:g}"
-    elif low == 0.0:
+    rule = f"a finite number from {low:g} to {high:g}"
+    if name == "sigma_p":
         rule = "a positive finite number"
     require_kind(f"truths: {name}", value, Real, rule)
     is_finite = np.isfinite(axis_values(name, value, target.subject.unit))

@@ -59,6 +59,7 @@ _EFFECT_LABELS = {
 }
 _POINTS = 200  # along a density
 _BINS = 30
+_BEYOND_PANEL = 3.0  # a position in the panel of the check, which ends at 2.2
 
 
 def population(result: PopulationResult, check: PredictiveCheck | None = None) -> Figure:
@@ -199,22 +200,15 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
     """
     interval_label, observed_label = "new groups, 5 to 95 %", "observed"
     for i, row in enumerate(check.statistics):
-        colour = "black"
-        if row.p_value < CONTRADICTED:
-            colour = BAD
-        side = row.q50 - row.q05
-        if row.is_above:
-            side = row.q95 - row.q50
+        colour = BAD if row.p_value < CONTRADICTED else "black"
+        side = row.q95 - row.q50 if row.is_above else row.q50 - row.q05
         distance = row.observed - row.q50
-        position, marker = 0.0, "D"
+        position, marker = _BEYOND_PANEL * np.sign(distance), "D"
         if side > 0.0:
             position = distance / side
-        elif distance != 0.0:
-            position = np.copysign(np.inf, distance)
-        if position > 2.0:
-            position, marker = 2.0, ">"
-        elif position < -2.0:
-            position, marker = -2.0, "<"
+        if abs(position) > 2.0:
+            position = 2.0 * np.sign(position)
+            marker = ">" if position > 0.0 else "<"
         ax.barh(i, 2.0, 0.36, -1.0, color=BAND, label=interval_label)
         ax.plot([0.0, 0.0], [i - 0.18, i + 0.18], color=EQUAL, lw=0.8)
         ax.plot(position, i, marker, ms=4.0, color=colour, label=observed_label, ls="")

@@ -134,7 +134,7 @@ def test_three_levels_numbers_and_a_missing_one():
     assert slope.select("constant error")[0].mean < -0.05
     assert slope.left_out == labelled.left_out == {"B": "at 2, 4 only"}
     # The Bayes factor is that of a difference between any levels, whatever the comparison.
-    first, second = (row.conclusion for row in labelled.select("JND"))
+    first, second = ((row.word, row.factor) for row in labelled.select("JND"))
     assert first == second
     with pytest.raises(
         bt.InputError, match="found no subject at both 4 and 1, allowed: one and more"

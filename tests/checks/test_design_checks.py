@@ -53,7 +53,9 @@ def test_one_order_among_pairs_of_both_orders():
     message = "1 pair was presented in one order only: (0, 0.5)."
     assert messages(make_subject(pairs)) == {"one_order": message}
     pairs += [(0.0, 0.6), (0.7, 0.0), (0.8, 0.0)]
-    message = "4 pairs were presented in one order only: (0, 0.5), (0, 0.6), (0.7, 0) and 1 more."
+    message = (
+        "4 pairs were presented in one order only: (0, 0.5), (0, 0.6), (0.7, 0), ... and 1 more."
+    )
     assert messages(make_subject(pairs)) == {"one_order": message}
 
 

@@ -298,7 +298,7 @@ def test_trials_that_are_there_twice_are_told():
             "row 6, which repeats row 3 ("
         ),
         rows + words("b,0,0,1,1,1\n"): (
-            "1 row repeats block and trial of another row, none with the same stimuli and answer, "
+            "1 row repeats block and trial of another row, 0 with the same stimuli and answer, "
             "first row 5, which repeats row 4 (subject b): unless these are several sessions"
         ),
         without_blocks + "a,0,1,equal,1\n": "1 row repeats trial of another row with the same",

@@ -145,7 +145,7 @@ def test_what_holds_no_row_or_is_no_table(tmp_path):
         (COUNTS[:0], f"pandas DataFrame: columns: {no_row}"),
         ({}, f"found 'dict', {table}"),
         (3, f"found 'int', {table}"),
-        (lazy, "LazyFrame: found a lazy frame, allowed: a frame, which its collect() gives"),
+        (lazy, "found 'LazyFrame', allowed: the path of a file, or a pandas or polars DataFrame"),
     ]
     for source, problem in refusals:
         assert problems(bt.read_study, source) == [problem]

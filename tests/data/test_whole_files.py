@@ -313,7 +313,7 @@ def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
         (["table.csv"], "table.csv"),
         (["corner/"], "corner"),
         ("abc", "a, b, c"),
-        ("abcd", "a, b, c and 1 more"),
+        ("abcd", "a, b, c, ... and 1 more"),
     ],
 )
 def test_existing_names_are_refused_before_any_work(tmp_path, existing, sentence):
