@@ -28,13 +28,13 @@ HIGHEST_COMPLEXITY = 15
 LIMITS = {
     "bayes_toe": {
         "files": 142,
-        "nodes": 239_080,
+        "nodes": 239_070,
         "long lines": 0,
         "complex functions": 0,
-        "comprehensions": 3.83,
-        "nested comprehensions": 11,
-        "conditional expressions": 1.79,
-        "filler names": 0.59,
+        "comprehensions": 3.82,
+        "nested comprehensions": 10,
+        "conditional expressions": 1.67,
+        "filler names": 0.57,
         "import circles": 0,
     },
     "tests": {
