@@ -20,7 +20,7 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.words import Word
 from bayes_toe.classical.fit import subject_fit
-from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.study_design import reference_design
 from bayes_toe.inference.order_evidence import MODEL_NAMES
 
@@ -55,6 +55,16 @@ def pytest_collection_finish():
     gc.freeze()
     gc.set_threshold(10_000)
     gc.enable()
+
+
+def columns(rows):
+    """The columns of numbers in rows that commas separate."""
+    return np.array([row.split() for row in rows.split(",")], float).T
+
+
+def made_subject(rows, name="S", task=SAME_DIFFERENT):
+    """A subject by rows of s1, s2, answers that the task counts, trials and perhaps an interval."""
+    return bt.Subject(name, *columns(rows), task=task)
 
 
 def observer_counts(mu1, sigma_p, sigma_l, q0, n=50):

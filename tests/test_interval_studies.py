@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import counts, few_replicates
+from conftest import counts, few_replicates, made_subject
 from legible import marks_of, titles_of
 from scipy.special import betaln
 
@@ -79,10 +79,10 @@ def test_a_subject_refuses_what_is_no_interval(s1, isi, message):
 
 
 def test_all_subjects_of_a_study_have_intervals_or_none():
-    timed = bt.Subject("a", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5], isi=[2.0, 1.0])
+    timed = made_subject("0 0.3 1 5 2, 0 0.3 2 5 1")
     assert (timed.intervals, timed.n_yes.tolist()) == ((1.0, 2.0), [2, 1])
     with pytest.raises(InputError, match="or none"):
-        bt.Study([timed, bt.Subject("b", [0.0], [0.3], [1], [5])])
+        bt.Study([timed, made_subject("0 0.3 1 5", "b")])
 
 
 def test_one_interval_of_a_study_is_open_to_everything(study):
@@ -113,20 +113,19 @@ def test_what_is_refused(study, analysis, call, message):
         call(study, analysis)
 
 
-def checked(isi):
-    """What `check` finds in two pairs at these intervals."""
-    subject = bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=isi)
-    return {finding.code: finding.message for finding in bt.check(bt.Study([subject]))}
+def checked(rows):
+    """What `check` finds in a subject."""
+    study = bt.Study([made_subject(rows)])
+    return {finding.code: finding.message for finding in bt.check(study)}
 
 
 def test_check_says_what_intervals_change():
-    long = checked([500.0, 500.0])
+    long = checked("0 0.3 3 9 500, 0.3 0 4 9 500")
     assert "long_intervals" in long
     assert "delays" not in long
-    separation = checked([1.0, 2.0])
-    assert (
-        "one_order" not in separation
-    )  # both orders were presented, and the answer ignores delays
+    separation = checked("0 0.3 3 9 1, 0.3 0 4 9 2")
+    # Both orders were presented, and the answer ignores delays.
+    assert "one_order" not in separation
     assert separation["delays"].endswith("analyse the delays as a condition.")
 
 
@@ -209,9 +208,9 @@ def test_without_intervals_none_may_be_asked_for(study):
 
 
 def test_panels_that_show_one_of_several_weaker_stimuli_name_it():
-    s1, s2 = [-0.5, -0.2, -0.5, 0.0, -0.2, 0.0], [-0.2, -0.5, 0.0, -0.5, 0.0, -0.2]
-    n_equal = [30, 20, 9, 8, 25, 30]
-    subject = bt.Subject("S", s1 * 2, s2 * 2, n_equal * 2, [40] * 12, isi=[0.5] * 6 + [2.0] * 6)
+    rows = """-0.5 -0.2 30 40 ISI, -0.2 -0.5 20 40 ISI, -0.5 0 9 40 ISI, 0 -0.5 8 40 ISI,
+        -0.2 0 25 40 ISI, 0 -0.2 30 40 ISI"""
+    subject = made_subject(rows.replace("ISI", "0.5") + "," + rows.replace("ISI", "2"))
     draws = bt.sample(bt.Study([subject]), draws=100, seed=1, workers=1)
     titles = titles_of(bt.plots.curves(draws, "S").axes[:2])
     assert titles == ["0.5 s, weaker stimulus 77 %", "2 s, weaker stimulus 77 %"]

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from conftest import made_subject
 
 import bayes_toe as bt
 
@@ -22,14 +23,14 @@ def test_everything_fits_on_a_line(analysis):
 
 
 def test_notebooks_show_small_tables_and_run_nothing():
-    wild = bt.Study([bt.Subject("<script>", [0.0, 0.3], [0.3, 0.0], [3, 1], [5, 5])], source="<b>")
+    wild = bt.Study([made_subject("0 0.3 3 5, 0.3 0 1 5", "<script>")], source="<b>")
     draws = bt.sample(wild, draws=100, seed=1, workers=1)
     for value in (wild, draws, bt.asymmetry(wild)):
         html = value._repr_html_()
         assert "<table" in html
         assert "<script>" not in html
         assert "&lt;script&gt;" in html
-    numerous = bt.Study([bt.Subject(f"S{i}", [0.0], [0.3], [3], [5]) for i in range(50)])
+    numerous = bt.Study([made_subject("0 0.3 3 5", f"S{i}") for i in range(50)])
     assert numerous._repr_html_().count("<tr") == 21
     assert "and 30 more rows" in numerous._repr_html_()
 
@@ -45,7 +46,7 @@ def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
         study[1]  # which of 1, 01 and 001 would that be?
 
 
-@pytest.mark.parametrize("argument", ["x.csv", bt.Subject("x", [0.0], [0.3], [1], [2]), [], 3])
+@pytest.mark.parametrize("argument", ["x.csv", made_subject("0 0.3 1 2"), [], 3])
 def test_every_verb_says_what_a_study_is(argument):
     verbs = (bt.run, bt.sample, bt.evidence, bt.fit, bt.asymmetry, bt.population, bt.check)
     for verb in verbs:

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from conftest import known_observers
+from conftest import known_observers, made_subject
 
 import bayes_toe as bt
 from bayes_toe import result_store
@@ -35,7 +35,7 @@ from bayes_toe.result_store import (
 from bayes_toe.seeds import LARGEST_SEED, generator, root_seed
 from bayes_toe.workers import Failed, run_jobs
 
-SUBJECT = Subject("S01", [0.0, 0.3], [0.3, 0.0], [20, 15], [50, 50])
+SUBJECT = made_subject("0 0.3 20 50, 0.3 0 15 50", "S01")
 
 
 def packed_text(text):

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import few_pairs
+from conftest import few_pairs, made_subject
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
@@ -35,7 +35,7 @@ CASES = hard_cases()
 
 
 def test_h0_laplace_is_appendix_c_term_by_term():
-    subject = bt.Subject("S", [0.0, 0.0, 0.2], [0.0, 0.3, 0.0], [9, 4, 0], [10, 10, 7])
+    subject = made_subject("0 0 9 10, 0 0.3 4 10, 0.2 0 0 7")
     total = 0.0
     for k, n in zip(subject.n_yes, subject.n_trials, strict=True):
         q = (k + 1) / (n + 2)

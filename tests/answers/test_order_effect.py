@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import made_subject
 
 import bayes_toe as bt
 from bayes_toe.answers.model_average import averaged_draws, weighted_quantiles
@@ -243,8 +244,8 @@ def test_dots_have_a_constant_error_and_a_misfit(real_data):
 
 
 def test_an_effect_that_is_the_constant_error_depends_on_the_prior_as_that_does():
-    s2 = [-0.3, -0.2, -0.1, 0.1, 0.2, 0.3]
-    subject = Subject("S", [0.0] * 6, s2, [5, 5, 17, 33, 39, 40], [40] * 6, task=WHICH_STRONGER)
+    rows = "0 -0.3 5 40, 0 -0.2 5 40, 0 -0.1 17 40, 0 0.1 33 40, 0 0.2 39 40, 0 0.3 40 40"
+    subject = made_subject(rows, task=WHICH_STRONGER)
     answer, _ = answer_subject(subject, 1)
     assert answer.probabilities["order_effect"] == answer.probabilities["constant_error"]
     assert not any(flag.startswith("depends on the prior") for flag in answer.flags)

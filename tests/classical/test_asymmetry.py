@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
+from conftest import made_subject
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
@@ -50,14 +51,15 @@ def test_a_prior_below_the_stimuli_makes_the_asymmetry_positive(small_study, nam
 
 
 def test_maxima_correction_and_counts_over_subjects(tmp_path):
-    s1, s2 = [0.0, 0.3, 0.0, 0.6, 0.0, 0.9], [0.3, 0.0, 0.6, 0.0, 0.9, 0.0]
+    corrected = "0 0.3 15 50, 0.3 0 26 50, 0 0.6 20 50, 0.6 0 20 50, 0 0.9 20 50, 0.9 0 20 50"
+    two_alike = "0 0.3 10 30, 0.3 0 20 30, 0 0.6 10 30, 0.6 0 20 30"
     subjects = [
         both_orders("strongly positive", (10, 50), (40, 50)),
         both_orders("weakly positive", (20, 50), (22, 50)),
         both_orders("strongly negative", (40, 50), (10, 50)),
         both_orders("none", (20, 50), (20, 50)),
-        bt.Subject("corrected", s1, s2, [15, 26, 20, 20, 20, 20], [50] * 6),
-        bt.Subject("two alike", s1[:4], s2[:4], [10, 20, 10, 20], [30] * 4),
+        made_subject(corrected, "corrected"),
+        made_subject(two_alike, "two alike"),
     ]
     table = bt.asymmetry(bt.Study(subjects))
     assert (
@@ -79,8 +81,8 @@ def test_maxima_correction_and_counts_over_subjects(tmp_path):
 
 
 def test_pairs_in_one_order_are_left_out_and_said():
-    partly = bt.Subject("partly", [0.0, 0.3, 0.0], [0.3, 0.0, 0.6], [5, 6, 7], [10, 10, 10])
-    never = bt.Subject("never", [0.0, 0.0], [0.0, 0.3], [5, 6], [10, 10])
+    partly = made_subject("0 0.3 5 10, 0.3 0 6 10, 0 0.6 7 10", "partly")
+    never = made_subject("0 0 5 10, 0 0.3 6 10", "never")
     table = bt.asymmetry(bt.Study([partly, never]))
     assert len(table["partly"].comparisons) == 1
     assert table["never"].maximal is None
@@ -184,7 +186,6 @@ def test_holm_is_the_closed_test_of_bonferroni():
 
 
 def test_of_equal_asymmetries_the_one_with_the_smaller_p_value_is_maximal():
-    counts = [5, 0, 7, 2]
-    subject = bt.Subject("S", [0.0, 0.1, 0.0, 0.2], [0.1, 0.0, 0.2, 0.0], counts, [20] * 4)
+    subject = made_subject("0 0.1 5 20, 0.1 0 0 20, 0 0.2 7 20, 0.2 0 2 20")
     (row,) = bt.asymmetry(bt.Study([subject]))
     assert row.maximal.p_value == min(comparison.p_value for comparison in row.comparisons)

@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from conftest import made_subject
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from scipy.stats import norm
@@ -11,7 +12,6 @@ from scipy.stats import norm
 import bayes_toe as bt
 from bayes_toe.classical.fit import SubjectFit, bootstrap_evidence, resample, subject_fit
 from bayes_toe.classical.maximum_likelihood import MaximumLikelihoodFits
-from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
@@ -44,7 +44,7 @@ def variance_scale(parameters):
 
 
 def test_resampled_counts_are_beta_binomial():
-    subject = Subject("x", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [50, 20, 0], [50, 50, 10])
+    subject = made_subject("0 0 50 50, 0 0.3 20 50, 0.3 0 0 10")
     counts = resample(subject, default_rng(1), 20_000)
     a, b, n = subject.n_yes + 1.0, subject.n_trials - subject.n_yes + 1.0, subject.n_trials
     mean, variance = n * a / (a + b), n * a * b * (a + b + n) / ((a + b) ** 2 * (a + b + 1))

@@ -6,10 +6,10 @@ Their collapse on the curve of a known observer.
 from fractions import Fraction
 
 import pytest
+from conftest import made_subject
 from hypothesis import given
 from hypothesis import strategies as st
 
-import bayes_toe as bt
 from bayes_toe.classical.frequencies import (
     accuracy,
     laplace_error,
@@ -32,9 +32,7 @@ def test_the_papers_formula_in_exact_fractions(count):
 
 
 def test_one_subject():
-    subject = bt.Subject(
-        "S", [0.0, 0.0, 0.4, 0.4], [0.0, 0.4, 0.0, 0.4], [8, 3, 5, 9], [10, 20, 30, 10]
-    )
+    subject = made_subject("0 0 8 10, 0 0.4 3 20, 0.4 0 5 30, 0.4 0.4 9 10")
     assert presentation_order(subject).tolist() == [0, -1, 1, 0]
     assert laplace_estimate(subject.n_yes, subject.n_trials) == pytest.approx(
         [9 / 12, 4 / 22, 6 / 32, 10 / 12]

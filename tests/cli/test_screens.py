@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import inside
-from conftest import order_answer
+from conftest import made_subject, order_answer
 from populations import independent_draws, two_conditions
 
 import bayes_toe as bt
@@ -106,7 +106,7 @@ A08 is not counted. Start with results/report.html. Seed 1.
 def test_the_screen_of_run_is_this_text(capsys, monkeypatch):
     typed = ["run", "study.csv", "-o", "results"]
     monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", typed)
-    study = bt.Study([bt.Subject("A01", [0.0], [0.3], [2], [5])])
+    study = bt.Study([made_subject("0 0.3 2 5", "A01")])
     out = Terminal()
     print_subjects(out, STUDY, "results/report.html")
     group = (

@@ -3,23 +3,28 @@
 What is changed, what stays, what is refused, who remembers it.
 """
 
+from io import StringIO
+
 import pandas as pd
 import pytest
 from commands import good, inside, refused
-from conftest import counts, few_pairs, grouped_csv
+from conftest import counts, few_pairs, grouped_csv, made_subject
 
 import bayes_toe as bt
 from bayes_toe.data.options import changed
 
-FRAME = pd.DataFrame(
-    {
-        "subject": ["a"] * 6 + ["b:1"] * 2,
-        "s1": [0.0, 0.0, 0.0, 0.3, 0.0, 0.3, 0.0, 0.3],
-        "s2": [0.3, 0.3, 0.3, 0.0, 0.0, 0.0, 0.3, 0.0],
-        "block": [1, 1, 2, 2, 3, 3, 1, 2],
-        "trial": [1, 2, 3, 4, 5, 6, 1, 2],
-    }
-)
+TRIALS = """\
+subject,s1,s2,block,trial
+a,0,0.3,1,1
+a,0,0.3,1,2
+a,0,0.3,2,3
+a,0.3,0,2,4
+a,0,0,3,5
+a,0.3,0,3,6
+b:1,0,0.3,1,1
+b:1,0.3,0,2,2
+"""
+FRAME = pd.read_csv(StringIO(TRIALS))
 
 
 def answered(codes):
@@ -70,9 +75,7 @@ def test_leaving_out_is_as_if_the_file_had_no_such_rows(study):
 
 
 def test_counts_without_blocks_can_be_turned_and_left_out_whole():
-    timed = bt.Study(
-        [bt.Subject(name, [0.0, 0.0], [0.3, 0.3], [4, 2], [5, 5], isi=[0.5, 2.0]) for name in "ab"]
-    )
+    timed = bt.Study([made_subject("0 0.3 4 5 0.5, 0 0.3 2 5 2", name) for name in "ab"])
     turned = timed.swap("b")
     assert (turned["b"].n_yes.tolist(), turned["b"].isi.tolist(), turned["a"]) == (
         [1, 3],

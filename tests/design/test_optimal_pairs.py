@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
+from conftest import columns
 
 import bayes_toe as bt
 from bayes_toe.design.information import AIMS, exchange_trials, information
@@ -139,7 +140,7 @@ def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
 
 
 def test_pairs_that_are_kept_in_one_order_count_with_their_turn():
-    keep = StudyDesign([0.0, 0.0, 0.0, 0.2], [0.2, 0.4, 0.6, 0.4], [2, 2, 2, 2])
+    keep = StudyDesign(*columns("0 0.2 2, 0 0.4 2, 0 0.6 2, 0.2 0.4 2"))
     levels = np.array([0.0, 0.2, 0.4, 0.6])
     for max_pairs in (5, 6):
         goal = DesignGoal(max_pairs=max_pairs, keep=keep)

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
+from conftest import columns
 from populations import grid_design
 
 import bayes_toe as bt
@@ -16,10 +17,8 @@ from bayes_toe.errors import InputError
 DESIGNS = {
     "paper": paper_study_design(),
     "narrow": grid_design(np.linspace(-0.75, 1.25, 5), [-0.3, -0.15, 0.0, 0.15, 0.3], 654),
-    "many equal": StudyDesign([0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [130, 24, 24]),
-    "odd": StudyDesign(
-        [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [7, 33, 21, 9], isi=[1, 1, 1, 2]
-    ),
+    "many equal": StudyDesign(*columns("0 0 130, 0 0.3 24, 0.3 0 24")),
+    "odd": StudyDesign(*columns("0 0 7 1, 0 0.3 33 1, 0.3 0 21 1, 0.3 0.3 9 2")),
 }
 
 
@@ -47,7 +46,7 @@ def test_every_trial_once_and_blocks_alike(name, blocks):
 
 
 def test_blocks_differ_by_one_trial_where_there_are_single_ones_enough():
-    design = StudyDesign([0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [7, 5, 9, 4])
+    design = StudyDesign(*columns("0 0 7, 0 0.3 5, 0.3 0 9, 0.3 0.3 4"))
     for seed in range(20):
         trials = trial_list(design, blocks=6, seed=seed)
         assert np.ptp(np.bincount(trials.block)[1:]) == 1
@@ -114,7 +113,7 @@ def test_intervals_are_those_of_the_pairs():
 
 
 def test_blocks_are_alike_with_conditions_too():
-    design = StudyDesign([0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [7, 7, 7])
+    design = StudyDesign(*columns("0 0 7, 0 0.3 7, 0.3 0 7"))
     for seed in range(20):
         trials = trial_list(design, blocks=5, conditions=("a", "b", "c"), seed=seed)
         assert np.ptp(np.bincount(trials.block)[1:]) <= 2

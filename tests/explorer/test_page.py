@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
+from conftest import made_subject
 from numpy.random import default_rng
 from scipy.stats import norm
 
@@ -137,14 +138,7 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
 
 
 def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval(monkeypatch):
-    element = bt.Subject(
-        "S",
-        [0, 0, 0.1, 0.2, 0],
-        [0.2, 0.2, 0.2, 0.2, 0],
-        [1] * 5,
-        [50, 40, 9, 50, 50],
-        isi=[1, 2, 1, 1, 1],
-    )
+    element = made_subject("0 0.2 1 50 1, 0 0.2 1 40 2, 0.1 0.2 1 9 1, 0.2 0.2 1 50 1, 0 0 1 50 1")
     monkeypatch.setattr("bayes_toe.explorer.entry.MOST_SLICES", 2)
     observed = slices(element)
     assert [(panel.weaker, panel.isi, panel.orders) for panel in observed] == [

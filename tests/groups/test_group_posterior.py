@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import made_subject
 from numpy.random import default_rng
 from populations import simulated_group, two_conditions
 from scipy import stats
@@ -128,8 +129,6 @@ def test_stimuli_count_from_the_subjects_own_mean_in_steps_of_the_whole_study():
 
 
 def test_roved_first_stimuli_narrow_the_prior_of_the_contraction():
-    s1 = np.repeat([-2.0, 2.0], 2)
-    s2 = s1 + np.tile([-0.1, 0.1], 2)
-    subject = bt.Subject("roved", s1, s2, [1, 2, 1, 2], [3] * 4)
+    subject = made_subject("-2 -2.1 1 3, -2 -1.9 2 3, 2 1.9 1 3, 2 2.1 2 3")
     scales = study_scales(bt.Study([subject]))
     assert scales.roving_share == pytest.approx(4.0 * 0.1 / 2.0)

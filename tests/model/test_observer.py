@@ -6,6 +6,7 @@ import definitions
 import mpmath
 import numpy as np
 import pytest
+from conftest import made_subject
 from numpy.random import default_rng
 from scipy import stats
 from scipy.integrate import quad
@@ -243,7 +244,7 @@ def test_scales_by_hand():
     assert scales.roving_share == 1.0
     assert StimulusScales(0.0, 0.0, 2.0, 5.0, 20.0).roving_share == pytest.approx(0.4)
     assert StimulusScales.from_pairs(s1, s1, n) is None
-    subject = bt.Subject("S", [0.0, 1.0], [0.0, 1.0], [0, 1], [1, 1])
+    subject = made_subject("0 0 0 1, 1 1 1 1")
     with pytest.raises(bt.InputError, match="no pair has two different stimuli"):
         ObserverBatch.from_subjects([subject])
 

@@ -5,6 +5,7 @@ from itertools import product
 import mpmath
 import numpy as np
 import pytest
+from conftest import made_subject
 from definitions import assert_agrees, terms
 from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
@@ -160,7 +161,7 @@ def test_one_pair_over_the_whole_range_of_floats(gamma, sigma_p, lapse, z, mu1, 
 @pytest.mark.parametrize("a", [-1e4, -745.0, 745.0, 1e4])
 @pytest.mark.parametrize("top", [-1e4, -745.0, 745.0, 1e4])
 def test_far_beyond_any_float_nothing_is_nan(a, top):
-    subject = Subject("S", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [5, 2, 3], [10, 10, 10])
+    subject = made_subject("0 0 5 10, 0 0.3 2 10, 0.3 0 3 10")
     posterior = paper_posterior(subject, Prior())
     for c in (0.0, 1e-320, 0.5):
         assert not np.isnan(posterior.log_density([[c, a, 0.0, top]])[0])

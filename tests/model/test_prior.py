@@ -5,6 +5,7 @@ from dataclasses import asdict, fields, replace
 import mpmath
 import numpy as np
 import pytest
+from conftest import made_subject
 from numpy.random import default_rng
 from scipy import stats
 from scipy.special import betaln, expit
@@ -23,15 +24,13 @@ from bayes_toe.model.posterior import posterior_contraction
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.prior_file import example_file, read_prior, sections
 
-SBAR = 0.2
-
-
+ONE_PAIR = made_subject("0 0.3 4 10")
 OF_WIDTH = Prior(0.4, 2.5, width_median=0.3, width_sd=0.7, gamma_a=2.0, gamma_b=3.0, q0_a=4.0)
 
 
 def prior_part(prior, x):
     """Log density of H1's prior and its gradient, with respect to unconstrained coordinates."""
-    posterior = bt.model.paper_posterior(bt.Subject("S", [SBAR], [SBAR], [3], [5]), prior)
+    posterior = bt.model.paper_posterior(made_subject("0.2 0.2 3 5"), prior)
     return posterior.log_prior(x), posterior.prior_gradient(x)
 
 
@@ -53,7 +52,7 @@ def test_distributions_by_name():
 )
 def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
     n, p = 200_000, np.array([0.05, 0.5, 0.95])
-    target = bt.model.paper_posterior(bt.Subject("S", [0.0], [0.3], [4], [10]), prior)
+    target = bt.model.paper_posterior(ONE_PAIR, prior)
     values = target.quantities(target.sample_prior(default_rng(8), n))[parameter]
     low, median, high = (target.prior_quantile(parameter, share) for share in p)
     shares = [(values < limit).mean() for limit in (low, median, high)]
@@ -67,8 +66,7 @@ def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
 
 
 def test_a_small_pull_keeps_its_digits():
-    subject = bt.Subject("S", [0.0], [0.3], [4], [10])
-    target = bt.model.paper_posterior(subject, Prior(gamma_a=0.05))
+    target = bt.model.paper_posterior(ONE_PAIR, Prior(gamma_a=0.05))
     gamma = 0.05**20  # the 5 % quantile of Beta(0.05, 1)
     assert target.prior_quantile("pull", 0.05) == pytest.approx(gamma, rel=1e-6)
 
@@ -312,8 +310,7 @@ def test_densities_at_edges_and_beyond(distribution, x, expected):
 def test_draws_of_a_share_with_poles_have_finite_coordinates_of_its_distribution(name, a, b):
     """Half of the draws from Beta(1, 0.05) lie nearer to 1 than floats do."""
     prior = Prior(**{f"{name}_a": a, f"{name}_b": b})
-    s1, s2 = [0.0, 0.0, 0.3], [0.0, 0.3, 0.0]
-    subject = bt.Subject("S01", s1, s2, [45, 20, 15], [50, 50, 50], task=WHICH_STRONGER)
+    subject = made_subject("0 0 45 50, 0 0.3 20 50, 0.3 0 15 50", task=WHICH_STRONGER)
     posterior = bt.model.paper_posterior(subject, prior)
     x = posterior.sample_prior(default_rng(3), 4000)
     assert np.isfinite(x).all()

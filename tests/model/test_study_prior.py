@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import made_subject
 from numpy.random import default_rng
 
 import bayes_toe as bt
@@ -27,7 +28,7 @@ STUDY = bt.Study([make_subject("A"), make_subject("B")])
 
 
 def test_the_stimuli_by_hand():
-    subject = bt.Subject("S", [0.0, 1.0, 1.0], [3.0, 0.0, 1.0], [1, 1, 5], [5, 15, 20])
+    subject = made_subject("0 3 1 5, 1 0 1 15, 1 1 5 20")
     values = np.repeat([0.0, 3.0, 1.0, 0.0, 1.0, 1.0], [5, 5, 15, 15, 20, 20])
     expected = values.mean(), values.std(), np.sqrt((5 * 9 + 15) / 20)
     for subjects in ((subject,), (subject, subject)):
@@ -36,7 +37,7 @@ def test_the_stimuli_by_hand():
 
 
 def test_a_subject_without_different_stimuli_has_no_default_prior():
-    study = bt.Study([make_subject(), bt.Subject("L", [0.4], [0.4], [1], [2])])
+    study = bt.Study([make_subject(), made_subject("0.4 0.4 1 2", "L")])
     message = "^subject 'L': the prior takes its scale from pairs of different stimuli, found none"
     with pytest.raises(bt.InputError, match=f"{message}; .*--prior p"):
         prior_for(study)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import made_subject
 from legible import curves_of, marks_of, require_legible
 from matplotlib.colors import to_hex
 from scipy.stats import binom
@@ -85,8 +86,8 @@ def test_curves_of_one_weaker_stimulus_are_shares_of_correct_responses(analysis,
         bt.plots.curves_by_order(source).axes[0].get_ylabel() for source in (analysis, stronger)
     ]
     assert labels == ["share 'equal'", "share correct"]
-    s1, s2 = [0.0, 0.0, 0.2, 0.4], [0.2, 0.4, 0.0, 0.0]
-    subject = bt.Subject("A", s1, s2, [30, 38, 16, 3], [40] * 4, task=stronger.study.task)
+    rows = "0 0.2 30 40, 0 0.4 38 40, 0.2 0 16 40, 0.4 0 3 40"
+    subject = made_subject(rows, task=stronger.study.task)
     fitted = at_point(subject, contraction=0.2)
     one_subject = replace(numerous(stronger, 1), study=bt.Study([subject]), curves=(fitted,))
     [ax] = bt.plots.curves_by_order(one_subject).axes

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from conftest import counts
+from conftest import counts, made_subject
 from legible import curves_of, require_legible, titles_of
 from matplotlib.text import Text
 from reference.hard_cases import hard_cases
@@ -69,8 +69,7 @@ def test_curves_of_an_analysis_are_averaged_over_the_four_models(analysis):
 
 
 def test_equal_pairs_weaker_than_all_others_are_shown_too():
-    s1, s2 = [-0.4, 0.0, 0.3, 0.3], [-0.4, 0.3, 0.0, 0.3]
-    subject = bt.Subject("S", s1, s2, [40, 20, 30, 45], [50] * 4)
+    subject = made_subject("-0.4 -0.4 40 50, 0 0.3 20 50, 0.3 0 30 50, 0.3 0.3 45 50")
     ax = new_figure(4.0, 3.0).subplots()
     order_panel(ax, subject, lambda s1, s2: np.full((9, len(s1)), 0.5), 0.0)
     places = np.concatenate([container.lines[0].get_xdata() for container in ax.containers])
@@ -81,7 +80,7 @@ def test_equal_pairs_weaker_than_all_others_are_shown_too():
 
 
 def test_marks_of_both_orders_stand_beside_each_other_in_sight():
-    subject = bt.Subject("x", [0.0, 0.3, 0.3], [0.3, 0.0, 0.3], [5, 5, 5], [10, 10, 10])
+    subject = made_subject("0 0.3 5 10, 0.3 0 5 10, 0.3 0.3 5 10")
     ax = order_panel(new_figure(6.4, 4.8).subplots(), subject, None, 0.0)
     x = {}
     for container in ax.containers:
@@ -94,9 +93,9 @@ def test_marks_of_both_orders_stand_beside_each_other_in_sight():
 
 
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
-    shared = bt.Subject("x", [0.0, 0.0, 0.1], [0.1, 0.3, 0.3], [1, 1, 1], [2, 2, 2])
+    shared = made_subject("0 0.1 1 2, 0 0.3 1 2, 0.1 0.3 1 2")
     assert main_weaker(shared) == 0.0
-    assert main_weaker(bt.Subject("x", [0.0, 0.1], [0.0, 0.1], [1, 1], [2, 2])) is None
+    assert main_weaker(made_subject("0 0 1 2, 0.1 0.1 1 2")) is None
 
 
 def test_a_model_that_knows_no_intervals_has_the_same_curve_at_each(small_study):

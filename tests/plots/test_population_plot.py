@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import made_subject
 from legible import marks_of, require_legible, words_of
 from populations import made_result, simulated_group, two_conditions
 from scipy import stats
@@ -132,8 +133,8 @@ def test_the_effect_of_a_condition():
 
 
 def test_a_group_without_anything_to_check_has_a_figure():
-    first = bt.Subject("A", [0, 0.2, 0], [0.2, 0, 0], [15, 5, 10], [20] * 3, task=WHICH_STRONGER)
-    second = bt.Subject("B", [0, 0.2], [0, 0.2], [9, 12], [20, 20], task=WHICH_STRONGER)
+    first = made_subject("0 0.2 15 20, 0.2 0 5 20, 0 0 10 20", "A", WHICH_STRONGER)
+    second = made_subject("0 0 9 20, 0.2 0.2 12 20", "B", WHICH_STRONGER)
     result = made_result(bt.Study([first, second]))
     require_legible(bt.plots.population(result, PredictiveCheck(())))
 

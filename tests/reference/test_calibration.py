@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from calibration import PRODUCTS, verdict_lines
+from conftest import made_subject
 from reference import calibration
 from reference.calibration import (
     DEFAULT,
@@ -119,7 +120,7 @@ def test_what_is_judged_is_what_the_commands_say(monkeypatch):
 
 
 def test_the_ranked_likelihood_is_the_posteriors():
-    subject = bt.Subject("A", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [10, 0, 4], [10, 10, 9])
+    subject = made_subject("0 0 10 10, 0 0.3 0 10, 0.3 0 4 9")
     posterior = bt.model.paper_posterior(subject)
     x = np.random.default_rng(1).normal(size=(20, 4))
     outcome = ranked_quantities(subject, posterior.natural(x))
