@@ -41,22 +41,18 @@ class Opened:
     def __init__(self, browser, path, width, high=900, **options):
         self.problems = []
         self.page = browser.new_page(viewport={"width": width, "height": high}, **options)
-        self.page.on(
-            "console",
-            lambda message: (
-                self.problems.append(message.text) if message.type in ("error", "warning") else None
-            ),
-        )
+        self.page.on("console", self.note_message)
         self.page.on("pageerror", lambda error: self.problems.append(str(error)))
-        self.page.on(
-            "request",
-            lambda request: (
-                None
-                if request.url.startswith(("file:", "data:", "blob:"))
-                else self.problems.append(request.url)
-            ),
-        )
+        self.page.on("request", self.note_request)
         self.page.goto(path.as_uri())
+
+    def note_message(self, message):
+        if message.type in ("error", "warning"):
+            self.problems.append(message.text)
+
+    def note_request(self, request):
+        if not request.url.startswith(("file:", "data:", "blob:")):
+            self.problems.append(request.url)
 
     def wide(self):
         """Pixels that the page takes.

@@ -57,6 +57,11 @@ def pytest_collection_finish():
     gc.enable()
 
 
+def text_table(text):
+    """The rows of a text, each with its cells between bars, as parameters of a test."""
+    return [line.strip().split(" | ") for line in text.strip().splitlines()]
+
+
 def columns(rows):
     """The columns of numbers in rows that commas separate."""
     return np.array([row.split() for row in rows.split(",")], float).T
@@ -171,6 +176,13 @@ def browser():
     """
     with launched() as opened:
         yield opened
+
+
+@pytest.fixture(scope="session")
+def vibrotactile(real_data):
+    """A real study of 'same or different', as it stands."""
+    path = real_data / "vibrotactile_rate" / "trials.csv"
+    return bt.read_study(path, bt.ReadOptions(equal_code="1"))
 
 
 @pytest.fixture(scope="session")

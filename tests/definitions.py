@@ -62,9 +62,14 @@ def answers(task, z, share):
     return tuple(share / 2 + (1 - share) * mpmath.ncdf(sign * z) for sign in (1, -1))
 
 
+def log_power(p, n):
+    """Log of p^n, where 0^0 is 1."""
+    return n * log(p) if n else 0
+
+
 def log_counts(yes, no, k, n):
     """Log probability of counts, without binomial coefficient."""
-    return (k * log(yes) if k else 0) + ((n - k) * log(no) if n > k else 0)
+    return log_power(yes, k) + log_power(no, n - k)
 
 
 def log_width_prior(sigma_p, width, prior):

@@ -25,20 +25,21 @@ def titles_of(axes):
 def texts_of(figure):
     """Texts that are drawn: ticks beyond the limits are not."""
     figure.draw_without_rendering()
-    every = [axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)]
-    ticks = {
-        text for axis in every for tick in axis.majorTicks for text in (tick.label1, tick.label2)
-    }
-    visible = {
-        text
-        for axis in every
-        for tick in axis._update_ticks()
-        for text in (tick.label1, tick.label2)
-    }
-    observed = [
-        text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()
-    ]
-    return [text for text in observed if text not in ticks or text in visible]
+    labels, visible_labels = set(), set()
+    for ax in figure.axes:
+        for axis in (ax.xaxis, ax.yaxis):
+            labels |= labels_of(axis.majorTicks)
+            visible_labels |= labels_of(axis._update_ticks())
+    drawn = []
+    for text in figure.findobj(Text):
+        if text.get_text().strip() and text.get_visible():
+            drawn.append(text)
+    return [text for text in drawn if text not in labels or text in visible_labels]
+
+
+def labels_of(ticks):
+    """The labels of ticks at both sides of a panel."""
+    return {tick.label1 for tick in ticks} | {tick.label2 for tick in ticks}
 
 
 def require_legible(figure, smallest=7.0):

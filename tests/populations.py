@@ -60,11 +60,10 @@ def two_conditions(seed, n_subjects=8, n_each=20, difference=0.5):
     return bt.Study(with_shared_scales(units), source="two hands", conditions=conditions)
 
 
-def independent_draws(posterior, n_draws=DRAWS, rng=None, n_chains=8):
+def independent_draws(posterior, n_draws=DRAWS, rng=0, n_chains=8):
     """Draws in the place of the sampler's: independent points about the separate fits."""
-    rng = default_rng(0) if rng is None else rng
     lead = n_chains, -(-n_draws // n_chains)
-    point = posterior.points(posterior.start(lead[0] * lead[1], rng))
+    point = posterior.points(posterior.start(lead[0] * lead[1], default_rng(rng)))
     parts = point.mean, point.sd, point.effects, point.w.swapaxes(0, 1)
     return GroupDraws(*(part.reshape(*lead, *part.shape[1:]) for part in parts))
 
@@ -74,7 +73,7 @@ def made_result(study, regressors=None, n_divergent=0, n_draws=1600):
     settings = GroupSettings(1, Hyperprior(), n_draws)
     scales = study_scales(study)
     persons = dict.fromkeys(subject.subject_name for subject in study)
-    columns = Regressors.none(tuple(persons)) if regressors is None else regressors
+    columns = regressors or Regressors.none(tuple(persons))
     posterior = group_posterior(study, scales, settings.hyperprior, columns.x)
     draws = replace(independent_draws(posterior, n_draws), n_divergent=n_divergent)
     return PopulationResult(study, settings, scales, columns, draws)

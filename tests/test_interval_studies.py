@@ -65,17 +65,21 @@ def test_trials_and_counts_keep_intervals_apart(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "s1, isi, message",
+    "isi, message",
     [
-        ([0.0, 0.0], [1.0, 1.0], "repeated"),
-        ([0.0], [0.0], "positive finite numbers of seconds"),
-        ([0.0], [1.0, 2.0], "s1, s2, isi, n_yes and n_trials"),
-        ([0.0], ["long"], "isi must be numbers"),
+        ([0.0], "positive finite numbers of seconds"),
+        ([1.0, 2.0], "s1, s2, isi, n_yes and n_trials"),
+        (["long"], "isi must be numbers"),
     ],
 )
-def test_a_subject_refuses_what_is_no_interval(s1, isi, message):
+def test_a_subject_refuses_what_is_no_interval(isi, message):
     with pytest.raises(InputError, match=message):
-        bt.Subject("b", s1, [0.3] * len(s1), [1] * len(s1), [5] * len(s1), isi=isi)
+        bt.Subject("b", [0.0], [0.3], [1], [5], isi=isi)
+
+
+def test_a_pair_at_one_interval_is_there_once():
+    with pytest.raises(InputError, match="repeated"):
+        made_subject("0 0.3 1 5 1, 0 0.3 1 5 1")
 
 
 def test_all_subjects_of_a_study_have_intervals_or_none():

@@ -232,7 +232,7 @@ def test_problems_of_all_files_come_together(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "content, said",
+    "content, message",
     [
         (
             {"a": {"x": [1.0, 2.0]}, "b": {"x": [1.0]}},
@@ -246,9 +246,9 @@ def test_problems_of_all_files_come_together(tmp_path):
     ],
     ids=["two structs", "lengths", "row"],
 )
-def test_other_matlab_files_are_refused(content, said, tmp_path):
+def test_other_matlab_files_are_refused(content, message, tmp_path):
     savemat(tmp_path / "t.mat", content)
-    assert said in refused("check", "t.mat", cwd=tmp_path)
+    assert message in refused("check", "t.mat", cwd=tmp_path)
 
 
 def test_blocks_of_a_subject_are_the_files(tmp_path):

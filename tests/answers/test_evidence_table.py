@@ -107,15 +107,13 @@ def test_the_draws_asked_for_are_behind_the_evidence_of_h1(small_study):
     assert row.log_evidence_h1 == paper_evidence(subject, 2000, 5)
 
 
-def test_real_vibrotactile_subjects_go_both_ways(real_data):
+def test_real_vibrotactile_subjects_go_both_ways(vibrotactile):
     """Log Bayes factors of H1 against H0 under the paper's prior."""
-    path = real_data / "vibrotactile_rate" / "trials.csv"
-    study = bt.read_study(path, bt.ReadOptions(equal_code="1"))
     factors = []
-    for subject in study:
+    for subject in vibrotactile:
         h1 = paper_evidence(subject, 10_000, 1, prior=bt.Prior())
         factors.append(h1 - frequency_evidence(subject))
-    assert np.count_nonzero(np.array(factors) > 0) == 6
+    assert np.count_nonzero(np.greater(factors, 0)) == 6
     assert (min(factors), max(factors)) == pytest.approx((-17, 18.5), abs=0.5)
 
 

@@ -26,6 +26,12 @@ def screen(subject, p=0.0):
     return serial_screen(subject, posterior, posterior.points(point))
 
 
+def in_order(keys, n_yes, position):
+    """A subject of trials at these positions."""
+    answers = Answers(keys, n_yes, np.ones_like(n_yes), has_trial_rows=True, place=position)
+    return Subject.from_answers("S", answers, WHICH_STRONGER)
+
+
 def p_values(screens, name):
     return np.array([getattr(row, name) for row in screens])
 
@@ -95,9 +101,8 @@ def test_a_constant_first_stimulus_leaves_the_second():
     rng = default_rng(7)
     keys = np.column_stack([np.zeros(300), rng.choice([-0.3, 0.3, 0.6], 300)])
     n_yes = (rng.random(300) < norm.cdf(keys[:, 1] / NOISE)).astype(int)
-    answers = Answers(keys, n_yes, np.ones(300, int), has_trial_rows=True, place=np.arange(300))
-    observed = screen(Subject.from_answers("standard first", answers, WHICH_STRONGER))
-    assert all(0.0 < p <= 1.0 for p in astuple(observed))
+    observed = astuple(screen(in_order(keys, n_yes, np.arange(300))))
+    assert all(0.0 < p <= 1.0 for p in observed)
 
 
 @pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT], ids=["2afc", "same"])
@@ -121,8 +126,7 @@ def test_a_trial_before_that_is_not_tested_needs_no_correction():
         pair = np.repeat(np.tile(np.arange(10), 4), 2)
         s1, s2 = 0.05 * (pair % 5 + 1) * (pair >= 5), 0.05 * (pair % 5 + 1) * (pair < 5)
         n_yes = (rng.random(80) < np.where(pair < 5, 0.6, 0.4)).astype(int)
-        place = np.arange(80) + np.arange(80) // 2  # a gap starts a block
-        keys = np.column_stack([s1, s2])
-        answers = Answers(keys, n_yes, np.ones(80, int), has_trial_rows=True, place=place)
-        answer_p.append(screen(Subject.from_answers("S", answers, WHICH_STRONGER)).answer_p)
-    assert np.mean(np.array(answer_p) < 0.05) < 0.12
+        position = np.arange(80) + np.arange(80) // 2  # a gap starts a block
+        subject = in_order(np.column_stack([s1, s2]), n_yes, position)
+        answer_p.append(screen(subject).answer_p)
+    assert np.mean(np.less(answer_p, 0.05)) < 0.12

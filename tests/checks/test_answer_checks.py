@@ -28,6 +28,7 @@ OBSERVER = (-0.7, 0.25, 0.17, 0.92)
 BOTH_TASKS = pytest.mark.parametrize(
     "task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["equal", "second"]
 )
+OTHER_TASK = {SAME_DIFFERENT: WHICH_STRONGER, WHICH_STRONGER: SAME_DIFFERENT}
 LEVELS = np.arange(6) * 0.25
 NEIGHBOURS = [(a, b) for a, b in itertools.product(LEVELS, repeat=2) if abs(a - b) < 0.3]
 
@@ -204,7 +205,7 @@ def test_guesses_and_reversed_answers_are_distinguished(task):
 @BOTH_TASKS
 def test_answers_to_the_other_question_flag_every_subject(task):
     rng = default_rng(3)
-    other = WHICH_STRONGER if task == SAME_DIFFERENT else SAME_DIFFERENT
+    other = OTHER_TASK[task]
     s1, s2 = np.transpose(list(itertools.product(LEVELS[:4], repeat=2)))
     n_trials = np.full(len(s1), 30)
     p = p_yes(s2 - s1, other)
@@ -326,12 +327,10 @@ def test_flags_need_no_order_of_trials_and_survive_pickling():
 # --- Real studies --------------------------------------------------------------------------------
 
 
-def test_vibrotactile_blocks_to_be_turned(real_data):
-    path = real_data / "vibrotactile_rate" / "trials.csv"
-    study = bt.read_study(path, bt.ReadOptions(equal_code="1"))
-    options = {finding.option for finding in check_answers(study)} - {""}
+def test_vibrotactile_blocks_to_be_turned(vibrotactile):
+    options = {finding.option for finding in check_answers(vibrotactile)} - {""}
     assert options == {"--swap 865:2", "--swap 946:2,4,6", "--exclude 976:3"}
-    turned = study.swap(946, [2, 4, 6]).swap(865, 2)
+    turned = vibrotactile.swap(946, [2, 4, 6]).swap(865, 2)
     assert {finding.option for finding in check_answers(turned)} == {"", "--exclude 976:3"}
     assert not_interpreted(turned) == {}
 
@@ -344,6 +343,5 @@ def test_nothing_is_proposed_in_the_other_public_studies(real_data, path):
     study = bt.read_study(real_data / path)
     assert not_interpreted(study) == {}
     assert {finding.option for finding in check_answers(study)} <= {""}
-    other = WHICH_STRONGER if study.task == SAME_DIFFERENT else SAME_DIFFERENT
-    wrong = messages(*(replace(subject, task=other) for subject in study))
+    wrong = messages(*(replace(subject, task=OTHER_TASK[study.task]) for subject in study))
     assert ("other_task" in wrong) == ("auditory" not in path)  # one distance, no equal pair

@@ -106,14 +106,12 @@ def test_stimuli_on_two_scales():
     assert texts["two_scales"].startswith("Stimuli lie in two groups, a factor of 5.5e+02 apart")
     even = np.log([1, 10, 100, 1000]).tolist()
     assert "two_scales" not in messages(make_subject(list(itertools.product(even, repeat=2))))
-    slipped = [*itertools.product([0.0, 0.1, 0.3], repeat=2), (0.0, 3.0)]
-    n_trials = [40] * 9 + [1]
-    subject = Subject.from_counts("S01", *zip(*slipped, strict=True), [0] * 10, n_trials)
-    both_far = [*slipped[:9], (3.0, 3.0)]
-    once = Subject.from_counts("S01", *zip(*both_far, strict=True), [0] * 10, n_trials)
-    assert messages(once)["two_scales"].startswith("In 1 trial of 361")
-    lone = "In 1 trial of 361, a stimulus lies a factor of 15 from all others."
-    assert messages(subject)["two_scales"] == f"{lone} Check its decimal point."
+    near = [*itertools.product([0.0, 0.1, 0.3], repeat=2)]
+    for far in ((0.0, 3.0), (3.0, 3.0)):
+        slipped = zip(*near, far, strict=True)
+        subject = Subject.from_counts("S01", *slipped, [0] * 10, [40] * 9 + [1])
+        lone = "In 1 trial of 361, a stimulus lies a factor of 15 from all others."
+        assert messages(subject)["two_scales"] == f"{lone} Check its decimal point."
 
 
 @pytest.mark.parametrize(

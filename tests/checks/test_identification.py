@@ -16,6 +16,9 @@ GRID = list(itertools.product(LEVELS, repeat=2))
 NEIGHBOURS = [(a, b) for a, b in itertools.product(np.arange(6) / 4, repeat=2) if abs(a - b) < 0.3]
 #: The paper's design: identical pairs, and the first level with every other one in both orders.
 PAPER = [(a, a) for a in LEVELS] + [(0.0, b) for b in LEVELS[1:]] + [(b, 0.0) for b in LEVELS[1:]]
+BOTH_TASKS = pytest.mark.parametrize(
+    "task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["equal", "second"]
+)
 CRITERION = "a response bias predict the same responses"
 
 
@@ -24,7 +27,7 @@ def make_subject(pairs, task=SAME_DIFFERENT, n_trials=20):
     return bt.Subject("S", s1, s2, [n_trials // 2] * len(s1), [n_trials] * len(s1), task=task)
 
 
-@pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["equal", "second"])
+@BOTH_TASKS
 @pytest.mark.parametrize(
     "pairs, can_be_told, reason",
     [
@@ -50,7 +53,7 @@ def test_the_pairs_decide_which_questions_can_be_told(pairs, can_be_told, reason
         assert (CRITERION in " ".join(identified.notes)) == (task == WHICH_STRONGER)
 
 
-@pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["equal", "second"])
+@BOTH_TASKS
 def test_roved_stimuli_need_both_signs_but_no_repeated_pairs(task):
     rng = np.random.default_rng(1)
     s1, step = rng.normal(0.0, 2.0, 200), np.abs(rng.normal(0.0, 0.3, 200))

@@ -103,9 +103,8 @@ def test_the_command(tmp_path, study_csv):
     assert good(*words, "--overwrite", "--quiet", cwd=tmp_path) == ""
 
 
-def test_real_vibrotactile_subjects(real_data):
-    path = real_data / "vibrotactile_rate" / "trials.csv"
-    table = bt.asymmetry(bt.read_study(path, bt.ReadOptions(equal_code="1")))
+def test_real_vibrotactile_subjects(vibrotactile):
+    table = bt.asymmetry(vibrotactile)
     # 'same' to 27 then 40 Hz in 91 %, to 40 then 27 in 52 %: the data's own description
     row = table["1008"].maximal
     assert np.exp([row.s_weak, row.s_strong]) == pytest.approx([27.03, 40.0], rel=1e-3)

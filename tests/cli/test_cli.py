@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import call, good, inside, refused
-from conftest import few_replicates, grouped_csv
+from conftest import few_replicates, grouped_csv, text_table
 
 import bayes_toe as bt
 from bayes_toe.inference.sampling import SamplerSettings
@@ -205,24 +205,24 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
         assert words in figure
 
 
-@pytest.mark.parametrize(
-    "line, message",
-    [
-        ("corner POSTERIOR --parameters gain,mu_1", "'mu_1' is unknown or named twice. The para"),
-        ("corner POSTERIOR --parameters gain,gain", "'gain' is unknown or named twice"),
-        ("corner POSTERIOR --parameters gain --coordinates natural", "exclude each other"),
-        ("corner POSTERIOR --format gif", "format 'gif': allowed: pdf, png, svg"),
-        ("corner POSTERIOR --subject A --subject Z", "no subject 'Z'"),
-        ("corner POSTERIOR --truth study.csv", "'n_trials', allowed: subject and some of mu1"),
-        ("run study.csv --figures some", "must be one of all, flagged, none"),
-        ("run study.csv -o out", "overwrite"),
-        ("run study.csv -o study.csv/new", "study.csv"),
-        ("run study.csv -o study.csv", "study.csv"),
-        ("check a.csv --example", "error: --example and STUDY.csv exclude each other.\n"),
-    ],
-)
+REFUSED = """
+    corner out/posterior.nc --parameters gain,mu_1 | 'mu_1' is unknown or named twice. The para
+    corner out/posterior.nc --parameters gain,gain | 'gain' is unknown or named twice
+    corner out/posterior.nc --parameters gain --coordinates natural | exclude each other
+    corner out/posterior.nc --format gif | format 'gif': allowed: pdf, png, svg
+    corner out/posterior.nc --subject A --subject Z | no subject 'Z'
+    corner out/posterior.nc --truth study.csv | 'n_trials', allowed: subject and some of mu1
+    run study.csv --figures some | must be one of all, flagged, none
+    run study.csv -o out | overwrite
+    run study.csv -o study.csv/new | study.csv
+    run study.csv -o study.csv | study.csv
+    check a.csv --example | error: --example and STUDY.csv exclude each other.
+"""
+
+
+@pytest.mark.parametrize("line, message", text_table(REFUSED))
 def test_what_is_refused_before_the_work_in_one_line(folder, out, line, message):
-    assert message in refused(line.replace("POSTERIOR", "out/posterior.nc"), cwd=folder)
+    assert message in refused(line, cwd=folder)
 
 
 # --- simulate, check, priors ----------------------------------------------------------------------

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, inside, refused
-from conftest import grouped_csv
+from conftest import grouped_csv, text_table
 from populations import independent_draws, made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
@@ -75,22 +75,19 @@ def test_files_are_those_of_the_group(finished, folder):
     assert tuple(subjects) == result.subjects
 
 
-@pytest.mark.parametrize(
-    "options, words",
-    [
-        ("-o other.csv", "other.csv: the ending is '.csv'. Draws need .nc"),
-        ("--categorical site", "--categorical site needs --covariates FILE.csv"),
-        ("--hyperprior none.toml", "none.toml: no such file"),
-        (
-            "--covariates people.csv --categorical size",
-            "categorical: found 'size', allowed: 'site', 'age'",
-        ),
-        ("-o group.nc", "overwrite"),
-        # study.csv would be beside it.
-        ("-o study.nc --overwrite", "study.csv: this command reads that file"),
-        ("--draws 5", "draws=5; allowed is a whole number from 100"),
-    ],
-)
+#: The last but one would write study.csv too.
+REFUSED = """
+    -o other.csv | other.csv: the ending is '.csv'. Draws need .nc
+    --categorical site | --categorical site needs --covariates FILE.csv
+    --hyperprior none.toml | none.toml: no such file
+    --covariates people.csv --categorical size | categorical: found 'size', allowed: 'site', 'age'
+    -o group.nc | overwrite
+    -o study.nc --overwrite | study.csv: this command reads that file
+    --draws 5 | draws=5; allowed is a whole number from 100
+"""
+
+
+@pytest.mark.parametrize("options, words", text_table(REFUSED))
 def test_what_is_refused(finished, folder, options, words):
     assert words in refused(f"population study.csv {OPTIONS} {options}", cwd=folder, silent=False)
 

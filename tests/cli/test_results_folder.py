@@ -28,17 +28,17 @@ def page(folder, name="report.html"):
 
 
 @pytest.mark.parametrize(
-    "which, drawn, note",
+    "choice, drawn, note",
     [
         ("flagged", "AC", "Figures are drawn for subjects that need action (poor fit"),
         ("none", "", "To draw figures of single subjects, type <code>--figures all"),
     ],
 )
 def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
-    marked, tmp_path, which, drawn, note
+    marked, tmp_path, choice, drawn, note
 ):
     names = []
-    options = {"figures": FigureChoice(which), "workers": 1, "progress": names.append}
+    options = {"figures": FigureChoice(choice), "workers": 1, "progress": names.append}
     out = write_results(marked, tmp_path / "out", **options)
     assert sorted(file.stem for file in out.glob("corner/*")) == names == list(drawn)
     assert (out / "corner").exists() == bool(drawn)

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from commands import inside
+from commands import good, inside, refused
 from conftest import made_subject, order_answer
 from populations import independent_draws, two_conditions
 
@@ -225,77 +225,61 @@ def test_a_word_that_depends_on_lapses_has_a_mark(capsys, is_robust):
     assert ("? The word changes if the lapse rate" in text) == (not is_robust)
 
 
-DIFFERENT = [(0.0, 0.3), (0.3, 0.0), (0.3, 0.6), (0.6, 0.3), (0.6, 0.9), (0.9, 0.6)]
+#: Counts of a subject with its name to be filled in.
+RISING = "{0},0,0.3,36,40\n{0},0.3,0.6,36,40\n{0},0.6,0.9,36,40\n"
+STRAIGHT = RISING + "{0},0.3,0,4,40\n{0},0.6,0.3,4,40\n{0},0.9,0.6,4,40\n"
+REVERSED = STRAIGHT.replace(",36,", ",n,").replace(",4,", ",36,").replace(",n,", ",4,")
 
 
-def answers_of_check(study, *options):
-    """The answer of `check` on one line."""
-    result = inside("check", "study.csv", *options, cwd=study.parent)
-    assert (result.returncode, result.stderr) == (0, "")
-    return " ".join(result.stdout.partition("Answer\n")[2].split())
+@pytest.fixture
+def answer_of_check(tmp_path):
+    """The answer of `check` to these counts, on one line."""
+
+    def check(rows, options=""):
+        text = "subject,s1,s2,n_second,n_trials\n" + rows
+        (tmp_path / "study.csv").write_text(text, encoding="utf-8")
+        screen = good(f"check study.csv {options}", cwd=tmp_path)
+        return " ".join(screen.partition("Answer\n")[2].split())
+
+    return check
 
 
-def written_counts(folder, **pairs):
-    """A file of counts of subjects by name: pairs, and whether responses are reversed."""
-    rows = []
-    for name, (stimuli, is_reversed) in pairs.items():
-        for first, second in stimuli:
-            is_second = (second > first) != is_reversed
-            rows.append((name, first, second, 36 if is_second else 4, 40))
-    columns = ["subject", "s1", "s2", "n_second", "n_trials"]
-    pd.DataFrame(rows, columns=columns).to_csv(folder / "study.csv", index=False)
-    return folder / "study.csv"
-
-
-def test_limits_of_one_subject_are_not_those_of_the_study(tmp_path):
-    rising = [pair for pair in DIFFERENT if pair[1] > pair[0]]
-    good = dict.fromkeys("ABC", (DIFFERENT, False))
-    text = answers_of_check(written_counts(tmp_path, Z=(rising, False), **good))
-    shown = "a constant error (3 of 4 subjects) and a contraction (3 of 4 subjects)."
-    assert text.startswith(f"The design can show {shown} Order effect, constant error and")
+def test_limits_of_one_subject_are_not_those_of_the_study(answer_of_check):
+    text = answer_of_check(RISING.format("Z") + "".join(map(STRAIGHT.format, "ABC")))
+    effects = "a constant error (3 of 4 subjects) and a contraction (3 of 4 subjects)."
+    assert text.startswith(f"The design can show {effects} Order effect, constant error and")
     assert "unequal stimuli were presented in one order only (1 of 4 subjects)." in text
 
 
-def test_a_decision_that_was_made_stays(tmp_path):
-    subjects = {name: (DIFFERENT, name in "CD") for name in "ABCD"}
-    text = answers_of_check(written_counts(tmp_path, **subjects), "--swap", "C")
-    swap, exclude = "bayes-toe run study.csv --swap C", "bayes-toe run study.csv --swap C"
-    assert text.endswith(f"Type one of these: {swap} --swap D {exclude} --exclude D")
-    saved = ("--swap", "C", "--prior", "paper", "--save", "s.toml")
-    assert "bayes-toe run s.toml --prior paper --swap D" in answers_of_check(
-        tmp_path / "study.csv", *saved
-    )
+def test_a_decision_that_was_made_stays(answer_of_check):
+    rows = "".join([*map(STRAIGHT.format, "AB"), *map(REVERSED.format, "CD")])
+    command = "bayes-toe run study.csv --swap C"
+    proposed = f"Type one of these: {command} --swap D {command} --exclude D"
+    assert answer_of_check(rows, "--swap C").endswith(proposed)
+    text = answer_of_check(rows, "--swap C --prior paper --save s.toml")
+    assert "bayes-toe run s.toml --prior paper --swap D" in text
 
 
-def test_where_nothing_can_be_analysed_no_command_is_proposed(tmp_path):
-    study = tmp_path / "study.csv"
-    study.write_text("subject,s1,s2,n_second,n_trials\nA,0,0.3,1,1\n", encoding="utf-8")
-    assert answers_of_check(study).endswith(
-        "Without the subjects that need a decision, no subject is left."
-    )
-    equal = answers_of_check(written_counts(tmp_path, A=([(0.0, 0.0)], False)))
-    assert equal.endswith("because no pair has two different stimuli.")
+def test_where_nothing_can_be_analysed_no_command_is_proposed(answer_of_check):
+    sentence = "Without the subjects that need a decision, no subject is left."
+    assert answer_of_check("A,0,0.3,1,1").endswith(sentence)
+    sentence = "because no pair has two different stimuli."
+    assert answer_of_check("A,0,0,4,40").endswith(sentence)
 
 
 def test_one_file_is_not_two_outputs(tmp_path):
-    words = "simulate -o a.csv --truth a.csv --subjects 1 --batches 1 --seed 1"
-    result = inside(*words.split(), cwd=tmp_path)
-    assert (result.returncode, result.stderr) == (
-        2,
-        "error: a.csv: named for two outputs. Use two names.\n",
-    )
+    line = "simulate -o a.csv --truth a.csv --subjects 1 --batches 1 --seed 1"
+    message = "error: a.csv: named for two outputs. Use two names.\n"
+    assert refused(line, cwd=tmp_path) == message
 
 
 def test_comparisons_have_a_column_of_their_own(capsys):
     study = two_conditions(1, n_subjects=1, n_each=20, difference=2.0)
     (unit, *_), levels = study.subjects, ("4", "2", "6")
-    rows = []
-    for level in levels:
-        rows.append(replace(unit, name=f"{unit.subject_name}@{level}", condition=level))
+    units = [replace(unit, name=f"P000@{level}", condition=level) for level in levels]
     conditions = replace(study.conditions, levels=levels)
-    three = replace(study, subjects=tuple(rows), conditions=conditions)
+    three = replace(study, subjects=tuple(units), conditions=conditions)
     print_contrast(Terminal(), bt.contrast(three, seed=1, workers=1))
     text = capsys.readouterr().out
-    assert re.search(r"^P000 +2 [-−] 4 +constant error", text, re.MULTILINE)
-    assert re.search(r"^P000 +6 [-−] 4 +constant error", text, re.MULTILINE)
+    assert re.findall(r"^P000 +(\d) [-−] 4 +constant error", text, re.MULTILINE) == ["2", "6"]
     assert "BF and word: a difference between any two conditions." in text

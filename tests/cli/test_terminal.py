@@ -1,11 +1,11 @@
 """Screens: fixed tables, only known digits, of many subjects only those that need action."""
 
-import math
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import text_table
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem
@@ -175,40 +175,33 @@ def test_estimates_and_options_stay_on_one_line():
     assert f"'{name}'" in "\n".join(command_lines(f"bayes-toe run '{name}'", "  "))
 
 
-@pytest.mark.parametrize(
-    "value, error, limit, visible",
-    [
-        (0.123456, 0.004, 2, "0.12"),  # never more than asked for
-        (0.123456, 0.0096, 6, "0.12"),  # 0.01 to one digit
-        (0.123456, 0.0094, 6, "0.123"),
-        (9.96, 0.2, 3, "10.0"),
-        (-0.03, 0.2, 3, "0.0"),  # no minus before nothing
-        (1234.5, 30.0, 3, "1230"),
-        (-1.0e20, 1.0e18, 2, "-100000000000000000000"),
-        (12.0, 300.0, 2, "0"),
-        (1.5, math.nan, 3, "1.500"),
-        (1.5, 0.0, 3, "1.500"),
-        (1.5, math.inf, 3, "1.500"),
-        (math.nan, 0.1, 2, "nan"),
-    ],
-)
-def test_digits_end_where_the_error_begins(value, error, limit, visible):
-    assert round_to_errors([value], [error], limit) == [visible]
+#: Values, their errors, the most decimals, and what is shown. Never more decimals than asked for;
+#: 0.0096 is 0.01 to one digit; no minus before nothing. Of several values, each by its own error
+#: in their order; alike with all the decimals that there may be.
+ROUNDED = """
+    0.123456 | 0.004 | 2 | 0.12
+    0.123456 | 0.0096 | 6 | 0.12
+    0.123456 | 0.0094 | 6 | 0.123
+    9.96 | 0.2 | 3 | 10.0
+    -0.03 | 0.2 | 3 | 0.0
+    1234.5 | 30 | 3 | 1230
+    -1e20 | 1e18 | 2 | -100000000000000000000
+    12 | 300 | 2 | 0
+    1.5 | nan | 3 | 1.500
+    1.5 | 0 | 3 | 1.500
+    1.5 | inf | 3 | 1.500
+    nan | 0.1 | 2 | nan
+    0.12 0.51 2.34 | 0.01 0.002 0.2 | 2 | 0.12 0.51 2.3
+    49.6 40213 86443.6 | 20 3e5 0.004 | 2 | 0 40000 90000
+    0.12 0.123 0.15 | 0.1 0.1 0.01 | 2 | 0.12 0.12 0.15
+    0 0 0 | nan nan nan | 2 | 0.00 0.00 0.00
+"""
 
 
-@pytest.mark.parametrize(
-    "values, errors, visible",
-    [
-        # Each by its own error, in their order.
-        ([0.12, 0.51, 2.34], [0.01, 0.002, 0.2], ["0.12", "0.51", "2.3"]),
-        ([49.6, 40_213.0, 86_443.6], [20.0, 3e5, 0.004], ["0", "40000", "90000"]),
-        # Alike with all the decimals that there may be.
-        ([0.12, 0.123, 0.15], [0.1, 0.1, 0.01], ["0.12", "0.12", "0.15"]),
-        ([0.0, 0.0, 0.0], [math.nan] * 3, ["0.00"] * 3),
-    ],
-)
-def test_a_median_is_shown_between_its_limits(values, errors, visible):
-    assert round_to_errors(values, errors, 2) == visible
+@pytest.mark.parametrize("values, errors, limit, visible", text_table(ROUNDED))
+def test_digits_end_where_the_error_begins(values, errors, limit, visible):
+    numbers = np.array([values.split(), errors.split()], float).tolist()
+    assert round_to_errors(*numbers, int(limit)) == visible.split()
 
 
 def test_who_must_be_looked_at_and_why(marked):

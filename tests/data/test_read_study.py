@@ -6,7 +6,6 @@ import math
 import re
 import tempfile
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -54,26 +53,27 @@ def refused(data, **options):
 
 
 def content(study):
-    return {subject.name: counts(subject) for subject in study}
+    """Subjects of a study with their pairs and counts, as a text."""
+    rows = []
+    for subject in study:
+        rows += [f"{subject.name} {s1} {s2} {k} {n}" for s1, s2, k, n in counts(subject)]
+    return ", ".join(rows)
 
 
 # --- What is read ---------------------------------------------------------------------------------
 
 AMPLITUDES = "subject,i1,i2,response\n"
-EQUAL = {"a": [(0.0, 0.0, 1, 1)]}
-DIFFERENT = {"a": [(0.0, 0.0, 0, 1)]}
-EACH_CASE = {"a": [(0.0, 0.0, 1, 2)]}
-FIVE = {"a": [(0.0, 0.0, 0, 5)]}
-QUARTER = {"a": [(0.25, -0.25, 1, 1)]}
+EQUAL = "a 0.0 0.0 1 1"
+DIFFERENT = "a 0.0 0.0 0 1"
+EACH_CASE = "a 0.0 0.0 1 2"
+FIVE = "a 0.0 0.0 0 5"
+QUARTER = "a 0.25 -0.25 1 1"
 
 #: Rows of trials and how they are read.
 READ_TRIALS = [
     # Subjects in order of first appearance, also in rows without an answer.
-    (
-        "b,0.1,0.3,equal\nb,0.1,0.3,different\na,0,0,different",
-        {"b": [(0.1, 0.3, 1, 2)], **DIFFERENT},
-    ),
-    ("b,0,0,\na,0,0,equal\nb,0,0,equal", {"b": [(0.0, 0.0, 1, 1)], **EQUAL}),
+    ("b,0.1,0.3,equal\nb,0.1,0.3,different\na,0,0,different", "b 0.1 0.3 1 2, a 0.0 0.0 0 1"),
+    ("b,0,0,\na,0,0,equal\nb,0,0,equal", "b 0.0 0.0 1 1, a 0.0 0.0 1 1"),
     ("a,-0.0,0,same\na,0,-0,different", EACH_CASE),
     ("a,+0.25,-0.25,same", QUARTER),
     ("a,.25,-.25,same", QUARTER),
@@ -83,15 +83,18 @@ READ_TRIALS = [
     ("a,0,0,Different", DIFFERENT),
 ]
 READ_FILES = [
-    (COUNTS + "a,0,0.3,1,5\na,0.0,0.30,2,6\na,1,1,0,0\na,0,0.3,0,4", {"a": [(0.0, 0.3, 3, 15)]}),
-    (COUNTS + "a,0,0,9007199254740992,9007199254740992", {"a": [(0.0, 0.0, 2**53, 2**53)]}),
+    (COUNTS + "a,0,0.3,1,5\na,0.0,0.30,2,6\na,1,1,0,0\na,0,0.3,0,4", "a 0.0 0.3 3 15"),
+    (
+        COUNTS + "a,0,0,9007199254740992,9007199254740992",
+        "a 0.0 0.0 9007199254740992 9007199254740992",
+    ),
     (COUNTS + "a,0,0,0,5.0", FIVE),
     (COUNTS + "a,0,0,0,5.", FIVE),
     (COUNTS + "a,0,0,0,+5", FIVE),
     (COUNTS + "a,0,0,0,005", FIVE),
     (COUNTS + "a,0,0,0,5.00", FIVE),
     # Cells and headers are stripped; blank rows and other columns, also repeated ones, are ignored.
-    (' subject , s1,"s2 ",response \n a , 0 ,\t0.5, "equal "\n', {"a": [(0.0, 0.5, 1, 1)]}),
+    (' subject , s1,"s2 ",response \n a , 0 ,\t0.5, "equal "\n', "a 0.0 0.5 1 1"),
     ('x,subject,s1,,x,s2,response,\n\n1,a,0,,"free, text",0,equal,\n  \n,,,,,,,\n,\n', EQUAL),
     ("subject;s1;s2;response;a,b,c,d,e,f,g\na;0;0;equal;y\n", EQUAL),
     # Stimuli in both units: the option chooses.
@@ -102,7 +105,6 @@ READ_FILES = [
 def require_read(data, expected, **options):
     study = read(data, **options)
     assert content(study) == expected
-    assert list(study.names) == list(expected)
     assert not any(np.signbit(subject.s1[subject.s1 == 0]).any() for subject in study)
 
 
@@ -118,11 +120,11 @@ def test_files_are_read(text, expected):
 
 def test_codes_are_exact_and_one_leaves_the_words_of_the_other_side():
     coded = "subject;s1;s2;response\na;0;0;1,0\na;0;0;0,0\na;0;0;1\n"
-    require_read(coded, {"a": [(0.0, 0.0, 2, 3)]}, equal_code="1")
+    require_read(coded, "a 0.0 0.0 2 3", equal_code="1")
     require_read(f"{TRIALS}a,0,0,f\na,0,0, J \n", EACH_CASE, equal_code="f", different_code="J")
     require_read(f"{TRIALS}a,0,0,0\na,0,0,1\n", EACH_CASE, equal_code="0", different_code="1")
     rows = "a,0,0,z\na,0,0,different\na,0,0,Different\n"
-    require_read(TRIALS + rows, {"a": [(0.0, 0.0, 1, 3)]}, equal_code="z")
+    require_read(TRIALS + rows, "a 0.0 0.0 1 3", equal_code="z")
     require_read(f"{TRIALS}a,0,0,None\na,0,0,none\na,0,0,different\n", EACH_CASE, equal_code="None")
 
 
@@ -130,7 +132,7 @@ def test_columns_are_chosen_by_options():
     block = {"columns": {"subject": "block"}}
     require_read("block,s1,s2,response\na,0,0,equal\n", EQUAL, **block)
     swapped = {"columns": {"s1": "s2", "s2": "s1"}}
-    require_read(f"{TRIALS}a,1,2,equal\n", {"a": [(2.0, 1.0, 1, 1)]}, **swapped)
+    require_read(f"{TRIALS}a,1,2,equal\n", "a 2.0 1.0 1 1", **swapped)
     joint = "subject,s1,s2,i1,i2,response\na,7,8,0.087,0.087,equal\n"
     require_read(joint, EQUAL, intensity=0.087)  # the reference itself is exactly 0
 
@@ -244,7 +246,7 @@ def answers(text, **options):
 def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
     rows = words("a,0,1,1,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n")
     study = read(ORDERED + rows)
-    assert content(study) == {"a": [(0.0, 0.0, 1, 2), (0.0, 1.0, 1, 1)], "b": [(0.0, 0.0, 1, 1)]}
+    assert content(study) == "a 0.0 0.0 1 2, a 0.0 1.0 1 1, b 0.0 0.0 1 1"
     in_order = study["a"].answers
     # One block is no number: they are in order of appearance.
     assert in_order.blocks == ("10", "9")
@@ -315,7 +317,7 @@ def test_trials_that_are_there_twice_are_told():
 def test_counts_have_answers_where_they_have_blocks():
     text = "subject,s1,s2,n_equal,n_trials,Run\na,0,1,1,5,1\na,0,1,2,5,2\n"
     study = read(text, columns={"block": "Run"})
-    assert content(study) == {"a": [(0.0, 1.0, 3, 10)]}
+    assert content(study) == "a 0.0 1.0 3 10"
     in_order = study["a"].answers
     assert (in_order.n_yes.tolist(), in_order.n_trials.tolist()) == ([1, 2], [5, 5])
     assert (in_order.blocks, in_order.has_trial_rows) == (("1", "2"), False)
@@ -416,13 +418,13 @@ def test_dialects(codec, label, end, delimiter, name):
     text = text.replace("\n", end).replace(",", delimiter).replace("~", ",")
     mark = b"\xfe\xff" if codec == "utf-16-be" else b""
     study = read(mark + text.encode(codec))
-    assert content(study) == {"Zoë": [(0.5, -0.25, 1, 1)], "Ω": [(0.0, 0.0, 0, 1)]}
+    assert content(study) == "Zoë 0.5 -0.25 1 1, Ω 0.0 0.0 0 1"
     assert study.notes[0].startswith(f"trial rows, {name}-separated, {label}, responses 'equal'")
 
 
 # --- Files of other labs; tests/data/test_shapes.py has more of them ------------------------------
 
-BOTH_ORDERS = {"a": [(0.0, 0.3, 1, 1), (0.3, 0.0, 0, 1)]}
+BOTH_ORDERS = "a 0.0 0.3 1 1, a 0.3 0.0 0 1"
 
 
 def test_two_columns_that_may_be_the_subject_are_none():
@@ -498,7 +500,7 @@ def test_other_numbers_show_that_a_sign_groups_no_thousands():
 def test_spaces_apostrophes_a_minus_sign_and_a_line_that_names_the_delimiter():
     data = "sep=;\nsubject;i1;i2;response\na;1'360;1 500;second\na;1\u202f500;1360;first\n"
     assert np.exp(read(data, intensity=1.0)["a"].s1) == pytest.approx([1360.0, 1500.0])
-    assert content(read(f"{TRIALS}a,\u22120.3,0,same\n")) == {"a": [(-0.3, 0.0, 1, 1)]}
+    assert content(read(f"{TRIALS}a,\u22120.3,0,same\n")) == "a -0.3 0.0 1 1"
 
 
 STANDARDS = """subject,standard,comparison,interval,response
@@ -528,13 +530,13 @@ def test_responses_to_a_standard_and_a_comparison_follow_the_interval(text):
     codes = {"comparison_code": "c"} if text == CODED else {}
     study = read(text, standard_interval="interval", **codes)
     assert study.task == WHICH_STRONGER
-    assert content(study) == {"a": [(-0.3, 0.0, 1, 1), (0.0, 0.3, 1, 2), (0.3, 0.0, 0, 1)]}
+    assert content(study) == "a -0.3 0.0 1 1, a 0.0 0.3 1 2, a 0.3 0.0 0 1"
 
 
 def test_first_and_second_name_intervals_whatever_was_presented_there():
     assert content(read(ABSOLUTE, standard_interval="order")) == BOTH_ORDERS
     always = read(ABSOLUTE.replace(",2,first", ",1,first"), standard_first=True)
-    assert content(always) == {"a": [(0.0, 0.3, 1, 2)]}
+    assert content(always) == "a 0.0 0.3 1 2"
 
 
 @pytest.mark.parametrize(
@@ -892,7 +894,8 @@ def test_any_dialect_gives_the_same_study(trials, delimiter, comma, codec, end, 
     for name, rows in by_subject.items():
         expected[name] = counts(bt.Subject.from_trials(name, *zip(*rows, strict=True)))
     study = read(text.getvalue().encode(codec))
-    assert list(content(study).items()) == list(expected.items())
+    assert list(study.names) == list(expected)
+    assert list(map(counts, study)) == list(expected.values())
 
 
 @pytest.mark.parametrize("sign", ["", ".", "e"])
@@ -911,24 +914,20 @@ def test_options_take_numbers_as_the_cells_of_a_frame_have_them():
         bt.ReadOptions(intensity="1")
 
 
-PERCENTAGES = bt.ReadOptions(columns={"n_second": "percent"})
+PERCENTAGES = "subject,s1,s2,percent,n_trials\n"
+AS_COUNTS = {"n_second": "percent"}
 
 
-def test_only_the_share_that_is_wrong_is_refused(tmp_path):
-    path = tmp_path / "study.csv"
-    rows = ["a,0,1,33.3,3", "a,1,0,66.7,3", "a,0,2,x,3", "a,2,0,100,?", "a,2,1,0,3"]
-    path.write_text("\n".join(["subject,s1,s2,percent,n_trials", *rows]), encoding="utf-8")
-    lines = problems(partial(bt.read_study, options=PERCENTAGES), path)
-    assert len(lines) == 2
-    assert lines[0].startswith("study.csv: row 4, column percent: found 'x'")
-    assert lines[1].startswith("study.csv: row 5, column n_trials: found '?'")
+def test_only_the_share_that_is_wrong_is_refused():
+    rows = "a,0,1,33.3,3\na,1,0,66.7,3\na,0,2,x,3\na,2,0,100,?\na,2,1,0,3\n"
+    of_share, of_trials = refused(PERCENTAGES + rows, columns=AS_COUNTS)
+    assert of_share.startswith("row 4, column percent: found 'x'")
+    assert of_trials.startswith("row 5, column n_trials: found '?'")
 
 
-def test_shares_with_a_percent_sign_are_percentages(tmp_path):
-    path = tmp_path / "study.csv"
-    rows = ["a,0,1,0%,200", "a,1,0,0.5%,200"]
-    path.write_text("\n".join(["subject,s1,s2,percent,n_trials", *rows]), encoding="utf-8")
-    assert bt.read_study(path, PERCENTAGES)["a"].n_yes.tolist() == [0, 1]
+def test_shares_with_a_percent_sign_are_percentages():
+    study = read(f"{PERCENTAGES}a,0,1,0%,200\na,1,0,0.5%,200\n", columns=AS_COUNTS)
+    assert study["a"].n_yes.tolist() == [0, 1]
 
 
 def test_a_pattern_of_pairs_fits_the_whole_name():
@@ -938,9 +937,8 @@ def test_a_pattern_of_pairs_fits_the_whole_name():
 
 
 def test_files_of_one_name_are_told_apart_by_their_folders(tmp_path):
-    paths = []
-    for folder in ("one/x", "two/x"):
-        paths.append(tmp_path / folder / "t.csv")
-        paths[-1].parent.mkdir(parents=True)
-        paths[-1].write_text("subject,s1,s2,response\na,0,1,second\n", encoding="utf-8")
-    assert bt.read_study(paths)["a"].answers.blocks == ("one/x/t.csv", "two/x/t.csv")
+    files = []
+    for folder in (tmp_path / "one/x", tmp_path / "two/x"):
+        folder.mkdir(parents=True)
+        files += written(folder, t=TRIALS + "a,0,1,second\n")
+    assert bt.read_study(files)["a"].answers.blocks == ("one/x/t.csv", "two/x/t.csv")

@@ -197,7 +197,6 @@ PRACTICE = [["P03", 0, 0.3, "second"]] * 8
 #: Name, content, options, and the trials that are meant where these are not all.
 READ = {
     "comma.csv": (csv(IN_LOGS), {}),
-    "semicolon.csv": (csv(IN_LOGS, sep=";"), {}),
     "tab.tsv": (csv(IN_LOGS, sep="\t"), {}),
     "bar.txt": (csv(IN_LOGS, sep="|"), {}),
     "aligned.txt": (IN_LOGS.to_string(index=False).encode(), {}),
@@ -209,13 +208,10 @@ READ = {
         {},
     ),
     "spaces.txt": (csv(IN_LOGS, sep=" ", quoting=2), {}),
-    "mark.csv": (csv(IN_LOGS, "utf-8-sig"), {}),
-    "utf16.csv": (csv(IN_LOGS, "utf-16"), {}),
     "utf16_without_mark.csv": (csv(IN_LOGS, "utf-16-le"), {}),
     "windows.csv": (csv(IN_LOGS.assign(note="größer"), "cp1252"), {}),
     "encoding.csv": (csv(IN_LOGS.assign(note="größer"), "mac_roman"), {"encoding": "mac_roman"}),
     "lines_above.csv": (b"Experiment 1\n\nlab 3\n" + csv(IN_LOGS), {}),
-    "sep_line.csv": (b"sep=;\n" + csv(IN_LOGS, sep=";"), {}),
     "last_comma.csv": (csv(IN_LOGS.assign(**{"": ""})), {}),
     "quoted.csv": (csv(IN_LOGS.assign(note="two\nlines"), quoting=1), {}),
     "german.csv": (csv(GERMAN, sep=";"), {"columns": REIZE}),

@@ -37,7 +37,7 @@ def _population(path):
 READERS = {
     "design": _design,
     "population": _population,
-    "covariates": lambda path: read_covariates(path),
+    "covariates": read_covariates,
 }
 KINDS = pytest.mark.parametrize("kind", TEXTS)
 

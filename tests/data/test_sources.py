@@ -5,6 +5,7 @@ import os
 import random
 from contextlib import suppress
 from decimal import Decimal
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -31,15 +32,7 @@ TRIALS = pd.DataFrame(
         "more": [None] * 6,
     }
 )
-COUNTS = pd.DataFrame(
-    {
-        "subject": ["a", "a", "b"],
-        "s1": [0, 0, 1],
-        "s2": [1, 2, 3],
-        "n_equal": [1, 2, 3],
-        "n_trials": [4, 5, 6],
-    }
-)
+COUNTS = pd.read_csv(StringIO("subject,s1,s2,n_equal,n_trials\na,0,1,1,4\na,0,2,2,5\nb,1,3,3,6\n"))
 
 
 def as_pandas(frame, folder):
@@ -189,7 +182,7 @@ def test_a_study_gives_the_frame_that_it_is_read_from(isi):
     study = bt.simulate(2, batches=3, isi=isi, seed=1).study
     again = bt.read_study(study.frame())
     assert again.synthetic
-    assert [counts(subject) for subject in again] == [counts(subject) for subject in study]
+    assert list(map(counts, again)) == list(map(counts, study))
     assert again.intervals == study.intervals
     people = pd.DataFrame({"subject": ["01", "NA"], "age": [20.5, None], "group": ["x", "y"]})
     assert bt.read_covariates(people) == {

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import counts
+from conftest import columns, counts, made_subject
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,11 +17,11 @@ COLUMNS = ("s1", "s2", "n_yes", "n_trials")
 
 
 def subject(name="S01"):
-    return Subject(name, [0.3, 0.0], [0.0, 0.3], [2, 7], [8, 10])
+    return made_subject("0.3 0 2 8, 0 0.3 7 10", name)
 
 
 def test_pairs_are_sorted_together_with_their_counts():
-    sorted_pairs = Subject("S01", [0.3, 0, 0.3], [0.5, 0.3, 0.0], [1.0, 2.0, 3.0], [4, 5, 6])
+    sorted_pairs = made_subject("0.3 0.5 1 4, 0 0.3 2 5, 0.3 0 3 6")
     assert counts(sorted_pairs) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 3, 6), (0.3, 0.5, 1, 4)]
     types = [getattr(sorted_pairs, column).dtype for column in COLUMNS]
     assert types == [np.float64, np.float64, np.int64, np.int64]
@@ -74,25 +74,24 @@ def test_invalid_subjects_are_refused(change, message):
 
 
 def test_counts_are_added_up():
-    rows = [0.3, 0.0, 0.3, 1.0], [0.0, 0.3, 0.0, 1.0], [1, 2, 3, 0], [5, 5, 6, 0]
-    added = Subject.from_counts("S01", *rows)
+    added = Subject.from_counts("S01", *columns("0.3 0 1 5, 0 0.3 2 5, 0.3 0 3 6, 1 1 0 0"))
     assert counts(added) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 4, 11)]
     # Pairs that were never answered are not looked at, and zero has no sign.
-    assert Subject.from_counts("S01", [0, np.nan], [0, 0], [1, 0], [5, 0]).n_pairs == 1
-    assert Subject.from_counts("S01", [0.0, -0.0], [1, 1], [1, 0], [1, 1]).n_pairs == 1
+    assert Subject.from_counts("S01", *columns("0 0 1 5, nan 0 0 0")).n_pairs == 1
+    assert Subject.from_counts("S01", *columns("0 1 1 1, -0 1 0 1")).n_pairs == 1
 
 
 @pytest.mark.parametrize(
-    "n_yes, n_trials, message",
+    "rows, message",
     [
-        ([7, 0], [5, 5], "n_yes must lie in"),
-        ([-1, 2], [5, 5], "n_yes must lie in"),
-        ([0, 0], [0, 0], "no answered"),
+        ("0 0 7 5, 0 0 0 5", "n_yes must lie in"),
+        ("0 0 -1 5, 0 0 2 5", "n_yes must lie in"),
+        ("0 0 0 0, 0 0 0 0", "no answered"),
     ],
 )
-def test_counts_that_cannot_be_are_refused(n_yes, n_trials, message):
+def test_counts_that_cannot_be_are_refused(rows, message):
     with pytest.raises(InputError, match=message):
-        Subject.from_counts("S01", [0, 0], [0, 0], n_yes, n_trials)
+        Subject.from_counts("S01", *columns(rows))
 
 
 _trials = st.lists(

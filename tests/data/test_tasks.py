@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import refused
-from conftest import counts
+from conftest import counts, made_subject
 from scipy.io import savemat
 from scipy.special import ndtr
 
@@ -32,55 +32,55 @@ def written(folder, head, *rows):
 READ = [
     (
         TRIALS,
-        ["a,0,1,second", "a,0,1,S1", "a,1,0,2nd", "a,1,0,FIRST", "a,1,0,"],
+        "a,0,1,second a,0,1,S1 a,1,0,2nd a,1,0,FIRST a,1,0,",
         {},
-        [(0.0, 1.0, 1, 2), (1.0, 0.0, 1, 2)],
+        "0 1 1 2, 1 0 1 2",
     ),
     (
         TRIALS,
-        ["a,0,1,1", "a,0,1,0.0", "a,1,0,1.0", "a,1,0,NA"],
+        "a,0,1,1 a,0,1,0.0 a,1,0,1.0 a,1,0,NA",
         {"second_code": "1"},
-        [(0.0, 1.0, 1, 2), (1.0, 0.0, 1, 1)],
+        "0 1 1 2, 1 0 1 1",
     ),
     (
         TRIALS,
-        ["a,0,1,second", "a,1,0,first"],
+        "a,0,1,second a,1,0,first",
         {"second_code": "first", "first_code": "second"},
-        [(0.0, 1.0, 0, 1), (1.0, 0.0, 1, 1)],
+        "0 1 0 1, 1 0 1 1",
     ),
     (
         COUNTS.replace("n_second", "k"),
-        ["a,0,1,3,5"],
+        "a,0,1,3,5",
         {"columns": {"n_second": "k"}},
-        [(0.0, 1.0, 3, 5)],
+        "0 1 3 5",
     ),
     (
         RIGHT,
-        ["a,0,1,1", "a,0,1,0", "a,1,0,1", "a,1,0,wrong", "a,0,0,1", "a,0,1,"],
+        "a,0,1,1 a,0,1,0 a,1,0,1 a,1,0,wrong a,0,0,1 a,0,1,",
         {"correct": "acc"},
-        [(0.0, 1.0, 1, 2), (1.0, 0.0, 1, 2)],
+        "0 1 1 2, 1 0 1 2",
     ),
     (
         TASK,
-        ["a,0,1,second,2AFC", "a,0,1,same,same-different"],
+        "a,0,1,second,2AFC a,0,1,same,same-different",
         {"where": {"task": "2AFC"}},
-        [(0.0, 1.0, 1, 1)],
+        "0 1 1 1",
     ),
     (
         TASK,
-        ["a,0,1,second,comparison", "a,1,0,first,rating"],
+        "a,0,1,second,comparison a,1,0,first,rating",
         {},
-        [(0.0, 1.0, 1, 1), (1.0, 0.0, 0, 1)],
+        "0 1 1 1, 1 0 0 1",
     ),
 ]
 
 
 @pytest.mark.parametrize("head, rows, options, expected", READ, ids=range(len(READ)))
 def test_answers_second_and_first_are_read(tmp_path, head, rows, options, expected):
-    study = bt.read_study(written(tmp_path, head, *rows), bt.ReadOptions(**options))
-    assert (study.task, counts(study["a"])) == (WHICH_STRONGER, expected)
-    again = bt.read_study(study.frame())
-    assert (again.task, counts(again["a"])) == (WHICH_STRONGER, expected)
+    first = bt.read_study(written(tmp_path, head, *rows.split()), bt.ReadOptions(**options))
+    for study in (first, bt.read_study(first.frame())):
+        assert study.task == WHICH_STRONGER
+        assert counts(study["a"]) == counts(made_subject(expected))
 
 
 def test_other_sources_tell_their_task_alike(tmp_path):
@@ -123,113 +123,118 @@ def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for(tmp_path):
 
 
 UNTOLD = "The program does not know what they mean."
-BACK = [f"a,{first},{second},{'first' if second > first else 'second'}" for first, second in GRID]
+BACK = " ".join(f"a,{s1},{s2},{('second', 'first')[s2 > s1]}" for s1, s2 in GRID * 3)
 REFUSED = [
     (
         TRIALS,
-        ["a,0,1,1", "a,1,0,0"],
+        "a,0,1,1 a,1,0,0",
         "",
         "error: study.csv: column response: the codes are '1' (1), '0' (1). " + UNTOLD,
     ),
     (
         TRIALS,
-        ["a,0,1,2", "a,1,0,1"],
+        "a,0,1,2 a,1,0,1",
         "",
         "       --second-code 2  if 2 is 'the second was stronger' (2AFC)",
     ),
-    (TRIALS, ["a,0,1,2", "a,1,0,1", "a,1,0,3"], "", "; name the other code too"),
+    (TRIALS, "a,0,1,2 a,1,0,1 a,1,0,3", "", "; name the other code too"),
     (
         TRIALS,
-        ["a,0,1,equal"],
+        "a,0,1,equal",
         "--second-code 1",
         "row 2, column response: found 'equal', allowed: '1' (second) or first, s1, 1st",
     ),
     (
         TRIALS,
-        ["a,0,1,2nd", "a,0,1,1"],
+        "a,0,1,2nd a,0,1,1",
         "",
         "row 3, column response: found '1', allowed: second, s2, 2nd (second) or first",
     ),
     (
         TASK,
-        ["a,0,1,second,2afc", "a,0,1,first,same/different"],
+        "a,0,1,second,2afc a,0,1,first,same/different",
         "",
         "column task: found '2afc' and 'same/different', allowed: one task",
     ),
     (
         TASK,
-        ["a,0,1,second,same/different"],
+        "a,0,1,second,same/different",
         "",
         "column task: found 'same/different', allowed: 'which is stronger'",
     ),
     (
         COUNTS.replace("n_trials", "n_equal,n_trials"),
-        ["a,0,1,1,1,2"],
+        "a,0,1,1,1,2",
         "",
         "column n_second: found together with n_equal, allowed: one",
     ),
     (
         RIGHT,
-        ["a,0,1,1"],
+        "a,0,1,1",
         "--columns response=acc",
         "column acc: found as response, though it seems to say right or wrong, allowed: --correct",
     ),
     (
         RIGHT,
-        ["a,0,1,maybe"],
+        "a,0,1,maybe",
         "--correct acc",
         "row 2, column acc: found 'maybe', allowed: 1, true, yes, correct, right, hit (right) or 0",
     ),
-    (RIGHT, ["a,0,0,1"], "--correct acc", "found no response in any of 1 rows"),
+    (RIGHT, "a,0,0,1", "--correct acc", "found no response in any of 1 rows"),
     (
         RIGHT,
-        ["a,0,1,1"],
+        "a,0,1,1",
         "--correct hit",
         "row 1: there is no column hit. The columns are subject, s1, s2, acc.",
     ),
     (
         RIGHT,
-        ["a,0,1,1"],
+        "a,0,1,1",
         "--correct acc --second-code 1",
         "--second-code, --correct: found together, allowed: what tells one task",
     ),
     (
         TRIALS,
-        ["a,0,1,1"],
+        "a,0,1,1",
         "--equal-code 1 --second-code 1",
         "--equal-code, --second-code: found together",
     ),
     (
         TRIALS,
-        ["a,0,1,1"],
+        "a,0,1,1",
         "--second-code 1 --first-code 1",
         "--first-code: found '1' as --second-code, allowed: two different texts",
     ),
     (
         TRIALS,
-        ["a,0,1,second"],
+        "a,0,1,second",
         "--ignore s1",
         "--ignore: found 's1', allowed: isi, session, block, trial, iti, condition",
     ),
     (
         "subject,i1,i2,response",
-        ["a,0,1,second"],
+        "a,0,1,second",
         "--intensity 1",
         "row 2, column i1: found '0', allowed: a positive finite number",
     ),
     (
         TRIALS,
-        ["a,0,1,second"],
+        "a,0,1,second",
         "--task same/different",
         "--task is 'same/different', but the responses in",
     ),
     (
         TRIALS,
-        ["a,0,1,second"],
+        "a,0,1,second",
         "--task 3afc",
         "--task: found '3afc', allowed: same/different, or 2afc (which is stronger)",
     ),
-    (TRIALS, BACK * 3, "", "if they mean the opposite, --second-code first --first-code second"),
+    (
+        TRIALS,
+        BACK,
+        "",
+        "if they mean the opposite, --second-code first --first-code second",
+    ),
 ]
 
 
@@ -237,7 +242,7 @@ REFUSED = [
 def test_what_cannot_be_read_is_one_line_and_nothing_is_written(
     tmp_path, head, rows, options, message
 ):
-    written(tmp_path, head, *rows)
+    written(tmp_path, head, *rows.split())
     assert message in refused("run", "study.csv", "-o", "out", *options.split(), cwd=tmp_path)
 
 

@@ -256,16 +256,22 @@ with whole_files.whole_together(*files, overwrite=True) as folder:
 """
 
 
+def end_while_files_move(folder, signal):
+    """Two files of a process that a signal ends while it replaces them."""
+    files = [folder / "a.csv", folder / "b.csv"]
+    for file in files:
+        file.write_text("old")
+    words = [sys.executable, "-c", KILLED_WHILE_FILES_MOVE, *map(str, files), "b.csv", signal]
+    subprocess.run(words, check=False, capture_output=True)
+    return files
+
+
 @POSIX
 @pytest.mark.parametrize("digits", ["", "0123456789abcdef"])
 def test_a_set_that_a_killed_process_replaced_in_part_is_refused_and_then_finished(
     tmp_path, digits
 ):
-    first, second = tmp_path / "a.csv", tmp_path / "b.csv"
-    for file in (first, second):
-        file.write_text("old")
-    words = [sys.executable, "-c", KILLED_WHILE_FILES_MOVE, str(first), str(second), "b.csv"]
-    subprocess.run([*words, "SIGKILL"], check=False)
+    first, second = end_while_files_move(tmp_path, "SIGKILL")
     assert (first.read_text(), second.read_text()) == ("new", "old")
     (ready,) = tmp_path.glob(f"{READY}*")
     for digit in digits:  # folders whose removal began
@@ -282,11 +288,7 @@ def test_a_set_that_a_killed_process_replaced_in_part_is_refused_and_then_finish
 
 @POSIX
 def test_a_signal_while_files_move_leaves_the_whole_set(tmp_path):
-    first, second = tmp_path / "a.csv", tmp_path / "b.csv"
-    for file in (first, second):
-        file.write_text("old")
-    words = [sys.executable, "-c", KILLED_WHILE_FILES_MOVE, str(first), str(second), "b.csv"]
-    subprocess.run([*words, "SIGINT"], check=False, capture_output=True)
+    end_while_files_move(tmp_path, "SIGINT")
     assert tree(tmp_path) == {"a.csv": "new", "b.csv": "new"}
 
 

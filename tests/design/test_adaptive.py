@@ -74,8 +74,8 @@ def entropy(p):
     return entr(p) + entr(1 - p)
 
 
-@pytest.mark.parametrize("about", ["model", "parameters"])
-def test_information_is_the_expected_fall_of_entropy(about):
+@pytest.mark.parametrize("aim, error", [("model", 0.002), ("parameters", 0.01)])
+def test_information_is_the_expected_fall_of_entropy(aim, error):
     """By the definition, over 8,000 draws of the prior of each model."""
     mean, left = 0.0, 0.0
     for number, (name, probability) in enumerate(MODEL_PRIOR.items()):
@@ -84,11 +84,10 @@ def test_information_is_the_expected_fall_of_entropy(about):
         p_yes = np.exp(posterior.log_answers(x).yes)
         average = p_yes.mean(axis=0)
         mean = mean + probability * average
-        entropies = entropy(average) if about == "model" else entropy(p_yes).mean(axis=0)
+        entropies = entropy(average) if aim == "model" else entropy(p_yes).mean(axis=0)
         left = left + probability * entropies
-    sessions = [Adaptive(PAIRS, seed=seed, about=about).information() for seed in range(3)]
+    sessions = [Adaptive(PAIRS, seed=seed, about=aim).information() for seed in range(3)]
     information = np.mean(sessions, axis=0)
-    error = 0.002 if about == "model" else 0.01
     assert information == pytest.approx(entropy(mean) - left, abs=error)
     assert information.max() > 0.002
 

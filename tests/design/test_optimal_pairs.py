@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
-from conftest import columns
+from conftest import columns, text_table
 
 import bayes_toe as bt
 from bayes_toe.design.information import AIMS, exchange_trials, information
@@ -185,24 +185,24 @@ def test_the_command(tmp_path):
     assert markdown.startswith("# A design of 200 trials, for: contraction\n\n* Most trials have")
 
 
-REFUSED = [
-    ("--lowest -1 --highest 1 --trials 3", "--trials 3: allowed is at least 4"),
-    ("--lowest 1 --highest 1", "--lowest 1 --highest 1: allowed are finite numbers"),
-    ("--lowest 0 --highest 1 --step 2", "--step 2: allowed is above 0 and at most the range, 1"),
-    ("--lowest 0 --highest 1 --step 0.001", "1001 levels make 1,002,001 pairs: allowed are 20,000"),
-    ("--lowest 0", "No range of stimuli is given. Use --lowest and --highest"),
-    ("--lowest 0 --highest 1 --max-pairs 3", "--max-pairs 3: allowed is at least 4"),
-    ("--lowest 0 --highest 1 --for gain", "--for: found 'gain', allowed: order-effect, constant"),
-    ("--lowest 0 --highest 1 --intensity 2", "--intensity needs --levels levels.csv or"),
-    ("--levels l.csv --intensity -1", "--intensity is -1.0. It must be a positive"),
-    ("given.csv", "given.csv: a given design needs --list trials.csv, without options of the"),
-    ("given.csv --list t.csv --max-pairs 4", "without options of the search such as --lowest"),
-    ("given.csv --list t.csv --trials 60", "given.csv: a given design has its trials."),
-    ("--lowest 0 --highest 1 --subjects 3", "--blocks, --subjects and --conditions need --list"),
-]
+REFUSED = """
+    --lowest -1 --highest 1 --trials 3 | --trials 3: allowed is at least 4
+    --lowest 1 --highest 1 | --lowest 1 --highest 1: allowed are finite numbers
+    --lowest 0 --highest 1 --step 2 | --step 2: allowed is above 0 and at most the range, 1
+    --lowest 0 --highest 1 --step 0.001 | 1001 levels make 1,002,001 pairs: allowed are 20,000
+    --lowest 0 | No range of stimuli is given. Use --lowest and --highest
+    --lowest 0 --highest 1 --max-pairs 3 | --max-pairs 3: allowed is at least 4
+    --lowest 0 --highest 1 --for gain | --for: found 'gain', allowed: order-effect, constant
+    --lowest 0 --highest 1 --intensity 2 | --intensity needs --levels levels.csv or
+    --levels l.csv --intensity -1 | --intensity is -1.0. It must be a positive
+    given.csv | given.csv: a given design needs --list trials.csv, without options of the
+    given.csv --list t.csv --max-pairs 4 | without options of the search such as --lowest
+    given.csv --list t.csv --trials 60 | given.csv: a given design has its trials.
+    --lowest 0 --highest 1 --subjects 3 | --blocks, --subjects and --conditions need --list
+"""
 
 
-@pytest.mark.parametrize("options, message", REFUSED)
+@pytest.mark.parametrize("options, message", text_table(REFUSED))
 def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, options, message):
     assert message in refused(f"design -o d.csv {options} --data-sets 1 --seed 1", cwd=tmp_path)
 

@@ -172,10 +172,8 @@ def require_public(result, expected):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
-def test_vibrotactile_study(real_data, seed):
-    path = real_data / "vibrotactile_rate" / "trials.csv"
-    study = bt.read_study(path, bt.ReadOptions(equal_code="1"))
-    study = study.swap("946", (2, 4, 6)).swap("865", (2,))
+def test_vibrotactile_study(vibrotactile, seed):
+    study = vibrotactile.swap("946", (2, 4, 6)).swap("865", (2,))
     require_public(bt.population(study, seed=seed), VIBROTACTILE)
 
 

@@ -17,16 +17,13 @@ from bayes_toe.groups.zero_mean import (
 )
 
 TAU = np.array([0.3, 0.5])
+NO_EFFECTS = np.zeros((0, 2))
 
 
-def known_draws(y, effects=None, mean=None):
-    """Two chains in which the subjects' coefficients y, (N, 2), and the sds are known."""
-    shape = 2, 50
-    tile = np.broadcast_to(y, (*shape, *y.shape)).copy()
-    sd = np.broadcast_to(TAU, (*shape, 2)).copy()
-    no_effects = np.zeros((*shape, 0, 2))
-    means = np.zeros((*shape, 2)) if mean is None else np.broadcast_to(mean, (*shape, 2)).copy()
-    return GroupDraws(means, sd, no_effects if effects is None else effects, tile)
+def known_draws(y, effects=NO_EFFECTS, mean=(0.0, 0.0)):
+    """Two chains in which the subjects' coefficients y, (N, 2), and all else are known."""
+    known = map(np.asarray, (mean, TAU, effects, y))
+    return GroupDraws(*(np.tile(values, (2, 50) + (1,) * values.ndim) for values in known))
 
 
 @pytest.mark.parametrize("centre", [0.0, 0.2, 1.0])
@@ -55,9 +52,7 @@ def test_of_an_effect_given_all_else():
     x = rng.standard_normal((8, 2))
     y = 0.3 + 0.4 * x[:, [0]] + rng.normal(0.0, 0.3, (8, 2))
     numbers = HyperpriorNumbers.from_rows([ParameterHyperprior(0.0, 1.0, 0.25)] * 2)
-    effects = np.zeros((2, 50, 2, 2))
-    effects[..., 1, :] = 0.1
-    draws = known_draws(y, effects, mean=np.array([0.3, 0.3]))
+    draws = known_draws(y, [[0.0, 0.0], [0.1, 0.1]], (0.3, 0.3))
     residual = y[:, 0] - 0.3 - 0.1 * x[:, 1]
     none = stats.norm.logpdf(residual, 0.0, TAU[0]).sum()
     covariance = np.square(0.25) * np.outer(x[:, 0], x[:, 0]) + np.square(TAU[0]) * np.eye(8)
@@ -94,14 +89,8 @@ def test_a_prior_of_any_width_is_averaged(width):
         def product(m, centre=centre):
             return stats.t.pdf(m, 3, 0.1, 0.4) * stats.norm.pdf(centre, m, scale[0])
 
-        edges = [
-            0.1 - 4.0,
-            0.1,
-            0.1 + 4.0,
-            centre - 8.0 * scale[0],
-            centre,
-            centre + 8.0 * scale[0],
-        ]
-        parts = itertools.pairwise([-np.inf, *sorted(set(edges)), np.inf])
+        steps = np.array([-1.0, 0.0, 1.0])
+        edges = np.unique([0.1 + 4.0 * steps, centre + 8.0 * scale[0] * steps])
+        parts = itertools.pairwise([-np.inf, *edges, np.inf])
         expected = sum(integrate.quad(product, low, high, limit=400)[0] for low, high in parts)
         assert observed == pytest.approx(np.log(expected), abs=2e-3)

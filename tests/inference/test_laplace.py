@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import text_table
 from reference.hard_cases import hard_cases
 from scipy import stats
 from scipy.optimize import minimize
@@ -79,17 +80,17 @@ def test_value_is_that_of_the_definition_in_natural_coordinates(name):
     assert value == pytest.approx(expected, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    "name, edge",
-    [
-        ("S02", "gamma = 1"),
-        ("maximum on gamma = 1", "gamma = 1"),
-        ("q0 = 1", "q0 = 1"),
-        ("all equal", "q0 = 1"),
-        ("all different", "sigma_p = 0"),
-        ("perfect observer", "gamma = 0"),
-    ],
-)
+EDGES = """
+    S02 | gamma = 1
+    maximum on gamma = 1 | gamma = 1
+    q0 = 1 | q0 = 1
+    all equal | q0 = 1
+    all different | sigma_p = 0
+    perfect observer | gamma = 0
+"""
+
+
+@pytest.mark.parametrize("name, edge", text_table(EDGES))
 def test_no_value_where_the_maximum_lies_on_an_edge(name, edge):
     value, why_not = natural(name)
     assert value is None

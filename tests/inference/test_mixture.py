@@ -49,16 +49,16 @@ def test_mixture_density_in_any_dimension(dim, df):
     assert mixture.log_density(x) == pytest.approx(expected, rel=1e-11)
 
 
-@pytest.mark.parametrize("apart", [1e2, 1e6, 1e12])
-def test_mixture_density_of_narrow_components_far_apart(apart):
+@pytest.mark.parametrize("distance", [1e2, 1e6, 1e12])
+def test_mixture_density_of_narrow_components_far_apart(distance):
     # Whitening loses what the subtraction x - mean loses, digits in proportion to distance over
     # scale, and no more.
-    means = np.array([[0.0, 0.0], [apart, -apart]])
+    means = np.array([[0.0, 0.0], [distance, -distance]])
     scales = np.stack([np.eye(2), np.eye(2)])
     mixture = StudentMixture(np.array([0.5, 0.5]), means, scales, 8)
     x = means[1] + default_rng(1).normal(size=(500, 2))
     expected = log_density_of(means, scales, 8, x)
-    assert mixture.log_density(x) == pytest.approx(expected, abs=1e-13 + 1e-15 * apart)
+    assert mixture.log_density(x) == pytest.approx(expected, abs=1e-13 + 1e-15 * distance)
 
 
 def test_a_joined_mixture_is_the_weighted_sum(mixture):

@@ -46,7 +46,11 @@ def subject(task):
 
 @pytest.fixture
 def posterior(subject):
-    return ObserverPosterior(subject, OrderModel("both"), PRIOR)
+    return posterior_of(subject)
+
+
+def posterior_of(subject, model="both"):
+    return ObserverPosterior(subject, OrderModel(model), PRIOR)
 
 
 def prior_draws(posterior, size=200, seed=1):
@@ -92,7 +96,7 @@ def test_log_answers_of_which_is_stronger_keep_twelve_digits(z):
 @pytest.mark.parametrize("model", ORDER_MODELS)
 def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
     """Also far from the draws of the prior, where the density is low."""
-    posterior = ObserverPosterior(subject, OrderModel(model), PRIOR)
+    posterior = posterior_of(subject, model)
     far = np.clip(4.0 * prior_draws(posterior, 2, seed=5), -3.5, 3.5)
     x = np.concatenate([prior_draws(posterior, 4), far])
     values, gradient = posterior.gradient(x)
@@ -174,7 +178,7 @@ def test_rows_are_single_posteriors_and_pairs_without_trials_change_nothing(task
     values = values + batch.log_prior(u)
     slopes = slopes + batch.prior_slopes(u)[0]
     for i, subject in enumerate(subjects):
-        alone = ObserverPosterior(subject, OrderModel("both"), PRIOR)
+        alone = posterior_of(subject)
         density, gradient = alone.gradient(u[i])
         assert values[i] == pytest.approx(density, rel=1e-14)
         assert slopes[i] == pytest.approx(gradient, rel=1e-11, abs=1e-11)
@@ -203,7 +207,7 @@ def test_rows_are_single_posteriors_and_pairs_without_trials_change_nothing(task
 def test_the_unit_and_the_origin_of_intensity_change_no_density(posterior, change, tolerance):
     subject = posterior.subject
     s1, s2 = np.split(change(np.concatenate([subject.s1, subject.s2])), 2)
-    moved = ObserverPosterior(replace(subject, s1=s1, s2=s2), OrderModel("both"), PRIOR)
+    moved = posterior_of(replace(subject, s1=s1, s2=s2))
     x = prior_draws(posterior, 300)
     assert moved.log_density(x) == pytest.approx(posterior.log_density(x), rel=tolerance)
     for name in ("contraction", "lapse_rate"):
@@ -214,8 +218,7 @@ def test_exchanged_answers_to_stimuli_of_the_other_sign_turn_both_shift_and_slop
     subject = bt.example_study(WHICH_STRONGER).subjects[0]
     n_first = subject.n_trials - subject.n_yes
     turned = replace(subject, s1=-subject.s1, s2=-subject.s2, n_yes=n_first)
-    posterior = ObserverPosterior(subject, OrderModel("both"), PRIOR)
-    other = ObserverPosterior(turned, OrderModel("both"), PRIOR)
+    posterior, other = posterior_of(subject), posterior_of(turned)
     x = prior_draws(posterior, 200)
     y = x.copy()
     for name in ("constant_error", "noise_slope"):
@@ -226,7 +229,7 @@ def test_exchanged_answers_to_stimuli_of_the_other_sign_turn_both_shift_and_slop
 def test_a_thousand_million_trials_a_pair(posterior):
     subject = posterior.subject
     large_counts = replace(subject, n_yes=subject.n_yes * 10**7, n_trials=subject.n_trials * 10**7)
-    large = ObserverPosterior(large_counts, OrderModel("both"), PRIOR)
+    large = posterior_of(large_counts)
     x = prior_draws(posterior, 100)
     assert large.log_likelihood(x) == pytest.approx(1e7 * posterior.log_likelihood(x), rel=1e-12)
     maxima = find_maxima(large)

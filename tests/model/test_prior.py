@@ -110,10 +110,6 @@ def read(tmp_path):
     return read_text
 
 
-def with_observer(**numbers):
-    return replace(DEFAULT, observer=ObserverPrior(**numbers))
-
-
 @pytest.mark.parametrize(
     "text, expected",
     [
@@ -124,7 +120,10 @@ def with_observer(**numbers):
             '[paper]\nmu1_mean = "stimuli"\nsigma_p_scale = 0.5',
             bt.Prior(mu1_mean="stimuli", sigma_p_scale=0.5),
         ),
-        ("[contraction]\nsd = 1\n[q0]\nb = 2", with_observer(contraction_sd=1.0, q0_b=2.0)),
+        (
+            "[contraction]\nsd = 1\n[q0]\nb = 2",
+            replace(DEFAULT, observer=ObserverPrior(contraction_sd=1.0, q0_b=2.0)),
+        ),
         ("[paper]\r\nmu1_mean = -0.5\r\nmu1_sd = 1e1\r\n", bt.Prior(-0.5, 10.0)),
         (b"\xef\xbb\xbf[paper]\nmu1_sd = 3", bt.Prior(mu1_sd=3.0)),
     ],

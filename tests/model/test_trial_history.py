@@ -75,7 +75,7 @@ def loop_log_likelihood(subject, value, kappa, rho):
                 total += mp.log(yes if is_yes else 1 - yes)
             moved = (1 - p) * (s2 - sbar) + p * (1 - p) * (s1 - sbar) + p**2 * expectation
             expectation = rho * moved
-            response = (1 if is_yes else -1) if is_answered else 0
+            response = int(is_answered * (2 * is_yes - 1))
     return float(total)
 
 

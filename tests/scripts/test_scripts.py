@@ -15,7 +15,7 @@ from unittest.mock import patch
 
 import pandas as pd
 import pytest
-from conftest import grouped_csv
+from conftest import grouped_csv, text_table
 from matplotlib.image import imread
 
 import bayes_toe as bt
@@ -97,19 +97,19 @@ def test_corner_plots_of_all_subjects_or_one(folder, tmp_path, options, pictures
     assert all(map(is_drawn, files))
 
 
-@pytest.mark.parametrize(
-    "line, message",
-    [
-        # Refused before the study is read.
-        ("sample_posteriors.py none.csv -o p.nc", "p.nc: exists"),
-        ("evidence_table.py none.csv -o p.nc", "p.nc: exists"),
-        ("evidence_table.py none.csv --figure p.nc", "p.nc: exists"),
-        ("calibration.py -o z --studies 0 --data-sets 0", "studies=0"),
-        ("calibration.py -o p.nc", "p.nc"),
-        ("error_bars.py -o z --subjects nobody", "nobody"),
-        ("error_bars.py -o z --order --subjects nobody", "nobody"),
-    ],
-)
+#: The first three are refused before the study is read.
+REFUSED = """
+    sample_posteriors.py none.csv -o p.nc | p.nc: exists
+    evidence_table.py none.csv -o p.nc | p.nc: exists
+    evidence_table.py none.csv --figure p.nc | p.nc: exists
+    calibration.py -o z --studies 0 --data-sets 0 | studies=0
+    calibration.py -o p.nc | p.nc
+    error_bars.py -o z --subjects nobody | nobody
+    error_bars.py -o z --order --subjects nobody | nobody
+"""
+
+
+@pytest.mark.parametrize("line, message", text_table(REFUSED))
 def test_problems_are_told_before_the_work_and_end_with_exit_code_2(folder, line, message):
     earlier = (folder / "p.nc").read_bytes()
     finished = inside(line, folder)
