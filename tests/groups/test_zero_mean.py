@@ -22,8 +22,8 @@ NO_EFFECTS = np.zeros((0, 2))
 
 def known_draws(y, effects=NO_EFFECTS, mean=(0.0, 0.0)):
     """Two chains in which the subjects' coefficients y, (N, 2), and all else are known."""
-    known = map(np.asarray, (mean, TAU, effects, y))
-    return GroupDraws(*(np.tile(values, (2, 50) + (1,) * values.ndim) for values in known))
+    parts = map(np.asarray, (mean, TAU, effects, y))
+    return GroupDraws(*(np.tile(values, (2, 50) + (1,) * values.ndim) for values in parts))
 
 
 @pytest.mark.parametrize("centre", [0.0, 0.2, 1.0])
