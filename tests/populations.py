@@ -20,7 +20,7 @@ from bayes_toe.groups.population import (
     group_posterior,
     study_scales,
 )
-from bayes_toe.groups.regressors import Regressors
+from bayes_toe.groups.regressors import Regressors, regressors
 
 #: 2AFC neighbours: six levels .25 apart, the ten ordered pairs of neighbours.
 STEP = 0.25
@@ -47,6 +47,13 @@ def simulated_group(seed, n_subjects=10, n_each=20, mean_c=0.0, sd_c=0.0, mean_p
     return bt.Study(subjects, source="simulated", synthetic=True)
 
 
+def with_ages():
+    """A study of six subjects, and their ages as a regressor."""
+    study = simulated_group(1, n_subjects=6)
+    ages = dict(zip(study.names, (20.0, 30.0, 25.0, 33.0, 28.0, 41.0), strict=True))
+    return study, regressors({"age": ages}, study.names)
+
+
 def two_conditions(seed, n_subjects=8, n_each=20, difference=0.5):
     """A study of neighbours at left and right, whose constant errors differ by so many D."""
     rng = default_rng(seed)
@@ -68,12 +75,12 @@ def independent_draws(posterior, n_draws=DRAWS, rng=0, n_chains=8):
     return GroupDraws(*(part.reshape(*lead, *part.shape[1:]) for part in parts))
 
 
-def made_result(study, regressors=None, n_divergent=0, n_draws=1600):
+def made_result(study, columns=None, n_divergent=0, n_draws=1600):
     """The result of a group without its sampler; with divergences it is not reliable."""
     settings = GroupSettings(1, Hyperprior(), n_draws)
     scales = study_scales(study)
     persons = dict.fromkeys(subject.subject_name for subject in study)
-    columns = regressors or Regressors.none(tuple(persons))
+    columns = columns or Regressors.none(tuple(persons))
     posterior = group_posterior(study, scales, settings.hyperprior, columns.x)
     draws = replace(independent_draws(posterior, n_draws), n_divergent=n_divergent)
     return PopulationResult(study, settings, scales, columns, draws)

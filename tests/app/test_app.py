@@ -48,6 +48,12 @@ class Answer(NamedTuple):
     body: bytes
 
 
+def content(answer):
+    """The JSON of an answer to a request that is granted."""
+    assert answer.code == 200, answer.body
+    return json.loads(answer.body)
+
+
 class Server:
     """A running `bayes-toe app`, and requests to it as the page makes them."""
 
@@ -75,9 +81,7 @@ class Server:
 
     def state(self, path, body=None, **headers):
         """The JSON of an answer."""
-        answer = self.ask(path, body, **headers)
-        assert answer.code == 200, answer.body
-        return json.loads(answer.body)
+        return content(self.ask(path, body, **headers))
 
     def upload(self, *files):
         """The answer to new files, each a name and its content."""
@@ -88,11 +92,9 @@ class Server:
         kind = "multipart/form-data; boundary=b"
         return self.ask("/api/jobs", body + b"--b--\r\n", **{"Content-Type": kind})
 
-    def add(self, name, content):
+    def add(self, name, data):
         """The state of a new study of one file."""
-        answer = self.upload((name, content))
-        assert answer.code == 200, answer.body
-        return json.loads(answer.body)
+        return content(self.upload((name, data)))
 
     def add_trials(self, file, options=CODES):
         """The name of a new study of a file with trials, with options."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import problems
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -77,10 +78,9 @@ def test_ranges_of_a_file(tmp_path):
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, text, message):
     path = tmp_path / "people.toml"
     path.write_text(text)
-    with pytest.raises(InputError) as caught:
-        read_ranges(path)
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
+    (line,) = problems(read_ranges, path)
+    assert message in line
+    assert "\n" not in line
 
 
 def test_observers_of_the_prior():

@@ -4,19 +4,15 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from populations import made_result, simulated_group, two_conditions
+from populations import made_result, simulated_group, two_conditions, with_ages
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.groups.population import load_population
-from bayes_toe.groups.regressors import regressors
 
 
 def with_covariates():
-    study = simulated_group(1, n_subjects=6)
-    ages = dict(zip(study.names, (20.0, 30.0, 25.0, 33.0, 28.0, 41.0), strict=True))
-    columns = regressors({"age": ages}, study.names)
-    return made_result(study, columns, n_divergent=1)
+    return made_result(*with_ages(), n_divergent=1)
 
 
 BUILT = {

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import problems
 
 from bayes_toe.data.covariates import read_covariates
 from bayes_toe.errors import InputError
@@ -111,9 +112,7 @@ def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
     ],
 )
 def test_what_cannot_be_used_is_one_line(columns, message):
-    with pytest.raises(InputError) as refused:
-        regressors(columns, NAMES)
-    (line,) = refused.value.problems
+    (line,) = problems(regressors, columns, NAMES)
     assert line.startswith(message)
 
 

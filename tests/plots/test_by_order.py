@@ -101,12 +101,10 @@ def test_curves_of_one_weaker_stimulus_are_shares_of_correct_responses(analysis,
 def test_a_subject_without_an_estimate_of_contraction_is_counted(analysis):
     first, second, third = analysis.evidence
     words = {**second.answer.words, "contraction": Word.YES}
-    rows = (
-        replace(first, answer=replace(first.answer, is_interpretable=False)),
-        replace(second, answer=replace(second.answer, words=words)),
-        replace(third, answer=replace(third.answer, words=words)),
-    )
-    doubtful = replace(analysis, evidence=EvidenceTable(rows))
+    rows = [replace(first, answer=replace(first.answer, is_interpretable=False))]
+    for row in (second, third):
+        rows.append(replace(row, answer=replace(row.answer, words=words)))
+    doubtful = replace(analysis, evidence=EvidenceTable(tuple(rows)))
     titles = [ax.get_title(loc="left") for ax in bt.plots.curves_by_order(doubtful).axes]
     assert titles == ["A\nnot interpreted", "B", "C"]
     [ax] = bt.plots.jnd_by_order(doubtful).axes

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from conftest import made_subject
 from legible import marks_of, require_legible, words_of
-from populations import made_result, simulated_group, two_conditions
+from populations import made_result, simulated_group, two_conditions, with_ages
 from scipy import stats
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
-from bayes_toe.groups.regressors import regressors
 from bayes_toe.plots.population import MAX_NAMES_IN_GROUP, check_panel, forest
 from bayes_toe.plots.style import BAD, new_figure
 
@@ -119,9 +118,7 @@ def require_effect(result, label, middle):
 
 
 def test_the_effect_of_a_covariate():
-    study = simulated_group(1, n_subjects=6)
-    ages = dict(zip(study.names, (20.0, 30.0, 25.0, 33.0, 28.0, 41.0), strict=True))
-    result = made_result(study, regressors({"age": ages}, study.names))
+    result = made_result(*with_ages())
     middle = np.median(result.draws.effects[..., 0, 0])
     require_effect(result, "age, per sd of 7.176 about 29.5", middle)
 
