@@ -246,6 +246,8 @@ def sample(
     ------
     InputError
         If there is no such model, or a number is not allowed.
+    WorkerError
+        If the work of every subject was lost.
 
     Warns
     -----
@@ -315,10 +317,10 @@ def evidence(
 
 @dataclass(frozen=True, eq=False)
 class _Analysed:
-    """One subject: the row of the evidence table, and draws and fit where they are wanted.
+    """The row of one subject in the evidence table, with draws and fit if they are wanted.
 
-    There is no fit with intervals. `curve_draws`, shape (draws, k), are averaged over the four
-    models, where chains are wanted.
+    A subject with intervals has no fit. `curve_draws`, shape (draws, k), are averaged over the
+    four models; they are there if chains are wanted.
     """
 
     drawn: SubjectDraws | None
@@ -407,7 +409,8 @@ def _survivors(
 ) -> tuple[Study, StoredResults[Result], dict[str, str]]:
     """Do a job for each subject.
 
-    The subjects that did not fail, their results, and by name why others did.
+    The result has the subjects that did not fail, their results, and the reasons of the others by
+    name. A WorkerError is raised if all failed.
     """
     analysed = store.work(jobs, workers, progress, [(name,) for name in study.names])
     failed = {

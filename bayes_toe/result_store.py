@@ -149,9 +149,9 @@ def _put(file: Path, content: bytes) -> None:
 
 @cache
 def versions() -> tuple[str, ...]:
-    """All that decides a result outside its job.
+    """All that decides a result besides its job: versions of libraries, and the processor.
 
-    The kind of processor belongs to it: BLAS has its own kernels for each.
+    BLAS has different kernels for each kind of processor.
     """
     kernels = {
         library["architecture"] for library in threadpool_info() if "architecture" in library

@@ -2,9 +2,10 @@
 
 All conditions are fitted together (:mod:`bayes_toe.model.condition_model`), once for each of the
 2^3 sets of quantities that may differ. The Bayes factor of a quantity is that of inclusion: the
-mean evidence of the sets in which it differs over that of the others. 'Order effect' asks whether
-constant error, contraction or both differ, a third each, against neither. The size of a difference
-is averaged over the sets in which the quantity differs, by their evidence.
+mean evidence of the sets in which it differs over that of the others. The Bayes factor of 'order
+effect' compares three cases with none: constant error, contraction or both differ. Each case has
+the weight 1/3. The size of a difference is the average over the sets in which the quantity differs,
+weighted by their evidence.
 """
 
 from __future__ import annotations
@@ -96,22 +97,25 @@ _DRAWS, _CURVES = 4000, 400  # of a difference, and for curves
 
 
 class Difference(NamedTuple):
-    """A quantity at one level less that at another. Names are columns.
+    """A quantity at one level of a condition minus the same quantity at another level.
+
+    The names of the attributes are columns of contrast.csv.
 
     Attributes
     ----------
     subject, quantity, comparison : str
         As in 'S01', 'contraction', 'right - left'.
     mean, sd, q025, q05, q50, q95, q975 : float
-        If the quantity differs: natural-log intensity, of the contraction no unit. Of the order
-        effect the size of the change: root mean square of the change of the shift over the first
-        stimuli shown, natural-log intensity.
+        The difference, given that the quantity differs. The unit is natural-log intensity; the
+        contraction has none. The order effect has the size of its change: the root mean square
+        of the change of the shift over the first stimuli shown.
     p_direction : float or None
         Probability of the more probable sign; None for a size.
     log_bf_differs, log_bf_differs_se : float or None
         Natural log of the Bayes factor of a difference, between any levels, against none.
     robust : str
-        'yes' where lapses that differ too leave the word as it is; empty where that is not known.
+        'yes' if the word stays the same when the lapses may differ too; empty if that is not
+        known.
     """
 
     subject: str
@@ -211,6 +215,9 @@ class ContrastTable(Table[Difference]):
     conditions : Conditions
     prior : ObserverPrior
     seed : int
+    task : Task
+    unit : StimulusUnit
+        The unit in which differences are shown.
     left_out : dict of str to str
         Subjects who met no two levels that are compared, and which ones they met.
     failed : dict of str to str
@@ -277,6 +284,8 @@ def contrast(
     ------
     InputError
         If the study has no conditions, or no subject met two levels that are compared.
+    WorkerError
+        If the work of every subject was lost.
     """
     require_study(study)
     conditions = _require_conditions(study)

@@ -221,10 +221,8 @@ def frequency_evidence(subject: Subject) -> float:
 def frequency_evidence_laplace(subject: Subject) -> float:
     """Log evidence of H0 by Appendix C's recipe.
 
-    The Laplace estimator qhat, sigmahat_q of every pair (Eq. e:2b).
-
-    Sum of n_Eq log qhat + n_Diff log(1 - qhat) + log sigmahat_q + log(2 pi) / 2; sigmahat_q^2 =
-    qhat (1 - qhat) / (n + 3).
+    It is the sum over pairs of n_Eq log qhat + n_Diff log(1 - qhat) + log sigmahat_q + log(2 pi)/2.
+    qhat is the Laplace estimator, and sigmahat_q^2 = qhat (1 - qhat)/(n + 3) (Eq. e:2b).
     """
     k, n = subject.n_yes.astype(np.float64), subject.n_trials.astype(np.float64)
     log_q, log_rest = np.log(k + 1.0) - np.log(n + 2.0), np.log(n - k + 1.0) - np.log(n + 2.0)

@@ -1,12 +1,12 @@
 """The answer of one subject: whether there is an order effect, a constant error, a contraction.
 
-`answer_subject` gives an :class:`OrderEffect`; the `format_` functions write numbers as all screens
-do.
+`answer_subject` gives an :class:`OrderEffect`. The functions whose names begin with `format_` write
+numbers as all screens do.
 
 The four models of the observer give the probabilities and Bayes factors. The sizes are averaged
-over the models that have the effect. The flags say why an answer may be wrong: the
-design cannot show it, the responses cannot be interpreted, the model does not fit, or another scale
-of the prior changes it.
+over the models that have the effect. The flags say why an answer may be wrong: the design cannot
+show it, the responses cannot be interpreted, the model does not fit, or another scale of the prior
+changes it.
 """
 
 from __future__ import annotations

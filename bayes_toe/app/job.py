@@ -1,4 +1,4 @@
-"""Studies of the web page: each is a folder, and all that the page shows is read from it.
+"""The studies of the web page. Each is a folder, and the page shows only what the folder holds.
 
 `Job` is one study, `create_job` makes it, and `jobs` lists all.
 

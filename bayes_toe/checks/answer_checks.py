@@ -326,10 +326,10 @@ def _other_task(study: Study) -> str:
 
 
 def _shapes(subject: Subject, peaks: tuple[float, ...] = ()) -> tuple[float, float]:
-    """Largest log likelihoods of shares that rise, and that fall, with what speaks for the answer.
+    """Largest log likelihoods of shares that rise, and of shares that fall, along an axis.
 
-    That is s2 - s1. With peaks it is nearness to one of these differences, in units of the
-    largest, to which a constant error may have moved the peak.
+    The axis is s2 - s1. With `peaks` it is the nearness of s2 - s1 to one of the peaks, in units of
+    the largest difference; the best peak counts. A constant error may have moved the peak there.
     """
     # By single differences a shape could follow other properties of pairs in rounding errors.
     difference = subject.steps
@@ -477,9 +477,9 @@ def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
 def _swapped_blocks(table: AnswerTable, task: Task, difference: FloatArray) -> BoolArray:
     """Blocks whose answers agree with those of the others only if they are swapped.
 
-    Blocks start as they relate to what speaks for the counted answer, which in the end also
-    decides which of two camps is right. Between, each is turned to where the others have it, until
-    nothing changes.
+    A block is first turned if its counted answers are rarer where the task expects them more
+    often. Blocks that disagree with the others are then turned until nothing changes. This leaves
+    two camps. The one with the expected relation counts as right, and the other one is swapped.
     """
     expects_counted = -np.abs(difference) if task == SAME_DIFFERENT else difference
     lean = expects_counted - expects_counted.mean()
@@ -517,10 +517,10 @@ def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray)
 
 
 def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
-    """Log evidence that each block is answered as the others, less that of its swapped form.
+    """Log evidence that each block is answered as the others, minus that of its swapped form.
 
-    In both a block may prefer an answer more or less than the others, and tilt its answers: a
-    block whose criterion moved is not swapped.
+    Under both, a block may prefer one answer more than the others do, and its answers may tilt. So
+    a block whose criterion moved does not look swapped.
     """
     logits = table.other_logits()
     relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)

@@ -58,7 +58,7 @@ class Identification:
 
     @property
     def contraction_adds_to_error(self) -> bool:
-        """Whether a contraction is part of the constant error, whose word the effect then takes."""
+        """Whether a contraction looks like a constant error, which then is the order effect."""
         return self.reasons.get("contraction") in (ONE_FIRST_STIMULUS, ONE_LINE)
 
 

@@ -65,12 +65,11 @@ class Comparison:
         stronger?' wrong responses, here and below; the file names the column accordingly.
     n_equal_strong_first, n_trials_strong_first : int
         Responses 'equal' to (c, r): the stronger stimulus first, the paper's blue.
-    q_weak_first : float
-        Laplace estimator of q(r, c), with the weaker stimulus first. Source: Eq. e:2b.
-    q_strong_first : float
-        Laplace estimator of q(c, r), with the stronger stimulus first. Source: Eq. e:2b.
-    q_weak_first_se, q_strong_first_se : float
-        Their uncertainties.
+    q_weak_first, q_weak_first_se : float
+        Laplace estimator of q(r, c), with the weaker stimulus first, and its uncertainty. Source:
+        Eq. e:2b.
+    q_strong_first, q_strong_first_se : float
+        Laplace estimator of q(c, r), with the stronger stimulus first, and its uncertainty.
     asymmetry : float
         Posterior mean of q(c, r) - q(r, c), from -1 to 1.
     asymmetry_se : float
@@ -184,7 +183,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
     def frame(self) -> pd.DataFrame:
         """One row per subject and comparison, with the columns of asymmetry.csv.
 
-        Of 'which is stronger?' n_wrong stands for n_equal.
+        In 'which is stronger?' the columns n_wrong take the place of the columns n_equal.
         """
         rows = []
         for row in self.rows:

@@ -88,10 +88,9 @@ class SubjectFit:
     def intervals(self, level: float = 0.95) -> FloatArray:
         """Percentile interval of the four parameters, shape (4, 2).
 
-        Order statistics, so that infinite ones stay what they are.
-
-        Over the replicates that determine the parameter; NaN where the fit or most replicates do
-        not.
+        The limits are order statistics, so infinite values stay infinite. Only replicates that
+        determine the parameter count. The limits are NaN if the fit, or at least half of the
+        replicates, do not determine it.
         """
         require_share("level", level)
         result = np.full((self.fits.parameters.shape[1], 2), np.nan)
@@ -108,9 +107,8 @@ class SubjectFit:
     ) -> FloatArray:
         """Quantiles of the replicates' P of the counted answer, shape (2, pairs).
 
-        The pairs are s1, s2 (natural-log intensity).
-
-        The default is the paper's central 60 % range. Source: Methods; Fig. 3, shaded.
+        s1 and s2 are natural-log intensities. The default is the paper's central 60 % range.
+        Source: Methods; Fig. 3, shaded.
         """
         first, second = np.broadcast_arrays(
             np.atleast_1d(np.asarray(s1, np.float64)), np.atleast_1d(np.asarray(s2, np.float64))
@@ -302,7 +300,7 @@ def fit(
 ) -> FitTable:
     """Fit the paper's model to every subject by maximum likelihood, with bootstrap intervals.
 
-    The fit has the paper's penalty on mu1. The intervals are those of percentiles.
+    The fit has a penalty on mu1. The intervals are percentile intervals.
 
     Parameters
     ----------

@@ -279,8 +279,8 @@ def fit_counts(
 def _grid_starts(likelihood: PenalisedLikelihood) -> FloatArray:
     """The highest points of the parts of the grid, (rows, parts, 4).
 
-    Of 6,400 rows (replicates of 16 subjects, most of them with few or extreme counts) 3 stayed
-    below the best maximum that these or other grids led to.
+    Searches from them missed the best known maximum in 3 of 6,400 rows (replicates of 16 subjects,
+    most of them with few or extreme counts).
     """
     scale = likelihood.scale
     minus_log_widths = -np.log(scale) - _LOG_WIDTHS

@@ -187,7 +187,7 @@ def sample(
 def _require_fitting(
     context: RunContext, study: bt.Study, prior: bt.Prior, model: str = "paper"
 ) -> None:
-    """Refuse before the work more draws than one file is written from."""
+    """Refuse, before the work, more draws than fit into one file."""
     from bayes_toe.inference.draws import stored_bytes
     from bayes_toe.inference.draws_file import require_fitting
     from bayes_toe.inference.sampling import SamplerSettings

@@ -167,7 +167,7 @@ class RunContext:
     # --- what is written --------------------------------------------------------------------------
 
     def require_files(self, *files: Path) -> None:
-        """Refuse before the work files that could not be written after it, or that are read."""
+        """Refuse, before the work, outputs that cannot be written or that the command reads."""
         from bayes_toe.data.read_table import require_parquet
         from bayes_toe.data.whole_files import require_writable
 
@@ -205,10 +205,7 @@ class RunContext:
         return f"Written: {', '.join(map(str, writers))}."
 
     def saving_of(self, study: Study) -> dict[str, Any]:
-        """Options for writing tables of subjects.
-
-        With the condition of each, where subjects are units.
-        """
+        """Options for writing tables of subjects; those of units get a column of conditions."""
         return {"overwrite": self.overwrite, "units": study.conditions is not None}
 
     def print_written(self, text: str, seed: int | None = None) -> None:

@@ -70,13 +70,12 @@ def explore(
 
 
 def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
-    """True values by subject, to draw marks at.
+    """Read the true values of each subject, which figures mark.
 
-    A column subject, and one for each quantity that is known, empty where it is not.
-
-    With intervals sigma_p is per square root of a second in the file, as `simulate` writes it, and
-    over the draws' reference interval here. Refused with a line per problem, also where there is no
-    true value of any of these subjects that a model of these draws has.
+    The file has a column subject and one for each quantity that is known. Unknown values are empty.
+    With intervals the file has sigma_p per square root of a second, as `simulate` writes it; the
+    result has it for the reference interval of the draws. An InputError is raised if no subject has
+    a true value of a quantity of the draws.
     """
     from bayes_toe.data.validation import read_numbers
 

@@ -66,9 +66,9 @@ class Answers:
 
     @property
     def sums(self) -> list[npt.NDArray[Any]]:
-        """By distinct pair with an answer, sorted by its keys.
+        """The sums of `n_yes` and `n_trials` for each distinct pair with an answer, and its keys.
 
-        The sums of `n_yes` and `n_trials`, and the keys, shape (pairs,) each.
+        Each has the shape (pairs,), and the pairs are sorted by their keys.
         """
         rows = np.flatnonzero(self.n_trials)
         rows = rows[np.lexsort(self.keys[rows].T[::-1])]
@@ -139,9 +139,9 @@ class Answers:
 class Reading:
     """Facts that a file told besides the counts.
 
-    `read` are the columns that were, by our names, `ignored` those that were not, by their names in
-    the file; `doubts` say what is probably a mistake in the file, a sentence each, without its full
-    stop; `pooled` are ignored columns that look like a condition with several levels of a subject.
+    `read` has our names of the columns that were read. `ignored` has the names of the others in the
+    file. `doubts` are probable mistakes in the file, a sentence each, without its full stop.
+    `pooled` are ignored columns that look like a condition with several levels of a subject.
     """
 
     read: tuple[str, ...] = ()

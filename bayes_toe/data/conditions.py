@@ -88,7 +88,7 @@ class Conditions:
     levels : tuple of str
         The first one is that with which the others are compared.
     numeric : bool
-        Whether levels are numbers, of which an effect is a slope.
+        Whether levels are numbers; an effect is then a slope over them.
 
     Examples
     --------

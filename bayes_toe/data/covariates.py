@@ -32,7 +32,7 @@ def levels(values: Iterable[str | float]) -> list[str | float]:
 
 
 def level_words(values: Iterable[str | float]) -> list[str]:
-    """Levels as tables name them, every two different ones differently."""
+    """Levels as tables name them; the number 1.0 is '1'."""
     return [
         value if isinstance(value, str) else str(float(value)).removesuffix(".0")
         for value in values
@@ -42,10 +42,10 @@ def level_words(values: Iterable[str | float]) -> list[str]:
 def read_covariates(path: StrPath) -> Covariates:
     r"""Covariates from a CSV file with a column `subject` and one column per covariate.
 
-    Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark; a decimal comma
-    where the comma does not separate cells. Empty cells and NA are missing. A covariate whose cells
-    are all texts, none of them a number, is a category with any number of levels, and so is one
-    with two different texts; all others hold numbers.
+    Commas, semicolons or tabs separate cells. The encoding is UTF-8, or UTF-16 with a byte-order
+    mark. Numbers may have a decimal comma where the comma does not separate cells. Empty cells and
+    NA are missing. A covariate is a category if none of its cells is a number. It is a category too
+    if it has two different cells at most and one of them is no number. All others hold numbers.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Names, numbers and lists in messages.
 
-A name in a message is on one line, has a limited length, and has no control characters. The file
-also makes the short table that a notebook shows, and the security policy of a page (`with_policy`).
+A name in a message is on one line, has a limited length, and has no control characters. `as_html`
+makes the short table that a notebook shows, and `with_policy` adds a security policy to a page.
 """
 
 from __future__ import annotations

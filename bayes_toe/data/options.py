@@ -53,8 +53,8 @@ class ReadOptions:
         is the unit of raw intensities in i1 and i2; REF is then 1 where no other one is given.
         Screens and figures show stimuli in this unit, and their differences in dB or per cent.
     equal_code, different_code, second_code, first_code : str, optional
-        The text that stands for this answer, which also decides the task; other texts for it are
-        then refused.
+        The text that stands for this answer. The option also decides the task. Other texts for the
+        answer are then refused.
     correct : str, optional
         A column that says whether the question which stimulus was the stronger was answered
         rightly: 'second' or 'first' then follows from the sign of s2 - s1.
@@ -90,11 +90,10 @@ class ReadOptions:
     comparison_code : str, optional
         The text that stands for the response 'comparison'; the other text is 'standard'.
     wide : str, optional
-        For tables with a column for each pair: how these columns are named, with {first} and
-        {second} where the stimuli stand and * for any other text, such as "{first}_{second}". Their
-        cells are responses; a column of ours may have them by the name "cell" instead, such as
-        columns={"n_second": "cell"}. Where no column is named so, the cells of one column are,
-        such as "{first} vs {second}".
+        For tables with a column for each pair: the pattern of the names of these columns, such as
+        "{first}_{second}", where * stands for any other text. The cells are responses. They may be
+        something else, such as counts: columns={"n_second": "cell"}. If no name of a column fits
+        the pattern, the cells of one column must fit it, such as "{first} vs {second}".
     encoding : str, optional
         Of a text that is neither UTF-8 nor UTF-16, such as 'cp1252'.
     sheet : str, optional

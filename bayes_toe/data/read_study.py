@@ -107,13 +107,13 @@ def read_study(
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same), or 'second'
     or 'first' (also s2/s1, 2nd/1st), which decides the task; numbers do not. Counts:
     ``subject,s1,s2,n_equal,n_trials``, or ``n_second``. s1 and s2 are natural-log intensities. A
-    column ``isi`` is the inter-stimulus interval in seconds, and makes the same stimuli at another
-    interval another pair. Columns ``trial`` (numbers, over all trials or within each block or
-    session), ``block`` and ``session`` (any text) and ``iti`` (seconds since the trial before)
-    change no count: they serve checks of the responses before pooling, and what a trial may leave
-    to the next, for which trials without an answer stay. A column ``condition`` (or another one
-    that the options name) makes each subject at each of its levels a unit, ``S01@left``; see
-    :mod:`bayes_toe.data.conditions`. Other columns are ignored.
+    column ``isi`` is the inter-stimulus interval in seconds. The same stimuli at another interval
+    are another pair. Columns ``trial`` (numbers, over all trials or within each block or session),
+    ``block`` and ``session`` (any text) and ``iti`` (seconds since the trial before) change no
+    count. Checks of the responses and models of serial dependence use them. These models also use
+    trials without an answer. A column ``condition`` (or another one that the options name) makes
+    each subject at each of its levels a unit, ``S01@left``; see :mod:`bayes_toe.data.conditions`.
+    Other columns are ignored.
 
     Parameters
     ----------
@@ -136,9 +136,9 @@ def read_study(
     Raises
     ------
     InputError
-        If anything cannot be used: one line per problem of the file, ten at most, with row and
-        column. For no file, a file that is given twice, files of which only some have intervals,
-        and answers to two tasks. If 'second' is rarer the larger s2 - s1 is, in all of it.
+        If a file cannot be used: one line per problem, ten at most, with row and column. If there
+        is no file, a file is given twice, only some files have intervals, or the answers are to two
+        tasks. If 'second' is rarer the larger s2 - s1 is, in the whole study.
 
     Examples
     --------

@@ -313,8 +313,8 @@ _REVERSED, _STRAIGHT = -5.0, 3.0  # z scores that nobody has by chance
 def refuse_reversed(study: Study, remedy: str) -> None:
     """Refuse answers 'second' that are rarer the larger s2 - s1 is, in all of a study.
 
-    They mean the opposite of what they say. Where that holds of some subjects while it does not
-    of others, it is a finding of :mod:`bayes_toe.checks.answer_checks`.
+    They mean the opposite of what they say. If only some subjects answer so, it is a finding of
+    :mod:`bayes_toe.checks.answer_checks`.
     """
     if study.task != WHICH_STRONGER:
         return

@@ -26,10 +26,13 @@ _FEWEST = 20  # answers to one sequence of pairs that are not the same by chance
 def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     """The study in several files, or frames, each of which `read` reads.
 
-    What was noted of every file is noted once.
+    A note that all files share appears once.
 
-    An InputError for no file, a file given twice, files of which only some have intervals; and with
-    the problems of the first files.
+    Raises
+    ------
+    InputError
+        If there is no file, a file is given twice, a file has problems, two files are of different
+        tasks, or only some files have intervals.
     """
     absolute_paths = [Path(path).absolute() for path in paths if isinstance(path, StrPath)]
     if not paths:

@@ -66,15 +66,14 @@ class Subject:
     unit : StimulusUnit
         The unit in which screens, figures and reports show the stimuli.
     condition : str
-        Of a unit, a subject at a level of a condition, that level; its name is then the subject's
-        with @ and the level.
+        The level of a unit, which is a subject at one level of a condition. The name of a unit is
+        the subject's name, @ and the level.
     shared_scales : StimulusScales, optional
         Location and scales of the stimuli in all conditions of the subject of a unit. They replace
         the unit's own, except for the spread of the first stimuli.
     answers : Answers, optional
-        Row by row what the counts are the sums of, as read: for a look before pooling, and for
-        models of what a trial leaves to the next. Only where they do add up to the counts; else
-        None takes their place.
+        The rows that the counts are the sums of, as read. Checks of the responses and models of
+        serial dependence use them. If they do not add up to the counts, None takes their place.
 
     Raises
     ------
@@ -520,13 +519,13 @@ class Study:
         return replace(self, subjects=remaining, notes=notes, changes=(*self.changes, change_made))
 
     def frame(self) -> pd.DataFrame:
-        """The counts, one row a subject and pair.
+        """The counts, one row for each subject and pair.
 
-        A table that :func:`~bayes_toe.read_study` reads to the same study.
+        :func:`~bayes_toe.read_study` reads this table to the same study.
 
-        Columns subject, condition within subjects, s1, s2 (natural-log intensity), isi (seconds)
-        where there are intervals, n_equal or n_second, n_trials; of a synthetic study also
-        `synthetic`, which is 1.
+        The columns are subject, s1, s2 (natural-log intensity), n_equal or n_second, and n_trials.
+        A study with conditions also has condition, one with intervals also isi (seconds). A
+        synthetic study also has `synthetic`, which is 1.
 
         Examples
         --------
@@ -620,9 +619,10 @@ def require_study(given: object) -> None:
 
 
 def pairs_in_both_orders(subject: Subject) -> IndexArray:
-    """Rows of pairs that were presented in both orders at one interval, shape (pairs, 2).
+    """Rows of pairs that were presented in both orders, shape (pairs, 2).
 
-    First the row with the weaker stimulus first, then that with the stronger one first.
+    The first column has the row with the weaker stimulus first. A subject with intervals has no
+    such pairs here, because pairs are not pooled over intervals.
     """
     if subject.isi is not None:
         return np.empty((0, 2), np.intp)

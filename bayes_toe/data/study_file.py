@@ -80,7 +80,9 @@ class StudySource:
 
 
 def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
-    """The files and frames of a study, the tables of a folder in its place; a note of each folder.
+    """The files and frames of a study, with the tables of a folder in place of the folder.
+
+    The second value is a note for each folder.
 
     Raises
     ------

@@ -122,18 +122,20 @@ def write_table(
     overwrite: bool = False,
     units: bool = False,
 ) -> Path:
-    """A table as a CSV file.
+    """Write a table as a CSV file, or as a Parquet file if the name ends in .parquet.
 
-    UTF-8, one line per row, numbers that read back to the same bits, missing as empty, no index.
-
-    Where the name ends in .parquet, as a Parquet file (pyarrow, the extra `parquet`). In a CSV file
-    texts that a spreadsheet would run get an apostrophe, which our readers take off the names of
-    subjects again, and control characters are escapes.
+    A CSV file is UTF-8 with one line per row and no index. Numbers read back to the same bits, and
+    missing values are empty. A text that a spreadsheet would run gets an apostrophe, which our
+    readers take off the names of subjects. Control characters become escapes.
 
     With `units`, subjects are units such as S01@left, which become columns subject and condition.
 
-    An OutputError where the file cannot be written, or exists and may not be replaced; an
-    InputError for Parquet without pyarrow.
+    Raises
+    ------
+    OutputError
+        If the file cannot be written, or exists and may not be replaced.
+    InputError
+        If the file is Parquet and pyarrow (the extra `parquet`) is not installed.
     """
     target = Path(path)
     require_parquet(target)

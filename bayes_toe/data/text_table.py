@@ -177,11 +177,9 @@ def from_single_precision(values: Iterable[Any]) -> list[Any]:
 class TextTable:
     """The columns that were asked for, and the row at which each record starts.
 
-    Columns have their names in the source.
-
-    `form` is an encoding, a format or a library, `delimiter` empty where it is no CSV file; `head`
-    is the place of the names in messages. `origin` has the file's column of every row, for columns
-    that were made from several.
+    `columns` has the columns by their names in the source. `form` is an encoding, a format or a
+    library. `delimiter` is empty if the source is no CSV file. `head` is the place of the names in
+    messages. If a column was made from several, `origin` has the file's column of every row.
     """
 
     form: str
@@ -333,9 +331,9 @@ def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:
 def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str, str]:
     """The text of a file and its encoding.
 
-    Without `encoding`: what a byte-order mark tells; UTF-8; UTF-16, if every other byte is NUL;
-    Windows-1252, if nothing in the file looks like UTF-8. What cannot be decoded, and NUL
-    characters, are refused.
+    Without `encoding` a byte-order mark decides. Without a mark the file is UTF-16 if nearly every
+    other byte is NUL, else UTF-8 if it can be decoded so, and Windows-1252 if nothing in it looks
+    like UTF-8. Bytes that cannot be decoded and NUL characters are refused.
     """
     if data.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         raise InputError(

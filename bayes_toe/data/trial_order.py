@@ -34,11 +34,11 @@ def answers_in_order(
 ) -> tuple[dict[str, Answers], list[str], list[str]]:
     """The answers of each subject in order, with notes and doubts.
 
-    Notes say what is missing; doubts are about trials that are there twice.
+    Notes say what is missing. Doubts name trials that the file has twice.
 
-    Columns are by our names; `keys` are the pair of every row, NaN where a cell cannot be read;
-    `parts` the rows of every subject that have answers; k answers that the task counts and n all
-    answers of each row, none of a trial that nobody answered.
+    `columns` has the columns by our names. `keys` are the pair of every row, NaN where a cell
+    cannot be read. `parts` has the rows with answers of every subject. k and n are the counted
+    answers and all answers of each row; n is 0 where nobody answered a trial.
     """
     is_trials = "n_trials" not in columns
     pairs, subject = np.column_stack(keys), columns["subject"]
@@ -145,7 +145,7 @@ def _rows_with_a_pair(
 ) -> dict[str, IndexArray]:
     """Rows of every subject that have a pair, with an answer or without.
 
-    Of a unit those of its subject in all conditions.
+    A unit has the rows of its subject in all conditions.
     """
     subject_names = subject.texts
     if has_conditions:

@@ -63,8 +63,8 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     Raises
     ------
     InputError
-        If a condition was asked for of which no subject has several levels, or a reference that is
-        no level.
+        If the options name a condition with one level in every subject or a reference that cannot
+        be used, or if only some files have the column.
     """
     if "condition" not in study.reading.read:
         if options.reference is not None or options.categorical:

@@ -227,12 +227,11 @@ def read_numbers(
 ) -> tuple[list[str], dict[str, FloatArray]]:
     """Columns of finite numbers by name, and one of distinct texts if `key` names it.
 
-    Optional columns are read where they are there.
-
-    Columns that are `counts` hold whole numbers of at least 1; with `gaps` empty cells are NaN;
-    other columns are ignored. Returned are the texts in the order of the rows, empty without `key`,
-    and the columns, shape (rows,) each, in the units of the file. An InputError has a line per
-    problem of the file, ten at most, with row and column.
+    `optional` columns are read if the file has them; all others are ignored. `counts` are whole
+    numbers of at least 1. With `gaps` empty cells are NaN. The first value is the texts in the
+    order of the rows; it is empty without `key`. The second value is the columns, shape (rows,)
+    each, in the units of the file. An InputError has a line per problem of the file, ten at most,
+    with row and column.
     """
     keys = () if key is None else (key,)
     table = _read(path, (*keys, *names), optional)

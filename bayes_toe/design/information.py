@@ -53,7 +53,7 @@ class Information:
     is_target : ndarray of bool, shape (k,)
         The coordinates that are asked about.
     units : ndarray, shape (k,)
-        The quantity at coordinate 1, of the targets.
+        Factors by which the coordinates of the targets become quantities.
     """
 
     rows: FloatArray
@@ -144,7 +144,7 @@ def information(
 class _Exchange:
     """Trials that move between pairs, beside some that are fixed.
 
-    A pair and its turn share theirs.
+    A pair and the same stimuli in the other order share the trials that move.
     """
 
     information: Information

@@ -360,7 +360,7 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
 
 
 def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None:
-    """Refuse a design to all pairs of which all observers of a kind practically answer alike."""
+    """Refuse a design to which all observers of a kind practically always answer alike."""
     for kind in dict.fromkeys(observer.kind for observer in observers):
         p_yes = []
         for observer in observers:

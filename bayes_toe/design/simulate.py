@@ -114,7 +114,7 @@ class PaperObserver:
 
 
 def paper_population(size: int, rng: Rng, task: Task = SAME_DIFFERENT) -> list[PaperObserver]:
-    """Observers of the paper's kinds in turn: A, B, C, B, A, and every sixteenth the inset C.
+    """Observers of the paper's kinds in turn: A, B, C, B, A. Every sixteenth is inset C of Fig. 4.
 
     A: prior mean below the stimuli, mu1 ~ Normal(-0.5, 0.15); more accurate with the weaker
     stimulus first. B: above the stimuli, mu1 ~ Normal(0.95, 0.2); more accurate with the stronger
@@ -154,14 +154,14 @@ def subject_names(size: int) -> list[str]:
 class ConditionDifferences:
     """Conditions within subjects, and what differs between the first and the last of them.
 
-    Steps go evenly from -1/2 at the first level to 1/2 at the last; of numbers they are
-    (x - mean)/range. An observer has its own parameters in the middle.
+    Steps go evenly from -1/2 at the first level to 1/2 at the last. If levels x are numbers, the
+    steps are (x - mean)/range. An observer has its own parameters at step 0.
 
     Attributes
     ----------
     conditions : Conditions
     sizes : mapping
-        By one of :data:`DIFFERING` the mean difference, and its sd between subjects.
+        The mean difference and its sd between subjects, by the names in :data:`DIFFERING`.
 
     Examples
     --------
@@ -453,11 +453,12 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         Share of what is expected after a trial that is carried over to the next; share of trials
         without an answer.
     conditions : sequence of str
-        Levels of a condition within subjects, each of whom meets all pairs under each; the truth
+        Levels of a condition within subjects. Each subject meets all pairs at each level. The truth
         is then that of units such as 'S01@left'.
     differ : mapping, optional
-        Of constant_error, contraction and noise (its logarithm) the difference between the first
-        and the last condition, or with it the sd between subjects: {"contraction": (0.2, 0.05)}.
+        The difference between the first and the last condition in constant_error, contraction and
+        noise (its logarithm), or this difference and its sd between subjects:
+        {"contraction": (0.2, 0.05)}.
 
     Raises
     ------

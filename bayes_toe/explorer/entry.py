@@ -94,6 +94,10 @@ class Entry:
         By quantity the interval that tables have, where it is not of these draws.
     is_averaged : bool
         Whether the draws are averaged over the four models; an effect that a draw lacks is 0.
+    synthetic : bool
+        Whether the responses are simulated.
+    description : str
+        Model, source, seed and prior in a sentence.
     """
 
     label: str
@@ -286,7 +290,11 @@ def _prior_shares(names: Iterable[str]) -> list[float]:
 def entries_of(
     draws: Draws, label: str, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]
 ) -> list[Entry]:
-    """Subjects of a posterior file; of the paper's model with the average of the four models."""
+    """The entries of subjects in a file of draws.
+
+    If the draws are of the paper's model, each subject also has an entry with the average of the
+    four models.
+    """
     refused = draws.not_interpreted
     source = f"{draws.attrs.get('source', '')}, seed {draws.seed}"
     average_label = label.replace(model_title(draws.model), AVERAGED)
@@ -373,7 +381,9 @@ class Slice:
     Attributes
     ----------
     task : Task
+    unit : StimulusUnit
     weaker : float
+        The first stimulus in 'which is stronger'.
     isi : float or None
     pairs : ndarray
         Which of the subject's pairs these are.
@@ -431,8 +441,8 @@ def slices(counts: Subject) -> list[Slice]:
 def slice_keys(counts: Subject) -> FloatArray:
     """Fixed stimulus and interval (or 0) of every slice, shape (slices, 2).
 
-    The one with the most trials of different stimuli comes first. One without any counts only if
-    there is no other.
+    The slice with the most trials of different stimuli comes first. Slices without such trials are
+    left out, unless all slices are.
     """
     isi = np.zeros(counts.n_pairs) if counts.isi is None else counts.isi
     pairs = np.column_stack([_fixed(counts), isi])
@@ -444,17 +454,17 @@ def slice_keys(counts: Subject) -> FloatArray:
 
 
 def _fixed(counts: Subject) -> FloatArray:
-    """The value that all pairs of a slice share.
+    """The stimulus that a pair shares with all pairs of its slice, shape (pairs,).
 
-    The weaker stimulus of every pair, or the first one, shape (pairs,).
+    It is the weaker one, or the first one in 'which is stronger'.
     """
     return counts.s1 if counts.task == WHICH_STRONGER else np.minimum(counts.s1, counts.s2)
 
 
 def along(counts: Subject) -> FloatArray:
-    """The position of every pair along its slice.
+    """The position of every pair along its slice, shape (pairs,).
 
-    At its stronger stimulus, or at s2 - s1, shape (pairs,).
+    It is the stronger stimulus, or s2 - s1 in 'which is stronger'.
     """
     if counts.task == WHICH_STRONGER:
         return counts.s2 - counts.s1
@@ -488,9 +498,8 @@ def _slice(counts: Subject, fixed: float, isi: float) -> Slice:
 def axis(quantities: NamedArrays, sbar: float, ends: Sequence[float]) -> FloatArray:
     """Second stimulus that seems equal to the first, at both ends of a line.
 
-    s2 = s1 - p (s1 - sbar) + c, (draws,) -> (2, draws).
-
-    At the reference interval, where there are several.
+    s2 = s1 - p (s1 - sbar) + c, (draws,) -> (2, draws). With several intervals it holds at the
+    reference interval.
     """
     first = np.asarray(ends)[:, None]
     none = np.zeros(len(next(iter(quantities.values()))))

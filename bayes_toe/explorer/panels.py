@@ -1,8 +1,8 @@
 """Panels of the page: empty Bokeh figures under names by which explorer.js finds and fills them.
 
-The corner has :data:`SLOTS` places for quantities, whatever these are: sources and columns are
-called by place, and a range belongs to a place. Draws have a source for every panel, so that those
-of panels which are not shown cost nothing.
+The corner has :data:`SLOTS` places for quantities, whatever these are. Sources and columns are
+named after the place, and each place has one range. Every panel has its own source of draws, so
+that panels which are not shown cost nothing.
 """
 
 from __future__ import annotations

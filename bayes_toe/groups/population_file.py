@@ -46,12 +46,15 @@ def save_group(
 
     Parameters
     ----------
+    path : str or Path
     study, regressors, draws
         What was analysed, and its draws.
     record : mapping
         Settings, as JSON has them.
     coefficients, unshared : sequence of str
-        What the draws are of: those with a mean and an sd, then those that only subjects have.
+        Names of the parameters that have a mean and an sd, and of those that only subjects have.
+    overwrite : bool
+        Whether a file that exists is replaced.
     """
     counts = xr.Dataset()
     for key in ("s1", "s2", "n_yes", "n_trials"):

@@ -198,7 +198,10 @@ def _require_subjects(subjects: Sequence[str], n_columns: int, left_out: str) ->
 
 
 def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
-    """R of the QR decomposition has on its diagonal what the columns before leave of each."""
+    """Refuse a column that follows from the earlier ones.
+
+    The diagonal of R in the QR decomposition has what the earlier columns leave of each column.
+    """
     with_intercept = np.column_stack([np.ones(len(x)), x])
     remainders = np.abs(np.diagonal(np.linalg.qr(with_intercept, mode="r")))[1:]
     sizes = np.linalg.norm(x - x.mean(axis=0), axis=0)

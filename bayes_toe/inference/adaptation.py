@@ -88,10 +88,10 @@ def fit_proposal(
 ) -> FittedProposal:
     """Adapt a proposal to a posterior and judge it by draws that are independent of it.
 
-    These are so many, or twice as many where refits were needed. The fit may start from maxima that
-    are known already. Or from a proposal for this posterior that was fitted to a similar one, and
-    draws from it with this posterior's densities: the first round is then from what these make of
-    it, and maxima are not looked for.
+    There are `draws` of them, or twice as many if refits were needed. The fit may start from known
+    maxima. It may also start from a proposal that was fitted to a similar posterior, and its draws
+    with the densities of this posterior. The proposal is then refitted to these draws before the
+    first round, and no maxima are searched for.
     """
     return with_fresh_draws(adapt_proposal(posterior, rng, start=start, draws=draws), rng)
 
@@ -101,8 +101,8 @@ def quick_proposal(
 ) -> FittedProposal:
     """A proposal from a cloud of draws about a maximum, shapes (draws, k) and (1, k).
 
-    It is judged by 2,500 draws. Where these show what it misses it is refitted to them and judged
-    by as many others, three times at most.
+    It is judged by 2,500 draws. If they show that it misses a part of the posterior, it is refitted
+    to them and judged by 2,500 new ones, three times at most.
     """
     transform = posterior.transform(modes)
     y = transform.forward(cloud)[0]
@@ -133,8 +133,8 @@ def adapt_proposal(
 ) -> FittedProposal:
     """:func:`fit_proposal` without its last step.
 
-    The proposal is judged on fresh draws and refitted, a few times, to those that reveal a gap. All
-    that a sampler needs; an evidence needs draws that the fit has not seen.
+    The proposal is judged by fresh draws. If these reveal a gap, it is refitted to them, a few
+    times at most. A sampler needs no more. An evidence needs draws that the fit has not used.
     """
     stage = STAGES[0]
     if start is None:
@@ -161,7 +161,8 @@ def adapt_proposal(
 def with_fresh_draws(fitted: FittedProposal, rng: Rng) -> FittedProposal:
     """The proposal with draws that are independent of it.
 
-    Those that it has, or new ones and twice as many, because its tails are hard.
+    If the draws that it has are not independent, twice as many new ones replace them: refits were
+    needed, so the tails are difficult.
     """
     if fitted.independent:
         return fitted
@@ -176,8 +177,9 @@ def redrawn(fitted: FittedProposal, rng: Rng, size: int) -> FittedProposal:
 def with_trusted_draws(fitted: FittedProposal, rng: Rng) -> FittedProposal:
     """The proposal with independent draws whose weights can be trusted, if there is one.
 
-    Where its own weights cannot be trusted, it is refitted to its draws, and then fitted anew. Both
-    are judged by at least 20,000 draws. Where neither can be trusted, the first proposal returns.
+    If its own weights cannot be trusted, it is refitted to its draws. If that does not help, it is
+    fitted anew. At least 20,000 draws judge either fit. If neither can be trusted, the result is
+    the first proposal.
     """
     first = with_fresh_draws(fitted, rng)
     if first.trusted:

@@ -3,8 +3,8 @@
 `Draws` has the draws of all subjects, their summary and the export to ArviZ. `load_draws` reads a
 file of draws.
 
-Stored are draws of natural parameters, their density and the counts
-(:mod:`bayes_toe.inference.draws_file`); derived quantities, log likelihoods and predicted answers
+A file stores the draws of natural parameters, their density and the counts
+(:mod:`bayes_toe.inference.draws_file`). Derived quantities, log likelihoods and predicted answers
 follow from these. A chain is an independent ensemble; draws are walker-major within it.
 """
 
@@ -100,10 +100,7 @@ class Draws:
 
     @property
     def seed(self) -> int:
-        """The root seed.
-
-        With it, the same study and the same settings the same draws come again.
-        """
+        """The root seed. The same study, settings and seed give the same draws."""
         return int(self.tree.attrs["seed"])
 
     @property

@@ -218,7 +218,7 @@ def as_netcdf(tree: xr.DataTree) -> memoryview:
 
 
 def require_fitting(n_bytes: int) -> None:
-    """Refuse before the work more draws than one NetCDF file is written from."""
+    """Refuse, before the work, more draws than fit into one NetCDF file."""
     if n_bytes > LARGEST:
         raise InputError(
             f"about {n_bytes / 1e9:.3g} GB of draws, allowed in a NetCDF file: "

@@ -6,9 +6,9 @@ coordinates.
 
 Laplace: log Z = log p(n, x0) - log |-H| / 2 + (k / 2) log 2 pi at the maximum x0 of the joint
 density, H its Hessian there. Source: Eq. app:evidapprox with the covariance of the local Gaussian.
-A density has another maximum in other coordinates, and so another value: in the paper's (mu1,
-sigma_p^2, sigma_l^2, q0) the maximum often lies on an edge, sigma_l = sigma_p or q0 = 1, where
-there is no such value.
+The maximum of a density depends on the coordinates, and so does Laplace's value. In the paper's
+coordinates (mu1, sigma_p^2, sigma_l^2, q0) the maximum often lies on an edge, sigma_l = sigma_p or
+q0 = 1, where there is no such value.
 """
 
 from __future__ import annotations

@@ -111,6 +111,9 @@ class OrderEvidence:
 
     Attributes
     ----------
+    subject : Subject
+    prior : ObserverPrior
+    scales : StimulusScales
     log_evidence, standard_error, laplace : ndarray, shape (4,)
         In the order of :data:`MODEL_NAMES`. Laplace's approximation is NaN where the Hessian at
         the maximum is not negative definite.

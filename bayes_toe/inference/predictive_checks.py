@@ -40,10 +40,10 @@ def binomial_deviance(
 
     Arguments broadcast; the other answer has the probability 1 - q.
 
-    D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))], twice the log likelihood that the
-    saturated model has more, to the rounding of that. The logs of q and of 1 - q are given apart:
-    either probability may be below the smallest float. Infinite where an answer was given that has
-    probability 0.
+    D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))] is twice the log likelihood of the
+    saturated model minus that of this one. `log_q` and `log_rest` are the logs of q and of 1 - q,
+    because either probability may be below the smallest float. D is infinite where an answer was
+    given that has the probability 0.
     """
     k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
     saturated = xlogy(k, k / n) + xlogy(n - k, (n - k) / n)
@@ -109,9 +109,9 @@ def deviance_p_value(
 
 
 def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> ArrayPair:
-    """Mean and variance of each pair's deviance, over the counts of its rarer answer.
+    """Mean and variance of each pair's deviance, over the counts of its less probable answer.
 
-    Where that is not rare, they are 1 and 2.
+    They are 1 and 2, as of chi-square, if this answer is expected often enough.
     """
     log_rare, log_common = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest)
     most = min(_COUNTS, int(n.max()) + 1)
@@ -208,10 +208,10 @@ class PairResidual:
 class GoodnessOfFit:
     """Goodness of fit of one subject in a few numbers, for tables.
 
-    The deviance is the smallest over the draws: with thousands of draws within about 0.1 of that of
-    the maximum of the likelihood. The worst pairs are those with the largest residuals at that
-    draw, at most three, largest first, all but the first beyond 2; they are not stored with draws:
-    none where the summary comes from a file.
+    The deviance is the smallest over the draws. With thousands of draws it is within about 0.1 of
+    the deviance at the maximum of the likelihood. `worst` has up to three pairs with the largest
+    residuals at that draw, the largest first. All but the first have a residual of at least 2. A
+    file of draws does not store them, so a summary from a file has none.
     """
 
     deviance: float
@@ -257,8 +257,9 @@ def summarise_fit(
 ) -> GoodnessOfFit:
     """Deviance and posterior predictive p-values of one subject from draws x, (draws, k).
 
-    The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over
-    all, by their log likelihood, shape (draws,), which is evaluated where it is not given.
+    The predictive check takes up to `most` draws, evenly spaced. The smallest deviance is that of
+    the draw with the highest log likelihood. `log_likelihood`, shape (draws,), is computed if it is
+    not given.
     """
     points, subject = require_points(x, len(posterior.coordinates)), posterior.subject
     check = predictive_check(posterior, _thinned(points, most), seed)

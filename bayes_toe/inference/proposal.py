@@ -388,9 +388,9 @@ def importance_draws(proposal: Proposal, rng: AnyRng, size: int) -> WeightedDraw
 class FittedProposal:
     """A fitted proposal and what a large sample from it, made after fitting, says of its quality.
 
-    Where these draws decided which of several proposals it is, they are not `independent`. An
-    evidence from them would be biased, because draws were chosen that look good; for the start of
-    a sampler they serve. See :func:`bayes_toe.inference.adaptation.with_fresh_draws`.
+    If these draws decided which of several proposals it is, they are not `independent`. An evidence
+    from them would be biased, because the proposal was chosen for its good draws. A sampler may
+    start from them. See :func:`bayes_toe.inference.adaptation.with_fresh_draws`.
     """
 
     proposal: Proposal

@@ -76,11 +76,10 @@ class SamplerSettings:
 
     @property
     def kept_steps(self) -> int:
-        """Steps that are kept of every walker.
+        """Steps that are kept of every walker, at least 16.
 
-        They give at least twice the effective draws asked for, and are never fewer than 16.
-
-        Where quantiles are judged, enough for 10,000 draws.
+        All walkers together keep at least twice the effective draws asked for, and at least 10,000
+        draws if quantiles are judged.
         """
         n_draws = 2 * self.draws
         if self.max_quantile_error < np.inf:
@@ -91,7 +90,7 @@ class SamplerSettings:
     def proposals(self) -> int:
         """About how many proposals the ensembles need.
 
-        By so many draws a proposal is judged, and these are then the first of them.
+        As many draws judge a proposal, and the ensembles then use these draws first.
         """
         return self.ensembles * self.walkers * (self.kept_steps + _USUAL_BURN_IN)
 
@@ -109,8 +108,8 @@ class SamplerSettings:
 class Chains:
     """Draws of one subject.
 
-    Every thin-th step of the final pass was kept; what came before it, of the steps of each walker,
-    was burn-in. More draws of a sample that has converged mend a quantile that is `imprecise`.
+    Every thin-th step of the final pass is kept. All earlier steps of a walker are burn-in. If the
+    chains have converged and a quantile is `imprecise`, more draws make it precise.
     """
 
     # (ensembles, draws, k): unconstrained coordinates, walker-major within an ensemble
@@ -130,9 +129,9 @@ class Chains:
 def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> Chains:
     """Run the ensembles until every judged quantity meets the settings, or up to their limit.
 
-    Each pass goes on from where the last one ended, throws away what was before, and keeps the same
-    number of draws over twice as many steps: from the second pass on burn-in is about half of
-    everything, and the file has the size that was asked for.
+    Each pass goes on from where the last one ended and replaces its draws. It keeps the same number
+    of draws over twice as many steps. So from the second pass on about half of all steps are
+    burn-in, and the number of kept draws does not grow.
     """
     posterior = fitted.proposal.posterior
     ensembles = [_Ensemble(fitted, settings, seed, k) for k in range(settings.ensembles)]
@@ -167,9 +166,8 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
 def burn_in(fitted: FittedProposal) -> int:
     """Steps before the first pass, at most 8.
 
-    So many leave one walker in a thousand where it started.
-
-    About the efficiency of the proposal is also the share of steps at which a walker moves.
+    Without this limit about one walker in a thousand would still stand where it started. The share
+    of steps at which a walker moves is about the efficiency of the proposal.
     """
     if not fitted.trusted:
         return 8
@@ -179,10 +177,10 @@ def burn_in(fitted: FittedProposal) -> int:
 class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
     """Independence Metropolis move: all walkers propose from the fitted proposal at once.
 
-    The first proposals are draws by which the proposal was judged, whose posterior densities are
-    known; when they are used up, more are made in large batches. That these draws let the proposal
-    pass leaves out of them no more than points of a weight for which it would have been fitted
-    again: some ten-thousandths of the posterior, far below the Monte Carlo error of as many draws.
+    The first proposals are the draws by which the proposal was judged, because their posterior
+    densities are known. Later ones are drawn in large batches. The first draws are selected, since
+    draws with very large weights would have led to a refit. The selection concerns some
+    ten-thousandths of the posterior, far less than the Monte Carlo error of as many draws.
     """
 
     def __init__(self, proposal: Proposal, first: WeightedDraws) -> None:
@@ -297,10 +295,8 @@ def _uncertain_quantile(
 ) -> tuple[str, bool]:
     """The natural quantity with the most uncertain 5 or 95 % quantile, in words.
 
-    The text is empty where that is certain enough.
-
-    With it, whether draws further apart would be in vain: where as many independent ones were not
-    enough either.
+    The text is empty if that quantile is precise enough. The second value is whether draws further
+    apart would not help, because as many independent draws would not be enough either.
     """
     if limit == np.inf:
         return "", False

@@ -1,8 +1,7 @@
 """The steps of the analysis of one subject under one model.
 
 They are maxima, proposal, chains, evidence and goodness of fit. `fitted_result` runs those that an
-`AnalysisRequest` names. `subject_draws` has the arrays that
-a file stores.
+`AnalysisRequest` names. `subject_draws` makes the arrays that a file stores.
 """
 
 from __future__ import annotations
@@ -94,9 +93,10 @@ class AnalysisRequest:
 
     @property
     def judging_draws(self) -> int:
-        """By how many draws a proposal is judged.
+        """The number of draws that judge a proposal.
 
-        Those of an evidence, asked for or not (chains are then the same), or more for chains.
+        It is that of an evidence, whether one is asked for or not, so that the chains are the same.
+        It is larger if the chains need more proposals.
         """
         return max(
             self.evidence_draws or EVIDENCE_DRAWS,

@@ -98,7 +98,7 @@ class Beta:
     b: float
 
     def log_density_of_logs(self, log_x: FloatArray, log_complement: FloatArray) -> FloatArray:
-        """:meth:`log_density` from ln x and ln(1 - x), where x rounds to an edge."""
+        """Log density from ln x and ln(1 - x), which stay finite where x rounds to 0 or 1."""
         total = np.full(log_x.shape, -betaln(self.a, self.b))
         for exponent, values in ((self.a - 1.0, log_x), (self.b - 1.0, log_complement)):
             if exponent != 0.0:  # 0 times an infinite logarithm is 0

@@ -19,12 +19,12 @@ The variance grows by sigma_p^2 t, so gamma_t = gamma/t, r = (G_1/G_t)^2 / t and
 the weight of the first stimulus comes to 1, and the width grows without end. In seconds everything
 that the paper derives for one interval holds with sigma_p sqrt(t) in the place of sigma_p, which
 then is in natural-log intensity per square root of a second; mu1, sigma_l and q0 are common to all
-intervals. Assumed is that each interval has its own self-consistent prior, of variance G_t
-sigma_p^2 t, as it has when its trials are run in a block. Were intervals mixed at random and the
-prior one for all of them, the first stimulus would be weighted alike at every interval, and only
-the width would depend on it; data from mixed intervals can tell. Forgetting shows in the width
-alone (erratum 6; see docs/background.md), which is least, 2 sigma_l, where gamma_t = 2: at shorter
-intervals the memory is so narrow that the second stimulus moves it little.
+intervals. The model assumes that each interval has its own self-consistent prior, of variance G_t
+sigma_p^2 t, as it has when its trials are run in a block. If intervals were mixed at random and had
+one prior, the weight of the first stimulus would be the same at every interval, and only the width
+would depend on the interval. Data from mixed intervals can decide between the two. Forgetting shows
+in the width alone (erratum 6; see docs/background.md). The width is smallest, 2 sigma_l, where
+gamma_t = 2. At shorter intervals the memory is so narrow that the second stimulus moves it little.
 """
 
 from __future__ import annotations

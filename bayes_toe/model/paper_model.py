@@ -713,10 +713,10 @@ def slope_of_noise_ratio(distribution: Beta, a: FloatArray) -> FloatArray:
 def prior_quantile(prior: Prior, parameter: str, probability: float, power: float = 1.5) -> float:
     """Prior quantile of mu1, sigma_p, sigma_l, gamma, sigma1, gain or width = sigma_p G^power.
 
-    sigma_p, sigma_l, sigma1 and width are each other's multiples by powers of gamma and G, and one
-    of them has a distribution of its own: another one's distribution function is the average over
-    gamma of that one's at x / h(gamma), one smooth integral over the quantiles of gamma. The gain
-    falls with gamma and takes its quantiles.
+    One of sigma_p and width has a prior of its own, and the other spreads are this one times a
+    function h(gamma). The distribution function of such a product at x is the average over gamma of
+    the distribution function of the spread with the prior at x / h(gamma). The gain falls with
+    gamma, so its quantiles follow from those of gamma.
 
     Examples
     --------

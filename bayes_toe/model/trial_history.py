@@ -292,7 +292,7 @@ class TrialSequence:
 
     @classmethod
     def from_subject(cls, subject: Subject) -> TrialSequence:
-        """The trials of a subject; an InputError where their order is not known."""
+        """The trials of a subject; an InputError if their order is not known."""
         answers = require_order(subject)
         columns = [subject.s1, subject.s2]
         if subject.isi is not None:

@@ -93,9 +93,9 @@ def corner(
         One, or two to four in the same panels, distinguished by colours and lines; upright lines
         are then their medians.
     coordinates : {"natural", "identified"} or sequence of str
-        Which quantities. "natural": of the paper's model (H1) its parameters, of the four models
-        those of constant error, contraction and JND that the model has. "identified": what the
-        answers depend on. A sequence names quantities, such as `gain` or `zone`.
+        Which quantities. "natural" has the parameters of the paper's model (H1). For the four
+        models it has constant error, contraction and JND, if the model has them. "identified" has
+        the quantities that the answers depend on. A sequence names quantities, such as `gain`.
     truths : mapping of str to float, optional
         Known values of a synthetic subject; of several subjects, such a mapping by name. What
         follows from them is drawn too: natural parameters are enough for any quantity.

@@ -201,10 +201,10 @@ class Line(NamedTuple):
 
 
 def lines_along(counts: Subject, weaker: float, points: int) -> list[Line]:
-    """Curves of a panel.
+    """The curves of a panel.
 
-    Of both orders and of equal stimuli over the stronger one, with one weaker one (ln); or by the
-    first stimulus.
+    In 'same or different' there is a curve for each order and one for equal stimuli, for pairs with
+    one weaker stimulus (ln). In 'which is stronger' there is a curve for each first stimulus.
     """
     if counts.task == WHICH_STRONGER:
         return _lines_by_first(counts, points)
@@ -300,7 +300,7 @@ def distance_panel(ax: Axes, fitted: Predictor) -> None:
 
 
 def _panels(counts: Subject) -> Sequence[float]:
-    """The weaker stimulus of every panel; of 'which is stronger' there is one for all pairs."""
+    """The weaker stimulus of every panel; 'which is stronger' has one panel for all pairs."""
     if counts.task == WHICH_STRONGER:
         return [0.0]
     return sorted(set(_weaker(counts).tolist()))
@@ -326,9 +326,9 @@ def has_several_weaker(counts: Subject) -> bool:
 
 
 def _has_weaker(counts: Subject, weaker: float) -> BoolArray:
-    """Pairs with this weaker stimulus, and equal ones from it on.
+    """Pairs with this weaker stimulus, and pairs of equal stimuli that are not weaker.
 
-    With the weakest one, which is shown anyway, all equal ones.
+    The panel of the weakest stimulus has all pairs of equal stimuli.
     """
     has_weaker = np.minimum(counts.s1, counts.s2) == weaker
     is_equal = counts.s1 == counts.s2
