@@ -28,7 +28,7 @@ HIGHEST_COMPLEXITY = 15
 LIMITS = {
     "bayes_toe": {
         "files": 142,
-        "nodes": 239_070,
+        "nodes": 239_080,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.82,
@@ -39,7 +39,7 @@ LIMITS = {
     },
     "tests": {
         "files": 114,
-        "nodes": 161_320,
+        "nodes": 161_480,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.97,

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from operator import itemgetter
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.words import Word
-from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import capitalized, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.validation import CONDITION_SEPARATOR
@@ -58,7 +58,7 @@ def study_lines(
     lines = []
     for question in QUESTIONS:
         text = _count_answers(counted_answers, question, of_total)
-        lines.append(f"{_heading(question)}: {text}.")
+        lines.append(f"{capitalized(question.replace('_', ' '))}: {text}.")
         of_total = ""
     misfits = [answer.subject for answer in counted_answers if answer.fits is False]
     if misfits:
@@ -111,10 +111,6 @@ def _count_answers(answers: Sequence[OrderEffect], question: str, of_total: str)
     return count_words(words, of_total, directions)
 
 
-def _heading(question: str) -> str:
-    return capitalized(question.replace("_", " "))
-
-
 def count_all(answers: Sequence[OrderEffect], noun: str, units: bool) -> str:
     """All that count, as in '12 subjects' or '24 conditions of 12 subjects'."""
     if not units:
@@ -134,12 +130,10 @@ def describe_directions(answers: Sequence[OrderEffect], question: str, word: Wor
 
 
 def _contraction_directions(chosen: Sequence[OrderEffect]) -> str:
-    n_repulsion = sum(answer.direction == "repulsion" for answer in chosen)
-    n_contraction = len(chosen) - n_repulsion
-    if not n_repulsion:
+    counts = Counter(sorted(answer.direction for answer in chosen))
+    if not counts["repulsion"]:
         return ""
-    repulsion = f"{n_repulsion} repulsion"
-    return f"{n_contraction} contraction, {repulsion}" if n_contraction else repulsion
+    return ", ".join(f"{count} {direction}" for direction, count in counts.items())
 
 
 def _error_directions(chosen: Sequence[OrderEffect]) -> str:
@@ -162,24 +156,20 @@ def effect_frequencies(answers: Sequence[OrderEffect]) -> dict[str, float]:
     A subject has the effect with an unknown frequency, uniform beforehand, which is summed over.
     Source: Penny et al. 2010 (PLoS Comput. Biol. 6:e1000709), with two families.
     """
+    evidences_of = itemgetter(*ORDER_MODELS)
+    log_evidence = np.array([evidences_of(answer.log_evidence) for answer in answers])
+    with np.errstate(divide="ignore"):
+        log_share, log_other_share = np.log(_SHARES), np.log1p(-_SHARES)
     frequencies = {}
-    for parameter in (CONSTANT_ERROR, CONTRACTION):
-        has_effect = np.array([parameter in effects for effects in ORDER_MODELS.values()])
-        log_likelihood = np.zeros(len(_SHARES))
-        for answer in answers:
-            evidences = np.array([answer.log_evidence[name] for name in ORDER_MODELS])
-            means = [_log_mean(evidences[has_effect]), _log_mean(evidences[~has_effect])]
-            log_with, log_without = np.array(means) - max(means)
-            mean = _SHARES * np.exp(log_with) + (1.0 - _SHARES) * np.exp(log_without)
-            with np.errstate(divide="ignore"):
-                log_likelihood += np.log(mean)
-        weights = np.exp(log_likelihood - log_likelihood.max())
-        frequencies[parameter.name] = float(_SHARES @ weights / weights.sum())
+    for question in (CONSTANT_ERROR.name, CONTRACTION.name):
+        has_effect = QUESTIONS[question]
+        # Half of the four models have the effect.
+        log_with = logsumexp(log_evidence[:, has_effect], axis=1, keepdims=True)
+        log_without = logsumexp(log_evidence[:, ~has_effect], axis=1, keepdims=True)
+        log_likelihoods = np.logaddexp(log_share + log_with, log_other_share + log_without)
+        weights = softmax(log_likelihoods.sum(axis=0))
+        frequencies[question] = float(_SHARES @ weights)
     return frequencies
-
-
-def _log_mean(log_values: FloatArray) -> float:
-    return float(logsumexp(log_values) - np.log(len(log_values)))
 
 
 def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:

@@ -171,11 +171,8 @@ def _write_tables(analysis: Analysis, folder: Path) -> None:
     """The tables of subjects, and the figure of their conditions."""
     study, contrast = analysis.study, analysis.contrast
     units = study.conditions is not None
-    for name, frame in (
-        ("summary.csv", analysis.summary()),
-        ("evidence.csv", analysis.evidence.frame()),
-    ):
-        write_table(frame, folder / name, units=units)
+    write_table(analysis.summary(), folder / "summary.csv", units=units)
+    analysis.evidence.save(folder / "evidence.csv", units=units)
     if contrast is not None:
         contrast.save(folder / "contrast.csv")
         figure = plots.contrast(contrast, analysis.group, synthetic=study.synthetic)
@@ -187,8 +184,7 @@ def _write_group(analysis: Analysis, check: PredictiveCheck | None, folder: Path
     group = analysis.group
     if group is not None:
         group.table.save(folder / "population.csv")
-        subjects = folder / "population_subjects.csv"
-        group.subject_table.save(subjects)
+        group.subject_table.save(folder / "population_subjects.csv")
         (folder / "population.png").write_bytes(png(plots.population(group, check)))
         group.save(folder / "population.nc")
 

@@ -8,8 +8,8 @@ condition happens to have.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -108,6 +108,11 @@ class Conditions:
         if self.numeric:
             return ((max(self.levels, key=float), min(self.levels, key=float)),)
         return tuple((level, self.levels[0]) for level in self.levels[1:])
+
+    def among(self, present: Collection[str]) -> Conditions:
+        """The condition without the levels that no subject has; at least two levels stay."""
+        levels = tuple(level for level in self.levels if level in present)
+        return replace(self, levels=levels) if len(levels) > 1 else self
 
     def design(self, chosen: Sequence[str] | None = None) -> FloatArray:
         """Columns X, shape (levels, columns), of all levels or some.

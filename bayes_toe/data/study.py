@@ -509,14 +509,18 @@ class Study:
                 subjects.append(remaining_subject)
         if not subjects:
             raise InputError(f"{change_made}: no subject is left; exclude fewer")
-        remaining = tuple(subjects)
-        if self.conditions is not None:
+        remaining, conditions = tuple(subjects), self.conditions
+        if conditions is not None:
             remaining = with_shared_scales(remaining)
+            conditions = conditions.among({unit.condition for unit in remaining})
         owner = f"subject {display_name(subject.name)}"
         if asked:
             owner += f", {'block' if len(asked) == 1 else 'blocks'} {join_names(asked)}"
         notes = (*self.notes, f"{owner}: {what}")
-        return replace(self, subjects=remaining, notes=notes, changes=(*self.changes, change_made))
+        changes = (*self.changes, change_made)
+        return replace(
+            self, subjects=remaining, notes=notes, changes=changes, conditions=conditions
+        )
 
     def frame(self) -> pd.DataFrame:
         """The counts, one row for each subject and pair.

@@ -66,8 +66,9 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         If the options name a condition with one level in every subject or a reference that cannot
         be used, or if only some files have the column.
     """
+    has_options = options.reference is not None or options.categorical
     if "condition" not in study.reading.read:
-        if options.reference is not None or options.categorical:
+        if has_options:
             raise InputError(
                 "--reference and --categorical-condition: found without a condition, allowed: with "
                 "--condition COLUMN"
@@ -82,7 +83,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
             "allowed: in all or in none"
         )
     if len(set(names)) == len(names):
-        return _without_units(study, column, is_option=options.condition is not None)
+        return _without_units(study, column, is_option=has_options or options.condition is not None)
     order, is_numeric = _level_order(unit_levels, options)
     pairs = zip(study, unit_levels, strict=True)
     units = [replace(unit, condition=level) for unit, level in pairs]

@@ -168,16 +168,16 @@ def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], 
 def _columns_of_category(
     name: str, values: Sequence[str | float]
 ) -> tuple[list[Regressor], FloatArray]:
-    different = levels(values)
-    reference, *other_levels = level_words(different)
+    # The number 1 and the text '1' are one level.
+    reference, *other_levels = dict.fromkeys(level_words(levels(values)))
     _require_several(name, quoted(reference), bool(other_levels))
     columns = []
     for level in other_levels:
         words = f"{display_name(name)} {display_name(level)} against {display_name(reference)}"
         columns.append(Regressor(name, level, words, reference=reference))
     x = np.empty((len(values), len(other_levels)))
-    for i, value in enumerate(values):
-        x[i] = [value == level for level in different[1:]]
+    for i, own_level in enumerate(level_words(values)):
+        x[i] = [own_level == level for level in other_levels]
     return columns, x
 
 

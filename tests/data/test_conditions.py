@@ -81,6 +81,17 @@ def test_intervals_may_be_levels(read):
     assert not read(condition="isi", categorical=True).conditions.numeric
 
 
+def test_a_level_that_no_subject_has_is_no_level(read):
+    study = read(ROWS + "a,0.0,0.0,equal,right,0.5\n", condition="isi")
+    assert study.conditions.levels == ("0.5", "1", "2")
+    assert study.conditions.comparisons == (("2", "0.5"),)
+    remaining = study.exclude("a@0.5")
+    assert remaining.conditions.levels == ("1", "2")
+    assert remaining.conditions.comparisons == (("2", "1"),)
+    # A condition has two levels at least.
+    assert remaining.exclude("a@1").exclude("b@1").conditions.levels == ("1", "2")
+
+
 def test_what_does_not_differ_within_subjects_is_no_condition(read):
     lines = ROWS.replace("left", "right").splitlines()
     text = "\n".join([*lines[:7], *(line.replace("right", "left") for line in lines[7:])])
@@ -88,8 +99,9 @@ def test_what_does_not_differ_within_subjects_is_no_condition(read):
     assert (study.names, study.conditions) == (("a", "b"), None)
     assert any("no condition within" in note for note in study.notes)
     assert all(subject.answers is not None for subject in study)
-    with pytest.raises(bt.InputError, match="every subject at one level"):
-        read(text, condition="condition")
+    for options in ({"condition": "condition"}, {"reference": "left"}, {"categorical": True}):
+        with pytest.raises(bt.InputError, match="every subject at one level"):
+            read(text, **options)
 
 
 PAIRS = [(0.0, 0.3, "up"), (0.3, 0.0, "down"), (0.0, 0.6, "up"), (0.6, 0.0, "down")]

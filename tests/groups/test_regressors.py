@@ -59,6 +59,9 @@ def test_numbers_are_numbers_unless_asked():
     abouts = [column.about for column in result.columns]
     assert abouts == ["dose 2 against 0", "dose 10 against 0"]
     assert result.x.sum(axis=0).tolist() == [3.0, 2.0]
+    mixed = regressors({"dose": {**dose, NAMES[0]: "10"}}, NAMES)
+    assert mixed.columns == result.columns
+    assert mixed.x.tolist() == result.x.tolist()
     with pytest.raises(InputError, match="categorical: found 'doze', allowed: 'dose'"):
         regressors({"dose": dose}, NAMES, categorical=["doze"])
 
