@@ -9,6 +9,7 @@ from populations import made_result
 
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import EvidenceTable
+from bayes_toe.answers.order_effect import PRIOR_FLAG
 from bayes_toe.answers.words import Word
 from bayes_toe.cli.methods import _limits, write_methods
 
@@ -16,6 +17,10 @@ from bayes_toe.cli.methods import _limits, write_methods
 def text_of(analysis, folder, group=None):
     write_methods(replace(analysis, group=group), folder / "methods.md")
     return " ".join((folder / "methods.md").read_text(encoding="utf-8").split())
+
+
+def limits_of(answers):
+    return _limits(SimpleNamespace(answers=answers, draws=SimpleNamespace(failed={})))
 
 
 def with_answers(analysis, *changes):
@@ -122,6 +127,23 @@ def test_names_are_no_markup(analysis, tmp_path):
 def test_names_are_given_where_as_many_are_excluded_as_interpreted(analysis):
     interpreted = [replace(analysis.answers[i % 3], subject=name) for i, name in enumerate("ABCD")]
     answers = [*interpreted[:2], *(replace(a, is_interpretable=False) for a in interpreted[2:])]
-    draws = SimpleNamespace(failed={})
-    sentences = _limits(SimpleNamespace(answers=answers, draws=draws))
-    assert "Not interpreted: C, D." in sentences
+    assert "Not interpreted: C, D." in limits_of(answers)
+
+
+def test_answers_that_depend_on_the_prior_are_counted_and_marked(analysis, tmp_path):
+    sentence = "a prior half or twice as wide moves a probability past .25 or .75."
+    plain, dependent = {"flags": ()}, {"flags": (f"{PRIOR_FLAG}: order effect",)}
+    assert sentence not in text_of(with_answers(analysis, plain, plain, plain), tmp_path)
+    with_dependent = with_answers(analysis, dependent, plain, plain)
+    text = text_of(with_dependent, tmp_path)
+    assert f"For 1 of 3, {sentence}" in text
+    assert f" ?: {sentence}" in text
+    # A single participant has the mark alone.
+    assert limits_of(with_dependent.answers[:1]) == []
+
+
+def test_a_doubt_about_all_participants_names_none(analysis):
+    poor = {"predictive_p": 0.001, "deviance_p": 0.001, "flags": (), "history_p": None}
+    answers = with_answers(analysis, poor, poor).answers
+    assert limits_of(answers[:2]) == ["The model does not fit any participant."]
+    assert limits_of(answers[:1]) == [f"The model does not fit {answers[0].subject}."]
