@@ -52,12 +52,21 @@ def test_the_paragraph_has_data_models_criteria_results_and_limits(analysis, tmp
         assert re.search(rf"\| {row.subject} \|[^|]+\|[^|]+\| cannot be told \|[^|]+\| \|", text)
 
 
-@pytest.mark.parametrize("task", ["analysis", "stronger"])
-def test_the_paragraph_has_the_length_that_a_journal_prints(request, small_study, tmp_path, task):
+@pytest.mark.parametrize(
+    "task, parameters",
+    [
+        ("analysis", "noise, indecision zone, their slopes over intensity, and lapse rate"),
+        ("stronger", "noise, noise slope over intensity, and lapse rate"),
+    ],
+)
+def test_the_paragraph_has_the_length_that_a_journal_prints(
+    request, small_study, tmp_path, task, parameters
+):
     group = made_result(small_study)
     text = text_of(request.getfixturevalue(task), tmp_path, group)
     paragraph = text.removeprefix("# Methods and results ").partition("| participant")[0]
     assert 150 < len(paragraph.split()) <= 300
+    assert f"all with free {parameters}." in paragraph
 
 
 def test_citations_are_those_of_the_text(analysis, tmp_path):
@@ -80,9 +89,14 @@ def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
     assert f"The fit is not testable for {third}." in text
     assert f"Not interpreted: {second}." in text
     assert "of 2 participants" in text
+    assert " !: the model does not fit." in text
     assert "The model does not fit any participant." in text_of(
         with_answers(analysis, poor, poor, poor), tmp_path
     )
+    single = with_answers(analysis, {"predictive_p": 0.5, "deviance_p": 0.5}, excluded, excluded)
+    text = text_of(single, tmp_path)
+    assert single.answers[0].describe() in text
+    assert " !: the model does not fit." not in text
 
 
 def test_effects_and_unequal_numbers_of_trials_are_counted(analysis, tmp_path):
@@ -109,6 +123,22 @@ def test_the_group_has_its_means_with_intervals_and_bayes_factors(
     share = r" and a mean contraction of \S+ \[\S+, \S+\] \(Bayes factor against 0: ([^)]+)\)\."
     match = re.search(shift + share, text_of(analysis, tmp_path, group))
     assert match.groups() == (factor, factor)
+
+
+def test_a_group_that_is_not_reliable_is_said_to_be_so(analysis, small_study, tmp_path):
+    group = made_result(small_study)
+    assert "NOT RELIABLE" not in text_of(analysis, tmp_path, group)
+    diverged = replace(group, draws=replace(group.draws, n_divergent=10**6))
+    assert "The draws of the group are NOT RELIABLE: " in text_of(analysis, tmp_path, diverged)
+
+
+def test_conditions_are_described_where_there_are_some(analysis, tmp_path):
+    sentence = "Conditions were compared within participants by joint fits"
+    assert sentence not in text_of(analysis, tmp_path)
+    contrast = SimpleNamespace(sentences=lambda: ["Condition hand: left.", "JND differs: 3 no."])
+    text = text_of(replace(analysis, contrast=contrast), tmp_path)
+    assert sentence in text
+    assert "JND differs: 3 no." in text
 
 
 def test_a_mean_that_no_pairs_can_show_is_not_reported(analysis, small_study, tmp_path):
