@@ -145,6 +145,7 @@ def test_fisher_for_many_trials_and_close_to_what_it_replaces():
     expected = [fisher(*table) for table in tables]
     assert tests.p_value[1:] == pytest.approx(expected[1:], rel=1e-9)
     assert tests.p_value[0] < expected[0] < 1.5 * tests.p_value[0]
+    assert equality_test(300, 600, 300, 600).p_value == 1.0
 
 
 @settings(max_examples=60, deadline=None)

@@ -254,7 +254,9 @@ def test_limits_of_one_subject_are_not_those_of_the_study(answer_of_check):
 def test_a_decision_that_was_made_stays(answer_of_check):
     rows = "".join([*map(STRAIGHT.format, "AB"), *map(REVERSED.format, "CD")])
     command = "bayes-toe run study.csv --swap C"
-    proposed = f"Type one of these: {command} --swap D {command} --exclude D"
+    assert "2 of 4 subjects need a decision. Type one of these:" in answer_of_check(rows)
+    proposed = "1 of 4 subjects needs a decision. Type one of these: "
+    proposed += f"{command} --swap D {command} --exclude D"
     assert answer_of_check(rows, "--swap C").endswith(proposed)
     text = answer_of_check(rows, "--swap C --prior paper --save s.toml")
     assert "bayes-toe run s.toml --prior paper --swap D" in text
