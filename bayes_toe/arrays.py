@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,11 @@ BLOCK = 1 << 16
 # and fetches it anew, page by page, for the next temporary array, until a larger piece was freed
 # once. This one is never written to, so it costs nothing.
 np.empty(1 << 21)
+
+
+def thinned(points: FloatArray, most: float) -> FloatArray:
+    """Evenly spaced points, at most so many."""
+    return points[:: max(1, math.ceil(len(points) / most))]
 
 
 def run_starts(*sorted_keys: npt.NDArray[np.generic]) -> IndexArray:

@@ -150,7 +150,7 @@ def _run_there(expected: Mapping[str, str], job: Callable[[], Result]) -> Result
 
     Matplotlib is not made for threads.
     """
-    _require_same(f"the worker on {platform.node()}", versions(), expected)
+    _require_same(expected)
     with _one_at_a_time:
         threadpool_limits(1)  # For good: the libraries of one job are those of the next.
         return job()
@@ -172,15 +172,14 @@ def _require_open(client: Client) -> None:
         raise WorkerError(f"the Dask client is {client.status}")
 
 
-def _require_same(
-    process: str, its_versions: Mapping[str, str], expected: Mapping[str, str]
-) -> None:
-    """Refuse a worker with other versions of the programs on which results depend."""
+def _require_same(expected: Mapping[str, str]) -> None:
+    """Refuse to work with other versions of the programs on which results depend."""
     for name, version in expected.items():
-        if its_versions.get(name) != version:
+        version_here = versions().get(name)
+        if version_here != version:
             raise InputError(
-                f"{process} has {name} {its_versions.get(name)}, this process {version}: "
-                "they have to be the same"
+                f"the worker on {platform.node()} has {name} {version_here}, this process "
+                f"{version}: they have to be the same"
             )
 
 

@@ -276,8 +276,7 @@ class OrderEffect:
         details = [f"{word} ({bracket})"]
         bound = self.upper_bounds.get(question, 0.0)
         if word.is_positive and question in SIZE_OF:
-            size = self.format_size(SIZE_OF[question])
-            details.append(f"{_SIZE_LABELS[question]} {size}")
+            details.append(f"{_SIZE_LABELS[question]} {self.format_size(SIZE_OF[question])}")
         elif not word.is_positive and bound > 0.0:
             details.append(f"at most {format_number(bound)} JND (95 %)")
         return f"{heading}: {', '.join(details)}."

@@ -1,6 +1,6 @@
 """The sentences about a whole study.
 
-`study_lines` counts how many subjects have which answer. `effect_frequencies` estimates how
+`study_lines` counts how many subjects have which answer. `effect_frequency` estimates how
 frequent an effect is in the population. `describe_pair` describes a pair that the model does not
 fit.
 """
@@ -150,8 +150,8 @@ def _error_directions(chosen: Sequence[OrderEffect]) -> str:
 # --- Few subjects: how frequent an effect is ------------------------------------------------------
 
 
-def effect_frequencies(answers: Sequence[OrderEffect]) -> dict[str, float]:
-    """The expected frequency of a constant error and of a contraction in the population.
+def effect_frequency(answers: Sequence[OrderEffect], question: str) -> float:
+    """The expected frequency in the population of a constant error, or of a contraction.
 
     A subject has the effect with an unknown frequency, uniform beforehand, which is summed over.
     Source: Penny et al. 2010 (PLoS Comput. Biol. 6:e1000709), with two families.
@@ -160,16 +160,12 @@ def effect_frequencies(answers: Sequence[OrderEffect]) -> dict[str, float]:
     log_evidence = np.array([evidences_of(answer.log_evidence) for answer in answers])
     with np.errstate(divide="ignore"):
         log_share, log_other_share = np.log(_SHARES), np.log1p(-_SHARES)
-    frequencies = {}
-    for question in (CONSTANT_ERROR.name, CONTRACTION.name):
-        has_effect = QUESTIONS[question]
-        # Half of the four models have the effect.
-        log_with = logsumexp(log_evidence[:, has_effect], axis=1, keepdims=True)
-        log_without = logsumexp(log_evidence[:, ~has_effect], axis=1, keepdims=True)
-        log_likelihoods = np.logaddexp(log_share + log_with, log_other_share + log_without)
-        weights = softmax(log_likelihoods.sum(axis=0))
-        frequencies[question] = float(_SHARES @ weights)
-    return frequencies
+    # Half of the four models have the effect.
+    has_effect = QUESTIONS[question]
+    log_with = logsumexp(log_evidence[:, has_effect], axis=1, keepdims=True)
+    log_without = logsumexp(log_evidence[:, ~has_effect], axis=1, keepdims=True)
+    log_likelihoods = np.logaddexp(log_share + log_with, log_other_share + log_without)
+    return float(_SHARES @ softmax(log_likelihoods.sum(axis=0)))
 
 
 def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:
@@ -184,7 +180,7 @@ def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:
     for question in (CONSTANT_ERROR.name, CONTRACTION.name):
         told = [answer for answer in interpretable if answer.words[question] != Word.CANNOT_BE_TOLD]
         if told:
-            share = 100.0 * effect_frequencies(told)[question]
+            share = 100.0 * effect_frequency(told, question)
             subjects = plural(len(told), "subject")
             shares.append(f"{question.replace('_', ' ')} {share:.0f} % ({subjects})")
     if not shares:

@@ -263,10 +263,7 @@ def identification_findings(study: Study) -> Iterator[Finding]:
     """Questions that cannot be told, with the reason, once if it holds for all subjects."""
     names_by_message = defaultdict[str, list[str]](list)
     for subject in study:
-        questions_by_reason = defaultdict[str, list[str]](list)
-        for question, reason in identify(subject).reasons.items():
-            questions_by_reason[reason].append(question.replace("_", " "))
-        for reason, questions in questions_by_reason.items():
+        for reason, questions in identify(subject).questions_by_reason.items():
             message = f"{capitalized(join_words(questions))} cannot be told, because {reason}."
             names_by_message[message].append(subject.name)
     for message, names in names_by_message.items():
@@ -275,10 +272,10 @@ def identification_findings(study: Study) -> Iterator[Finding]:
 
 def _notes(study: Study) -> Iterator[Finding]:
     """Notes on the conclusions, one note if it holds for all subjects."""
-    names_by_note: dict[str, list[str]] = {}
+    names_by_note = defaultdict[str, list[str]](list)
     for subject in study:
         for note in identify(subject).notes:
-            names_by_note.setdefault(note, []).append(subject.name)
+            names_by_note[note].append(subject.name)
     for note, names in names_by_note.items():
         message = f"{capitalized(note)}."
         yield from _once_for_all(study, names, _NOTE_CODES[note], message)

@@ -5,15 +5,19 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
+from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.data.tasks import WHICH_STRONGER, Task
 from bayes_toe.model.observer import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
@@ -57,6 +61,14 @@ class Identification:
     notes: tuple[str, ...] = ()
 
     @property
+    def questions_by_reason(self) -> Mapping[str, list[str]]:
+        """The questions that cannot be told, in words, by the reason that they share."""
+        questions = defaultdict[str, list[str]](list)
+        for question, reason in self.reasons.items():
+            questions[reason].append(question.replace("_", " "))
+        return questions
+
+    @property
     def contraction_adds_to_error(self) -> bool:
         """Whether a contraction looks like a constant error, which then is the order effect."""
         return self.reasons.get("contraction") in (ONE_FIRST_STIMULUS, ONE_LINE)
@@ -83,7 +95,10 @@ def identify(subject: Subject) -> Identification:
     reason = _no_question(subject, order)
     if reason:
         return Identification(False, False, False, dict.fromkeys(QUESTIONS, reason), tuple(notes))
-    reason = _no_contraction(subject)
+    columns = [subject.s1, subject.s2, subject.n_trials]
+    if subject.isi is not None:
+        columns.append(subject.isi)
+    reason = _no_contraction(subject.task, subject.shared_scales, *map(tuple, columns))
     if reason:
         return Identification(True, True, False, {"contraction": reason}, tuple(notes))
     return Identification(True, True, True, {}, tuple(notes))
@@ -107,8 +122,18 @@ def _no_question(subject: Subject, order: FloatArray) -> str:
     return ""
 
 
-def _no_contraction(subject: Subject) -> str:
-    """The reason why only a constant error can be identified; empty if a contraction can too."""
+@lru_cache(maxsize=1024)
+def _no_contraction(
+    task: Task, shared_scales: StimulusScales | None, *columns: tuple[Any, ...]
+) -> str:
+    """The reason why only a constant error can be identified; empty if a contraction can too.
+
+    The columns are s1, s2, n_trials and, with intervals, isi. The subjects of a study often have
+    the same ones, so that one answer serves them all.
+    """
+    s1, s2, n_trials, *isi = map(np.array, columns)
+    pairs = Subject("pairs", s1, s2, np.zeros_like(n_trials), n_trials, *isi, task=task)
+    subject = replace(pairs, shared_scales=shared_scales)
     stimuli = np.column_stack([subject.s1, subject.s2])
     offsets = stimuli - stimuli.mean(axis=0)
     extent = np.abs(offsets).max()

@@ -81,8 +81,9 @@ def power(
         data_sets=data_sets,
         prior=context.prior,
     )
-    files, overwrite = _POWER_FILES, context.overwrite
-    with whole_folder(output, files, required=files, overwrite=overwrite) as folder:
+    with whole_folder(
+        output, _POWER_FILES, required=_POWER_FILES, overwrite=context.overwrite
+    ) as folder:
         table.save(folder / "power.csv")
         write_table(table.data_sets_frame(), folder / "power_data_sets.csv")
         for name in ("power.png", "power.pdf"):

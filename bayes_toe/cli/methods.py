@@ -225,10 +225,7 @@ def _limits_of_design(study: Study) -> list[str]:
     limits = Counter[str]()
     for subject in study:
         identification = identify(subject)
-        questions: dict[str, list[str]] = {}
-        for question, reason in identification.reasons.items():
-            questions.setdefault(reason, []).append(question.replace("_", " "))
-        for reason, names in questions.items():
+        for reason, names in identification.questions_by_reason.items():
             limits[f"the design cannot identify {' or '.join(names)}, because {reason}"] += 1
         limits.update(identification.notes)
     sentences = []

@@ -298,7 +298,7 @@ def _is_positive(value: object) -> bool:
 
 def _as_text(value: object) -> str:
     """A text without spaces around it; a number as the cell of a data frame: 1.0 is '1'."""
-    text = f"{value:.15g}" if isinstance(value, bool | int | float) else str(value)
+    text = f"{value:.15g}" if isinstance(value, int | float) else str(value)
     return text.strip()
 
 

@@ -258,11 +258,9 @@ class Subject:
     @property
     def subject_name(self) -> str:
         """The name of the subject, without a condition."""
-        return (
-            self.name.removesuffix(f"{CONDITION_SEPARATOR}{self.condition}")
-            if self.condition
-            else self.name
-        )
+        if not self.condition:
+            return self.name
+        return self.name.removesuffix(f"{CONDITION_SEPARATOR}{self.condition}")
 
     @property
     def n_pairs(self) -> int:

@@ -149,10 +149,10 @@ class Hyperprior:
     q0: ParameterHyperprior = field(default=ParameterHyperprior(1.8, 1.0, 1.0))
 
     def __post_init__(self) -> None:
-        numbers = {}
-        for name, row in asdict(self).items():
-            numbers[name] = {key: row[key] for key in NUMBERS}
-        _require("hyperprior", numbers)
+        sections = asdict(self)
+        for row in sections.values():
+            del row["has_heavy_tails"]
+        _require("hyperprior", sections)
 
     def changed(
         self, sections: Mapping[str, Mapping[str, float]], source: str = "hyperprior"

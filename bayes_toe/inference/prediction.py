@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bayes_toe.arrays import FloatArray, NamedArrays
+from bayes_toe.arrays import FloatArray, NamedArrays, thinned
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
@@ -38,7 +38,7 @@ class Predictor:
         target = draws.posterior(subject)
         x = np.concatenate(list(draws.points(subject)))
         if most is not None:
-            x = x[:: -(-len(x) // most)]
+            x = thinned(x, most)
         return cls(target, x)
 
     def yes(self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None = None) -> FloatArray:

@@ -5,14 +5,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import betainc, chdtrc, gammaln, xlogy
 
-from bayes_toe.arrays import ArrayPair, FloatArray, IntArray
+from bayes_toe.arrays import ArrayPair, FloatArray, IntArray, thinned
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.answer_curves import times_counts
@@ -262,11 +261,11 @@ def summarise_fit(
     not given.
     """
     points, subject = require_points(x, len(posterior.coordinates)), posterior.subject
-    check = predictive_check(posterior, _thinned(points, most), seed)
+    check = predictive_check(posterior, thinned(points, most), seed)
     if log_likelihood is None:
         log_likelihood = posterior.log_likelihood(points)
     fit = fit_at(posterior, points[int(np.argmax(log_likelihood))])
-    few = _thinned(points, _OF_MOMENTS / subject.n_pairs)
+    few = thinned(points, _OF_MOMENTS / subject.n_pairs)
     answers = posterior.log_answers(few)
     p_deviance = deviance_p_value(fit.deviance, fit.degrees_of_freedom, subject.n_trials, *answers)
     worst = _pair_residual(subject, fit, int(np.argmin(check.p_value)))
@@ -293,8 +292,3 @@ def _pair_residual(subject: Subject, fit: Fit, i: int) -> PairResidual:
     observed = float(subject.n_yes[i] / subject.n_trials[i])
     s1, s2 = float(subject.s1[i]), float(subject.s2[i])
     return PairResidual(s1, s2, observed, float(fit.q[i]), isi, subject.task.yes)
-
-
-def _thinned(points: FloatArray, most: float) -> FloatArray:
-    """Evenly spaced points, at most so many."""
-    return points[:: max(1, math.ceil(len(points) / most))]

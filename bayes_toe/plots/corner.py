@@ -256,11 +256,10 @@ def _require_possible(name: str, value: float, target: AnswerPosterior) -> None:
     low, high = support(target, name)
     rule = f"a finite number from {low:g} to {high:g}"
     if name == "sigma_p":
-        rule = "a positive finite number"
+        low, rule = np.nextafter(0.0, 1.0), "a positive finite number"
     require_kind(f"truths: {name}", value, Real, rule)
     is_finite = np.isfinite(axis_values(name, value, target.subject.unit))
-    is_zero_scale = name == "sigma_p" and value == 0.0
-    if not (is_finite and low <= value <= high) or is_zero_scale:
+    if not (is_finite and low <= value <= high):
         raise InputError(f"truths: {name}={value!r}, allowed: {rule}")
 
 

@@ -249,19 +249,18 @@ def _effects(result: PopulationResult) -> dict[str, FloatArray]:
 
     Those on the PSE shift are in the unit of differences, those on the JND in per cent.
     """
+    effects = {}
     if result.comparisons:
-        effects = {}
         for name in DIFFERING:
             columns = [result.difference(name, levels)[0].ravel() for levels in result.comparisons]
             effects[name] = np.stack(columns, axis=1)
     elif result.regressors.columns:
-        effects = {}
         n_columns = len(result.regressors.columns)
         for name in result.names:
             draws = result.draws.effects[..., result.index(name)]
             effects[name] = draws.reshape(-1, n_columns)
     else:
-        return {}
+        return effects
     shift, noise = CONSTANT_ERROR.name, NOISE.name
     effects[shift] = result.in_units(shift, effects[shift])
     effects[noise] = percent(effects[noise])

@@ -8,7 +8,7 @@ from conftest import order_answer
 import bayes_toe as bt
 from bayes_toe.analysis import _interpretable_group
 from bayes_toe.answers.order_effect import Size
-from bayes_toe.answers.study_summary import effect_frequencies, few_subjects_lines, study_lines
+from bayes_toe.answers.study_summary import effect_frequency, few_subjects_lines, study_lines
 from bayes_toe.answers.words import Word
 
 
@@ -58,7 +58,8 @@ def test_frequency_is_that_of_the_beta_binomial_where_every_answer_is_certain():
         evidence = {"none": 0.0, "contraction": 0.0, "constant error": log_odds, "both": log_odds}
         answers.append(answer(str(i), (Word.YES,) * 3, log_evidence=evidence))
     expected = {"constant_error": (3 + 1) / (4 + 2), "contraction": 0.5}
-    assert effect_frequencies(answers) == pytest.approx(expected, abs=1e-3)
+    frequencies = {name: effect_frequency(answers, name) for name in expected}
+    assert frequencies == pytest.approx(expected, abs=1e-3)
 
 
 def test_frequency_needs_two_interpretable_subjects():
