@@ -22,7 +22,7 @@ from bayes_toe.answers.model_average import averaged_draws
 from bayes_toe.answers.order_effect import OrderEffect, answer_subject
 from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP
 from bayes_toe.arrays import FloatArray, StrPath
-from bayes_toe.checks.answer_checks import Finding, answer_flags
+from bayes_toe.checks.answer_checks import Finding, answer_flags, not_interpreted
 from bayes_toe.classical.fit import (
     REPLICATES,
     FitTable,
@@ -155,13 +155,14 @@ def run(
     with open_store(keep) as store:
         settings = _settings(study, draws, store.seed(seed), prior)
         jobs = _analysis_jobs(study, settings, AnalysisRequest(settings.sampler, EVIDENCE_DRAWS))
+        faults = not_interpreted(study)
         study, analysed, failed = _survivors(study, jobs, workers, progress, store)
         drawn = StoredResults(
             analysed.size,
             analysed.failed,
             lambda index: cast(SubjectDraws, analysed.read(index).drawn),
         )
-        all_draws = Draws(assembled_tree(study, drawn, settings, failed))
+        all_draws = Draws(assembled_tree(study, drawn, settings, failed, faults))
         small, summary = list[_Analysed](), list[SummaryRow]()
         for result in analysed:  # draws do not stay in memory
             summary += () if result.drawn is None else result.drawn.summary
@@ -269,8 +270,9 @@ def sample(
         settings = _settings(study, draws, store.seed(seed), prior, name)
         request = AnalysisRequest(settings.sampler)
         jobs = [partial(_catch_failure, _drawn, subject, settings, request) for subject in study]
+        faults = not_interpreted(study)
         study, analysed, failed = _survivors(study, jobs, workers, progress, store)
-        all_draws = Draws(assembled_tree(study, analysed, settings, failed))
+        all_draws = Draws(assembled_tree(study, analysed, settings, failed, faults))
     for problem, reasons in (
         (" is left out, ", all_draws.failed),
         (" did not converge: ", all_draws.not_converged),

@@ -1,41 +1,52 @@
 """Problems in the responses of a subject, known before any sampling.
 
-`check_answers` finds repeated trials, too few trials, one response only, responses of another task,
-swapped blocks, reversed responses, responses that do not depend on the stimuli, blocks that differ,
-and drift. `answer_flags` has the findings of every subject.
+`check_answers` finds repeated trials, too few trials, one response only, swapped blocks, blocks
+that differ, and drift. By the evidences of :mod:`bayes_toe.checks.alternative_models` it finds
+swapped keys, responses of another task, and responses that say little about the stimuli.
+`answer_flags` has the findings of every subject.
+
+Each alarm has a false-alarm rate for a whole study of sound observers, however many they are:
+:data:`REFUSAL_RATE` where the subject is then not interpreted, and :data:`FLAG_RATE` elsewhere.
 
 Pooled counts assume that the responses to a pair have one probability from the first trial to the
 last. The tests of blocks and of drift are exact, given how often each response was given to each
 pair: tables are drawn as if these responses had fallen on the blocks by chance, so small cells
-need no chi-square. In a study of clean observers a test flags any subject with probability
-:data:`FALSE_ALARM_RATE` at most, however many there are (Bonferroni). The draws have a fixed seed.
+need no chi-square. The draws have a fixed seed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import isotonic_regression
-from scipy.special import logit, logsumexp, xlog1py, xlogy
+from scipy.special import logit, logsumexp
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, run_starts
+from bayes_toe.checks.alternative_models import (
+    Alternatives,
+    alarm_limit,
+    compare_alternatives,
+)
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.messages import cli_argument, describe_p_value, display_name, join_words, plural
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.seeds import generator
 
-#: Chance that a test flags anyone in a study of clean observers.
-FALSE_ALARM_RATE = 0.01
-#: Standard deviation of an answer's share between pairs that a test of them must see.
-NOTICEABLE = 0.15
-#: Log odds, in nats, by which answers must be more probable with the buttons swapped.
-SWAPPED = 5.0
+#: Chance that an alarm that refuses a subject is raised at all in a study of sound observers.
+REFUSAL_RATE = 0.02
+#: The same for an alarm after which the subject is interpreted all the same.
+FLAG_RATE = 0.05
+#: Log Bayes factor beyond which a subject cannot be told from one who guesses.
+GUESSES = 3.0
+#: The same for the other task, in more than half of the subjects. A constant error of three times
+#: the difference of a pair reaches 4.7 in 2AFC, one of 1.6 times 3.8 in 'same or different?'.
+OTHER_TASK = 5.0
 #: A change of an answer's share from the first trial to the last that matters for pooled counts.
 SMALL_DRIFT = 0.2
 #: Trials below which a subject is flagged.
@@ -55,30 +66,25 @@ FLAG_KINDS = {
     "other_task": FlagKind("responses look like another task", False),
     "swapped_blocks": FlagKind("responses look swapped", False),
     "reversed_answers": FlagKind("responses look reversed", False),
-    "independent_answers": FlagKind("responses do not depend on the stimuli", False),
+    "independent_answers": FlagKind("responses say little about the stimuli", True),
+    "like_2afc": FlagKind("responses look like 2AFC, or a large constant error", True),
     "block_dispersion": FlagKind("blocks differ", True),
     "drift": FlagKind("responses drift", True),
     "few_trials": FlagKind(f"fewer than {FEW_TRIALS} trials", True),
 }
 
-_CRITICAL_Z = 1.96  # of answers that change with the stimuli, at 5 %
-_SELDOM = 0.15  # share of an answer that a large constant error leaves, whatever the pair
-_POWER_Z = 1.64  # by which a noticeable change exceeds that in 95 %
 _STRETCHES = 10  # of the trials, among which drift is looked for
 _FEWEST_DRAWS = 99  # drawing ends with so many tables at the earliest
 _MOST_LARGER = 10  # or with so many that deviate more than the observed one
 _MOST_DRAWN = 10**8  # answers of a subject beyond which tables cannot be drawn
-_ENOUGH_TRIALS = 1000.0  # that tell the shape of answers; more count as so many
-#: Differences at which a peak of 'equal' may lie: near equality, or wherever stimuli are.
-_NEAR_POINTS = (-0.5, -0.25, 0.0, 0.25, 0.5)
-_ALL_POINTS = (-1.0, *_NEAR_POINTS, 1.0)
 _WINDOW = 16  # rows in sequence by which repeated trials are looked for
+_REPEAT_NATS = 12.0  # of equal answers that cannot be a coincidence in one subject
+_SELDOM = 0.15  # share of a response that a large constant error leaves, whatever the pair
 #: Logits by which a block's answers may differ from those of the others, with Laplace's prior.
 _MOVES = np.linspace(-6.0, 6.0, 25)
 _LIKELY_SWAPPED = 2.0  # nats, of a block where another one is surely swapped
 _TILT_SCALE = 0.75  # of such moves at the largest s2 - s1
 _TILTS = _TILT_SCALE * _MOVES
-_REPEAT_NATS = 12.0  # of equal answers that cannot be a coincidence
 
 
 @dataclass(frozen=True)
@@ -145,16 +151,21 @@ def not_interpreted(study: Study) -> dict[str, str]:
     return faults
 
 
+@lru_cache(maxsize=4)
 def check_answers(study: Study) -> tuple[Finding, ...]:
     """Findings about the responses of every subject, with codes of :data:`FLAG_KINDS`."""
     require_study(study)
-    level = FALSE_ALARM_RATE / len(study)
-    of_study = _other_task(study)
+    alternatives = compare_alternatives(study)
+    other_task = _other_task(study, alternatives)
     findings: list[Finding] = []
     for subject in study:
-        if of_study:
-            findings.append(Finding(subject.name, "other_task", of_study))
-        findings.extend(_subject_findings(subject, level))
+        if subject.name in other_task:
+            findings.append(other_task[subject.name])
+        of_subject = [*_subject_findings(subject, len(study))]
+        findings += of_subject
+        has_swapped_blocks = any(finding.code == "swapped_blocks" for finding in of_subject)
+        if subject.name in alternatives and not has_swapped_blocks:
+            findings += _explained_otherwise(subject, alternatives[subject.name], len(study))
     return tuple(findings)
 
 
@@ -163,33 +174,34 @@ def uninterpretable_findings(study: Study) -> list[Finding]:
     return [finding for finding in check_answers(study) if not finding.is_interpretable]
 
 
-def _subject_findings(subject: Subject, level: float) -> Iterator[Finding]:
+def _subject_findings(subject: Subject, n_subjects: int) -> Iterator[Finding]:
     answers = None if subject.answers is None else subject.answers.answered
     if answers is not None and answers.has_trial_rows:
-        yield from _repeated_trials(subject, answers)
+        yield from _repeated_trials(subject, answers, n_subjects)
     if subject.total_trials < FEW_TRIALS:
         n_trials = plural(subject.total_trials, "trial")
         message = f"Only {n_trials}, so the prior has much influence."
         yield Finding(subject.name, "few_trials", message)
     if subject.n_yes.sum() in (0, subject.total_trials):
-        yield _one_answer(subject)
+        answer = subject.task.yes if subject.n_yes.any() else subject.task.no
+        yield Finding(subject.name, "one_answer", f"Every response is {answer!r}.")
         return
-    if answers is not None and subject.total_trials <= _MOST_DRAWN:
-        unlike_blocks = _unlike_blocks(subject, answers, level)
-        if unlike_blocks is not None:
-            yield unlike_blocks
-            if unlike_blocks.code == "swapped_blocks":
-                return  # which explains what else may be found
-        if answers.has_trial_rows:
-            yield from _drift(subject, answers, level)
-    yield from _unrelated_answers(subject)
-    yield from _reversed_answers(subject)
+    if answers is None or subject.total_trials > _MOST_DRAWN:
+        return
+    swapped_blocks = _swapped_blocks(subject, answers, n_subjects)
+    if swapped_blocks is not None:
+        yield swapped_blocks
+        return  # which explains what else may be found
+    level = 0.5 * FLAG_RATE / n_subjects  # of each of two tests
+    yield from _unlike_blocks(subject, answers, level)
+    if answers.has_trial_rows:
+        yield from _drift(subject, answers, level)
 
 
 # --- Trials that are there twice -----------------------------------------------------------------
 
 
-def _repeated_trials(subject: Subject, answers: Answers) -> Iterator[Finding]:
+def _repeated_trials(subject: Subject, answers: Answers, n_subjects: int) -> Iterator[Finding]:
     """Long sequences of trials that repeat earlier ones, stimuli and answers.
 
     A list of stimuli may be used again on purpose, so only equal answers count, by the chance
@@ -204,7 +216,8 @@ def _repeated_trials(subject: Subject, answers: Answers) -> Iterator[Finding]:
     run_end = last_window + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
     nats_in_run = nats_before[run_end] - nats_before[run_start]
-    is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > _REPEAT_NATS)
+    limit = _REPEAT_NATS + math.log(n_subjects)
+    is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > limit)
     if not is_repeat.any():
         return
     is_copy = np.zeros(n_rows, np.bool_)
@@ -214,7 +227,7 @@ def _repeated_trials(subject: Subject, answers: Answers) -> Iterator[Finding]:
     message = (
         f"{np.count_nonzero(is_copy)} of {n_rows} trials repeat earlier ones, from trial "
         f"{first_trial} on. "
-        "Remove the copies from the file."
+        "Remove the copies from the file. The option leaves out the whole subject."
     )
     option = f"--exclude {cli_argument(subject.name)}"
     yield Finding(subject.name, "repeated_trials", message, option)
@@ -256,99 +269,51 @@ def _agreement(p: FloatArray) -> FloatArray:
     return np.square(p) + np.square(1.0 - p)
 
 
-# --- The counts of a subject ---------------------------------------------------------------------
+# --- Other explanations --------------------------------------------------------------------------
 
 
-def _one_answer(subject: Subject) -> Finding:
-    task = subject.task
-    answer = task.yes if subject.n_yes.any() else task.no
-    option = f"--exclude {cli_argument(subject.name)}"
-    message = f"Every response is {answer!r}."
-    return Finding(subject.name, "one_answer", message, option)
-
-
-def _unrelated_answers(subject: Subject) -> Iterator[Finding]:
-    """Answers that do not change with s2 - s1, where a noticeable change would be seen."""
-    share, difference = subject.fraction_yes, subject.s2 - subject.s1
-    if not _SELDOM < share < 1.0 - _SELDOM:
-        return
-    z = max(abs(_trend(x, subject)) for x in (difference, np.abs(difference)))
-    z_noticeable = NOTICEABLE * math.sqrt(subject.total_trials / (share * (1.0 - share)))
-    if z < _CRITICAL_Z and z_noticeable > _CRITICAL_Z + _POWER_Z:
-        option = f"--exclude {cli_argument(subject.name)}"
-        message = "Responses do not depend on the stimuli."
-        yield Finding(subject.name, "independent_answers", message, option)
-
-
-def _trend(x: FloatArray, subject: Subject) -> float:
-    """Score of a linear change of the counted answer with x, in standard errors."""
-    centred = x - np.average(x, weights=subject.n_trials)
-    largest = np.abs(centred).max()
-    if largest == 0.0:
-        return 0.0
-    centred = centred / largest
-    share = subject.fraction_yes
-    variance = share * (1.0 - share) * (np.square(centred) @ subject.n_trials)
-    return float(centred @ subject.n_yes / np.sqrt(variance))
-
-
-def _reversed_answers(subject: Subject) -> Iterator[Finding]:
-    """Answers of the right shape with the opposite sign: all buttons swapped."""
-    points = _ALL_POINTS if subject.task == SAME_DIFFERENT else ()
-    straight, reversed_ = _shapes(subject, points)
-    if reversed_ - straight > SWAPPED:
+def _explained_otherwise(
+    subject: Subject, alternatives: Alternatives, n_subjects: int
+) -> Iterator[Finding]:
+    """Swapped keys, or responses that say little about the stimuli."""
+    best, share = max(alternatives), subject.fraction_yes
+    if best == alternatives.swapped > alarm_limit(n_subjects, REFUSAL_RATE):
         option = f"--swap {cli_argument(subject.name)}"
         message = f"Responses look reversed. Check which code means {subject.task.yes!r}."
         yield Finding(subject.name, "reversed_answers", message, option)
+    elif best == alternatives.guesses > GUESSES and _SELDOM < share < 1.0 - _SELDOM:
+        message = (
+            "The responses say little about the stimuli. The subject guesses, or hardly "
+            "distinguishes them."
+        )
+        yield Finding(subject.name, "independent_answers", message)
 
 
-def _other_task(study: Study) -> str:
-    """A message if the responses of a study have the shape of the other task; else empty."""
-    log_ratio = distance_from_half = n_equal = 0.0
-    for subject in study.subjects[:100]:  # enough to tell
-        best_monotone = max(_shapes(subject))
-        best_peaked = max(_shapes(subject, _NEAR_POINTS))
-        log_ratio += best_monotone - best_peaked
-        is_equal = subject.s1 == subject.s2
-        distance_from_half += np.abs(subject.n_yes - 0.5 * subject.n_trials)[is_equal].sum()
-        n_equal += subject.n_trials[is_equal].sum()
-    looks_like_2afc = log_ratio > SWAPPED and distance_from_half <= 0.25 * n_equal
-    looks_like_same_different = log_ratio < -SWAPPED
-    is_same_different = study.task == SAME_DIFFERENT
-    # A large constant error also makes 'equal' rise or fall, but not in a whole study.
-    if is_same_different and looks_like_2afc and len(study) >= 3:
-        shape = "rises or falls with s2 - s1 and is about one half at s2 = s1, as in 2AFC"
-    elif not is_same_different and looks_like_same_different:
-        shape = "is highest or lowest near s2 = s1, as in the same-different task"
-    else:
-        return ""
-    return f"Responses look like another task. P({study.task.yes}) {shape}."
+def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[str, Finding]:
+    """Findings by subject, if more than half of the subjects seem to answer the other task.
 
-
-def _shapes(subject: Subject, peaks: tuple[float, ...] = ()) -> tuple[float, float]:
-    """Largest log likelihoods of shares that rise, and of shares that fall, along an axis.
-
-    The axis is s2 - s1. With `peaks` it is the nearness of s2 - s1 to one of the peaks, in units of
-    the largest difference; the best peak counts. A constant error may have moved the peak there.
+    In 'same or different?', a large constant error that all subjects share looks like 2AFC. So
+    there it is a flag of these subjects, and in 2AFC every subject is refused.
     """
-    # By single differences a shape could follow other properties of pairs in rounding errors.
-    difference = subject.steps
-    largest = float(np.abs(difference).max())
-    candidates = [-np.abs(difference - largest * peak) for peak in peaks] or [difference]
-    rising = max(_isotonic(x, subject, True) for x in candidates)
-    falling = max(_isotonic(x, subject, False) for x in candidates)
-    return rising, falling
-
-
-def _isotonic(x: FloatArray, subject: Subject, is_rising: bool) -> float:
-    """Log likelihood of shares of the counted answer that only rise, or only fall, with x."""
-    scale = float(np.abs(x).max()) or 1.0
-    _, index = np.unique(np.round(x / scale, 9), return_inverse=True)
-    weight = min(1.0, _ENOUGH_TRIALS / subject.total_trials)
-    k = weight * np.bincount(index.ravel(), subject.n_yes)
-    n = weight * np.bincount(index.ravel(), subject.n_trials)
-    p = isotonic_regression(k / n, weights=n, increasing=is_rising).x
-    return float((xlogy(k, p) + xlog1py(n - k, -p)).sum())
+    names = []
+    for name, log_bayes_factors in alternatives.items():
+        if max(log_bayes_factors) == log_bayes_factors.other_task > OTHER_TASK:
+            names.append(name)
+    if len(names) <= 0.5 * len(study):
+        return {}
+    subjects = f"{len(names)} of {plural(len(study), 'subject')}"
+    if study.task == SAME_DIFFERENT:
+        message = (
+            f"P(equal) rises or falls with s2 - s1 in {subjects}. Check whether the question was "
+            "'which was stronger?'. If it was 'same or different?', they share a large constant "
+            "error."
+        )
+        return {name: Finding(name, "like_2afc", message) for name in names}
+    message = (
+        f"Responses look like another task. In {subjects}, P(second) is highest or lowest near "
+        "s2 = s1, as in 'same or different?'. Check which code means 'equal'."
+    )
+    return {name: Finding(name, "other_task", message) for name in study.names}
 
 
 # --- The answers in their blocks, and in their order ---------------------------------------------
@@ -434,39 +399,45 @@ def _tabulate(answers: Answers, column: IntArray) -> tuple[FloatArray, AnswerTab
     return pairs, AnswerTable(n, k)
 
 
-def _unlike_blocks(subject: Subject, answers: Answers, level: float) -> Finding | None:
-    """Blocks with swapped buttons, or blocks that differ otherwise."""
+def _swapped_blocks(subject: Subject, answers: Answers, n_subjects: int) -> Finding | None:
+    """Blocks with swapped response keys."""
     if answers.block is None:
         return None
     pairs, table = _tabulate(answers, answers.block)
     informative = table.informative()
     if informative.freedom == 0:
         return None
-    swapped = _swapped_blocks(table, subject.task, pairs[:, 1] - pairs[:, 0])
+    difference = pairs[:, 1] - pairs[:, 0]
+    limit = alarm_limit(n_subjects * table.n.shape[1], REFUSAL_RATE)
+    swapped = _find_swapped(table, subject.task, difference, limit)
     after = _turned(table, swapped).informative()
     # Turning swapped blocks removes most of what blocks differ by.
-    if swapped.any() and after.ratio - 1.0 < 0.5 * max(0.0, informative.ratio - 1.0):
-        names = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
-        return _swapped_finding(subject.name, names)
-    if informative.ratio <= 1.0:  # below its mean X^2 needs no table
+    if not swapped.any() or after.ratio - 1.0 >= 0.5 * max(0.0, informative.ratio - 1.0):
         return None
+    blocks = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
+    noun = "block" if len(blocks) == 1 else "blocks"
+    message = f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}."
+    option = f"--swap {cli_argument(subject.name, blocks)}"
+    return Finding(subject.name, "swapped_blocks", message, option)
+
+
+def _unlike_blocks(subject: Subject, answers: Answers, level: float) -> Iterator[Finding]:
+    """Blocks that differ by more than chance."""
+    if answers.block is None:
+        return
+    _, table = _tabulate(answers, answers.block)
+    informative = table.informative()
+    if informative.freedom == 0 or informative.ratio <= 1.0:  # below its mean X^2 needs no table
+        return
     p = informative.p_value(informative.chi_square, level, subject.name)
     if p > level:
-        return None
+        return
     block = answers.blocks[int(np.argmax(informative.block_chi_square(informative.k)))]
     message = (
         f"Block {display_name(block)} differs from the others ({describe_p_value(p)}). Intervals "
         "are too narrow if blocks differ."
     )
-    option = f"--exclude {cli_argument(subject.name, [block])}"
-    return Finding(subject.name, "block_dispersion", message, option)
-
-
-def _swapped_finding(name: str, blocks: list[str]) -> Finding:
-    """Blocks with swapped response keys."""
-    noun = "block" if len(blocks) == 1 else "blocks"
-    message = f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}."
-    return Finding(name, "swapped_blocks", message, f"--swap {cli_argument(name, blocks)}")
+    yield Finding(subject.name, "block_dispersion", message)
 
 
 def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
@@ -474,7 +445,9 @@ def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
     return AnswerTable(table.n, np.where(is_turned, table.n - table.k, table.k))
 
 
-def _swapped_blocks(table: AnswerTable, task: Task, difference: FloatArray) -> BoolArray:
+def _find_swapped(
+    table: AnswerTable, task: Task, difference: FloatArray, limit: float
+) -> BoolArray:
     """Blocks whose answers agree with those of the others only if they are swapped.
 
     A block is first turned if its counted answers are rarer where the task expects them more
@@ -486,7 +459,7 @@ def _swapped_blocks(table: AnswerTable, task: Task, difference: FloatArray) -> B
     candidates = _camp_that_leans_wrongly(table, lean)
     # Another point of subjective equality tilts the answers 'equal'.
     tilt = difference if task == SAME_DIFFERENT else np.zeros(len(difference))
-    return _surely_swapped(table, candidates, tilt)
+    return _surely_swapped(table, candidates, tilt, limit)
 
 
 def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
@@ -504,14 +477,16 @@ def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
     return ~is_turned if leans_wrongly else is_turned
 
 
-def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray) -> BoolArray:
-    """The candidates that are likely swapped; none if no candidate is surely swapped."""
+def _surely_swapped(
+    table: AnswerTable, candidates: BoolArray, tilt: FloatArray, limit: float
+) -> BoolArray:
+    """The candidates that are likely swapped; none if no candidate is beyond the limit, nats."""
     none = np.zeros_like(candidates)
     while candidates.any():
         gain = _swap_gain(_turned(table, candidates), tilt)
         likely: BoolArray = candidates & (gain > _LIKELY_SWAPPED)
         if np.array_equal(likely, candidates):
-            return candidates if gain[candidates].max() > SWAPPED else none
+            return candidates if gain[candidates].max() > limit else none
         candidates = likely
     return none
 

@@ -24,7 +24,6 @@ import numpy as np
 import xarray as xr
 
 from bayes_toe.arrays import FloatArray, Record, StrPath
-from bayes_toe.checks.answer_checks import not_interpreted
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import format_path, quoted
@@ -72,8 +71,12 @@ def assembled_tree(
     subject_draws: Iterable[SubjectDraws],
     settings: Settings,
     failed: Mapping[str, str],
+    not_interpreted: Mapping[str, str],
 ) -> xr.DataTree:
-    """The tree of the draws of all subjects, each of which is read once."""
+    """The tree of the draws of all subjects, each of which is read once.
+
+    `failed` and `not_interpreted` have the reason for each subject that they name.
+    """
     values: dict[str, FloatArray] = {}
     without_draws = []
     for i, draws in enumerate(subject_draws):
@@ -100,6 +103,7 @@ def assembled_tree(
     }
     tree = xr.DataTree.from_dict(groups)
     tree.attrs.update(_attributes(study, settings))
+    tree.attrs["not_interpreted"] = json.dumps(dict(not_interpreted))
     if failed:
         tree.attrs["failed"] = json.dumps(dict(failed))
     return tree
@@ -157,7 +161,6 @@ def _attributes(study: Study, settings: Settings) -> Record:
         "changes": "\n".join(study.changes),
         "unit": study.unit.name,
         "unit_log_reference": study.unit.log_reference,
-        "not_interpreted": json.dumps(not_interpreted(study)),
         **_condition_attributes(study),
         "model": settings.model,
         "about_model": model_words,

@@ -240,7 +240,7 @@ def work(job: Job) -> tuple[Row, Row]:
     known: Row = {}
     if job.with_draws and theta is not None:
         study = Study((subject,), "calibration", synthetic=True)
-        draws = Draws(assembled_tree(study, [subject_draws(result)], settings, {}))
+        draws = Draws(assembled_tree(study, [subject_draws(result)], settings, {}, {}))
         ranks = {"design": job.design, **ranks_of(draws, subject, theta, settings.seed)}
     if job.with_evidence:
         replicates = subject_fit(subject, settings.prior, seed=settings.seed, replicates=1000)

@@ -74,8 +74,8 @@ def messages(*subjects):
 
 def test_one_table_says_which_flags_leave_no_answer():
     not_interpretable = {code for code, kind in FLAG_KINDS.items() if not kind.is_interpretable}
-    whole_subject = {"repeated_trials", "one_answer", "other_task", "independent_answers"}
-    assert not_interpretable == whole_subject | {"swapped_blocks", "reversed_answers"}
+    whole_subject = {"repeated_trials", "one_answer", "other_task", "reversed_answers"}
+    assert not_interpretable == whole_subject | {"swapped_blocks"}
 
 
 def test_flags_are_those_of_each_subject_in_the_order_of_the_study():
@@ -92,9 +92,9 @@ def test_flags_are_those_of_each_subject_in_the_order_of_the_study():
 
 
 def test_clean_observers_are_flagged_as_rarely_as_stated():
-    # Two tests at 1 % of 150 studies: 3 are expected, more than 9 in one of 1,000 such runs.
+    # Two tests at 2.5 % of 150 studies: 7 are expected, more than 17 in one of 1,000 such runs.
     flagged = [seed for seed in range(150) if find(make_subject(seed, count=260, blocks=5))]
-    assert len(flagged) <= 9
+    assert len(flagged) <= 17
 
 
 @pytest.mark.parametrize("constant_error", [-2.5, 0.0, 1.0, 2.5])
@@ -176,7 +176,7 @@ def test_repeated_counts_of_a_pair_are_no_repetition():
 def test_one_answer_only(task, count):
     s1, s2 = np.transpose(NEIGHBOURS)
     (finding,) = find(Subject("A", s1, s2, [count] * len(s1), [40] * len(s1), task=task))
-    assert (finding.code, finding.option) == ("one_answer", "--exclude A")
+    assert (finding.code, finding.option) == ("one_answer", "")
     assert finding.message == f"Every response is {task.yes if count else task.no!r}."
 
 
@@ -195,11 +195,66 @@ def test_guesses_and_reversed_answers_are_distinguished(task):
     (finding,) = find(reversed_)
     assert (finding.code, finding.option) == ("reversed_answers", "--swap S")
     assert check_answers(Study((reversed_,)).swap("S")) == ()
-    guesses = (rng.random(400) < 0.6).astype(int)
-    (finding,) = find(from_trials("S", keys, guesses, task=task))
-    assert (finding.code, finding.option) == ("independent_answers", "--exclude S")
-    few = from_trials("S", keys[:100], guesses[:100], task=task)
+
+
+@BOTH_TASKS
+def test_a_guess_is_said_and_the_subject_stays(task):
+    codes = []
+    for seed in range(8):
+        rng = default_rng(seed)
+        keys, _ = signal_trials(rng, task, np.zeros(960))
+        guesses = from_trials("S", keys, (rng.random(960) < 0.5).astype(int), task=task)
+        findings = find(guesses)
+        codes += [finding.code for finding in findings]
+        assert {finding.option for finding in findings} <= {""}
+        assert not_interpreted(Study((guesses,))) == {}
+    assert codes.count("independent_answers") >= 4
+    few = from_trials("S", keys[:100], guesses.answers.n_yes[:100], task=task)
     assert find(few) == (), "so few trials do not exclude a dependence"
+
+
+def simulated(seed, task, *, p=0.0, noise=0.25, c=0.0, n_trials=30, name="S"):
+    """Counts of the observer of the four models for neighbouring pairs."""
+    s1, s2 = np.transpose(
+        [pair for pair in NEIGHBOURS if task == SAME_DIFFERENT or len({*pair}) > 1]
+    )
+    z = (s2 - s1 + p * (s1 - s1.mean()) - c) / noise
+    p_yes = 0.01 + 0.98 * ndtr(z)
+    if task == SAME_DIFFERENT:
+        p_yes = 0.98 * (ndtr(1.28 - z) - ndtr(-1.28 - z)) + 0.01
+    counts = default_rng(seed).binomial(n_trials, p_yes)
+    return Subject(name, s1, s2, counts, np.full(len(s1), n_trials), task=task)
+
+
+@pytest.mark.parametrize("p", [0.5, 0.65, -0.4])
+@BOTH_TASKS
+def test_a_strong_contraction_is_no_surprise(task, p):
+    study = Study(tuple(simulated(i, task, p=p, name=f"S{i}") for i in range(12)))
+    assert check_answers(study) == ()
+
+
+@pytest.mark.parametrize("size", [10, 40])
+def test_a_group_in_a_hard_task_does_not_look_like_another_task(size):
+    subjects = (simulated(i, WHICH_STRONGER, noise=0.75, name=f"S{i}") for i in range(size))
+    codes = {finding.code for finding in check_answers(Study(tuple(subjects)))}
+    assert codes <= {"independent_answers"}
+
+
+def test_three_reversed_subjects_of_13_are_three_subjects():
+    subjects = [simulated(i, WHICH_STRONGER, name=f"S{i}") for i in range(13)]
+    for i in (2, 5, 7):
+        subjects[i] = replace(subjects[i], n_yes=subjects[i].n_trials - subjects[i].n_yes)
+    findings = find(*subjects)
+    assert [(finding.code, finding.option) for finding in findings] == [
+        ("reversed_answers", "--swap S2"),
+        ("reversed_answers", "--swap S5"),
+        ("reversed_answers", "--swap S7"),
+    ]
+
+
+def test_a_large_constant_error_of_all_subjects_is_said_and_no_subject_is_refused():
+    subjects = [simulated(i, SAME_DIFFERENT, c=0.4, name=f"S{i}") for i in range(6)]
+    assert not_interpreted(Study(tuple(subjects))) == {}
 
 
 @BOTH_TASKS
@@ -210,11 +265,12 @@ def test_answers_to_the_other_question_flag_every_subject(task):
     n_trials = np.full(len(s1), 30)
     p = p_yes(s2 - s1, other)
     right = [Subject(name, s1, s2, rng.binomial(30, p), n_trials, task=other) for name in "abc"]
-    assert "other_task" not in messages(*right)
+    code = "like_2afc" if task == SAME_DIFFERENT else "other_task"
+    assert code not in messages(*right)
     findings = find(*(replace(subject, task=task) for subject in right))
-    findings = [finding for finding in findings if finding.code == "other_task"]
+    findings = [finding for finding in findings if finding.code == code]
     assert [finding.subject for finding in findings] == ["a", "b", "c"]
-    assert "Responses look like another task." in findings[0].message
+    assert "in 3 of 3 subjects" in findings[0].message.lower()
 
 
 def p_yes(distance, task):
@@ -254,7 +310,8 @@ def test_swapped_blocks_are_named_and_can_be_turned_back(swapped, words, option)
         findings = check_answers(study)
         turned = study.swap("S", [1 + block for block in swapped])
         assert turned["S"].n_yes.tolist() == straight.n_yes.tolist()
-        assert check_answers(turned) == find(straight) == ()
+        assert check_answers(turned) == find(straight)
+        assert all(finding.is_interpretable for finding in find(straight))
         assert {finding.option for finding in findings} <= {f"--swap S:{option}", ""}
         if findings[0].code == "swapped_blocks":
             n_found += 1
@@ -298,7 +355,7 @@ def test_lax_blocks_are_unlike_but_not_swapped():
     keys, equal, block = make_trials(default_rng(1))
     equal[(block == 4) & (default_rng(2).random(len(block)) < 0.9)] = 1
     finding, *_ = find(from_trials("S", keys, equal, block))
-    assert (finding.code, finding.option) == ("block_dispersion", "--exclude S:5")
+    assert (finding.code, finding.option) == ("block_dispersion", "")
     assert finding.message.startswith("Block 5 differs from the others (p ")
 
 
@@ -329,9 +386,9 @@ def test_flags_need_no_order_of_trials_and_survive_pickling():
 
 def test_vibrotactile_blocks_to_be_turned(vibrotactile):
     options = {finding.option for finding in check_answers(vibrotactile)} - {""}
-    assert options == {"--swap 865:2", "--swap 946:2,4,6", "--exclude 976:3"}
+    assert options == {"--swap 865:2", "--swap 946:2,4,6"}
     turned = vibrotactile.swap(946, [2, 4, 6]).swap(865, 2)
-    assert {finding.option for finding in check_answers(turned)} == {"", "--exclude 976:3"}
+    assert {finding.option for finding in check_answers(turned)} == {""}
     assert not_interpreted(turned) == {}
 
 
@@ -344,4 +401,5 @@ def test_nothing_is_proposed_in_the_other_public_studies(real_data, path):
     assert not_interpreted(study) == {}
     assert {finding.option for finding in check_answers(study)} <= {""}
     wrong = messages(*(replace(subject, task=OTHER_TASK[study.task]) for subject in study))
-    assert ("other_task" in wrong) == ("auditory" not in path)  # one distance, no equal pair
+    code = "other_task" if study.task == SAME_DIFFERENT else "like_2afc"
+    assert (code in wrong) == ("auditory" not in path)  # one distance, no equal pair

@@ -1,0 +1,124 @@
+"""Other explanations of the responses: the subject guesses, swaps the keys, or has another task.
+
+`compare_alternatives` compares each with the observer of the four models, by their evidences. So
+an observer with a strong contraction, a repulsion or roved stimuli is no surprise.
+
+Each explanation has a marginal likelihood. Where the observer of the four models is right, the
+Bayes factor against it exceeds K with a probability of at most 1/K (Markov's inequality).
+:func:`alarm_limit` therefore keeps the false-alarm rate of a whole study.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import betaln, logsumexp
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
+from bayes_toe.errors import NumericalError
+from bayes_toe.inference.order_evidence import MODEL_NAMES, Precision, order_evidence
+from bayes_toe.model.parameters import MODEL_PRIOR
+
+_SEED = 0  # the same alarms for the same study
+_QUICK = Precision(standard_error=0.2, effective_draws=50.0, most_draws=1000)
+#: Standard errors of an expected trend beyond which no other explanation can win.
+_CLEAR_TREND = 5.0
+
+
+class Alternatives(NamedTuple):
+    """Log Bayes factors of other explanations against the four models, in nats."""
+
+    guesses: float
+    swapped: float
+    other_task: float
+
+
+def alarm_limit(n_tests: int, rate: float) -> float:
+    """The log Bayes factor at which `n_tests` together have this false-alarm rate at most.
+
+    Examples
+    --------
+    >>> round(alarm_limit(1, 0.02), 2), round(alarm_limit(200, 0.02), 2)
+    (3.91, 9.21)
+    """
+    return math.log(n_tests / rate)
+
+
+def compare_alternatives(study: Study) -> dict[str, Alternatives]:
+    """The other explanations of the responses, for subjects who leave a doubt.
+
+    A subject leaves none where the responses clearly change with s2 - s1 as the task expects, or
+    where no two stimuli differ.
+
+    Examples
+    --------
+    >>> rising = Subject("A", [0, 0.3], [0.3, 0], [27, 3], [30, 30], task=TASKS[1])
+    >>> falling = Subject("B", [0, 0.3], [0.3, 0], [3, 27], [30, 30], task=TASKS[1])
+    >>> doubtful = compare_alternatives(Study([rising, falling]))
+    >>> [*doubtful], doubtful["B"].swapped > 10
+    (['B'], True)
+    """
+    subjects = [subject for subject in study if _is_doubtful(subject)]
+    inverted = [replace(subject, n_yes=subject.n_trials - subject.n_yes) for subject in subjects]
+    (other_task,) = (task for task in TASKS if task != study.task)
+    as_other = [replace(subject, task=other_task) for subject in subjects]
+    inverted_as_other = [replace(subject, task=other_task) for subject in inverted]
+
+    observer = _log_evidence(subjects)
+    guesses = np.array([_guessing_evidence(subject) for subject in subjects])
+    swapped = _log_evidence(inverted)
+    # Which response is which is not known in another task: both codes are equally probable.
+    both_codes = [_log_evidence(as_other), _log_evidence(inverted_as_other)]
+    other = np.logaddexp(*both_codes) - math.log(2.0)
+
+    evidences = np.column_stack([guesses, swapped, other]) - observer[:, None]
+    alternatives = {}
+    for subject, log_bayes_factors in zip(subjects, evidences.tolist(), strict=True):
+        alternatives[subject.name] = Alternatives(*log_bayes_factors)
+    return alternatives
+
+
+def _is_doubtful(subject: Subject) -> bool:
+    """Whether the responses do not clearly change with s2 - s1 as the task expects."""
+    difference = subject.s2 - subject.s1
+    if not difference.any() or subject.n_yes.sum() in (0, subject.total_trials):
+        return False
+    expected = -np.abs(difference) if subject.task == SAME_DIFFERENT else difference
+    return _trend(expected, subject) < _CLEAR_TREND
+
+
+def _trend(x: FloatArray, subject: Subject) -> float:
+    """Score of a linear change of the counted response with x, in standard errors."""
+    centred = x - np.average(x, weights=subject.n_trials)
+    largest = np.abs(centred).max()
+    if largest == 0.0:
+        return 0.0
+    centred = centred / largest
+    share = subject.fraction_yes
+    variance = share * (1.0 - share) * (np.square(centred) @ subject.n_trials)
+    return float(centred @ subject.n_yes / np.sqrt(variance))
+
+
+def _guessing_evidence(subject: Subject) -> float:
+    """Log evidence of one probability for all trials, which is uniform."""
+    n_yes = float(subject.n_yes.sum())
+    n_no = float(subject.total_trials) - n_yes
+    return float(betaln(n_yes + 1.0, n_no + 1.0))
+
+
+def _log_evidence(subjects: Sequence[Subject]) -> FloatArray:
+    """Log mean evidence of the four models by their prior probabilities; NaN where it fails."""
+    try:
+        evidences = order_evidence(subjects, _SEED, precision=_QUICK)
+    except NumericalError:
+        if len(subjects) == 1:
+            return np.full(1, np.nan)
+        return np.concatenate([_log_evidence([subject]) for subject in subjects])
+    log_prior = np.log([MODEL_PRIOR[name] for name in MODEL_NAMES])
+    return np.array([logsumexp(evidence.log_evidence + log_prior) for evidence in evidences])
