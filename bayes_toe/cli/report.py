@@ -81,9 +81,9 @@ from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.model.posterior import DOMINATED
 from bayes_toe.plots.asymmetry import asymmetry_height
-from bayes_toe.plots.by_order import posterior_predictive
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.order_effect import evidence_axes, forest_height
+from bayes_toe.plots.predictive import posterior_predictive
 from bayes_toe.plots.report_figure import (
     has_curves,
     inline_svg,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from legible import curves_of, marks_of, require_legible, texts_of, words_of
+from legible import marks_of, require_legible, texts_of, words_of
 from populations import made_result
 
 import bayes_toe as bt
@@ -41,7 +41,7 @@ def intervals(ax):
 def test_forests_have_sizes_and_words_of_every_subject(analysis):
     errors, contractions = bt.plots.order_effect(analysis.evidence).axes
     assert words_of(errors.get_yticklabels()) == ["A", "B", "C"]
-    for ax, question in zip((errors, contractions), QUESTION_STYLES[1:], strict=True):
+    for ax, question in zip((errors, contractions), QUESTION_STYLES, strict=True):
         expected = [answer.marked_word(question.name) for answer in analysis.answers]
         assert words_of(ax.texts) == expected
         sizes = []
@@ -73,21 +73,6 @@ def test_a_mean_that_no_pairs_can_show_is_not_drawn(analysis, small_study):
     assert marks_of(contractions, "d") == []
 
 
-def test_large_and_small_bayes_factors_are_triangles_at_the_ends_of_the_axis(analysis):
-    first, second, third = analysis.evidence
-    factors = {"order_effect": 300.0, "constant_error": np.log(3.0), "contraction": -9.0}
-    words = dict.fromkeys(first.answer.words, Word.UNDECIDED)
-    table = EvidenceTable((changed(first, log_bayes_factors=factors, words=words), second, third))
-    [ax] = bt.plots.bayes_factors(table).axes
-    drawn = {line.get_label(): line.get_xdata()[0] for line in curves_of(ax, 3)}
-    assert drawn["constant error"] == pytest.approx(3.0)
-    assert np.isnan([drawn["order effect"], drawn["contraction"]]).all()
-    low, high = ax.get_xlim()
-    assert marks_of(ax, ">")[0].get_xdata()[0] == pytest.approx(high)
-    assert marks_of(ax, "<")[2].get_xdata()[0] == pytest.approx(low)
-    assert words_of(ax.get_xticklabels())[-3:] == ["3", "10", "30"]
-
-
 def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
     first, second, third = analysis.evidence
     words = dict.fromkeys(second.answer.words, Word.NOT_INTERPRETABLE)
@@ -96,8 +81,6 @@ def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
     errors, _ = bt.plots.order_effect(table).axes
     assert words_of(errors.texts)[1] == "not interpreted"
     assert len(medians(errors)) == 2
-    [ax] = bt.plots.bayes_factors(table).axes
-    assert np.isnan([line.get_xdata()[1] for line in curves_of(ax, 3)]).all()
 
 
 def test_poor_fit_and_prior_stand_beside_the_word(analysis):
@@ -112,7 +95,6 @@ def test_poor_fit_and_prior_stand_beside_the_word(analysis):
 def test_figures_of_any_study_are_legible(analysis, size):
     table = renamed(analysis.evidence, size, "participant of the study number {}")
     require_legible(bt.plots.order_effect(table, synthetic=True))
-    require_legible(bt.plots.bayes_factors(table, synthetic=True))
 
 
 def test_a_figure_of_many_subjects_is_sorted_and_no_higher(analysis):
