@@ -1,10 +1,8 @@
-from .asymmetry import asymmetry as asymmetry
 from .contrast import contrast as contrast
 from .corner import corner as corner
 from .curves import curves as curves
 from .figure_files import save_figure as save_figure
 from .order_effect import order_effect as order_effect
-from .paper_figures import paper_figures as paper_figures
 from .population import population as population
 from .power import design as design
 from .power import power as power

@@ -1,8 +1,7 @@
 """Figures of the order effects: sizes, and the paper's model against H0.
 
 `order_effect` is a forest plot of PSE shift and contraction of every subject, with the group.
-`evidence_axes` and `evidence_plane_axes` compare the paper's model (H1) with one free frequency per
-pair (H0).
+`evidence_axes` compares the paper's model (H1) with one free frequency per pair (H0).
 :data:`QUESTION_STYLES` has the colours and markers of the two effects.
 """
 
@@ -34,7 +33,6 @@ from bayes_toe.plots.style import (
     SMALL,
     WEAKER_FIRST,
     Style,
-    legend_above,
     mark_synthetic,
     new_figure,
     plain,
@@ -292,39 +290,3 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
         style = {"ha": "right", "va": "center", "fontsize": LETTERS, "color": EQUAL}
         ax.text(0.99, i, words, transform=ax.get_yaxis_transform(), **style)
     return ax
-
-
-def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
-    """Draw the log evidence of H1 (upward) against that of H0 (to the right).
-
-    The source is the paper's figure in Appendix C.
-
-    Per trial, so that studies and subjects of any length share one scale; above the diagonal one
-    smooth curve does better than one free probability per pair. Subjects without a reliable
-    estimate are counted in the panel.
-    """
-    values = []
-    for row in table.rows:
-        if row.log_evidence_h1 is not None:
-            values.append((row.log_evidence_h0 / row.n_trials, row.log_evidence_h1 / row.n_trials))
-    points = np.array(values, np.float64).reshape(-1, 2)
-    ax.axline((0.0, 0.0), slope=1.0, color="black", lw=0.8)
-    is_above = points[:, 1] > points[:, 0]
-    style: Style = {"ls": "", "ms": 4.5, "mfc": "none", "mew": 1.1}
-    for rows, colour, marker, label in (
-        (is_above, POSTERIOR, "o", "the paper's model (H1)"),
-        (~is_above, WEAKER_FIRST, "s", "saturated model (H0)"),
-    ):
-        if rows.any():
-            ax.plot(*points[rows].T, marker=marker, color=colour, label=label, **style)
-    if len(points):
-        pad = max(0.08 * float(np.ptp(points)), 0.02)
-        limits = (float(points.min()) - pad, float(points.max()) + pad)
-        ax.set(xlim=limits, ylim=limits)
-        ax.locator_params(nbins=4)  # so that numbers of three decimals do not touch
-        legend_above(ax, columns=2)
-    if len(points) < len(table.rows):
-        write_note(ax, f"{len(table.rows) - len(points)} without a reliable estimate")
-    ax.set_aspect("equal")
-    ax.set(xlabel="log evidence per trial, H0 (nats)", ylabel="log evidence per trial, H1 (nats)")
-    return style_axes(ax)

@@ -36,6 +36,14 @@ from bayes_toe.seeds import generator
 #: Subjects that a page has room for.
 MOST_SUBJECTS = 40
 _MOST_OF_FOUR_COLUMNS = 12
+#: By columns of panels: inches across the figure and down a row, characters of a name.
+_PANEL_SIZES = {
+    1: (COLUMN, 2.1, 20),
+    2: (COLUMN, 1.6, 20),
+    3: (PAGE, 1.5, 20),
+    4: (PAGE, 1.5, 20),
+    5: (PAGE, 1.0, 14),
+}
 _REPLICATES_PER_DRAW = 10  # replicated studies for each draw
 _LABEL_WIDE = 0.1  # inches of a pair with its label
 _INTERVAL = "#BDBDBD"
@@ -104,22 +112,23 @@ def _select_subjects(analysis: Analysis, subjects: Sequence[str] | None) -> list
 
 
 def _n_columns(n_subjects: int) -> int:
-    return min(n_subjects, 4) if n_subjects <= _MOST_OF_FOUR_COLUMNS else 5
+    if n_subjects > _MOST_OF_FOUR_COLUMNS:
+        return 5
+    return min(n_subjects, 4)
 
 
 def _small_multiples(analysis: Analysis, subjects: Sequence[Subject]) -> tuple[Figure, list[Axes]]:
     """A figure as wide as a column or a page, and a panel for each subject."""
     n_columns = _n_columns(len(subjects))
-    width = COLUMN if n_columns <= 2 else PAGE
-    row_height = {1: 2.1, 2: 1.6, 3: 1.5, 4: 1.5, 5: 1.0}[n_columns]
+    width, row_height, name_length = _PANEL_SIZES[n_columns]
     figure = new_figure(width, n_rows(len(subjects), n_columns) * row_height + 0.8)
     panels = grid_panels(figure, len(subjects), n_columns, sharey=True)
     answers = {answer.subject: answer for answer in analysis.answers}
     for ax, counts in zip(panels, subjects, strict=True):
-        title = plain(counts.name, 20 if n_columns < 5 else 14)
+        title = plain(counts.name, name_length)
         answer = answers.get(counts.name)
         if answer is not None and not answer.is_interpretable:
-            title += ", not interpreted" if n_columns < 3 else "\nnot interpreted"
+            title += "\nnot interpreted"
         ax.set_title(title, loc="left", fontsize=LETTERS)
     mark_synthetic(figure, analysis.study.synthetic)
     return figure, panels

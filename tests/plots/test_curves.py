@@ -12,7 +12,8 @@ from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.plots.curves import MOST_PANELS, main_weaker, order_panel
+from bayes_toe.inference.prediction import Predictor
+from bayes_toe.plots.curves import MOST_PANELS, distance_panel, main_weaker, order_panel
 from bayes_toe.plots.report_figure import responses_figure, responses_panel
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
 
@@ -104,6 +105,16 @@ def test_curves_of_one_weaker_stimulus_are_shares_of_correct_responses():
     assert share == pytest.approx(0.5 + x)
     x, share = stronger_first.get_data()
     assert share == pytest.approx(0.5 + 0.9 * x)
+
+
+def test_both_orders_fall_on_one_curve(analysis):
+    ax = new_figure(4.0, 3.0).subplots()
+    distance_panel(ax, Predictor.from_draws(analysis.draws, "A"))
+    [curve] = curves_of(ax, 200)
+    z, share = np.concatenate([bars.lines[0].get_xydata() for bars in ax.containers]).T
+    # The counts are rounded expectations: they lie on the curve.
+    assert share == pytest.approx(np.interp(z, *curve.get_data()), abs=0.08)
+    assert len(share) == analysis.study["A"].n_pairs
 
 
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():

@@ -2,16 +2,14 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from legible import marks_of, require_legible, texts_of, words_of
+from legible import marks_of, require_legible, words_of
 from populations import made_result
 
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.answers.words import Word
-from bayes_toe.plots.order_effect import QUESTION_STYLES, evidence_plane_axes
-from bayes_toe.plots.style import axes_or_new
+from bayes_toe.plots.order_effect import QUESTION_STYLES
 
 
 def changed(row, **values):
@@ -122,15 +120,3 @@ def test_a_table_without_answers_is_refused(analysis):
     table = EvidenceTable(tuple(replace(row, answer=None) for row in analysis.evidence))
     with pytest.raises(bt.InputError, match="no answers of order effects"):
         bt.plots.order_effect(table)
-
-
-def test_numbers_under_the_plane_of_evidences_have_room_between_them(analysis):
-    rows = []
-    for row in analysis.evidence:  # a range with many numbers of three decimals
-        h0, h1 = -0.604 * row.n_trials, -0.498 * row.n_trials
-        rows.append(replace(row, log_evidence_h0=h0, log_evidence_h1=h1))
-    ax = evidence_plane_axes(EvidenceTable(tuple(rows)), axes_or_new(None, high=3.4))
-    drawn = set(texts_of(ax.figure)) & set(ax.get_xticklabels())
-    boxes = np.sort([text.get_window_extent().intervalx for text in drawn], axis=0)
-    assert len(boxes) > 1
-    assert (boxes[1:, 0] - boxes[:-1, 1]).min() > 10.0 * ax.figure.dpi / 72.0
