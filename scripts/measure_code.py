@@ -28,18 +28,18 @@ HIGHEST_COMPLEXITY = 15
 LIMITS = {
     "bayes_toe": {
         "files": 140,
-        "nodes": 230_800,
+        "nodes": 230_440,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.82,
         "nested comprehensions": 10,
         "conditional expressions": 1.66,
-        "filler names": 0.55,
+        "filler names": 0.54,
         "import circles": 0,
     },
     "tests": {
         "files": 113,
-        "nodes": 157_660,
+        "nodes": 157_600,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.8,
