@@ -33,9 +33,9 @@ BLOCK = 1 << 16
 np.empty(1 << 21)
 
 
-def thinned(points: FloatArray, most: float) -> FloatArray:
+def thinned(points: FloatArray, n_points: float) -> FloatArray:
     """Evenly spaced points, at most so many."""
-    return points[:: max(1, math.ceil(len(points) / most))]
+    return points[:: max(1, math.ceil(len(points) / n_points))]
 
 
 def run_starts(*sorted_keys: npt.NDArray[np.generic]) -> IndexArray:

@@ -163,20 +163,9 @@ def test_every_page_that_is_made_has_its_place_in_one_document():
         assert sum(text.count(position) for text in texts) == 1, position
 
 
-def test_every_command_and_option_is_in_the_reference():
-    _, *parts = re.split(r"^### (\S+)$", reference_pages.command_reference(), flags=re.MULTILINE)
-    sections = dict(zip(parts[::2], parts[1::2], strict=True))
-    commands = typer.main.get_command(app).commands
-    assert list(sections) == list(commands)
-    for name, command in commands.items():
-        section = sections[name]
-        assert f"bayes-toe {name}" in section  # the example
-        assert "[bold]" not in section
-        for parameter in command.params:
-            names = {*parameter.opts, *parameter.secondary_opts} - {"--help", "-h"}
-            if parameter.param_type_name != "option":
-                names = {parameter.metavar.replace("|", "\\|")}
-            assert [word for word in names if word not in section] == [], name
+def test_every_command_is_in_the_reference():
+    sections = re.findall(r"^### (\S+)$", reference_pages.command_reference(), flags=re.MULTILINE)
+    assert sections == [*typer.main.get_command(app).commands]
 
 
 @pytest.mark.parametrize("face", reference_pages.FACES)

@@ -100,7 +100,6 @@ def test_one_interval_of_a_study_is_open_to_everything(study):
 REFUSED = [
     (lambda study, _: bt.fit(study, replicates=10, seed=1, workers=1), "not for intervals"),
     (lambda study, _: bt.asymmetry(study), r"not for intervals \(column isi\).*Study.at_isi"),
-    (lambda _, analysis: bt.plots.paper_figures(analysis), "not for intervals"),
     (lambda study, _: study.at_isi(3.0), "no interval of 3 s; there are: 0.25, 1, 4 s"),
     (lambda study, _: study["S01"].at_isi(3.0), "no interval of 3 s; there are: 0.25, 1, 4 s"),
     (lambda _, analysis: bt.predict(analysis.draws, "S01", 0.0, 0.3), "made with intervals"),

@@ -138,16 +138,6 @@ class SubjectAsymmetry:
         """The comparison with the largest absolute asymmetry."""
         return next((row for row in self.comparisons if row.is_maximal), None)
 
-    @property
-    def mean_asymmetry(self) -> float:
-        """Mean of the asymmetries over comparisons."""
-        return float(np.mean([row.asymmetry for row in self.comparisons]))
-
-    @property
-    def mean_absolute_asymmetry(self) -> float:
-        """Mean of the absolute asymmetries over comparisons."""
-        return float(np.mean([abs(row.asymmetry) for row in self.comparisons]))
-
 
 @dataclass(frozen=True)
 class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
@@ -155,6 +145,11 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
 
     task: Task = SAME_DIFFERENT
     unit: StimulusUnit = UNKNOWN_UNIT
+
+    @property
+    def has_comparison(self) -> bool:
+        """Whether some subject met a pair of different stimuli in both orders."""
+        return any(row.comparisons for row in self.rows)
 
     @property
     def share_of(self) -> str:
@@ -247,7 +242,7 @@ def asymmetry(study: Study) -> AsymmetryTable:
     require_study(study)
     refuse_intervals(study, "asymmetry")
     table = asymmetry_table(study)
-    if not any(row.comparisons for row in table):
+    if not table.has_comparison:
         raise InputError(
             f"{study.source}: no pair of different stimuli was presented in both orders to one "
             "subject, so its asymmetry cannot be observed; sample the posterior for what the model "

@@ -377,14 +377,14 @@ def _find_suprema(likelihood: PenalisedLikelihood, u: FloatArray, value: FloatAr
     has_no_pull = is_inside & is_as_high(no_pull) & ~is_as_high(largest_pull)
 
     suprema = u.copy()
-    for is_there, points in (
+    for is_edge, points in (
         (is_wide, infinite_width),
         (is_never, no_share),
         (is_vanishing, no_pull_and_width),
         (is_narrow_only, no_width),
         (has_no_pull, no_pull),
     ):
-        suprema[is_there] = points[is_there]
+        suprema[is_edge] = points[is_edge]
     return _Suprema(suprema, is_wide, is_never, is_narrow_only | is_vanishing, is_vanishing)
 
 

@@ -48,9 +48,6 @@ def run(
         str, rare("--figures", "all|flagged|none", "Subjects with figures.")
     ] = "all",
     explore: Annotated[bool, flag("--explore", "Write explorer.html, too.")] = False,
-    paper_figures: Annotated[
-        bool, flag("--paper-figures", "Write the paper's figures, too.")
-    ] = False,
     context: Annotated[RunContext, *MODEL, "draws", "resume"],
 ) -> None:
     """Estimate the order effects of every subject and of the group.
@@ -58,19 +55,16 @@ def run(
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
     from bayes_toe.cli.results_folder import PRODUCTS, FigureChoice, write_results
-    from bayes_toe.data.study import refuse_intervals
     from bayes_toe.explorer.page import require_bokeh, require_few
     from bayes_toe.groups.predictive_check import predictive_check
 
     if explore:
         require_bokeh()
     study, context = context.ask(study)
-    choice = FigureChoice(figures, study.truth(), explore, paper_figures)
+    choice = FigureChoice(figures, study.truth(), explore)
     context.require_folder(output, PRODUCTS)
     keep = context.partial_folder(output)
     read, prior = context.read_and_describe(study)
-    if paper_figures:
-        refuse_intervals(read, "--paper-figures")
     if explore:
         require_few(len(read), "subjects")
     _require_fitting(context, read, prior)

@@ -121,8 +121,8 @@ def _data(study: Study) -> list[str]:
         trials.append(sum(unit.total_trials for unit in units))
     amount = f"{sum(trials):,} trials"
     if len(trials) > 1:
-        fewest, most = min(trials), max(trials)
-        number = f"{most:,}" if fewest == most else f"{fewest:,} to {most:,}"
+        smallest, largest = min(trials), max(trials)
+        number = f"{largest:,}" if smallest == largest else f"{smallest:,} to {largest:,}"
         amount += f", {number} each"
     participants = plural(len(trials), "participant")
     sentences = [f"{participants} reported {study.task.question} ({amount})."]

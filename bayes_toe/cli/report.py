@@ -22,7 +22,6 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from scipy.special import softmax
 
-from bayes_toe import plots
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.contrast import LEGEND, ContrastTable, Difference
 from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
@@ -80,10 +79,9 @@ from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.model.posterior import DOMINATED
-from bayes_toe.plots.asymmetry import asymmetry_height
-from bayes_toe.plots.by_order import posterior_predictive
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.order_effect import evidence_axes, forest_height
+from bayes_toe.plots.predictive import posterior_predictive
 from bayes_toe.plots.report_figure import (
     has_curves,
     inline_svg,
@@ -188,7 +186,6 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
     context = {
         **_context(analysis, facts),
         "asymmetry": asymmetry,
-        "asymmetry_image": _asymmetry_image(asymmetry),
         **_findings(analysis, findings),
         "folder": folder,
         "there": {path.name for path in folder.iterdir()},
@@ -297,7 +294,6 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
         "caption": _caption(analysis),
         "evidence_image": _evidence_image(analysis),
         "dominated": DOMINATED,
-        "crowded": len(study) > MAX_NAMES,
         "group": _group(analysis.group, facts.check),
         "contrast": _by_condition(analysis.contrast),
     }
@@ -349,15 +345,6 @@ def _evidence_image(analysis: Analysis) -> str:
     title = "synthetic data" if analysis.study.synthetic else ""
     ax.set_title(title, fontsize=LETTERS, loc="right")
     legend_below(figure, size=LETTERS, columns=2)
-    return _png_uri(png(figure, dpi=_DOTS))
-
-
-def _asymmetry_image(table: AsymmetryTable) -> str:
-    """The asymmetries of all subjects; empty if no pair was presented in both orders."""
-    if not any(row.comparisons for row in table):
-        return ""
-    figure = new_figure(_WIDE, asymmetry_height(table))
-    plots.asymmetry(table, figure.subplots())
     return _png_uri(png(figure, dpi=_DOTS))
 
 

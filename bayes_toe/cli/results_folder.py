@@ -25,7 +25,6 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.plots.corner import corner
 from bayes_toe.plots.curves import fitted_figure
 from bayes_toe.plots.figure_files import png
-from bayes_toe.plots.paper_figures import write_figures
 from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
 
 #: What a results folder has of a group and of conditions.
@@ -45,7 +44,6 @@ PRODUCTS = (
     "corner",
     "explorer.html",
     "subjects",
-    "paper_figures",
     STUDY_FILE,
 )
 #: What `--figures` can be.
@@ -64,14 +62,11 @@ class FigureChoice:
         True values by subject, marked in corner plots.
     explorer : bool
         Whether there is explorer.html.
-    paper_figures : bool
-        Whether there is a folder with the figures of the paper.
     """
 
     subjects: str = "all"
     truth: Truth = field(default_factory=dict)
     explorer: bool = False
-    paper_figures: bool = False
 
     def __post_init__(self) -> None:
         if self.subjects not in _FIGURES:
@@ -120,8 +115,6 @@ def write_results(
         _write_tables(analysis, target)
         _write_group(analysis, check, target)
         write_methods(analysis, target / "methods.md")
-        if figures.paper_figures:
-            write_figures(analysis, target / "paper_figures")
         if figures.explorer:
             explore(draws, truths=figures.truth or None).save(target / "explorer.html")
         if names:

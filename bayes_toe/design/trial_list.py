@@ -1,7 +1,5 @@
 """The order in which a design's trials are shown, and the file that an experiment reads.
 
-`trial_list` makes it.
-
 Blocks are alike, both orders of two stimuli are equally frequent in each, and few equal pairs
 follow each other.
 """
@@ -13,9 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy.special import logsumexp
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
+from bayes_toe.arrays import BoolArray, IndexArray, IntArray, Rng
 from bayes_toe.data.messages import join_names
 from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.errors import InputError
@@ -23,6 +20,8 @@ from bayes_toe.seeds import generator
 
 #: Equal pairs that may follow each other.
 MOST_EQUAL = 3
+#: Pairs that stay together in a block, and how often they come.
+Unit = tuple[list[int], int]
 
 
 def trial_list(
@@ -37,8 +36,8 @@ def trial_list(
     """A random order of all trials of a design, a row a trial; the responses are still to come.
 
     Every block has its share of every pair, and two stimuli in both orders equally often where the
-    design has them so; no more than three equal pairs follow each other, also over the end of a
-    block. Of all such orders each is equally probable.
+    design has them so. No more than three equal pairs follow each other, also over the end of a
+    block.
 
     Parameters
     ----------
@@ -64,25 +63,18 @@ def trial_list(
     >>> np.unique(trials.block, return_counts=True)[1].tolist()
     [10, 10, 10, 10, 10]
     """
-    if not 1 <= blocks <= design.total:
-        raise InputError(f"--blocks {blocks}: allowed is 1 to {design.total}, the number of trials")
     if len(set(conditions)) < len(conditions):
         raise InputError(f"--conditions: found {join_names(conditions)}, allowed: each level once")
     rng = generator(seed, subject, "order of trials")
-    n_levels = max(1, len(conditions))
-    counts = _block_counts(design, blocks, n_levels, rng)
-    is_equal = np.tile(design.s1 == design.s2, n_levels)
-    n_equal, n_different = counts[:, is_equal].sum(axis=1), counts[:, ~is_equal].sum(axis=1)
-    order = [rng.permutation(np.repeat(np.arange(len(is_equal)), row)) for row in counts]
-    masks = _masks_of_equals(n_equal, n_different, rng)
-    for trials, mask in zip(order, masks, strict=True):
-        equal, different = trials[is_equal[trials]], trials[~is_equal[trials]]
-        trials[mask], trials[~mask] = equal, different
+    is_equal = np.tile(design.s1 == design.s2, max(1, len(conditions)))
+    in_blocks = _blocks(design, blocks, max(1, len(conditions)), rng)
+    order = _shuffled(in_blocks, is_equal, rng)
+
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
     columns: dict[str, npt.ArrayLike] = {"subject": subject}
     if conditions:
         columns["condition"] = np.array(conditions)[level]
-    columns["block"] = np.repeat(np.arange(1, blocks + 1), counts.sum(axis=1))
+    columns["block"] = np.repeat(np.arange(1, blocks + 1), [*map(len, order)])
     columns["trial"] = np.arange(1, len(pair) + 1)
     for name, values in zip(("s1", "s2", "isi"), design.columns, strict=False):
         columns[name] = values[pair]
@@ -92,104 +84,76 @@ def trial_list(
     return pd.DataFrame({**columns, "response": ""})
 
 
-# --- Which pairs in which block -------------------------------------------------------------------
+def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[IndexArray]:
+    """The trials of each block, level * n_pairs + pair, dealt out to the blocks in turn.
 
-
-def _block_counts(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> IntArray:
-    """Trials of each pair at each level in each block, shape (blocks, levels * pairs).
-
-    Both orders of two stimuli come first; single pairs then even out the blocks, those of one
-    level before those of all levels.
+    Two stimuli in both orders are dealt together, before the trials that are left.
     """
-    counts = np.zeros((n_levels, blocks, design.n_pairs), np.int64)
-    units = _units(design)
-    for of_level in counts:
-        shuffled = [units[i] for i in rng.permutation(len(units)).tolist()]
-        for pairs, times in sorted(shuffled, key=lambda unit: -len(unit[0])):
-            of_level[:, pairs] += times // blocks
-            in_block = counts.sum(axis=(0, 2))
-            keys = (rng.uniform(size=blocks), of_level[:, pairs].sum(axis=1), in_block)
-            fewest = np.lexsort((*keys, of_level.sum(axis=1)))[: times % blocks]
-            of_level[np.ix_(fewest, pairs)] += 1
-    return np.hstack(list(counts))
+    together, single = _units(design)
+    hands: list[IndexArray] = []
+    for units in (together, single):
+        repeated = units * n_levels
+        for i in rng.permutation(len(repeated)).tolist():
+            pairs, n_times = repeated[i]
+            first = i // len(units) * design.n_pairs
+            hands += [np.add(first, pairs)] * n_times
+    if not 1 <= blocks <= len(hands):
+        raise InputError(
+            f"--blocks {blocks}: allowed is 1 to {len(hands)}, so that every block has a trial and "
+            "both orders of it"
+        )
+    starts = rng.permutation(blocks).tolist()
+    return [np.concatenate(hands[start::blocks]) for start in starts]
 
 
-def _units(design: StudyDesign) -> list[tuple[list[int], int]]:
-    """The units that stay together in a block, and how often each comes.
-
-    Both orders of two stimuli, and what is left.
-    """
-    index = {pair: i for i, pair in enumerate(design.pairs)}
+def _units(design: StudyDesign) -> tuple[list[Unit], list[Unit]]:
+    """Pairs in both orders, and those that are left, each with how often it comes."""
+    rows = {pair: i for i, pair in enumerate(design.pairs)}
     n_left = design.n_trials.copy()
-    units = []
-    for (s1, s2, *isi), i in index.items():
-        turned = index.get((s2, s1, *isi), i)
+    together = []
+    for (s1, s2, *isi), i in rows.items():
+        turned = rows.get((s2, s1, *isi), i)
         if turned > i:
             n_common = int(min(n_left[i], n_left[turned]))
             n_left[[i, turned]] -= n_common
-            units.append(([i, turned], n_common))
-    units += [([i], count) for i, count in enumerate(n_left.tolist())]
-    return [(pairs, times) for pairs, times in units if times]
+            together.append(([i, turned], n_common))
+    return together, [([i], count) for i, count in enumerate(n_left.tolist())]
 
 
-# --- Where the equal pairs stand ------------------------------------------------------------------
+def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> list[IndexArray]:
+    """The trials of each block in a random order, without too many equal pairs in a row."""
+    n_equal = np.array([is_equal[trials].sum() for trials in blocks])
+    n_different = np.array([*map(len, blocks)]) - n_equal
+    room = _room_at_ends(n_equal, n_different)
+    order = []
+    n_last = 0  # equal pairs that came last
+    for i, trials in enumerate(blocks):
+        gaps = np.zeros(n_different[i] + 1, np.int64)
+        largest = np.full(n_different[i] + 1, MOST_EQUAL)
+        largest[-1] = room[i]
+        largest[0] -= n_last
+        for _ in range(n_equal[i]):
+            # As in a shuffle, the next one stands equally often between any two trials.
+            weights = np.where(gaps < largest, gaps + 1, 0)
+            gaps[rng.choice(len(gaps), p=weights / weights.sum())] += 1
+
+        equal, different = trials[is_equal[trials]], trials[~is_equal[trials]]
+        positions = np.repeat(np.arange(len(gaps)), gaps)
+        order.append(np.insert(rng.permutation(different), positions, rng.permutation(equal)))
+        n_last = int(gaps[-1]) + n_last * (len(gaps) == 1)
+    return order
 
 
-def _masks_of_equals(n_equal: IntArray, n_different: IntArray, rng: Rng) -> list[BoolArray]:
-    """The trials of every block that are equal pairs, (trials,) each.
-
-    All ways are equally probable.
-    """
-    masks = []
-    run = 0  # equal pairs that came last
-    for log_ways in _count_ways(n_equal, n_different):
-        n_left = log_ways.shape[1] - 1  # equal pairs of the block that are still to come
-        run_sizes = []
-        for different_after in range(log_ways.shape[0] - 2, -1, -1):
-            fewest_left = max(0, n_left - (MOST_EQUAL - run))
-            log_p = log_ways[different_after, fewest_left : n_left + 1]
-            p = np.exp(log_p - logsumexp(log_p))
-            next_left = fewest_left + int(rng.choice(len(p), p=p))
-            run_sizes.append(n_left - next_left)
-            n_left, run = next_left, 0
-        mask: list[bool] = []
-        for size in run_sizes:
-            mask += [True] * size + [False]
-        masks.append(np.array(mask + [True] * n_left, np.bool_))
-        run += n_left
-    return masks
-
-
-def _count_ways(n_equal: IntArray, n_different: IntArray) -> list[FloatArray]:
-    """Log numbers of ways with no more than three equal pairs in a row, a table for each block.
-
-    An entry, (different, equal) pairs that are still to come in the block, counts the ways from
-    there to the end of the last block, where a different pair came last.
-    """
-    tables = []
-    from_next = np.zeros(MOST_EQUAL + 1)  # ways from the next block on, by the run before it
-    for e, d in zip(n_equal[::-1].tolist(), n_different[::-1].tolist(), strict=True):
-        log_ways = np.full((d + 1, e + 1), -np.inf)
-        log_ways[0, : MOST_EQUAL + 1] = from_next[: e + 1]
-        for left in range(1, d + 1):
-            for size in range(min(MOST_EQUAL, e) + 1):
-                with_run = log_ways[left - 1, : e + 1 - size]
-                log_ways[left, size:] = np.logaddexp(log_ways[left, size:], with_run)
-        tables.append(log_ways)
-        from_block = np.full(MOST_EQUAL + 1, -np.inf)
-        for run in range(MOST_EQUAL + 1):
-            if d:
-                fewest = max(0, e - MOST_EQUAL + run)
-                from_block[run] = logsumexp(log_ways[d - 1, fewest:])
-            elif run + e <= MOST_EQUAL:
-                from_block[run] = from_next[run + e]
-        from_next = from_block
-    if np.isneginf(from_next[0]):
-        worst = int((n_equal - MOST_EQUAL * n_different).argmax())
-        n_trials = n_equal[worst] + n_different[worst]
-        raise InputError(
-            f"block {worst + 1}, of {n_trials} trials, has {n_equal[worst]} equal pairs: more than "
-            f"{MOST_EQUAL} would follow each other; allowed: a design with fewer equal pairs, or "
-            "fewer blocks"
-        )
-    return tables[::-1]
+def _room_at_ends(n_equal: IntArray, n_different: IntArray) -> list[int]:
+    """Equal pairs that may stand at the end of each block, so that those of the next have room."""
+    room = [MOST_EQUAL]
+    for i in range(len(n_equal) - 1, -1, -1):
+        n_before = MOST_EQUAL * n_different[i] + room[-1] - n_equal[i]
+        if n_before < 0:
+            raise InputError(
+                f"block {i + 1}, of {n_equal[i] + n_different[i]} trials, has {n_equal[i]} equal "
+                f"pairs: more than {MOST_EQUAL} would follow each other; allowed: a design with "
+                "fewer equal pairs, or fewer blocks"
+            )
+        room.append(min(MOST_EQUAL, n_before))
+    return room[-2::-1]

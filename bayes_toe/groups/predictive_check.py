@@ -158,10 +158,10 @@ def _measures(
     # Equal stimuli have no right response in some tasks.
     n_judged_by_pair = np.where(task.right(difference) == 0, 0, n_trials)
     n_judged = by_subject(n_judged_by_pair.sum(axis=1))
-    is_judged = n_judged > 0
-    if is_judged.sum() > 1:
+    has_right_answer = n_judged > 0
+    if has_right_answer.sum() > 1:
         n_wrong_of_subject = by_subject(n_wrong.sum(axis=2))
-        wrong_share = n_wrong_of_subject[is_judged] / n_judged[is_judged, None]
+        wrong_share = n_wrong_of_subject[has_right_answer] / n_judged[has_right_answer, None]
         yield "accuracy", 1.0 - wrong_share, ("spread",)
     n_all = by_subject(n_trials.sum(axis=1))
     share = by_subject(n_yes.sum(axis=2)) / n_all[:, None]

@@ -32,13 +32,13 @@ class Predictor:
     x: FloatArray
 
     @classmethod
-    def from_draws(cls, draws: Draws, subject: str, *, most: int | None = None) -> Predictor:
-        """The predictor of a subject's draws: all of them, or at most `most`, evenly spaced."""
+    def from_draws(cls, draws: Draws, subject: str, *, n_draws: int | None = None) -> Predictor:
+        """The predictor of a subject's draws: all of them, or at most `n_draws`, evenly spaced."""
         require_draws(draws)
         target = draws.posterior(subject)
         x = np.concatenate(list(draws.points(subject)))
-        if most is not None:
-            x = thinned(x, most)
+        if n_draws is not None:
+            x = thinned(x, n_draws)
         return cls(target, x)
 
     def yes(self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None = None) -> FloatArray:

@@ -113,8 +113,8 @@ def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> ArrayPai
     They are 1 and 2, as of chi-square, if this answer is expected often enough.
     """
     log_rare, log_common = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest)
-    most = min(_COUNTS, int(n.max()) + 1)
-    counts = np.arange(most, dtype=np.float64)[:, None, None]  # (counts, draws, pairs)
+    n_counts = min(_COUNTS, int(n.max()) + 1)
+    counts = np.arange(n_counts, dtype=np.float64)[:, None, None]  # (counts, draws, pairs)
     k = np.minimum(counts, n)
     log_ways = gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0)
     log_chance = log_ways + times_counts(k, log_rare) + times_counts(n - k, log_common)

@@ -1,16 +1,10 @@
-from .asymmetry import asymmetry as asymmetry
-from .by_order import curves_by_order as curves_by_order
-from .by_order import jnd_by_order as jnd_by_order
-from .by_order import posterior_predictive as posterior_predictive
 from .contrast import contrast as contrast
-from .contrast import contrast_curves as contrast_curves
 from .corner import corner as corner
 from .curves import curves as curves
 from .figure_files import save_figure as save_figure
-from .order_effect import bayes_factors as bayes_factors
 from .order_effect import order_effect as order_effect
-from .paper_figures import paper_figures as paper_figures
 from .population import population as population
 from .power import design as design
 from .power import power as power
+from .predictive import posterior_predictive as posterior_predictive
 from .serial import serial as serial

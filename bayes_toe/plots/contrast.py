@@ -1,8 +1,4 @@
-"""Figures of the differences between conditions.
-
-`contrast` draws the differences of all subjects. `contrast_curves` draws the responses and curves
-of one subject, a panel for each condition.
-"""
+"""Figure of the differences between conditions of all subjects."""
 
 from __future__ import annotations
 
@@ -13,13 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_toe.answers.contrast import ORDER_EFFECT, QUANTITIES, WORDS, ContrastTable, Difference
-from bayes_toe.data.study import Study, pooled
-from bayes_toe.errors import InputError
 from bayes_toe.groups.population import PopulationResult
-from bayes_toe.inference.prediction import Predictor
-from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
-from bayes_toe.plots.report_figure import responses_panel
 from bayes_toe.plots.style import (
     BELIEF,
     EQUAL,
@@ -30,8 +21,6 @@ from bayes_toe.plots.style import (
     PAGE,
     POSTERIOR,
     SMALL,
-    grid_panels,
-    label_outer,
     legend_below,
     new_figure,
     plain,
@@ -51,7 +40,6 @@ _MARKS = {
     WORDS[4]: ("#C9C9C9", EQUAL, _NONE),
     "": ("white", "#C9C9C9", "no evidence"),
 }
-_MOST_PANELS = 6
 
 
 def contrast(
@@ -102,21 +90,25 @@ def contrast(
 def _draw_subjects(ax: Axes, table: ContrastTable, rows: Sequence[Difference]) -> None:
     """One quantity of every subject; sorted by size where there are too many names to show."""
     subjects = [subject.subject for subject in table.subjects]
-    if len(subjects) <= MAX_NAMES:
-        y = np.array([subjects.index(row.subject) for row in rows])
-        names = [plain(row.subject, 16) for row in rows]
-        ax.set_yticks(y, names, fontsize=SMALL)
-    else:
+    has_names = len(subjects) <= MAX_NAMES
+    if not has_names:
         rows = sorted(rows, key=lambda row: row.q50)
-        y = np.arange(len(rows))
-        ax.set_yticks([])
-    sizes = [row.interval(table.unit) for row in rows]
+
+    y, sizes, faces, colours = [], [], [], []
+    for i, row in enumerate(rows):
+        face, colour, _ = _MARKS[row.word]
+        y.append(subjects.index(row.subject) if has_names else i)
+        sizes.append(row.interval(table.unit))
+        faces.append(face)
+        colours.append(colour)
     low, middle, high = np.array(sizes).reshape(-1, 3).T
-    faces = [_MARKS[row.word][0] for row in rows]
-    colours = [_MARKS[row.word][1] for row in rows]
+
     zero_line(ax)
     ax.hlines(y, low, high, colors=colours, lw=1.0)
     ax.scatter(middle, y, 3.4**2, faces, edgecolors=colours, linewidths=0.7, zorder=2)
+    ax.set_yticks([])
+    if has_names:
+        ax.set_yticks(y, [plain(row.subject, 16) for row in rows], fontsize=SMALL)
     ax.set_ylim(len(subjects) - 0.4, -0.6)
     ax.locator_params(axis="x", nbins=4)
     style_axes(ax).tick_params(axis="y", length=0)
@@ -133,38 +125,3 @@ def _draw_group(ax: Axes, group: PopulationResult, quantity: str, levels: tuple[
     low, middle, high = np.quantile(draws, MARKED).tolist()
     ax.axvspan(low, high, color="#BDB3DD", lw=0, zorder=0, label="group mean, 95 % interval")
     ax.axvline(middle, color=BELIEF, lw=0.9, zorder=0)
-
-
-def contrast_curves(study: Study, table: ContrastTable, subject: str) -> Figure:
-    """The responses of one subject in every condition, with the curves of the joint fit.
-
-    The curves are averaged over what differs.
-
-    Raises
-    ------
-    InputError
-        If the subject has no contrast.
-    """
-    by_name = {row.subject: row for row in table.subjects}
-    if subject not in by_name:
-        raise InputError(f"no contrast of subject {subject!r}; there are: {', '.join(by_name)}")
-    levels, x = by_name[subject].levels, by_name[subject].x
-    units = [unit for unit in study if unit.subject_name == subject and unit.condition in levels]
-    posterior = OrderModel("both").posterior(pooled(units), table.prior)
-    n_panels = min(len(units), _MOST_PANELS)
-    figure = new_figure(PAGE, 2.6)
-    panels = grid_panels(figure, n_panels, n_panels, sharey=True)
-    for unit, ax in zip(units, panels, strict=False):
-        fitted = Predictor(posterior, x[levels.index(unit.condition)])
-        responses_panel(ax, unit, fitted.yes)
-        title = f"{plain(table.conditions.name)} {plain(unit.condition)}"
-        ax.set_title(title, fontsize=LETTERS)
-    label_outer(panels, n_panels)
-    title = plain(subject)
-    if len(units) > n_panels:
-        title += f", {n_panels} of {len(units)} conditions"
-    if study.synthetic:
-        title += " (synthetic data)"
-    figure.suptitle(title, fontsize=LETTERS + 1.0)
-    legend_below(figure, size=SMALL, columns=4)
-    return figure

@@ -102,7 +102,7 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
         For an unknown subject.
     """
     if isinstance(source, Draws):
-        fitted = Predictor.from_draws(source, subject, most=CURVE_DRAWS)
+        fitted = Predictor.from_draws(source, subject, n_draws=CURVE_DRAWS)
         model, draws = model_title(source.model), source
     else:
         fitted, model, draws = source.curve(subject), "average of the four models", source.draws
@@ -159,12 +159,6 @@ def _describe_weaker(counts: Subject, weaker: float) -> str:
     unit = counts.unit.or_percent_of(mean_first(counts))
     digits = ".4g" if counts.unit.of_stimuli else ".0f"
     return f"weaker stimulus {unit.stimuli(weaker):{digits}} {unit.of_stimuli}"
-
-
-def title_of(draws: Draws, subject: str) -> str:
-    """The title of a panel of one subject among others."""
-    synthetic = " (synthetic)" if draws.synthetic else ""
-    return f"{plain(subject, 20)}{synthetic}{_unconverged(draws, subject)}"
 
 
 def _unconverged(draws: Draws, subject: str) -> str:

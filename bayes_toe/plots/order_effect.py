@@ -1,9 +1,8 @@
-"""Figures of the order effects: sizes, Bayes factors, and the paper's model against H0.
+"""Figures of the order effects: sizes, and the paper's model against H0.
 
 `order_effect` is a forest plot of PSE shift and contraction of every subject, with the group.
-`bayes_factors` shows the Bayes factors of the three questions. `evidence_axes` and
-`evidence_plane_axes` compare the paper's model (H1) with one free frequency per pair (H0).
-:data:`QUESTION_STYLES` has the colours and markers of the three questions.
+`evidence_axes` compares the paper's model (H1) with one free frequency per pair (H0).
+:data:`QUESTION_STYLES` has the colours and markers of the two effects.
 """
 
 from __future__ import annotations
@@ -25,8 +24,6 @@ from bayes_toe.data.messages import plural
 from bayes_toe.errors import InputError
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.plots.style import (
-    BAND,
-    COLUMN,
     EQUAL,
     HIGH,
     LETTERS,
@@ -36,8 +33,6 @@ from bayes_toe.plots.style import (
     SMALL,
     WEAKER_FIRST,
     Style,
-    legend_above,
-    legend_below,
     mark_synthetic,
     new_figure,
     plain,
@@ -47,24 +42,18 @@ from bayes_toe.plots.style import (
 
 
 class QuestionStyle(NamedTuple):
-    """Colour and marker of one of the three questions, and the size that a forest shows."""
+    """Colour and marker of an effect, and the size that a forest shows."""
 
     name: str
     colour: str
     marker: str
-    size: str = ""
-    title: str = ""
-    axis: str = ""
-
-    @property
-    def words(self) -> str:
-        """The name of the question."""
-        return self.name.replace("_", " ")
+    size: str
+    title: str
+    axis: str
 
 
 #: The colours differ in lightness too.
 QUESTION_STYLES = (
-    QuestionStyle("order_effect", "#1C1C1C", "o"),
     QuestionStyle(
         "constant_error",
         "#00805D",
@@ -82,13 +71,10 @@ QUESTION_STYLES = (
         "p (above 0: contraction,\nbelow: repulsion)",
     ),
 )
-#: Bayes factors with a line, and that at which the axis ends.
-_MARKS = {1 / 30: "1/30", 1 / 10: "1/10", 1 / 3: "1/3", 1.0: "1", 3.0: "3", 10.0: "10", 30.0: "30"}
-_LARGEST = 80.0
 #: How much of a marker is filled, by the word.
 _FILLS = {Word.YES: "full", Word.PROBABLY: "left"}
 #: Words beside which no size stands.
-WITHOUT_SIZE = (Word.CANNOT_BE_TOLD, Word.NOT_INTERPRETABLE)
+_WITHOUT_SIZE = (Word.CANNOT_BE_TOLD, Word.NOT_INTERPRETABLE)
 _LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
 
 
@@ -154,7 +140,7 @@ def forests(
     answers = _sorted_answers(table)
     is_crowded = len(answers) > MAX_NAMES
     last_row = len(answers) - 0.5 if group is None else len(answers) + 1.0
-    for ax, question in zip(panels, QUESTION_STYLES[1:], strict=True):
+    for ax, question in zip(panels, QUESTION_STYLES, strict=True):
         intervals = _draw_sizes(ax, answers, question)
         if group is not None:
             ax.axhline(len(answers) - 0.4, color=EQUAL, lw=0.5)
@@ -198,7 +184,7 @@ def _draw_sizes(ax: Axes, answers: Sequence[OrderEffect], question: QuestionStyl
     marker_size = _marker_size(len(answers))
     for row, answer in enumerate(answers):
         word = answer.words[question.name]
-        if word in WITHOUT_SIZE:
+        if word in _WITHOUT_SIZE:
             continue
         size = answer.size(question.size)
         width = 0.3 * marker_size if word.is_positive else 0.15 * marker_size
@@ -263,69 +249,6 @@ def _write_names(
     ax.set_yticks(rows, names)
 
 
-# --- Bayes factors -------------------------------------------------------------------------------
-
-
-def bayes_factors(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
-    """Draw the Bayes factor of each question for every subject, with marks at 3, 10 and 30.
-
-    Beyond 80, and below 1/80, a triangle stands at the end of the axis.
-
-    Parameters
-    ----------
-    table : EvidenceTable
-    synthetic : bool
-        Whether the subjects are simulated, which the figure then states.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        If the table has no answers.
-    """
-    answers = _sorted_answers(table)
-    figure = new_figure(COLUMN, forest_height(len(answers)))
-    ax = figure.subplots()
-    rows = np.arange(len(answers))
-    is_crowded = len(answers) > MAX_NAMES
-    step = 0.0 if is_crowded else 0.24
-    for number, question in enumerate(QUESTION_STYLES):
-        log_factors = _log_bayes_factors(answers, question)
-        y = rows + step * (number - 1)
-        style: Style = {"color": question.colour, "ms": _marker_size(len(answers))}
-        is_large, is_small = log_factors > np.log(_LARGEST), log_factors < -np.log(_LARGEST)
-        factors = np.exp(np.where(is_large | is_small, np.nan, log_factors))
-        ax.plot(factors, y, question.marker, label=question.words, **style)
-        for marker, end, is_beyond in ((">", _LARGEST, is_large), ("<", 1 / _LARGEST, is_small)):
-            ax.plot(np.where(is_beyond, end, np.nan), y, marker, clip_on=False, **style)
-    n_bands = 0 if is_crowded else len(answers)
-    for row in range(1, n_bands, 2):
-        ax.axhspan(row - 0.5, row + 0.5, color=BAND, lw=0, zorder=-1)
-    for mark in _MARKS:
-        ax.axvline(mark, color="black" if mark == 1.0 else "#BDBDBD", lw=0.7, zorder=0)
-    ax.set_xscale("log")
-    ax.minorticks_off()
-    ax.set_xticks(list(_MARKS), list(_MARKS.values()))
-    ax.set(xlim=(1 / _LARGEST, _LARGEST), xlabel="Bayes factor (above 1: for the effect)")
-    ax.set(ylim=(len(answers) - 0.4, -0.6), yticks=[])
-    _write_names(style_axes(ax), answers, None, is_crowded=is_crowded)
-    mark_synthetic(figure, synthetic)
-    legend_below(figure, size=SMALL, columns=3)
-    return figure
-
-
-def _log_bayes_factors(answers: Sequence[OrderEffect], question: QuestionStyle) -> FloatArray:
-    """Log Bayes factors of a question, NaN where there is no word for it."""
-    values = []
-    for answer in answers:
-        has_word = answer.words[question.name] not in WITHOUT_SIZE
-        values.append(answer.log_bayes_factors[question.name] if has_word else np.nan)
-    return np.array(values)
-
-
 # --- H1 against H0 -------------------------------------------------------------------------------
 
 
@@ -367,39 +290,3 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
         style = {"ha": "right", "va": "center", "fontsize": LETTERS, "color": EQUAL}
         ax.text(0.99, i, words, transform=ax.get_yaxis_transform(), **style)
     return ax
-
-
-def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
-    """Draw the log evidence of H1 (upward) against that of H0 (to the right).
-
-    The source is the paper's figure in Appendix C.
-
-    Per trial, so that studies and subjects of any length share one scale; above the diagonal one
-    smooth curve does better than one free probability per pair. Subjects without a reliable
-    estimate are counted in the panel.
-    """
-    values = []
-    for row in table.rows:
-        if row.log_evidence_h1 is not None:
-            values.append((row.log_evidence_h0 / row.n_trials, row.log_evidence_h1 / row.n_trials))
-    points = np.array(values, np.float64).reshape(-1, 2)
-    ax.axline((0.0, 0.0), slope=1.0, color="black", lw=0.8)
-    is_above = points[:, 1] > points[:, 0]
-    style: Style = {"ls": "", "ms": 4.5, "mfc": "none", "mew": 1.1}
-    for rows, colour, marker, label in (
-        (is_above, POSTERIOR, "o", "the paper's model (H1)"),
-        (~is_above, WEAKER_FIRST, "s", "saturated model (H0)"),
-    ):
-        if rows.any():
-            ax.plot(*points[rows].T, marker=marker, color=colour, label=label, **style)
-    if len(points):
-        pad = max(0.08 * float(np.ptp(points)), 0.02)
-        limits = (float(points.min()) - pad, float(points.max()) + pad)
-        ax.set(xlim=limits, ylim=limits)
-        ax.locator_params(nbins=4)  # so that numbers of three decimals do not touch
-        legend_above(ax, columns=2)
-    if len(points) < len(table.rows):
-        write_note(ax, f"{len(table.rows) - len(points)} without a reliable estimate")
-    ax.set_aspect("equal")
-    ax.set(xlabel="log evidence per trial, H0 (nats)", ylabel="log evidence per trial, H1 (nats)")
-    return style_axes(ax)

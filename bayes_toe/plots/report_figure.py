@@ -1,4 +1,4 @@
-"""Figure 1 of the report, and the panel of responses that other figures share.
+"""Figure 1 of the report.
 
 `responses_figure` shows a few subjects, which `shown_subjects` chooses; `sizes_figure` shows the
 sizes of all subjects and of the group. `responses_panel` draws responses and curves of one subject.
@@ -37,7 +37,6 @@ from bayes_toe.plots.style import (
     LETTERS,
     ORDERS,
     SMALL,
-    Band,
     Style,
     draw_band,
     grid_panels,
@@ -80,7 +79,7 @@ def responses_figure(analysis: Analysis, height: float) -> Figure:
     panels = grid_panels(figure, len(names), n_columns, sharey=True)
     for ax, name in zip(panels, names, strict=True):
         curve = analysis.curve(name).yes
-        responses_panel(ax, analysis.study[name], curve, points=_POINTS, bands=_BAND)
+        responses_panel(ax, analysis.study[name], curve)
         ax.set_title(plain(name, 24), loc="left", fontsize=LETTERS)
     label_outer(panels, n_columns)
     legend_below(figure, size=SMALL, columns=3)
@@ -139,14 +138,7 @@ def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:
 # --- Responses of a subject ----------------------------------------------------------------------
 
 
-def responses_panel(
-    ax: Axes,
-    counts: Subject,
-    curve: Curve,
-    *,
-    points: int = 120,
-    bands: Sequence[Band] | None = None,
-) -> None:
+def responses_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
     """Draw responses and curves by order, with the axis in the unit of the stimuli.
 
     Without a unit, it is in per cent of the mean first stimulus.
@@ -157,7 +149,7 @@ def responses_panel(
     """
     middle = mean_first(counts)
     weaker = _only_weaker(counts)
-    along: Style = {"size": 3.5, "points": points, "bands": bands}
+    along: Style = {"size": 3.5, "points": _POINTS, "bands": _BAND}
     if counts.task == WHICH_STRONGER and weaker is not None:
         _correct_panel(ax, counts, curve, weaker)
         stimulus_axis(ax, "stronger stimulus", counts.unit, middle)

@@ -118,11 +118,6 @@ def mark_synthetic(figure: Figure, is_synthetic: bool) -> None:
         figure.suptitle("synthetic data", fontsize=LETTERS)
 
 
-def axes_or_new(ax: Axes | None, *, wide: float = COLUMN, high: float = 2.6) -> Axes:
-    """The given Axes, or those of a new figure of this size in inches."""
-    return new_figure(wide, high).subplots() if ax is None else ax
-
-
 def n_rows(n_panels: int, n_columns: int) -> int:
     """Rows of a grid of panels.
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good
-from legible import titles_of, words_of
+from legible import words_of
 from populations import made_result, two_conditions
 from scipy.special import ndtr
 
@@ -164,14 +164,6 @@ def test_the_forest_shows_every_subject(table):
     rows = tuple(row for row in table if row.quantity != "contraction")
     panels = bt.plots.contrast(replace(table, rows=rows)).axes
     assert [len(ax.collections[0].get_segments()) for ax in panels] == [2, 0, 2]
-
-
-def test_the_curves_have_a_panel_for_each_condition(table):
-    study = bt.read_study(answers())
-    curves = bt.plots.contrast_curves(study, table, "A")
-    assert titles_of(curves.axes) == ["condition left", "condition right"]
-    with pytest.raises(bt.InputError, match="no contrast of subject 'C'"):
-        bt.plots.contrast_curves(study, table, "C")
 
 
 def test_the_commands(tmp_path):

@@ -242,7 +242,7 @@ def test_the_command_writes_the_page_and_refuses_to_replace_it(symmetric, tmp_pa
 
 def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimulus(stronger):
     subject = stronger.study["pulled"]
-    fitted = Predictor.from_draws(stronger.draws, "pulled", most=50)
+    fitted = Predictor.from_draws(stronger.draws, "pulled", n_draws=50)
     assert 25 < len(fitted.x) <= 50
     observed = slices(subject)
     assert [element.orders for element in observed] == [(0,)] * 6

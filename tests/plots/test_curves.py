@@ -11,8 +11,10 @@ from matplotlib.text import Text
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
-from bayes_toe.plots.curves import MOST_PANELS, main_weaker, order_panel
-from bayes_toe.plots.report_figure import responses_figure
+from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.inference.prediction import Predictor
+from bayes_toe.plots.curves import MOST_PANELS, distance_panel, main_weaker, order_panel
+from bayes_toe.plots.report_figure import responses_figure, responses_panel
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
 
 
@@ -32,9 +34,9 @@ def test_curves_show_both_orders_where_the_data_are(analysis):
     theta = analysis.draws.natural("A")
     responses = {(s1, s2): (k + 1) / (n + 2) for s1, s2, k, n in counts(analysis.study["A"])}
     curves = drawn_curves(ax)
-    for colour, is_weaker_first in ((WEAKER_FIRST, True), (STRONGER_FIRST, False)):
+    for colour, weights in ((WEAKER_FIRST, (0, 1)), (STRONGER_FIRST, (1, 0))):
         (*_, x), (*_, share) = curves[colour]
-        pair = (0.0, x) if is_weaker_first else (x, 0.0)
+        pair = tuple(np.multiply(weights, x))
         expected = bt.model.equal_probability(*pair, *theta).mean()
         assert share == pytest.approx(expected, abs=0.01)
         assert share == pytest.approx(responses[pair], abs=0.15)
@@ -90,6 +92,29 @@ def test_marks_of_both_orders_stand_beside_each_other_in_sight():
     assert x["weaker first"] - x["equal stimuli"] == pytest.approx(-step)
     assert x["stronger first"] - x["equal stimuli"] == pytest.approx(step)
     assert ax.get_xlim()[0] < 0.3 < ax.get_xlim()[1]
+
+
+def test_curves_of_one_weaker_stimulus_are_shares_of_correct_responses():
+    rows = "0 0.2 30 40, 0 0.4 38 40, 0.2 0 16 40, 0.4 0 3 40"
+    subject = made_subject(rows, task=WHICH_STRONGER)
+    ax = new_figure(4.0, 3.0).subplots()
+    responses_panel(ax, subject, lambda s1, s2: np.tile(0.5 + s2 - 0.9 * s1, (9, 1)))
+    assert ax.get_ylabel() == "share correct"
+    weaker_first, stronger_first = curves_of(ax, 40)
+    x, share = weaker_first.get_data()
+    assert share == pytest.approx(0.5 + x)
+    x, share = stronger_first.get_data()
+    assert share == pytest.approx(0.5 + 0.9 * x)
+
+
+def test_both_orders_fall_on_one_curve(analysis):
+    ax = new_figure(4.0, 3.0).subplots()
+    distance_panel(ax, Predictor.from_draws(analysis.draws, "A"))
+    [curve] = curves_of(ax, 200)
+    z, share = np.concatenate([bars.lines[0].get_xydata() for bars in ax.containers]).T
+    # The counts are rounded expectations: they lie on the curve.
+    assert share == pytest.approx(np.interp(z, *curve.get_data()), abs=0.08)
+    assert len(share) == analysis.study["A"].n_pairs
 
 
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():

@@ -2,16 +2,14 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from legible import curves_of, marks_of, require_legible, texts_of, words_of
+from legible import marks_of, require_legible, words_of
 from populations import made_result
 
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.answers.words import Word
-from bayes_toe.plots.order_effect import QUESTION_STYLES, evidence_plane_axes
-from bayes_toe.plots.style import axes_or_new
+from bayes_toe.plots.order_effect import QUESTION_STYLES
 
 
 def changed(row, **values):
@@ -41,7 +39,7 @@ def intervals(ax):
 def test_forests_have_sizes_and_words_of_every_subject(analysis):
     errors, contractions = bt.plots.order_effect(analysis.evidence).axes
     assert words_of(errors.get_yticklabels()) == ["A", "B", "C"]
-    for ax, question in zip((errors, contractions), QUESTION_STYLES[1:], strict=True):
+    for ax, question in zip((errors, contractions), QUESTION_STYLES, strict=True):
         expected = [answer.marked_word(question.name) for answer in analysis.answers]
         assert words_of(ax.texts) == expected
         sizes = []
@@ -73,21 +71,6 @@ def test_a_mean_that_no_pairs_can_show_is_not_drawn(analysis, small_study):
     assert marks_of(contractions, "d") == []
 
 
-def test_large_and_small_bayes_factors_are_triangles_at_the_ends_of_the_axis(analysis):
-    first, second, third = analysis.evidence
-    factors = {"order_effect": 300.0, "constant_error": np.log(3.0), "contraction": -9.0}
-    words = dict.fromkeys(first.answer.words, Word.UNDECIDED)
-    table = EvidenceTable((changed(first, log_bayes_factors=factors, words=words), second, third))
-    [ax] = bt.plots.bayes_factors(table).axes
-    drawn = {line.get_label(): line.get_xdata()[0] for line in curves_of(ax, 3)}
-    assert drawn["constant error"] == pytest.approx(3.0)
-    assert np.isnan([drawn["order effect"], drawn["contraction"]]).all()
-    low, high = ax.get_xlim()
-    assert marks_of(ax, ">")[0].get_xdata()[0] == pytest.approx(high)
-    assert marks_of(ax, "<")[2].get_xdata()[0] == pytest.approx(low)
-    assert words_of(ax.get_xticklabels())[-3:] == ["3", "10", "30"]
-
-
 def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
     first, second, third = analysis.evidence
     words = dict.fromkeys(second.answer.words, Word.NOT_INTERPRETABLE)
@@ -96,8 +79,6 @@ def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
     errors, _ = bt.plots.order_effect(table).axes
     assert words_of(errors.texts)[1] == "not interpreted"
     assert len(medians(errors)) == 2
-    [ax] = bt.plots.bayes_factors(table).axes
-    assert np.isnan([line.get_xdata()[1] for line in curves_of(ax, 3)]).all()
 
 
 def test_poor_fit_and_prior_stand_beside_the_word(analysis):
@@ -112,7 +93,6 @@ def test_poor_fit_and_prior_stand_beside_the_word(analysis):
 def test_figures_of_any_study_are_legible(analysis, size):
     table = renamed(analysis.evidence, size, "participant of the study number {}")
     require_legible(bt.plots.order_effect(table, synthetic=True))
-    require_legible(bt.plots.bayes_factors(table, synthetic=True))
 
 
 def test_a_figure_of_many_subjects_is_sorted_and_no_higher(analysis):
@@ -140,15 +120,3 @@ def test_a_table_without_answers_is_refused(analysis):
     table = EvidenceTable(tuple(replace(row, answer=None) for row in analysis.evidence))
     with pytest.raises(bt.InputError, match="no answers of order effects"):
         bt.plots.order_effect(table)
-
-
-def test_numbers_under_the_plane_of_evidences_have_room_between_them(analysis):
-    rows = []
-    for row in analysis.evidence:  # a range with many numbers of three decimals
-        h0, h1 = -0.604 * row.n_trials, -0.498 * row.n_trials
-        rows.append(replace(row, log_evidence_h0=h0, log_evidence_h1=h1))
-    ax = evidence_plane_axes(EvidenceTable(tuple(rows)), axes_or_new(None, high=3.4))
-    drawn = set(texts_of(ax.figure)) & set(ax.get_xticklabels())
-    boxes = np.sort([text.get_window_extent().intervalx for text in drawn], axis=0)
-    assert len(boxes) > 1
-    assert (boxes[1:, 0] - boxes[:-1, 1]).min() > 10.0 * ax.figure.dpi / 72.0

@@ -1,35 +1,28 @@
 """Calibration: a correct posterior passes, wrong densities are caught, files say what was found."""
 
 import sys
-from itertools import product
 
 import calibration as calibration_script
 import numpy as np
 import pandas as pd
 import pytest
-from calibration import PRODUCTS, verdict_lines
-from conftest import made_subject
+from calibration import PRODUCTS
 from reference import calibration
 from reference.calibration import (
     DEFAULT,
-    DESIGNS,
     DRAWS,
     ESTIMATORS,
-    RANKED,
     Job,
     Plan,
     calibrate,
     calibration_settings,
-    jobs_of,
     judged,
     log_bayes_factors,
-    ranked_quantities,
     work,
 )
 
 import bayes_toe as bt
 from bayes_toe.classical.fit import subject_fit
-from bayes_toe.errors import InputError
 from bayes_toe.model.paper_model import PaperPosterior
 
 STUDIES, FEWER = 8, 5  # the fewer are enough for errors as large as these
@@ -74,30 +67,6 @@ def table():
     return calibrate(studies=1, data_sets=2, seed=3, workers=1)
 
 
-def test_everything_planned_is_there(table):
-    jobs = list(jobs_of(table.plan, calibration_settings(3)))
-    assert len({job.name for job in jobs}) == len(jobs)
-    assert list(table.ranks.subject) == [job.name for job in jobs if job.with_draws]
-    assert list(table.data_sets.data_set) == [job.name for job in jobs if job.with_evidence]
-    assert list(table.data_sets["from"]) == [
-        "H1" if "-h1-" in job.name else "H0" for job in jobs if job.with_evidence
-    ]
-
-
-def test_every_quantity_and_estimator_has_a_verdict(table):
-    ranks, evidence = table.rank_verdicts, table.evidence_verdicts
-    verdicts = [*zip(ranks.design, ranks.quantity, ranks.studies, strict=True)]
-    assert verdicts == [*product(DESIGNS, RANKED, [1])]
-    verdicts = [*zip(evidence.design, evidence.estimator, evidence.data_sets, strict=True)]
-    assert verdicts == [*product(DESIGNS, ESTIMATORS, [2])]
-
-
-def test_a_smaller_plan_is_a_part_of_a_larger_one():
-    assert 0 <= Plan(1, 100, 5).from_h1("paper") - Plan(1, 90, 5).from_h1("paper") <= 10
-    with pytest.raises(InputError):
-        Plan(0, 0, 1)
-
-
 def test_what_is_judged_is_what_the_commands_say(monkeypatch):
     """The same seed and subjects through the public verbs, which compute more.
 
@@ -117,16 +86,6 @@ def test_what_is_judged_is_what_the_commands_say(monkeypatch):
         row.log_evidence_h1 - row.log_evidence_h0_laplace, abs=1e-6
     )
     assert ranks == {"design": "sparse", **calibration.ranks_of(joint.draws, subject, theta, 3)}
-
-
-def test_the_ranked_likelihood_is_the_posteriors():
-    subject = made_subject("0 0 10 10, 0 0.3 0 10, 0.3 0 4 9")
-    posterior = bt.model.paper_posterior(subject)
-    x = np.random.default_rng(1).normal(size=(20, 4))
-    outcome = ranked_quantities(subject, posterior.natural(x))
-    np.testing.assert_allclose(outcome["log_likelihood"], posterior.log_likelihood(x), rtol=1e-9)
-    held = bt.model.equal_probability(np.log(1.15), np.log(1.55), *posterior.natural(x))
-    np.testing.assert_allclose(np.exp(outcome["q(1.15, 1.55)"]), held, rtol=1e-12)
 
 
 def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monkeypatch, capsys):
@@ -152,58 +111,3 @@ def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monk
     assert "16 of 16 inside" in message
     assert "NOT calibrated: made to fail" in message
     assert "seed 3; results in" in message
-
-
-def test_failures_and_what_did_not_converge_are_named():
-    """Ranks piled up at one end, and one study that missed its criteria."""
-    row = {"design": "paper", **dict.fromkeys(RANKED, 0.01)}
-    failed = judged(
-        Plan(50, 0, 1),
-        [
-            {**row, "subject": f"p{i}", "shortfall": "too few draws" if i == 3 else ""}
-            for i in range(50)
-        ],
-        [],
-    )
-    lines = verdict_lines(failed)
-    assert (
-        sum(line.startswith("NOT calibrated: paper design: ranks of") for line in lines)
-        == len(failed.failures)
-        == len(RANKED)
-    )
-    assert lines[-1] == "not converged, but ranked: 1 of 50 studies: p3"
-    assert (failed.rank_verdicts.not_converged == 1).all()
-
-
-def test_wrong_evidences_fail_and_withheld_ones_are_named():
-    """From one data set of a design, or from all; the others say H1 of data sets from H0."""
-    rows = [
-        {
-            "design": "paper",
-            "data_set": f"s{i}",
-            "from": "H0",
-            **dict.fromkeys(ESTIMATORS, 3.0),
-            "Appendix C": 1.0,
-        }
-        for i in range(40)
-    ]
-    rows[7] |= {DEFAULT: np.nan}
-    rows += [
-        {"design": "sparse", "data_set": "x", "from": "H1", **dict.fromkeys(ESTIMATORS, np.nan)}
-    ]
-    outcome = judged(Plan(0, 40, 1), [], rows)
-    assert outcome.failures == [
-        f"{design} design: probabilities of H1 by {DEFAULT} are not calibrated"
-        for design in DESIGNS
-    ]
-    assert verdict_lines(outcome)[-2:] == [
-        "evidence, sparse design: the default estimator gives no number",
-        "evidence not reported by the default estimator: s7, x",
-    ]
-    assert (
-        list(outcome.evidence_verdicts.median_shift[:6])
-        == list(outcome.evidence_verdicts.largest_shift[:6])
-        == [0, 0, 0, 0, 0, -2]
-    )
-    assert list(outcome.evidence_verdicts.missing_h1) == [0] * 6 + [1] * 6
-    assert list(outcome.evidence_verdicts.missing_h0) == [1] + [0] * 11

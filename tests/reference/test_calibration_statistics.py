@@ -8,19 +8,12 @@ import pytest
 from numpy.random import default_rng
 from reference.calibration_statistics import (
     POINTS,
-    Band,
     band,
-    counts_below,
     ecdf_difference,
-    log_score,
     reliability,
-    reliability_bins,
     uniformity,
 )
 from scipy.special import expit
-from scipy.stats import binom, binomtest
-
-from bayes_toe.errors import InputError, NumericalError
 
 
 def inside(limits, u):
@@ -38,17 +31,6 @@ def test_a_band_holds_as_often_as_it_says(size, level):
     )
     assert level <= limits.probability < level + 0.02
     assert abs(held - limits.probability) < 4.0 * np.sqrt(level * (1.0 - level) / trials)
-
-
-def test_a_band_that_binds_at_one_point_has_its_binomial_probability():
-    lower, upper = np.zeros(len(POINTS), int), np.full(len(POINTS), 30)
-    lower[49], upper[49] = (
-        12,
-        17,
-    )  # and so the counts before are at most 17, those after at least 12
-    upper[:49], lower[50:] = 17, 12
-    expected = binom.cdf(17, 30, 0.5) - binom.cdf(11, 30, 0.5)
-    assert Band(30, lower, upper).probability == pytest.approx(expected, rel=1e-12)
 
 
 def test_p_values_are_uniform_and_agree_with_the_band():
@@ -72,13 +54,6 @@ def test_shifts_and_too_narrow_or_wide_posteriors_are_seen():
     for a in (0.7, 1.4):
         assert uniformity(rng.beta(a, a, 800)) < 1e-4
     assert uniformity(np.zeros(1000)) == 0.0
-
-
-def test_impossible_ranks_are_refused():
-    assert counts_below([0.01, 0.5]).tolist()[:2] == [1, 1]
-    for bad in ([], [0.2, np.nan], [0.2, 1.1]):
-        with pytest.raises(NumericalError):
-            counts_below(bad)
 
 
 def statements(seed, stretch=1.0, size=2000):
@@ -106,32 +81,3 @@ def test_overconfident_timid_reversed_and_shifted_ones_fail(stretch, shift):
     assert not outcome.calibrated
     assert outcome.p_value < 0.001
     assert outcome.log_score > reliability(*statements(4)).log_score
-
-
-def test_scores_by_hand():
-    odds, answers = np.log([0.8 / 0.2, 0.25 / 0.75]), np.array([True, True])
-    outcome = reliability(odds, answers, default_rng(0))
-    assert outcome.brier == pytest.approx((0.04 + 0.5625) / 2)
-    assert outcome.log_score == pytest.approx(-(np.log(0.8) + np.log(0.25)) / 2)
-    assert outcome.error == pytest.approx((0.2 + 0.75) / 2)
-    assert log_score([800.0], [False]) == pytest.approx(
-        800.0
-    )  # beyond where the probability itself is 1
-
-
-def test_bins_hold_frequencies_with_exact_intervals():
-    odds, answers, _ = statements(6, size=300)
-    bins, p = reliability_bins(odds, answers), expit(odds)
-    assert bins.count.sum() == 300
-    assert bins.stated[0] == pytest.approx(p[p < 0.1].mean())
-    for n, observed, lower, upper in zip(
-        bins.count, bins.observed, bins.lower, bins.upper, strict=True
-    ):
-        interval = binomtest(round(n * observed), int(n)).proportion_ci(0.95, "exact")
-        assert (lower, upper) == pytest.approx((interval.low, interval.high), abs=1e-9)
-
-
-@pytest.mark.parametrize("odds, answers", [([], []), ([0.0], [True, False]), ([np.nan], [True])])
-def test_nothing_to_judge_is_refused(odds, answers):
-    with pytest.raises(InputError):
-        reliability(odds, answers, default_rng(0))

@@ -25,8 +25,6 @@ from reference.tempering import (
     SLOPE_SCALE,
     answer_probabilities,
     describe_prior,
-    refined,
-    tempered,
 )
 from scipy import stats
 from scipy.special import xlogy
@@ -184,20 +182,6 @@ def test_a_reference_by_plain_draws_from_the_prior(name):
         case["log_evidence"], abs=4 * np.hypot(error, case["log_evidence_error"])
     )
     assert error < 0.02
-
-
-def test_tempering_of_a_narrow_hill():
-    """The mean of exp(-50 (x - 1)^2) under a standard normal is 101^(-1/2) exp(-50/101)."""
-
-    def hill(x):
-        return -50.0 * ((x - 1.0) ** 2).sum(axis=1)
-
-    rng, exact = default_rng(1), -1.5 * np.log(101) - 150 / 101
-    points, log_mean = tempered(hill, 3, rng, 2000)
-    assert log_mean == pytest.approx(exact, abs=0.2)
-    value, error = refined(hill, points, rng, 5000)
-    assert value == pytest.approx(exact, abs=4 * error)
-    assert error < 0.03
 
 
 #: Its evidences scatter twice as far as their standard errors (docs/error_bars_order.md).

@@ -1,7 +1,5 @@
 """The measures of the code: each counts what it says, on small files whose counts are known."""
 
-import ast
-
 import measure_code
 import pytest
 
@@ -22,31 +20,6 @@ def measured(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "source, expected",
-    [
-        ("def f(): return 1", 1),
-        ("def f(a): return 1 if a else 2", 2),
-        ("def f(a, b, c): return a and b and c", 3),
-        ("def f(a): return [x for x in a if x if x > 1]", 4),
-        ("def f(a):\n if a:\n  return 1\n for x in a:\n  assert x", 4),
-        ("def f():\n def g(a):\n  return a or 1\n return g", 2),
-    ],
-)
-def test_complexity_counts_branches_in_expressions(source, expected):
-    assert measure_code.complexity(ast.parse(source).body[0]) == expected
-
-
-@pytest.mark.parametrize("name", ["one", "found", "_said", "KEPT", "kept_in", "is_known", "place"])
-def test_filler_names(name):
-    assert measure_code.is_filler(name)
-
-
-@pytest.mark.parametrize("name", ["row", "n_found", "x", "_", "__all__", "known_rows", "s1"])
-def test_names_that_say_something(name):
-    assert not measure_code.is_filler(name)
-
-
-@pytest.mark.parametrize(
     "measure, source, expected",
     [
         ("nodes", "a = 1", 5),
@@ -63,25 +36,6 @@ def test_names_that_say_something(name):
 )
 def test_measures(measured, measure, source, expected):
     assert measured(module=source).value(measure) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    "other, expected",
-    [
-        ("from package.first import a", 1),
-        ("def f():\n from package import first", 1),
-        ("from elsewhere.first import a", 0),
-        ("import json", 0),
-    ],
-)
-def test_import_circles(measured, other, expected):
-    measurement = measured(first="from package.second import b", second=other)
-    assert measurement.value("import circles") == expected
-
-
-def test_places_name_file_and_line(measured):
-    measurement = measured(module="row = 1\nfound = 2")
-    assert measurement.places["filler names"] == ["package/module.py:2: found"]
 
 
 def test_what_is_over_its_limit_is_named(measured, capsys):

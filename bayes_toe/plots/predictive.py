@@ -1,9 +1,4 @@
-"""Figures for a paper that compare the two orders of presentation.
-
-`curves_by_order` draws responses with fitted curves, `posterior_predictive` observed shares over
-their 95 % predictive intervals, and `jnd_by_order` the JND with the standard second against that
-with the standard first. The figures of arXiv 2604.19662 are in `paper_figures.py`.
-"""
+"""Posterior predictive checks: observed shares over their 95 % predictive intervals."""
 
 from __future__ import annotations
 
@@ -14,19 +9,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_toe.analysis import Analysis
-from bayes_toe.answers.words import Word
-from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray
+from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.classical.frequencies import presentation_order
-from bayes_toe.data.messages import plural
-from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.plots.curves import mean_first
-from bayes_toe.plots.order_effect import QUESTION_STYLES, WITHOUT_SIZE, marker_style
-from bayes_toe.plots.report_figure import responses_panel
 from bayes_toe.plots.style import (
     COLUMN,
-    EQUAL,
     LETTERS,
     MARKED,
     PAGE,
@@ -39,52 +29,24 @@ from bayes_toe.plots.style import (
     n_rows,
     new_figure,
     plain,
-    plain_log_axis,
     rows_by_order,
-    style_axes,
-    write_note,
 )
 from bayes_toe.seeds import generator
 
 #: Subjects that a page has room for.
 MOST_SUBJECTS = 40
 _MOST_OF_FOUR_COLUMNS = 12
+#: By columns of panels: inches across the figure and down a row, characters of a name.
+_PANEL_SIZES = {
+    1: (COLUMN, 2.1, 20),
+    2: (COLUMN, 1.6, 20),
+    3: (PAGE, 1.5, 20),
+    4: (PAGE, 1.5, 20),
+    5: (PAGE, 1.0, 14),
+}
 _REPLICATES_PER_DRAW = 10  # replicated studies for each draw
 _LABEL_WIDE = 0.1  # inches of a pair with its label
 _INTERVAL = "#BDBDBD"
-_LABELS = {Word.YES: "contraction: yes", Word.PROBABLY: "probably", Word.UNDECIDED: "other"}
-
-
-def curves_by_order(analysis: Analysis, subjects: Sequence[str] | None = None) -> Figure:
-    """Draw responses and model-averaged curves in both orders, a panel for each subject.
-
-    Points are Laplace estimates with their standard deviation. Curves are posterior means with
-    95 % bands, and in 'same or different' with 50 % bands too. In 'which was
-    stronger', designs with more than two sizes of step have a curve for each first stimulus.
-
-    Parameters
-    ----------
-    analysis : Analysis
-    subjects : sequence of str, optional
-        By default all, of whom there may be 40.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        For an unknown subject, more than 40 subjects, or several inter-stimulus intervals.
-    """
-    selected = _select_subjects(analysis, subjects)
-    refuse_intervals(selected, "curves by order")
-    figure, panels = _small_multiples(analysis, selected)
-    for ax, counts in zip(panels, selected, strict=True):
-        responses_panel(ax, counts, analysis.curve(counts.name).yes)
-    label_outer(panels, _n_columns(len(panels)))
-    _legend(figure)
-    return figure
 
 
 def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = None) -> Figure:
@@ -121,63 +83,8 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
         unit = selected[0].unit.of_stimuli or "% of mean"
         ax.set_xlabel(f"first, second stimulus ({unit})" if labels else "pairs by order")
     label_outer(panels, n_columns)
-    _legend(figure)
+    legend_below(figure, size=SMALL, columns=4 if figure.get_figwidth() > COLUMN else 2)
     return figure
-
-
-def jnd_by_order(analysis: Analysis) -> Figure:
-    """Draw every subject's JND where the standard came second against where it came first.
-
-    The standard is a stimulus at the mean first intensity. Where it comes first, the JND is that
-    of the noise. Where it comes second, the varied stimulus is remembered and contracted, so that
-    the JND is larger by 1/(1 - p). A contraction lies above the diagonal and a repulsion below it;
-    a constant error does not change the JND. Points are medians with 95 % intervals, averaged over
-    the four models.
-
-    Parameters
-    ----------
-    analysis : Analysis
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    question = QUESTION_STYLES[2]
-    figure = new_figure(COLUMN, COLUMN + 0.3)
-    ax = figure.subplots()
-    for word, label in _LABELS.items():
-        ax.plot([], [], label=label, **marker_style(question, word, 4.5))
-    medians = []
-    for answer in analysis.answers:
-        word = answer.words[question.name]
-        if word in WITHOUT_SIZE or not answer.is_interpretable:
-            continue
-        first, second = jnds_by_order(analysis.curve(answer.subject))
-        (left, x, right), (low, y, high) = np.quantile([first, second], MARKED, axis=1).T
-        line: Style = {"color": question.colour, "lw": 0.7, "alpha": 0.5}
-        ax.plot([left, right], [y, y], **line)
-        ax.plot([x, x], [low, high], **line)
-        ax.plot(x, y, **marker_style(question, word, 4.5))
-        medians.append((x, y))
-    _square_axes(ax, np.array(medians).reshape(-1, 2))
-    unit = analysis.study.unit.of_differences
-    ax.set_xlabel(f"JND, standard first ({unit})")
-    ax.set_ylabel(f"JND, standard second ({unit})")
-    n_left_out = len(analysis.answers) - len(medians)
-    if n_left_out:
-        write_note(ax, f"{plural(n_left_out, 'subject')} without an estimate of contraction")
-    mark_synthetic(figure, analysis.study.synthetic)
-    style_axes(ax)
-    legend_below(figure, size=SMALL)
-    return figure
-
-
-def jnds_by_order(fitted: Predictor) -> ArrayPair:
-    """Draws of the JND where the standard came first, and where it came second."""
-    quantities = fitted.target.quantities(fitted.x)
-    jnd, contraction = quantities["jnd"], quantities["contraction"]
-    unit = fitted.target.subject.unit
-    return unit.differences(jnd), unit.differences(jnd / (1.0 - contraction))
 
 
 def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
@@ -205,30 +112,26 @@ def _select_subjects(analysis: Analysis, subjects: Sequence[str] | None) -> list
 
 
 def _n_columns(n_subjects: int) -> int:
-    return min(n_subjects, 4) if n_subjects <= _MOST_OF_FOUR_COLUMNS else 5
+    if n_subjects > _MOST_OF_FOUR_COLUMNS:
+        return 5
+    return min(n_subjects, 4)
 
 
 def _small_multiples(analysis: Analysis, subjects: Sequence[Subject]) -> tuple[Figure, list[Axes]]:
     """A figure as wide as a column or a page, and a panel for each subject."""
     n_columns = _n_columns(len(subjects))
-    width = COLUMN if n_columns <= 2 else PAGE
-    row_height = {1: 2.1, 2: 1.6, 3: 1.5, 4: 1.5, 5: 1.0}[n_columns]
+    width, row_height, name_length = _PANEL_SIZES[n_columns]
     figure = new_figure(width, n_rows(len(subjects), n_columns) * row_height + 0.8)
     panels = grid_panels(figure, len(subjects), n_columns, sharey=True)
     answers = {answer.subject: answer for answer in analysis.answers}
     for ax, counts in zip(panels, subjects, strict=True):
-        title = plain(counts.name, 20 if n_columns < 5 else 14)
+        title = plain(counts.name, name_length)
         answer = answers.get(counts.name)
         if answer is not None and not answer.is_interpretable:
-            title += ", not interpreted" if n_columns < 3 else "\nnot interpreted"
+            title += "\nnot interpreted"
         ax.set_title(title, loc="left", fontsize=LETTERS)
     mark_synthetic(figure, analysis.study.synthetic)
     return figure, panels
-
-
-def _legend(figure: Figure) -> None:
-    """One legend below the panels, in as many columns as the figure has room for."""
-    legend_below(figure, size=SMALL, columns=4 if figure.get_figwidth() > COLUMN else 2)
 
 
 def _in_order(counts: Subject) -> IndexArray:
@@ -265,15 +168,3 @@ def _pair_labels(subjects: Sequence[Subject], width: float) -> list[str]:
     stimuli = first.unit.or_percent_of(mean_first(first)).stimuli(pairs[:, index])
     digits = ".3g" if first.unit.of_stimuli else ".0f"
     return [f"{s1:{digits}}, {s2:{digits}}" for s1, s2 in stimuli.T]
-
-
-def _square_axes(ax: Axes, medians: FloatArray) -> None:
-    """Equal logarithmic axes in plain numbers about the medians, with the diagonal."""
-    low, high = 5.0, 20.0
-    if len(medians):
-        low, high = float(medians.min()) / 1.8, float(medians.max()) * 1.8
-    ax.plot([low, high], [low, high], color=EQUAL, lw=0.8, ls="--", zorder=0)
-    ax.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high))
-    ax.set_aspect("equal")
-    plain_log_axis(ax.xaxis)
-    plain_log_axis(ax.yaxis)

@@ -1,0 +1,76 @@
+"""Posterior predictive checks, by what is drawn."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from legible import require_legible
+from matplotlib.colors import to_hex
+from scipy.stats import binom
+
+import bayes_toe as bt
+from bayes_toe.answers.evidence_table import EvidenceTable
+from bayes_toe.plots.predictive import predictive_interval
+from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST
+
+
+def numerous(analysis, size):
+    """The analysis with so many subjects under other names."""
+    index = np.arange(size) % len(analysis.study)
+    subjects, rows = [], []
+    for i, j in enumerate(index):
+        name = f"participant number {i}"
+        row = analysis.evidence.rows[j]
+        rows.append(replace(row, subject=name, answer=replace(row.answer, subject=name)))
+        subjects.append(replace(analysis.study.subjects[j], name=name))
+    study = bt.Study(subjects, synthetic=True)
+    curves = tuple(analysis.curves[j] for j in index)
+    return replace(analysis, study=study, evidence=EvidenceTable(tuple(rows)), curves=curves)
+
+
+def test_the_predictive_interval_of_one_draw_is_that_of_the_binomial_distribution(stronger):
+    fitted = stronger.curve("pulled")
+    counts = fitted.target.subject
+    # The same draw many times, so that the ends are precise.
+    one_draw = replace(fitted, x=np.repeat(fitted.x[:1], 2000, axis=0))
+    share = one_draw.yes(counts.s1, counts.s2)[0]
+    ends = predictive_interval(one_draw, seed=1)
+    expected = binom.ppf([[0.025], [0.975]], counts.n_trials, share)
+    assert counts.n_trials * ends == pytest.approx(expected, abs=1.0)
+
+
+def test_observed_shares_stand_in_the_colour_of_their_order(analysis):
+    ax = bt.plots.posterior_predictive(analysis, ["B"]).axes[0]
+    subject = analysis.study["B"]
+    shares = subject.n_yes / subject.n_trials
+    direction = np.sign(subject.s1 - subject.s2)
+    lines = {line.get_label(): line for line in ax.lines}
+    for label, colour, sign in (
+        ("weaker first", WEAKER_FIRST, -1),
+        ("stronger first", STRONGER_FIRST, 1),
+    ):
+        expected = np.sort(shares[direction == sign])
+        assert np.sort(lines[label].get_ydata()) == pytest.approx(expected)
+        assert to_hex(lines[label].get_color()) == colour.lower()
+    low, high = predictive_interval(analysis.curve("B"), analysis.settings.seed)
+    order = np.lexsort((subject.s1 + subject.s2, direction))
+    bars = np.array([(bar.get_y(), bar.get_height()) for bar in ax.patches])
+    assert bars == pytest.approx(np.column_stack([low, high - low])[order])
+
+
+@pytest.mark.parametrize("size", [1, 8, 40])
+def test_figures_are_legible_and_as_wide_as_a_column_or_a_page(analysis, stronger, size):
+    for source in (analysis, stronger):
+        figure = bt.plots.posterior_predictive(numerous(source, size))
+        require_legible(figure)
+        width = 25.4 * figure.get_figwidth()
+        assert width == pytest.approx(85.0) or width == pytest.approx(175.0)
+        assert 25.4 * figure.get_figheight() < 240.0
+        assert figure.get_suptitle() == "synthetic data"
+
+
+def test_what_cannot_be_drawn_is_refused(analysis):
+    with pytest.raises(bt.InputError, match="found 41, allowed: 1 to 40"):
+        bt.plots.posterior_predictive(numerous(analysis, 41))
+    with pytest.raises(bt.InputError, match="Z"):
+        bt.plots.posterior_predictive(analysis, ["Z"])
