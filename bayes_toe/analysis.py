@@ -368,7 +368,7 @@ def _analysed(
         fit = subject_fit(subject, prior, seed=seed)
         if is_paper_task:
             by_bootstrap = bootstrap_evidence(fit, prior)
-    described = weighted_fit(fitted.proposal, seed) if result.fit is None else result.fit
+    described = weighted_fit(fitted, seed) if result.fit is None else result.fit
     row = subject_evidence(result, fitted, by_bootstrap, answer=answer, fit=described)
     curve_draws, drawn = None, None
     if request.chains is None:
@@ -395,9 +395,12 @@ def _settings(
 def _table(
     analysed: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str], task: Task
 ) -> EvidenceTable:
-    return EvidenceTable(
-        tuple(result.evidence for result in analysed), settings.seed, settings.prior, failed, task
-    )
+    rows = [result.evidence for result in analysed]
+    judged = []
+    for row in rows:
+        answer = None if row.answer is None else row.answer.in_study(len(rows))
+        judged.append(replace(row, answer=answer))
+    return EvidenceTable(tuple(judged), settings.seed, settings.prior, failed, task)
 
 
 def _survivors(

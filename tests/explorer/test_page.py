@@ -20,8 +20,8 @@ import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
 from bayes_toe.explorer.entry import Entry, badges, outlined, slices
 from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
+from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.inference.predictive_checks import GoodnessOfFit
 
 
 def islands(html):
