@@ -144,10 +144,10 @@ def _moving_criterion_p(subject: Subject) -> float | None:
     residual = np.zeros(len(rows))
     rows_of_pairs = []
     for i in range(subject.n_pairs):
-        own = np.flatnonzero(trials.pair[rows] == i)
-        is_yes = trials.answer[rows[own]] > 0.0
-        residual[own] = is_yes - is_yes.mean()
-        rows_of_pairs.append(own)
+        of_pair = np.flatnonzero(trials.pair[rows] == i)
+        is_yes = trials.answer[rows[of_pair]] > 0.0
+        residual[of_pair] = is_yes - is_yes.mean()
+        rows_of_pairs.append(of_pair)
     if not residual.any():
         return None
 
@@ -168,8 +168,8 @@ def _moving_criterion_p(subject: Subject) -> float | None:
 
     def simulate(size: int) -> FloatArray:
         shuffled = np.tile(residual, (size, 1))
-        for own in rows_of_pairs:
-            shuffled[:, own] = rng.permuted(shuffled[:, own], axis=1)
+        for of_pair in rows_of_pairs:
+            shuffled[:, of_pair] = rng.permuted(shuffled[:, of_pair], axis=1)
         return statistic(shuffled)
 
     return simulated_p_value(float(statistic(residual[None])[0]), simulate)

@@ -76,15 +76,20 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
     subjects = plural(len(misfits), "subject")
     names = join_names([answer.subject for answer in misfits], _MOST_NAMES)
     lines = [f"The model does not fit {subjects}: {names}. {FALSE_ALARMS}"]
-    others = [answer for answer in answers if answer.fits is not False]
+    good_fits = [answer for answer in answers if answer.fits is not False]
     counts = []
     for question in QUESTIONS:
-        if others and any(answer.words[question].is_positive for answer in misfits):
-            n_positive = sum(answer.words[question].is_positive for answer in others)
-            counts.append(f"{question.replace('_', ' ')} {n_positive} of {len(others)}")
+        if good_fits and _count_positive(misfits, question):
+            n_positive = _count_positive(good_fits, question)
+            counts.append(f"{question.replace('_', ' ')} {n_positive} of {len(good_fits)}")
     if counts:
         lines.append(f"Without {names}, yes or probably: {', '.join(counts)}.")
     return lines
+
+
+def _count_positive(answers: Sequence[OrderEffect], question: str) -> int:
+    """How many subjects have an effect, for sure or probably."""
+    return sum(answer.words[question].is_positive for answer in answers)
 
 
 def count_words(

@@ -39,7 +39,7 @@ from bayes_toe.answers.words import (
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
 from bayes_toe.checks.identification import identify
 from bayes_toe.cli.answer_screen import doubtful_subjects
-from bayes_toe.cli.group_screen import group_estimate, log_factor_of_mean
+from bayes_toe.cli.group_screen import good_fits_answer, group_estimate, log_factor_of_mean
 from bayes_toe.data.messages import capitalized, join_names, plural, visible
 from bayes_toe.data.study import Study, units_by_subject
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -151,6 +151,7 @@ def _results(analysis: Analysis) -> list[str]:
         sentences += _count_present(answers, f" of {count_all(answers, 'participant', is_by_unit)}")
     if analysis.group is not None:
         sentences += _group(analysis.group)
+        sentences += good_fits_answer(analysis.group, analysis.group_of_good_fits)
     elif not is_by_unit:
         for line in few_subjects_lines(answers):
             sentences.append(f"{line[:-1]} [@penny2010].")

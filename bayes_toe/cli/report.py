@@ -65,7 +65,7 @@ from bayes_toe.cli.answer_screen import (
     effect_size,
     not_counted,
 )
-from bayes_toe.cli.group_screen import group_answer, group_tables
+from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
 from bayes_toe.data.messages import (
     capitalized,
@@ -79,7 +79,6 @@ from bayes_toe.data.messages import (
 )
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.model.posterior import DOMINATED
 from bayes_toe.plots.asymmetry import asymmetry_height
@@ -301,7 +300,7 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
         "evidence_image": _evidence_image(analysis),
         "dominated": DOMINATED,
         "crowded": len(study) > MAX_NAMES,
-        "group": _group(analysis.group, facts.check),
+        "group": _group(analysis, facts.check),
         "contrast": _by_condition(analysis.contrast),
     }
 
@@ -583,14 +582,16 @@ def _by_condition(table: ContrastTable | None) -> Record | None:
     }
 
 
-def _group(result: PopulationResult | None, check: PredictiveCheck | None) -> Record | None:
+def _group(analysis: Analysis, check: PredictiveCheck | None) -> Record | None:
     """The section of the group: warnings, the answer, tables."""
+    result = analysis.group
     if result is None or check is None:
         return None
+    lines = group_answer(result) + good_fits_answer(result, analysis.group_of_good_fits)
     return {
         "problems": [*result.problems, *check.warnings],
         "is_reliable": result.is_reliable,
-        "answer": [*map(_typeset, group_answer(result))],
+        "answer": [*map(_typeset, lines)],
         "tables": group_tables(result),
         "hyperprior": result.settings.hyperprior.describe(result.study.task),
         "subjects": len(result.subjects),

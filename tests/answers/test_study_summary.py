@@ -1,12 +1,10 @@
 """The answer of a study: counts that add up, directions, how frequent an effect is."""
 
-from types import SimpleNamespace
-
 import pytest
 from conftest import order_answer
 
 import bayes_toe as bt
-from bayes_toe.analysis import _interpretable_group
+from bayes_toe.analysis import _group
 from bayes_toe.answers.order_effect import Size
 from bayes_toe.answers.study_summary import (
     FALSE_ALARMS,
@@ -92,12 +90,7 @@ def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypat
     study = bt.example_study("same/different").select([f"S{i:02d}" for i in range(1, 8)])
 
     def group_without(*names):
-        rows = []
-        for name in study.names:
-            word = Word.NOT_INTERPRETABLE if name in names else Word.NO
-            evidence = SimpleNamespace(answer=answer(name, (word,) * 3))
-            rows.append(SimpleNamespace(evidence=evidence))
-        return _interpretable_group(study, rows, seed=4)
+        return _group(study, [answer(name, (Word.NO,) * 3) for name in names], seed=4)
 
     group_without("S01")
     assert fitted == [(study.names[1:], {"seed": 4})]
