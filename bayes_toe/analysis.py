@@ -81,6 +81,8 @@ class Analysis:
         What differs between conditions within subjects, where the study has conditions.
     group : PopulationResult or None
         The group of the interpretable subjects, where there are at least six.
+    group_of_good_fits : PopulationResult or None
+        The group without the subjects whom the model does not fit, where there are any.
     """
 
     study: Study
@@ -92,6 +94,7 @@ class Analysis:
     summary_rows: tuple[SummaryRow, ...] = ()
     contrast: ContrastTable | None = None
     group: PopulationResult | None = None
+    group_of_good_fits: PopulationResult | None = None
 
     def __repr__(self) -> str:
         return f"<Analysis of {self.study!r}: answers, draws, evidence, fits, summary()>"
@@ -187,32 +190,34 @@ def run(
         differences = contrast(
             study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep
         )
+    table = _table(small, settings, failed, study.task)
+    group_of_good_fits = None
+    excluded = [answer for answer in table.answers if not answer.is_interpretable]
+    group = _group(study, excluded, settings.seed)
+    misfits = [answer for answer in table.answers if answer.fits is False]
+    if group is not None and misfits:
+        group_of_good_fits = _group(study, [*excluded, *misfits], settings.seed)
     return Analysis(
         study,
         all_draws,
-        _table(small, settings, failed, study.task),
+        table,
         settings,
         fits,
         tuple(curves),
         tuple(summary),
         differences,
-        _interpretable_group(study, small, settings.seed),
+        group,
+        group_of_good_fits,
     )
 
 
-def _interpretable_group(
-    study: Study, results: Sequence[_Analysed], seed: int
-) -> PopulationResult | None:
-    """The group of the subjects all of whose answers can be interpreted; None where they are few.
+def _group(study: Study, excluded: Sequence[OrderEffect], seed: int) -> PopulationResult | None:
+    """The group of the subjects none of whose answers are excluded; None where they are few.
 
     The result says itself whether it is reliable, so no warning is raised.
     """
-    excluded = set[str]()
-    for result in results:
-        answer = result.evidence.answer
-        if answer is not None and not answer.is_interpretable:
-            excluded.add(study[answer.subject].subject_name)
-    names = [subject.name for subject in study if subject.subject_name not in excluded]
+    left_out = {study[answer.subject].subject_name for answer in excluded}
+    names = [subject.name for subject in study if subject.subject_name not in left_out]
     if len({study[name].subject_name for name in names}) < FEWEST_FOR_GROUP:
         return None
     with warnings.catch_warnings():
@@ -370,7 +375,7 @@ def _analysed(
         fit = subject_fit(subject, prior, seed=seed)
         if is_paper_task:
             by_bootstrap = bootstrap_evidence(fit, prior)
-    described = weighted_fit(fitted.proposal, seed) if result.fit is None else result.fit
+    described = weighted_fit(fitted, seed) if result.fit is None else result.fit
     row = subject_evidence(result, fitted, by_bootstrap, answer=answer, fit=described)
     curve_draws, drawn = None, None
     if request.chains is None:
@@ -397,9 +402,12 @@ def _settings(
 def _table(
     analysed: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str], task: Task
 ) -> EvidenceTable:
-    return EvidenceTable(
-        tuple(result.evidence for result in analysed), settings.seed, settings.prior, failed, task
-    )
+    rows = [result.evidence for result in analysed]
+    judged = []
+    for row in rows:
+        answer = None if row.answer is None else row.answer.in_study(len(rows))
+        judged.append(replace(row, answer=answer))
+    return EvidenceTable(tuple(judged), settings.seed, settings.prior, failed, task)
 
 
 def _survivors(

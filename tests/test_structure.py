@@ -1,7 +1,8 @@
 """Every file is in a subpackage, imports point one way, and a library has one owner.
 
 version errors arrays seeds library_settings cluster workers < data < result_store < model
-< inference < checks < groups < classical < answers < analysis < design < plots < explorer < app < cli
+< inference < checks < groups < classical < answers < analysis < design < plots < explorer
+< app < cli
 """
 
 import ast

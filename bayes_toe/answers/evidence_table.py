@@ -23,7 +23,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.inference.evidence import Evidence, laplace_evidence, laplace_evidence_natural
-from bayes_toe.inference.predictive_checks import GoodnessOfFit
+from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
 from bayes_toe.inference.subject import Fitted, SubjectResult
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.paper_model import PaperPosterior

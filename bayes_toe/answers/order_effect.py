@@ -12,7 +12,7 @@ changes it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, product
 from typing import NamedTuple
 
@@ -29,15 +29,16 @@ from bayes_toe.answers.model_average import (
     weighted_quantiles,
 )
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
-from bayes_toe.answers.words import Word, side_of, word_for
+from bayes_toe.answers.words import Word, remains, word_for
 from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE, flag_limit
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.checks.identification import Identification, identify
 from bayes_toe.data.messages import capitalized, join_words
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Subject
+from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, PairResidual, summarise_fit
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
-from bayes_toe.inference.predictive_checks import MISFIT, GoodnessOfFit, PairResidual, summarise_fit
 from bayes_toe.model.observer import DEFAULT_PRIOR, OrderModel
 from bayes_toe.model.parameters import CutNormal, ObserverPrior, StandardStudent
 from bayes_toe.seeds import generator
@@ -65,9 +66,9 @@ ANSWER_COLUMNS = (
     *(f"ln_bf_{question}" for question in QUESTIONS),
     *map("_".join, product(SIZES, QUANTILES)),
     "best_model",
-    "predictive_p",
-    "deviance_p",
+    "fit_p",
     "history_p",
+    "moving_criterion_p",
     *map("".join, product(_EVIDENCES, ("", "_se", "_laplace"))),
 )
 #: By what a prior scale is multiplied to see whether it decides a word.
@@ -129,7 +130,9 @@ class OrderEffect:
         The 95 % quantile of each question's size in JND, 0 where the effect is absent.
     best_model : str
         The model with the highest evidence.
-    predictive_p, deviance_p, history_p : float or None
+    fit_p, history_p, moving_criterion_p : float or None
+        P-values of the deviance of the best model, of the trial before, and of a criterion that
+        wanders.
     log_evidence, standard_error, laplace : mapping of str to float
         Of each model.
     unit : StimulusUnit
@@ -141,7 +144,9 @@ class OrderEffect:
     problems : tuple of Problem
         The flags as sentences, with the options that act on them.
     worst_pairs : tuple of PairResidual
-        The pairs with the largest residuals, if the fit is poor.
+        The pairs with the largest residuals.
+    n_subjects : int
+        Subjects of the study, which decide the limit of these p-values.
     """
 
     subject: str
@@ -154,9 +159,9 @@ class OrderEffect:
     sizes: Mapping[str, Size]
     upper_bounds: Mapping[str, float]
     best_model: str
-    predictive_p: float | None
-    deviance_p: float | None
+    fit_p: float | None
     history_p: float | None
+    moving_criterion_p: float | None
     log_evidence: Mapping[str, float]
     standard_error: Mapping[str, float]
     laplace: Mapping[str, float]
@@ -165,6 +170,7 @@ class OrderEffect:
     reasons: Mapping[str, str] = field(default_factory=dict)
     problems: tuple[Problem, ...] = ()
     worst_pairs: tuple[PairResidual, ...] = ()
+    n_subjects: int = 1
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -174,19 +180,39 @@ class OrderEffect:
     @property
     def fits(self) -> bool | None:
         """Whether the best model describes the responses; None where that is not testable."""
-        if self.predictive_p is None or self.deviance_p is None:
-            return None
-        return self.predictive_p >= MISFIT and self.deviance_p >= MISFIT
+        return None if self.fit_p is None else self.fit_p >= flag_limit(self.n_subjects)
 
     @property
     def depends_on_prior(self) -> bool:
-        """Whether a prior scale, halved or doubled, moves a probability past .25 or .75."""
+        """Whether a prior scale, halved or doubled, takes a `yes` or `no` below probable."""
         return any(flag.startswith(PRIOR_FLAG) for flag in self.flags)
 
     @property
     def depends_on_previous_trial(self) -> bool:
         """Whether the score test of the trial before is below its limit."""
-        return self.history_p is not None and self.history_p < MISFIT
+        return PREVIOUS_TRIAL_FLAG in self.flags
+
+    def in_study(self, n_subjects: int) -> OrderEffect:
+        """The answer with the flags of fit and of trial order for a study of so many subjects."""
+        wandering = "The preference for a response wanders over the trials ({})."
+        if "zone_percent" not in self.sizes:  # which was stronger
+            wandering += " A constant error may be due to it."
+        previous_trial = (
+            "Responses depend on the previous trial ({}). The command `history` estimates by how "
+            "much."
+        )
+        tests = (
+            (MISFIT_FLAG, self.fit_p, "The model does not fit: fit {}."),
+            (PREVIOUS_TRIAL_FLAG, self.history_p, previous_trial),
+            (WANDERING_FLAG, self.moving_criterion_p, wandering),
+        )
+        problems = dict(zip(self.flags, self.problems, strict=True))
+        for flag, p_value, message in tests:
+            problems.pop(flag, None)
+            if p_value is not None and p_value < flag_limit(n_subjects):
+                problems[flag] = Problem(message.format(format_limit(p_value, n_subjects)))
+        flags, sentences = tuple(problems), tuple(problems.values())
+        return replace(self, n_subjects=n_subjects, flags=flags, problems=sentences)
 
     @property
     def first_is_overestimated(self) -> bool | None:
@@ -239,9 +265,9 @@ class OrderEffect:
             "interpretable": "yes" if self.is_interpretable else "no",
             "flags": "; ".join(self.flags),
             "best_model": self.best_model,
-            "predictive_p": self.predictive_p,
-            "deviance_p": self.deviance_p,
+            "fit_p": self.fit_p,
             "history_p": self.history_p,
+            "moving_criterion_p": self.moving_criterion_p,
         }
         for question in QUESTIONS:
             cells[question] = self.word(question)
@@ -286,7 +312,7 @@ class OrderEffect:
 MISFIT_FLAG = "the model does not fit"
 PRIOR_FLAG = "depends on the prior"
 PREVIOUS_TRIAL_FLAG = "responses depend on the previous trial"
-DRIFT_FLAG = "responses drift"
+WANDERING_FLAG = "the preference for a response wanders"
 OUTSIDE_FLAG = "the PSE lies outside the pairs shown, so its size rests on the prior"
 ROVING_FLAG = "the size of the contraction rests on the prior"
 
@@ -362,6 +388,48 @@ def format_decimals(value: float, sign: str = "") -> str:
     return text.replace("0.", ".", 1) if text.lstrip("+-").startswith("0.") else text
 
 
+def format_small_p(p_value: float) -> str:
+    """A p-value with two significant digits, however small.
+
+    Examples
+    --------
+    >>> format_small_p(0.4), format_small_p(0.00083), format_small_p(0.0)
+    ('p .40', 'p .00083', 'p < .00001')
+    """
+    if p_value < 1e-5:
+        return "p < .00001"
+    return f"p {format_number(p_value).removeprefix('0')}"
+
+
+def format_limit(p_value: float, n_subjects: int) -> str:
+    """A p-value below the limit for a study of so many subjects, with that limit.
+
+    Examples
+    --------
+    >>> format_limit(0.00083, 12), format_limit(0.0, 1)
+    ('p .00083, below .05/12', 'p < .00001, below .05')
+    """
+    limit = format_decimals(FALSE_ALARM_SHARE)
+    if n_subjects > 1:
+        limit += f"/{n_subjects}"
+    return f"{format_small_p(p_value)}, below {limit}"
+
+
+def describe_fit(fit_p: float | None, n_subjects: int) -> str:
+    """Whether a model fits, with the p-value.
+
+    Examples
+    --------
+    >>> describe_fit(0.4, 12), describe_fit(0.0008, 12), describe_fit(None, 12)
+    ('good, fit p .40', 'poor, fit p .00080, below .05/12', 'not testable')
+    """
+    if fit_p is None:
+        return "not testable"
+    if fit_p < flag_limit(n_subjects):
+        return f"poor, fit {format_limit(fit_p, n_subjects)}"
+    return f"good, fit {format_small_p(fit_p)}"
+
+
 def format_bayes_factor(log_bayes_factor: float) -> str:
     """A Bayes factor, not its log: two digits between 1/100 and 100, a bound beyond.
 
@@ -421,15 +489,14 @@ def order_effect(
     words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
     if is_interpretable:
         words = _words(questions, probabilities, log_bayes_factors)
-    is_misfit = fit is not None and fit.misfit
-    problems = _response_problems(flags, is_misfit)
-    problems |= _screen_problems(screen)
-    problems |= _prior_problems(evidence, questions, is_error_only)
+    worst_first = sorted(flags, key=lambda flag: flag.is_interpretable)
+    problems = {flag.words: Problem(flag.message, flag.option) for flag in worst_first}
+    problems |= _prior_problems(evidence, words, questions, is_error_only)
     for flag_words in (*size_flags, *_error_flags(evidence)):
         problems[flag_words] = Problem(f"{capitalized(flag_words)}.")
     best = int(np.argmax(evidence.log_evidence))
-    predictive_p, deviance_p = _fit_p_values(fit)
-    return OrderEffect(
+    screen = screen or SerialScreen()
+    answer = OrderEffect(
         subject=evidence.subject.name,
         words=words,
         direction="contraction" if sizes["contraction_p"].q50 >= 0.0 else "repulsion",
@@ -441,17 +508,18 @@ def order_effect(
         upper_bounds=upper_bounds,
         unit=evidence.subject.unit,
         best_model=MODEL_NAMES[best],
-        predictive_p=predictive_p,
-        deviance_p=deviance_p,
-        history_p=None if screen is None else screen.joint_p,
+        fit_p=fit.fit_p if fit is not None and np.isfinite(fit.fit_p) else None,
+        history_p=screen.joint_p,
+        moving_criterion_p=screen.moving_criterion_p,
         log_evidence=_by_model(evidence.log_evidence),
         standard_error=_by_model(evidence.standard_error),
         laplace=_by_model(evidence.laplace),
         notes=(*identification.notes, *dict.fromkeys(identification.reasons.values())),
         reasons=identification.reasons,
         problems=tuple(problems.values()),
-        worst_pairs=fit.worst if fit is not None and is_misfit else (),
+        worst_pairs=() if fit is None else fit.worst,
     )
+    return answer.in_study(1)
 
 
 def _words(
@@ -462,23 +530,6 @@ def _words(
     for question in questions:
         words[question] = word_for(probabilities[question], log_bayes_factors[question])
     return words
-
-
-def _fit_p_values(fit: GoodnessOfFit | None) -> tuple[float | None, float | None]:
-    """The p-values of the predictive check and of the deviance; None where nothing is testable."""
-    if fit is None or fit.describes is None:
-        return None, None
-    return fit.p_overall, fit.p_deviance
-
-
-def _response_problems(flags: Sequence[Finding], is_misfit: bool) -> dict[str, Problem]:
-    """The flags of the responses, those that forbid a conclusion first, and that of a misfit."""
-    worst_first = sorted(flags, key=lambda flag: flag.is_interpretable)
-    problems = {flag.words: Problem(flag.message, flag.option) for flag in worst_first}
-    if is_misfit:
-        message = "The model does not fit. Report no conclusion for this subject."
-        problems[MISFIT_FLAG] = Problem(message)
-    return problems
 
 
 def _by_model(values: FloatArray) -> dict[str, float]:
@@ -570,21 +621,6 @@ def _size(draws: AveragedDraws, values: FloatArray) -> Size:
     return Size(*weighted_quantiles(values, draws.weights, tuple(QUANTILES.values())))
 
 
-def _screen_problems(screen: SerialScreen | None) -> dict[str, Problem]:
-    """Flags of the score tests of serial dependence, with their sentences."""
-    problems = dict[str, Problem]()
-    if screen is None:
-        return problems
-    if screen.joint_p is not None and screen.joint_p < MISFIT:
-        message = (
-            "Responses depend on the previous trial. The command `history` estimates by how much."
-        )
-        problems[PREVIOUS_TRIAL_FLAG] = Problem(message)
-    if screen.moving_criterion_p is not None and screen.moving_criterion_p < MISFIT:
-        problems[DRIFT_FLAG] = Problem("The preference for a response drifts over the trials.")
-    return problems
-
-
 def _error_flags(evidence: OrderEvidence) -> list[str]:
     """A flag if the evidence of a model that counts is imprecise."""
     is_near = evidence.log_evidence > evidence.log_evidence.max() - _COUNTS_WITHIN
@@ -598,16 +634,24 @@ def _error_flags(evidence: OrderEvidence) -> list[str]:
 
 
 def _prior_problems(
-    evidence: OrderEvidence, questions: Sequence[str], is_error_only: bool
+    evidence: OrderEvidence,
+    words: Mapping[str, Word],
+    questions: Sequence[str],
+    is_error_only: bool,
 ) -> dict[str, Problem]:
-    """The flag of questions whose probability passes .25 or .75 with another prior scale."""
-    default = _questions(evidence.log_evidence, is_error_only)
-    varied = [_questions(values, is_error_only) for values in rescaled_evidences(evidence)]
+    """The flag of questions whose `yes` or `no` another prior scale leaves undecided."""
     changes: dict[str, list[str]] = {}
+    rescaled_words = []
+    for log_evidence in rescaled_evidences(evidence):
+        rescaled_words.append(_words(questions, *_questions(log_evidence, is_error_only)))
     for question in questions:
-        for factor, rescaled in zip(SCALE_FACTORS * 2, varied, strict=True):  # of c, then of p
-            if side_of(rescaled[0][question]) != side_of(default[0][question]):
-                change = _describe_change(question, factor, default, rescaled)
+        word = words[question]
+        for factor, rescaled in zip(SCALE_FACTORS * 2, rescaled_words, strict=True):  # c, then p
+            if not remains(word, rescaled[question]):
+                change = (
+                    f"A prior {'twice' if factor > 1.0 else 'half'} as wide changes {{}} from "
+                    f"'{word}' to '{rescaled[question]}'."
+                )
                 changes.setdefault(change, []).append(question.replace("_", " "))
                 break
     if not changes:
@@ -615,23 +659,6 @@ def _prior_problems(
     sentences = [change.format(join_words(names)) for change, names in changes.items()]
     dependent = ", ".join(chain(*changes.values()))
     return {f"{PRIOR_FLAG}: {dependent}": Problem(" ".join(sentences))}
-
-
-def _describe_change(
-    question: str,
-    factor: float,
-    default: tuple[_Numbers, _Numbers],
-    rescaled: tuple[_Numbers, _Numbers],
-) -> str:
-    """How another prior scale changes the word of a question, or else its probability."""
-    subject = f"A prior {'twice' if factor > 1.0 else 'half'} as wide changes"
-    words, probabilities = [], []
-    for probability, log_bayes_factor in (default, rescaled):
-        words.append(word_for(probability[question], log_bayes_factor[question]))
-        probabilities.append(format_decimals(probability[question]))
-    if words[0] != words[1]:
-        return f"{subject} {{}} from '{words[0]}' to '{words[1]}'."
-    return f"{subject} the probability of {{}} from {probabilities[0]} to {probabilities[1]}."
 
 
 def rescaled_evidences(evidence: OrderEvidence) -> list[FloatArray]:
@@ -706,5 +733,5 @@ def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
     posterior = OrderModel(MODEL_NAMES[best]).posterior(evidence.subject, evidence.prior)
     is_best = np.arange(len(MODEL_NAMES)) == best
     rng = generator(seed, evidence.subject.name, MODEL_NAMES[best], "goodness of fit")
-    points = averaged_draws(evidence, is_best).resampled(rng, _FIT_DRAWS)
-    return summarise_fit(posterior, points[:, posterior.is_free], seed)
+    points = averaged_draws(evidence, is_best).resampled(rng, _FIT_DRAWS)[:, posterior.is_free]
+    return summarise_fit(posterior, points, evidence.modes[best, posterior.is_free])

@@ -11,11 +11,17 @@ e = y - k/n of a trial and its regressors h, from which each pair's mean is subt
 
 h holds the answer of the trial before (1, -1; 0 after a missing one), and its two stimuli times g,
 the slope of logit P in s2 - s1 of the present pair: what a shift of the criterion by a share of
-those stimuli does. A fourth regressor is the sum of the answers 2 to 5 trials before, by which a
-criterion that moves slowly shows.
+those stimuli does.
 
 An answer is not independent of the other ones to its pair: where both trials are among the n of one
 pair, the mean of e times the earlier answer is -2 k (n - k) / (n^2 (n - 1)). U is corrected for it.
+
+A criterion that wanders makes the residuals of neighbouring trials alike. The statistic sees it at
+short and at long time scales; the weights are those of a noise whose power falls with frequency:
+
+    T = sum over trials s and t, t - s > 1, of e_s e_t / sqrt(t - s)
+
+Its reference is the same sum with the answers to each pair in random order.
 """
 
 from __future__ import annotations
@@ -27,14 +33,15 @@ import numpy as np
 from scipy.special import chdtrc
 
 from bayes_toe.arrays import ArrayPair, FloatArray
+from bayes_toe.checks.alarm_rate import simulated_p_value
 from bayes_toe.data.study import Subject
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, task_parameters
 from bayes_toe.model.trial_history import TrialSequence, knows_order
+from bayes_toe.seeds import generator
 
 #: Columns of the regressors.
-_ANSWER, _FIRST, _SECOND, _MOVING = range(4)
-_LAGS = (2, 3, 4, 5)
+_ANSWER, _FIRST, _SECOND = range(3)
 #: Share of a regressor's variance, given the others, below which it says nothing of its own.
 _COLLINEAR = 1e-9
 
@@ -52,7 +59,7 @@ class SerialScreen:
     stimuli_p : float or None
         The previous stimuli, given the answer.
     moving_criterion_p : float or None
-        The answers 2 to 5 trials before, given all of the trial before.
+        A criterion that wanders, by the trials before the last.
     """
 
     joint_p: float | None = None
@@ -80,7 +87,7 @@ def serial_screen(subject: Subject, posterior: ObserverPosterior, mode: FloatArr
         joint_p=_p_value(scores, variance, last_trial, adjusted_for=()),
         answer_p=_p_value(scores, variance, (_ANSWER,), adjusted_for=(_FIRST, _SECOND)),
         stimuli_p=_p_value(scores, variance, (_FIRST, _SECOND), adjusted_for=(_ANSWER,)),
-        moving_criterion_p=_p_value(scores, variance, (_MOVING,), adjusted_for=last_trial),
+        moving_criterion_p=_moving_criterion_p(subject),
     )
 
 
@@ -97,7 +104,7 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
 
 
 def _scores(subject: Subject, slopes: FloatArray) -> ArrayPair:
-    """U and V of all four regressors."""
+    """U and V of all three regressors."""
     trials = TrialSequence.from_subject(subject)
     previous = trials.earlier(1)
     rows = np.flatnonzero(trials.is_answered & (previous >= 0))
@@ -112,28 +119,60 @@ def _scores(subject: Subject, slopes: FloatArray) -> ArrayPair:
     correction = 2.0 * pair_variance / n_safe
 
     mean_stimulus = 0.5 * (trials.first.mean() + trials.second.mean())
-    regressors = np.zeros((4, len(rows)))
+    regressors = np.zeros((3, len(rows)))
     regressors[_ANSWER] = trials.answer[previous]
     regressors[_FIRST] = slopes[pair] * (trials.first[previous] - mean_stimulus)
     regressors[_SECOND] = slopes[pair] * (trials.second[previous] - mean_stimulus)
     is_tested = np.zeros(len(trials.pair), np.bool_)
     is_tested[rows] = True
-    corrections = np.zeros(4)
+    corrections = np.zeros(3)
     is_same_pair = is_tested[previous] & (trials.pair[previous] == pair)
     corrections[_ANSWER] = correction[pair[is_same_pair]].sum()
-    for lag in _LAGS:
-        earlier = trials.earlier(lag)[rows]
-        has_earlier = earlier >= 0
-        regressors[_MOVING, has_earlier] += trials.answer[earlier[has_earlier]]
-        is_same_pair = has_earlier & is_tested[earlier] & (trials.pair[earlier] == pair)
-        corrections[_MOVING] += correction[pair[is_same_pair]].sum()
 
     residual = is_yes - (k / n_safe)[pair]
-    for i in range(4):
+    for i in range(3):
         pair_mean = np.bincount(pair, regressors[i], n_pairs) / n_safe
         regressors[i] -= pair_mean[pair]
     variance = (regressors * pair_variance[pair]) @ regressors.T
     return regressors @ residual + corrections, variance
+
+
+def _moving_criterion_p(subject: Subject) -> float | None:
+    """P-value of a criterion that wanders; None where every pair has one answer only."""
+    trials = TrialSequence.from_subject(subject)
+    rows = np.flatnonzero(trials.is_answered)
+    residual = np.zeros(len(rows))
+    rows_of_pairs = []
+    for i in range(subject.n_pairs):
+        of_pair = np.flatnonzero(trials.pair[rows] == i)
+        is_yes = trials.answer[rows[of_pair]] > 0.0
+        residual[of_pair] = is_yes - is_yes.mean()
+        rows_of_pairs.append(of_pair)
+    if not residual.any():
+        return None
+
+    n_trials = len(trials.pair)
+    n_padded = 2 * n_trials  # so that the last trial is no neighbour of the first
+    kernel = np.zeros(n_padded)
+    lags = np.arange(2, n_trials)
+    kernel[lags] = kernel[-lags] = 1.0 / np.sqrt(lags)
+    weights = np.fft.rfft(kernel).real
+    weights[1:-1] *= 2.0  # the other half of the spectrum
+    rng = generator(0, subject.name, "moving criterion")
+
+    def statistic(residuals: FloatArray) -> FloatArray:
+        sequences = np.zeros((len(residuals), n_trials))
+        sequences[:, rows] = residuals
+        power = np.square(np.abs(np.fft.rfft(sequences, n_padded)))
+        return np.asarray(power @ weights)
+
+    def simulate(size: int) -> FloatArray:
+        shuffled = np.tile(residual, (size, 1))
+        for of_pair in rows_of_pairs:
+            shuffled[:, of_pair] = rng.permuted(shuffled[:, of_pair], axis=1)
+        return statistic(shuffled)
+
+    return simulated_p_value(float(statistic(residual[None])[0]), simulate)
 
 
 def _p_value(

@@ -16,15 +16,20 @@ from scipy.special import logsumexp, softmax
 
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.words import Word
+from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
 from bayes_toe.data.messages import capitalized, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.validation import CONDITION_SEPARATOR
-from bayes_toe.inference.predictive_checks import PairResidual
+from bayes_toe.inference.goodness_of_fit import PairResidual
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ORDER_MODELS
 
 #: Interpretable subjects from which on `run` fits the population.
 FEWEST_FOR_GROUP = 6
 _MOST_NAMES = 5  # of subjects in a line
+#: How often a test of every subject flags one by chance.
+FALSE_ALARMS = (
+    f"A sound study of this size has such a subject in {100 * FALSE_ALARM_SHARE:.0f} % of cases."
+)
 _SHARES = np.linspace(0.0, 1.0, 401)  # frequencies over which random effects are summed
 #: One sentence on the table of Appendix C.
 APPENDIX_C = (
@@ -49,7 +54,7 @@ def study_lines(
         Whether each is a subject in one condition.
     """
     if len(answers) == 1:
-        return [f"{answers[0].subject}: {answers[0].describe()}"]
+        return [f"{answers[0].subject}: {answers[0].describe()}", *misfit_lines(answers)]
     counted_answers = [answer for answer in answers if answer.is_interpretable]
     if not counted_answers:
         return ["No subject can be interpreted."]
@@ -60,13 +65,31 @@ def study_lines(
         text = _count_answers(counted_answers, question, of_total)
         lines.append(f"{capitalized(question.replace('_', ' '))}: {text}.")
         of_total = ""
-    misfits = [answer.subject for answer in counted_answers if answer.fits is False]
-    if misfits:
-        n_misfits = plural(len(misfits), "subject")
-        names = join_names(misfits, _MOST_NAMES)
-        claims = "this conclusion" if len(misfits) == 1 else "these conclusions"
-        lines.append(f"The model does not fit {n_misfits}: {names}. Base no claim on {claims}.")
+    return lines + misfit_lines(counted_answers)
+
+
+def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
+    """The subjects whom the model does not fit, and the effects that are fewer without them."""
+    misfits = [answer for answer in answers if answer.fits is False]
+    if not misfits:
+        return []
+    subjects = plural(len(misfits), "subject")
+    names = join_names([answer.subject for answer in misfits], _MOST_NAMES)
+    lines = [f"The model does not fit {subjects}: {names}. {FALSE_ALARMS}"]
+    good_fits = [answer for answer in answers if answer.fits is not False]
+    counts = []
+    for question in QUESTIONS:
+        if good_fits and _count_positive(misfits, question):
+            n_positive = _count_positive(good_fits, question)
+            counts.append(f"{question.replace('_', ' ')} {n_positive} of {len(good_fits)}")
+    if counts:
+        lines.append(f"Without {names}, yes or probably: {', '.join(counts)}.")
     return lines
+
+
+def _count_positive(answers: Sequence[OrderEffect], question: str) -> int:
+    """How many subjects have an effect, for sure or probably."""
+    return sum(answer.words[question].is_positive for answer in answers)
 
 
 def count_words(

@@ -49,16 +49,18 @@ def word_for(probability: float, log_bayes_factor: float) -> Word:
     return Word.UNDECIDED
 
 
-def side_of(probability: float) -> int:
-    """1 where an effect is at least probable, -1 where its absence is, 0 between.
+def remains(word: Word, other: Word) -> bool:
+    """Whether a `yes` is still at least `probably`, and a `no` at least `probably not`.
 
     Examples
     --------
-    >>> side_of(0.8), side_of(0.5), side_of(0.1)
-    (1, 0, -1)
+    >>> remains(Word.YES, Word.PROBABLY), remains(Word.NO, Word.UNDECIDED)
+    (True, False)
+    >>> remains(Word.PROBABLY, Word.UNDECIDED)  # not as sure a word
+    True
     """
-    if probability >= PROBABLY_FROM:
-        return 1
-    if probability <= PROBABLY_NOT_UP_TO:
-        return -1
-    return 0
+    if word is Word.YES:
+        return other.is_positive
+    if word is Word.NO:
+        return other in (Word.NO, Word.PROBABLY_NOT)
+    return True

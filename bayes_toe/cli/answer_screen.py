@@ -15,6 +15,7 @@ from bayes_toe.answers.order_effect import (
     QUESTIONS,
     SIZE_OF,
     OrderEffect,
+    format_small_p,
 )
 from bayes_toe.answers.study_summary import describe_pair, study_lines
 from bayes_toe.answers.words import Word
@@ -92,10 +93,10 @@ def doubtful_subjects(answers: Iterable[OrderEffect]) -> dict[str, list[str]]:
     for answer in answers:
         if not answer.is_interpretable:
             continue
-        if answer.fits is False:
-            subjects[POOR_FIT].append(answer.subject)
-        elif answer.fits is None:
+        if answer.fit_p is None:
             subjects[NO_FIT].append(answer.subject)
+        elif answer.fits is False:
+            subjects[POOR_FIT].append(f"{answer.subject} with fit {format_small_p(answer.fit_p)}")
         if answer.depends_on_previous_trial:
             subjects[ON_PREVIOUS_TRIAL].append(answer.subject)
     return subjects
@@ -184,7 +185,7 @@ def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
             if option and len(options) == 1:
                 option = f"{command} {option}"
             if mark == "?" and len(answers) >= MANY_SUBJECTS:
-                message = "A prior half or twice as wide moves a probability past .25 or .75."
+                message = "A prior half or twice as wide leaves a 'yes' or a 'no' undecided."
             notes[mark].append((subject, message, option))
     for mark, of_mark in notes.items():
         out.notes(of_mark, mark, file=file)

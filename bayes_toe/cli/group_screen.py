@@ -99,6 +99,20 @@ def group_answer(result: PopulationResult) -> list[str]:
     return lines
 
 
+def good_fits_answer(group: PopulationResult, of_good_fits: PopulationResult | None) -> list[str]:
+    """Words for the means that are others without the subjects whom the model does not fit."""
+    changes = []
+    for name in _EFFECTS:
+        if of_good_fits is None or name not in group.identified:
+            continue
+        factor, word = _factor_and_word(log_factor_of_mean(of_good_fits, name))
+        if word != _factor_and_word(log_factor_of_mean(group, name))[1]:
+            changes.append(f"mean {_LABELS[name]} differs from 0: {word} (BF {factor})")
+    if not changes:
+        return []
+    return [f"Group without subjects whom the model does not fit: {'; '.join(changes)}."]
+
+
 def _parameter_row(result: PopulationResult, name: str) -> list[str]:
     """Mean, SD between subjects, Bayes factor and word of a parameter."""
     if name not in result.identified:

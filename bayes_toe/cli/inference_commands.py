@@ -131,11 +131,12 @@ def _print_conclusion(
 def _group_lines(analysis: Analysis) -> list[str]:
     """The lines about the group in the answer of a study."""
     from bayes_toe.answers.study_summary import few_subjects_lines
-    from bayes_toe.cli.group_screen import group_answer
+    from bayes_toe.cli.group_screen import good_fits_answer, group_answer
 
     lines = [] if analysis.contrast is None else analysis.contrast.sentences()
     if analysis.group is not None:
-        return [*group_answer(analysis.group), *lines]
+        change = good_fits_answer(analysis.group, analysis.group_of_good_fits)
+        return [*group_answer(analysis.group), *change, *lines]
     if analysis.study.conditions is not None:
         return lines
     return few_subjects_lines(analysis.answers)

@@ -36,9 +36,10 @@ from bayes_toe.answers.words import (
     YES_FROM,
     Word,
 )
+from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
 from bayes_toe.checks.identification import identify
 from bayes_toe.cli.answer_screen import doubtful_subjects
-from bayes_toe.cli.group_screen import group_estimate, log_factor_of_mean
+from bayes_toe.cli.group_screen import good_fits_answer, group_estimate, log_factor_of_mean
 from bayes_toe.data.messages import capitalized, join_names, plural, visible
 from bayes_toe.data.study import Study, units_by_subject
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -104,7 +105,9 @@ def _methods(analysis: Analysis, version: str) -> list[str]:
         f"to {format_decimals(NO_UP_TO)}, and 'probably not' up to "
         f"{format_decimals(PROBABLY_NOT_UP_TO)} with a Bayes factor (BF) of at most "
         f"{format_decimals(exp(PROBABLY_NOT_LOG_BAYES_FACTOR))}; otherwise '{Word.UNDECIDED}'. "
-        "Estimates are posterior medians [95 % intervals].",
+        "Estimates are posterior medians [95 % intervals]. The best model fits poorly if the "
+        f"p-value of its deviance is below {format_decimals(FALSE_ALARM_SHARE)} divided by the "
+        "number of participants.",
     ]
     if analysis.contrast is not None:
         sentences.append(
@@ -148,6 +151,7 @@ def _results(analysis: Analysis) -> list[str]:
         sentences += _count_present(answers, f" of {count_all(answers, 'participant', is_by_unit)}")
     if analysis.group is not None:
         sentences += _group(analysis.group)
+        sentences += good_fits_answer(analysis.group, analysis.group_of_good_fits)
     elif not is_by_unit:
         for line in few_subjects_lines(answers):
             sentences.append(f"{line[:-1]} [@penny2010].")
@@ -215,7 +219,7 @@ def _limits(analysis: Analysis) -> list[str]:
     if n_on_prior and len(answers) > 1:
         share = f"{n_on_prior} of {len(answers)}"
         sentences.append(
-            f"For {share}, a prior half or twice as wide moves a probability past .25 or .75."
+            f"For {share}, a prior half or twice as wide leaves a 'yes' or a 'no' undecided."
         )
     return sentences
 
@@ -259,7 +263,7 @@ def _table_note(analysis: Analysis) -> str:
     if any(answer.fits is False for answer in analysis.answers):
         note += " !: the model does not fit."
     if any(answer.depends_on_prior for answer in analysis.answers):
-        note += " ?: a prior half or twice as wide moves a probability past .25 or .75."
+        note += " ?: undecided with a prior half or twice as wide."
     return f"{note} Priors: `{analysis.draws.prior.observer.describe(analysis.study.task)}`."
 
 

@@ -31,11 +31,13 @@ from bayes_toe.answers.order_effect import (
     QUESTIONS,
     SIZE_OF,
     OrderEffect,
+    describe_fit,
     format_decimals,
     format_probability,
 )
 from bayes_toe.answers.study_summary import (
     APPENDIX_C,
+    FALSE_ALARMS,
     describe_pair,
     few_subjects_lines,
     study_lines,
@@ -49,6 +51,7 @@ from bayes_toe.answers.words import (
     Word,
 )
 from bayes_toe.arrays import FloatArray, Record
+from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
@@ -61,7 +64,7 @@ from bayes_toe.cli.answer_screen import (
     effect_size,
     not_counted,
 )
-from bayes_toe.cli.group_screen import group_answer, group_tables
+from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
 from bayes_toe.data.messages import (
     capitalized,
@@ -75,9 +78,7 @@ from bayes_toe.data.messages import (
 )
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.predictive_check import PredictiveCheck
-from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.model.posterior import DOMINATED
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.order_effect import evidence_axes, forest_height
@@ -272,6 +273,7 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
         "facts": facts,
         "rows": analysis.evidence.rows,
         "has_fits": bool(analysis.fits.rows),
+        "fit_limit": flag_limit(len(study)),
         "failed": draws.failed,
         "not_converged": draws.not_converged,
         "imprecise": draws.imprecise,
@@ -294,7 +296,7 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
         "caption": _caption(analysis),
         "evidence_image": _evidence_image(analysis),
         "dominated": DOMINATED,
-        "group": _group(analysis.group, facts.check),
+        "group": _group(analysis, facts.check),
         "contrast": _by_condition(analysis.contrast),
     }
 
@@ -398,9 +400,10 @@ def _answer(analysis: Analysis) -> list[str]:
 def _trust(analysis: Analysis) -> list[tuple[str, str]]:
     """A sentence or two each on design, fit, prior, convergence and serial dependence."""
     interpreted = [answer for answer in analysis.answers if answer.is_interpretable]
+    misfits = _doubts(interpreted, POOR_FIT, NO_FIT)
     return [
         ("Design", _design(analysis.answers)),
-        ("Fit", _doubts(interpreted, POOR_FIT, NO_FIT) or "No subject has a poor fit (p < .01)."),
+        ("Fit", misfits or f"No subject has a poor fit. {FALSE_ALARMS}"),
         ("Prior", _prior(interpreted)),
         ("Convergence", _convergence(analysis)),
         ("Serial dependence", _serial_dependence(interpreted)),
@@ -429,12 +432,12 @@ def _doubts(answers: Sequence[OrderEffect], *sentences: str) -> str:
 
 
 def _prior(answers: Sequence[OrderEffect]) -> str:
-    """Subjects of whom another prior scale moves a probability past a limit."""
+    """Subjects of whom another prior scale leaves a sure word undecided."""
     dependent = [answer.subject for answer in answers if answer.depends_on_prior]
-    change = "A prior half or twice as wide moves"
+    change = "A prior half or twice as wide leaves"
     if not dependent:
-        return f"{change} no probability past .25 or .75."
-    return f"{change} a probability past .25 or .75 for {_name_subjects(dependent)}."
+        return f"{change} no 'yes' and no 'no' undecided."
+    return f"{change} a 'yes' or a 'no' undecided for {_name_subjects(dependent)}."
 
 
 def _convergence(analysis: Analysis) -> str:
@@ -460,7 +463,7 @@ def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
         return "Not testable: the order of the trials is not known."
     dependent = _doubts(answers, ON_PREVIOUS_TRIAL)
     if not dependent:
-        return "No subject shows a dependence on the previous trial (p < .01)."
+        return f"No subject shows a dependence on the previous trial. {FALSE_ALARMS}"
     return f"{dependent} The command bayes-toe history estimates by how much."
 
 
@@ -538,11 +541,7 @@ def _factors(answer: OrderEffect) -> list[tuple[str, str]]:
         can_be_told = answer.words[question] is not Word.CANNOT_BE_TOLD
         text = f"{value:+.1f}" if can_be_told else Word.CANNOT_BE_TOLD.value
         rows.append((f"ln BF, {_title(question)}", text))
-    fit = _FITS[answer.fits]
-    if answer.predictive_p is not None and answer.deviance_p is not None:
-        smaller = min(answer.predictive_p, answer.deviance_p)
-        fit += f", predictive {describe_p_value(smaller)} (poor: below {format_decimals(MISFIT)})"
-    rows.append(("fit of the best model", fit))
+    rows.append(("fit of the best model", describe_fit(answer.fit_p, answer.n_subjects)))
     if answer.history_p is not None:
         rows.append(("effect of the previous trial", describe_p_value(answer.history_p)))
     return rows
@@ -570,14 +569,16 @@ def _by_condition(table: ContrastTable | None) -> Record | None:
     }
 
 
-def _group(result: PopulationResult | None, check: PredictiveCheck | None) -> Record | None:
+def _group(analysis: Analysis, check: PredictiveCheck | None) -> Record | None:
     """The section of the group: warnings, the answer, tables."""
+    result = analysis.group
     if result is None or check is None:
         return None
+    lines = group_answer(result) + good_fits_answer(result, analysis.group_of_good_fits)
     return {
         "problems": [*result.problems, *check.warnings],
         "is_reliable": result.is_reliable,
-        "answer": [*map(_typeset, group_answer(result))],
+        "answer": [*map(_typeset, lines)],
         "tables": group_tables(result),
         "hyperprior": result.settings.hyperprior.describe(result.study.task),
         "subjects": len(result.subjects),

@@ -24,7 +24,6 @@ MAX_LINES = 10
 #: Scripts of a page, without those that hold data.
 _SCRIPT = re.compile(r'<script(?: type="text/javascript")?>(.*?)</script>', re.DOTALL)
 _LONGEST_SHOWN = 40
-_POOR_FIT = 0.01  # a p-value below it must look so
 _MOST_INTERVALS = 8  # listed one by one
 #: Why repeated trials matter.
 TWICE = "repeated trials make intervals too narrow"
@@ -94,18 +93,16 @@ def plural(count: int, noun: str) -> str:
 
 
 def format_p_value(value: float) -> str:
-    """A p-value for a table, two significant digits; a value below .01 looks so.
+    """A p-value for a table, two significant digits.
 
     Examples
     --------
-    >>> [format_p_value(value) for value in (0.0, 0.0123, 0.00997, 0.5)]
-    ['< .001', '.012', '.00997', '.50']
+    >>> [format_p_value(value) for value in (0.0, 0.0123, 0.0042, 0.5)]
+    ['< .001', '.012', '.0042', '.50']
     """
     if value < 0.001:
         return "< .001"
     digits = 2 + (value < 0.095) + (value < 0.0095)
-    while value < _POOR_FIT <= round(value, digits):
-        digits += 1
     return f"{value:.{digits}f}".removeprefix("0")
 
 

@@ -30,8 +30,10 @@ from bayes_toe.answers.order_effect import (
     OrderEffect,
     Size,
     answer_subject,
+    describe_fit,
 )
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays, Record
+from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject
@@ -303,6 +305,7 @@ def entries_of(
     for name in subjects:
         subject = draws.subject(name)
         answer, _ = answer_subject(subject, draws.seed, prior)
+        answer = answer.in_study(len(draws.names))
         words = tuple((key.replace("_", " "), answer.word(key)) for key in QUESTIONS)
         if name in refused:
             words = (("not interpreted:", refused[name]),)
@@ -350,23 +353,25 @@ def badges(draws: Draws, name: str) -> tuple[tuple[str, str], ...]:
     sampled = ("fine", "converged")
     if name in draws.not_converged:
         sampled = ("unconverged", draws.not_converged[name])
-    if np.isnan(fit.p_overall):
+    is_testable = fit.degrees_of_freedom > 0
+    if is_testable and np.isnan(fit.fit_p):
         return (sampled,)
-    fits = None if fit.describes is None else not fit.misfit
-    return sampled, _fit_badge(fits, fit.p_overall)
+    return sampled, _fit_badge(fit.fit_p if is_testable else None, len(draws.names))
 
 
 def _badges_of_answer(answer: OrderEffect) -> tuple[tuple[str, str], ...]:
     """Whether the best of the four models fits, and what stands against the answer."""
     flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
-    return (_fit_badge(answer.fits, answer.predictive_p), *flags)
+    return (_fit_badge(answer.fit_p, answer.n_subjects), *flags)
 
 
-def _fit_badge(fits: bool | None, p: float | None) -> tuple[str, str]:
-    if fits is None or p is None:
-        return "untold", "fit: not testable"
-    text = f"predictive p {p:.2g}" if p >= 0.001 else "predictive p < .001"
-    return ("fine", f"fit: good, {text}") if fits else ("misfit", text)
+def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
+    text = describe_fit(fit_p, n_subjects)
+    if fit_p is None:
+        return "untold", f"fit: {text}"
+    if fit_p < flag_limit(n_subjects):
+        return "misfit", text.removeprefix("poor, ")
+    return "fine", f"fit: {text.replace('fit p', 'p')}"
 
 
 # --- curves ---------------------------------------------------------------------------------------

@@ -37,7 +37,7 @@ from bayes_toe.data.tasks import Task, task_counted
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference import draws_file
-from bayes_toe.inference.predictive_checks import GoodnessOfFit
+from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
     FIT_COLUMNS,
@@ -268,10 +268,10 @@ class Draws:
         return self._derived[name][parameter]
 
     def fit(self, name: str | int) -> GoodnessOfFit:
-        """Goodness of fit of one subject: deviance and posterior predictive p-values."""
+        """Goodness of fit of one subject: deviance and its p-value."""
         stats = self.group("sample_stats").sel(subject=self._require_name(name))
-        stored = {key: column for key, column in FIT_COLUMNS.items() if column in stats}
-        return GoodnessOfFit(**{key: stats[column].item() for key, column in stored.items()})
+        stored = [column for column in FIT_COLUMNS if column in stats]
+        return GoodnessOfFit(**{column: stats[column].item() for column in stored})
 
     def summary(self) -> pd.DataFrame:
         """Posterior of every subject and parameter, and how well it is sampled.

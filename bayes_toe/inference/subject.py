@@ -26,8 +26,8 @@ from bayes_toe.inference.diagnostics import (
     worst,
 )
 from bayes_toe.inference.evidence import Evidence, importance_evidence
+from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, summarise_fit
 from bayes_toe.inference.maxima import Maxima, find_maxima
-from bayes_toe.inference.predictive_checks import GoodnessOfFit, summarise_fit
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.model.intervals import interval_units, reference_interval
@@ -51,18 +51,8 @@ SUMMARY_COLUMNS = (
     "posterior_contraction",
     *_MCSE,
 )
-#: Where the goodness of fit is kept among the statistics.
-FIT_COLUMNS = {
-    "deviance": "deviance",
-    "degrees_of_freedom": "degrees_of_freedom",
-    "p_overall": "predictive_p",
-    "p_overall_se": "predictive_p_se",
-    "worst_p": "worst_pair_p",
-    "worst_s1": "worst_pair_s1",
-    "worst_s2": "worst_pair_s2",
-    "worst_isi": "worst_pair_isi",
-    "p_deviance": "deviance_p",
-}
+#: Numbers of the goodness of fit among the statistics.
+FIT_COLUMNS = ("deviance", "degrees_of_freedom", "fit_p")
 
 SummaryRow: TypeAlias = tuple[str | float, ...]
 
@@ -143,38 +133,26 @@ def fitted_result(
     chains = None if request.chains is None else sample_chains(adapted, request.chains, seed)
     fitted = with_trusted_draws(adapted, rng) if request.evidence_draws else adapted
     evidence = importance_evidence(fitted) if request.evidence_draws else None
-    fit = _chains_fit(target, chains, seed)
+    fit = None
+    if chains is not None:
+        x = chains.x.reshape(-1, chains.x.shape[-1])
+        fit = summarise_fit(target, x, maxima.x[0])
     quality = adapted.efficiency, adapted.pareto_k
     return SubjectResult(target, *quality, evidence, chains, fit), Fitted(maxima, fitted)
 
 
-def _chains_fit(target: AnswerPosterior, chains: Chains | None, seed: int) -> GoodnessOfFit | None:
-    """Goodness of fit by the draws of chains."""
-    if chains is None:
-        return None
-    x = chains.x.reshape(-1, chains.x.shape[-1])
-    return summarise_fit(
-        target, x, seed, log_likelihood=chains.log_posterior.ravel() - target.log_prior(x)
-    )
-
-
-def weighted_fit(fitted: FittedProposal, seed: int) -> GoodnessOfFit | None:
+def weighted_fit(fitted: Fitted, seed: int) -> GoodnessOfFit | None:
     """Goodness of fit without chains: by the draws of a proposal, resampled by their weights.
 
     None where these cannot be trusted.
     """
-    if not fitted.trusted:
+    if not fitted.proposal.trusted:
         return None
-    target, draws = fitted.proposal.posterior, fitted.draws
+    target, draws = fitted.proposal.proposal.posterior, fitted.proposal.draws
     weights = np.exp(smoothed_weights(draws.log_weights).log_weights)
     rng = generator(seed, target.subject.name, target.model.name, "resampling")
     rows = rng.choice(len(weights), len(weights), p=weights / weights.sum())
-    return summarise_fit(
-        target,
-        draws.x[rows],
-        seed,
-        log_likelihood=draws.log_posterior[rows] - draws.log_prior[rows],
-    )
+    return summarise_fit(target, draws.x[rows], fitted.maxima.x[0])
 
 
 # --- What a file of draws keeps, and tables say ---------------------------------------------------
@@ -217,7 +195,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         "steps": chains.steps,
         "proposal_efficiency": result.efficiency,
         "pareto_k": result.pareto_k,
-        **{column: getattr(fit, key, None) for key, column in FIT_COLUMNS.items()},
+        **{column: getattr(fit, column, None) for column in FIT_COLUMNS},
     }
     rows: tuple[SummaryRow, ...] = ()
     if summarised:

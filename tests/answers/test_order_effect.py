@@ -1,5 +1,8 @@
 """The answer of one subject: words, sizes, prior sensitivity, what stands against it, files."""
 
+from dataclasses import replace
+from itertools import product
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,17 +12,19 @@ import bayes_toe as bt
 from bayes_toe.answers.model_average import averaged_draws, weighted_quantiles
 from bayes_toe.answers.order_effect import (
     ANSWER_COLUMNS,
+    MISFIT_FLAG,
     QUESTIONS,
+    WANDERING_FLAG,
     answer_subject,
     order_effect,
     rescaled_evidences,
 )
-from bayes_toe.answers.words import Word, word_for
+from bayes_toe.answers.words import Word, remains, word_for
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.checks.identification import IMITATION, ONE_FIRST_STIMULUS, Identification
 from bayes_toe.data.options import changed
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.model.parameters import ObserverPrior
 
@@ -127,6 +132,58 @@ def test_reweighting_is_a_fresh_run_with_another_scale():
     for prior, values in zip(priors, rescaled_evidences(evidence), strict=True):
         (fresh,) = order_evidence([evidence.subject], seed=2, prior=prior)
         assert np.abs(fresh.log_evidence - values).max() < 0.15
+
+
+def test_only_a_yes_or_a_no_that_becomes_undecided_depends_on_the_prior():
+    changes = {
+        (Word.YES, Word.UNDECIDED),
+        (Word.YES, Word.PROBABLY_NOT),
+        (Word.YES, Word.NO),
+        (Word.NO, Word.UNDECIDED),
+        (Word.NO, Word.PROBABLY),
+        (Word.NO, Word.YES),
+    }
+    words = (Word.YES, Word.PROBABLY, Word.UNDECIDED, Word.PROBABLY_NOT, Word.NO)
+    assert {pair for pair in product(words, words) if not remains(*pair)} == changes
+
+
+def test_a_yes_that_another_prior_leaves_undecided_is_marked(evidence, monkeypatch):
+    no_effect = np.array([0.0, -5.0, -5.0, -5.0])
+    rescaled = [evidence.log_evidence, no_effect, evidence.log_evidence, evidence.log_evidence]
+    target = "bayes_toe.answers.order_effect.rescaled_evidences"
+    monkeypatch.setattr(target, lambda evidence: rescaled)
+    answer = order_effect(evidence, EVERYTHING)
+    assert answer.marked_word("constant_error") == "yes ?"
+    assert answer.marked_word("contraction") == answer.word("contraction")
+    (problem,) = answer.problems
+    message = "A prior twice as wide changes order effect and constant error from 'yes' to 'no'."
+    assert problem.message == message
+
+
+def test_a_study_of_more_subjects_has_a_smaller_limit(answers):
+    poor = {"fit_p": 0.0008, "history_p": 0.01, "moving_criterion_p": 0.0042}
+    answer = replace(answers["none"], **poor)
+    single = answer.in_study(1)
+    assert (MISFIT_FLAG in single.flags, single.fits) == (True, False)
+    assert single.depends_on_previous_trial
+    assert WANDERING_FLAG in single.flags
+    of_study = single.in_study(12)
+    assert of_study.flags == (*answers["none"].flags, MISFIT_FLAG)
+    assert of_study.problems[-1].message == "The model does not fit: fit p .00080, below .05/12."
+    assert of_study.marked_word("order_effect").endswith(" !")
+    assert of_study.in_study(200).fits is True
+    assert of_study.cells["interpretable"] == "yes"
+
+
+@pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT], ids=["2afc", "same"])
+def test_a_criterion_that_wanders_may_be_the_constant_error_of_2afc(task):
+    subject = replace(compared(), task=task)
+    answer = replace(answer_subject(subject, seed=1)[0], moving_criterion_p=0.001).in_study(1)
+    sentence = answer.problems[-1].message
+    start = "The preference for a response wanders over the trials (p .0010, below .05)."
+    assert sentence.startswith(start)
+    is_2afc = task == WHICH_STRONGER
+    assert sentence.endswith(" A constant error may be due to it.") == is_2afc
 
 
 def test_what_the_design_cannot_tell_has_no_word(evidence):

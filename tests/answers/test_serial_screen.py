@@ -88,13 +88,14 @@ def test_pairs_answered_once_say_nothing():
 
 
 def test_the_first_trial_of_a_session_has_no_trial_before():
-    """Sessions in another sequence are the same trials."""
+    """Sessions in another sequence are the same trials to all but a criterion that wanders."""
     subject = answered(6, sessions=2, share_repeated=0.2)
     rows = np.roll(np.arange(400), 200)
     answers = subject.answers
     swapped = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
     other = Subject.from_answers("swapped", swapped, subject.task)
-    assert astuple(screen(other)) == pytest.approx(astuple(screen(subject)), rel=1e-9)
+    expected = astuple(screen(subject))[:3]
+    assert astuple(screen(other))[:3] == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_constant_first_stimulus_leaves_the_second():

@@ -1,14 +1,17 @@
 """The answer of a study: counts that add up, directions, how frequent an effect is."""
 
-from types import SimpleNamespace
-
 import pytest
 from conftest import order_answer
 
 import bayes_toe as bt
-from bayes_toe.analysis import _interpretable_group
+from bayes_toe.analysis import _group
 from bayes_toe.answers.order_effect import Size
-from bayes_toe.answers.study_summary import effect_frequency, few_subjects_lines, study_lines
+from bayes_toe.answers.study_summary import (
+    FALSE_ALARMS,
+    effect_frequency,
+    few_subjects_lines,
+    study_lines,
+)
 from bayes_toe.answers.words import Word
 
 
@@ -23,7 +26,7 @@ def answer(name, words, shift=5.0, **fields):
 STUDY = [
     answer("A", (Word.YES, Word.YES, Word.YES)),
     answer("B", (Word.YES, Word.YES, Word.PROBABLY), shift=-5.0, direction="repulsion"),
-    answer("C", (Word.PROBABLY, Word.UNDECIDED, Word.NO), predictive_p=0.001),
+    answer("C", (Word.PROBABLY, Word.UNDECIDED, Word.NO), fit_p=0.001),
     answer("D", (Word.NOT_INTERPRETABLE,) * 3, flags=("responses look swapped",)),
 ]
 
@@ -34,7 +37,8 @@ def test_directions_and_exceptions_are_named():
         "Constant error: 2 yes (1 overestimates the first stimulus, 1 underestimates it), "
         "1 undecided.",
         "Contraction: 1 yes, 1 probably (1 repulsion), 1 no.",
-        "The model does not fit 1 subject: C. Base no claim on this conclusion.",
+        f"The model does not fit 1 subject: C. {FALSE_ALARMS}",
+        "Without C, yes or probably: order effect 2 of 2.",
     ]
 
 
@@ -86,12 +90,7 @@ def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypat
     study = bt.example_study("same/different").select([f"S{i:02d}" for i in range(1, 8)])
 
     def group_without(*names):
-        rows = []
-        for name in study.names:
-            word = Word.NOT_INTERPRETABLE if name in names else Word.NO
-            evidence = SimpleNamespace(answer=answer(name, (word,) * 3))
-            rows.append(SimpleNamespace(evidence=evidence))
-        return _interpretable_group(study, rows, seed=4)
+        return _group(study, [answer(name, (Word.NO,) * 3) for name in names], seed=4)
 
     group_without("S01")
     assert fitted == [(study.names[1:], {"seed": 4})]

@@ -6,7 +6,7 @@ import pytest
 
 from bayes_toe.answers.order_effect import MISFIT_FLAG, QUESTIONS, Problem
 from bayes_toe.answers.words import Word
-from bayes_toe.inference.predictive_checks import PairResidual
+from bayes_toe.inference.goodness_of_fit import PairResidual
 
 SWAPPED = "responses look swapped"
 
@@ -17,7 +17,7 @@ def marked(analysis):
     first, second, third = analysis.evidence
     bent = replace(
         first.answer,
-        predictive_p=0.001,
+        fit_p=0.001,
         flags=(MISFIT_FLAG,),
         problems=(Problem("The model does not fit."),),
         worst_pairs=(PairResidual(0.0, 0.3, 0.9, 0.4),),

@@ -80,12 +80,12 @@ def test_citations_are_those_of_the_text(analysis, tmp_path):
 
 def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
     words = dict.fromkeys(analysis.answers[0].words, Word.NOT_INTERPRETABLE)
-    poor = {"predictive_p": 0.001, "deviance_p": 0.001}
+    poor = {"fit_p": 0.001}
     excluded = {"words": words, "is_interpretable": False}
-    untestable = {"predictive_p": None}
+    untestable = {"fit_p": None}
     text = text_of(with_answers(analysis, poor, excluded, untestable), tmp_path)
     first, second, third = analysis.draws.names
-    assert f"The model does not fit {first}." in text
+    assert f"The model does not fit {first} with fit p .0010." in text
     assert f"The fit is not testable for {third}." in text
     assert f"Not interpreted: {second}." in text
     assert "of 2 participants" in text
@@ -93,7 +93,7 @@ def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
     assert "The model does not fit any participant." in text_of(
         with_answers(analysis, poor, poor, poor), tmp_path
     )
-    single = with_answers(analysis, {"predictive_p": 0.5, "deviance_p": 0.5}, excluded, excluded)
+    single = with_answers(analysis, {"fit_p": 0.5}, excluded, excluded)
     text = text_of(single, tmp_path)
     assert single.answers[0].describe() in text
     assert " !: the model does not fit." not in text
@@ -161,19 +161,21 @@ def test_names_are_given_where_as_many_are_excluded_as_interpreted(analysis):
 
 
 def test_answers_that_depend_on_the_prior_are_counted_and_marked(analysis, tmp_path):
-    sentence = "a prior half or twice as wide moves a probability past .25 or .75."
+    sentence = "a prior half or twice as wide leaves a 'yes' or a 'no' undecided."
     plain, dependent = {"flags": ()}, {"flags": (f"{PRIOR_FLAG}: order effect",)}
     assert sentence not in text_of(with_answers(analysis, plain, plain, plain), tmp_path)
     with_dependent = with_answers(analysis, dependent, plain, plain)
     text = text_of(with_dependent, tmp_path)
     assert f"For 1 of 3, {sentence}" in text
-    assert f" ?: {sentence}" in text
+    assert " ?: undecided with a prior half or twice as wide." in text
     # A single participant has the mark alone.
     assert limits_of(with_dependent.answers[:1]) == []
 
 
 def test_a_doubt_about_all_participants_names_none(analysis):
-    poor = {"predictive_p": 0.001, "deviance_p": 0.001, "flags": (), "history_p": None}
+    poor = {"fit_p": 0.001, "flags": (), "history_p": None}
     answers = with_answers(analysis, poor, poor).answers
     assert limits_of(answers[:2]) == ["The model does not fit any participant."]
-    assert limits_of(answers[:1]) == [f"The model does not fit {answers[0].subject}."]
+    assert limits_of(answers[:1]) == [
+        f"The model does not fit {answers[0].subject} with fit p .0010."
+    ]

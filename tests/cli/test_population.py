@@ -17,7 +17,7 @@ from bayes_toe.answers.order_effect import (
     format_share,
     format_signed,
 )
-from bayes_toe.cli.group_screen import group_answer, group_tables
+from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables
 
 FILES = ("group.csv", "group.nc", "group.png", "group_subjects.csv")
 OPTIONS = "--seed 1 --draws 4000"
@@ -144,6 +144,22 @@ def test_bayes_factors_are_those_of_a_mean_that_is_not_0():
         [row] = built.table.select("mean", name)
         assert abs(row.ln_bf_zero) > 0.1
         assert f"(BF {format_bayes_factor(-row.ln_bf_zero)})" in line
+
+
+def test_means_whose_word_changes_without_poor_fits_are_named(monkeypatch):
+    group = made_result(simulated_group(1, n_subjects=6))
+    of_good_fits = replace(group)
+    factors = {(False, "constant_error"): 0.0, (True, "constant_error"): 0.5}
+    factors |= {(False, "contraction"): 0.5, (True, "contraction"): 4.0}
+    monkeypatch.setattr(
+        "bayes_toe.cli.group_screen.log_factor_of_mean",
+        lambda result, name: factors[result is of_good_fits, name],
+    )
+    assert good_fits_answer(group, of_good_fits) == [
+        "Group without subjects whom the model does not fit: mean contraction p differs from 0: "
+        "yes (BF 55)."
+    ]
+    assert good_fits_answer(group, None) == []
 
 
 def test_effective_draws_are_the_fewest_of_bulk_and_tail():

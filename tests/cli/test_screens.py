@@ -24,7 +24,7 @@ from bayes_toe.cli.answer_screen import print_answer, print_subjects
 from bayes_toe.cli.check_screen import describe_pairs
 from bayes_toe.cli.terminal import WIDTH, Terminal, cell_width
 from bayes_toe.cli.within_screens import print_contrast
-from bayes_toe.inference.predictive_checks import PairResidual
+from bayes_toe.inference.goodness_of_fit import PairResidual
 
 WORDS = {
     "y": Word.YES,
@@ -48,7 +48,7 @@ def conclusion(name, letters, shift=FLAT, p=FLAT, flag="", problem=""):
     if problem:
         fields["problems"] = (problem,)
     if flag == MISFIT_FLAG:
-        fields |= {"predictive_p": 0.001, "worst_pairs": (PairResidual(0.0, 0.3, 0.9, 0.4),)}
+        fields |= {"fit_p": 0.001, "worst_pairs": (PairResidual(0.0, 0.3, 0.9, 0.4),)}
     if letters[2] == "c":
         fields["reasons"] = {"contraction": ONE_FIRST_STIMULUS}
     return order_answer(name, [WORDS[letter] for letter in letters], **fields)
@@ -96,7 +96,9 @@ Constant error: 3 yes (2 overestimate the first stimulus, 1 underestimates it),
 2 undecided, 1 probably not, 1 no.
 Contraction: 2 yes (1 contraction, 1 repulsion), 1 probably, 1 undecided, 1
 probably not, 1 no, 1 cannot be told.
-The model does not fit 1 subject: A02. Base no claim on this conclusion.
+The model does not fit 1 subject: A02. A sound study of this size has such a
+subject in 5 % of cases.
+Without A02, yes or probably: order effect 4 of 6, constant error 2 of 6.
 Group of 7: PSE shift +5 % [-3, +13], SD 9 %, BF 0.4 (undecided); contraction
 p = .19 [.08, .30], SD .12, BF 18 (probably).
 A08 is not counted. Start with results/report.html. Seed 1.

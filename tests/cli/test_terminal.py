@@ -40,7 +40,7 @@ def numerous(analysis):
     differs = Problem("Block 3 differs from the others (p < .001).", "--exclude S98:3")
     misfit = Problem("The model does not fit.", "--exclude S99")
     answers[98] = replace(answers[98], flags=("blocks differ",), problems=(differs,))
-    answers[99] = replace(answers[99], predictive_p=0.001, flags=(MISFIT_FLAG,), problems=(misfit,))
+    answers[99] = replace(answers[99], fit_p=0.0001, flags=(MISFIT_FLAG,), problems=(misfit,))
     return answers
 
 

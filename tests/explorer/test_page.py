@@ -20,8 +20,8 @@ import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
 from bayes_toe.explorer.entry import Entry, badges, outlined, slices
 from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
+from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.inference.predictive_checks import GoodnessOfFit
 
 
 def islands(html):
@@ -157,23 +157,19 @@ def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval(monk
 
 
 @pytest.mark.parametrize(
-    "missed, p_overall, p_deviance, freedom, message",
+    "missed, fit_p, freedom, message",
     [
-        (
-            {"A": "R-hat"},
-            0.4,
-            0.3,
-            3,
-            [("unconverged", "R-hat"), ("fine", "fit: good, predictive p 0.4")],
-        ),
-        ({}, 0.0, 0.02, 3, [("fine", "converged"), ("misfit", "predictive p < .001")]),
-        ({}, np.nan, np.nan, 3, [("fine", "converged")]),
-        ({}, 0.4, np.nan, 0, [("fine", "converged"), ("untold", "fit: not testable")]),
+        ({"A": "R-hat"}, 0.4, 3, [("unconverged", "R-hat"), ("fine", "fit: good, p .40")]),
+        ({}, 0.02, 3, [("fine", "converged"), ("misfit", "fit p .020, below .05/2")]),
+        ({}, 0.03, 3, [("fine", "converged"), ("fine", "fit: good, p .030")]),
+        ({}, np.nan, 3, [("fine", "converged")]),
+        ({}, np.nan, 0, [("fine", "converged"), ("untold", "fit: not testable")]),
     ],
 )
-def test_badges_say_what_is_wrong(missed, p_overall, p_deviance, freedom, message):
-    fit = GoodnessOfFit(9.0, freedom, p_overall, 0.0, 0.5, 0.0, 0.0, p_deviance=p_deviance)
-    assert list(badges(SimpleNamespace(fit=lambda name: fit, not_converged=missed), "A")) == message
+def test_badges_say_what_is_wrong(missed, fit_p, freedom, message):
+    fit = GoodnessOfFit(9.0, freedom, fit_p)
+    draws = SimpleNamespace(fit=lambda name: fit, not_converged=missed, names=["A", "B"])
+    assert list(badges(draws, "A")) == message
 
 
 def test_a_name_cannot_end_the_page(small_study):

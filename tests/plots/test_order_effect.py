@@ -84,7 +84,7 @@ def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
 def test_poor_fit_and_prior_stand_beside_the_word(analysis):
     first, second, third = analysis.evidence
     flags = ("depends on the prior: constant error",)
-    doubtful = changed(first, predictive_p=0.001, deviance_p=0.5, flags=flags)
+    doubtful = changed(first, fit_p=0.001, flags=flags)
     errors, _ = bt.plots.order_effect(EvidenceTable((doubtful, second, third))).axes
     assert words_of(errors.texts)[0].endswith(" ! ?")
 

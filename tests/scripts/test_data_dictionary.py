@@ -15,7 +15,7 @@ REFERENCE = {
     for section in DOCUMENT.split(data_dictionary.SECTION)[1:]
 }
 #: Columns that not every file of the kind has.
-AT_TIMES = {"isi", "condition", "n_intervals", "worst_pair_isi"}
+AT_TIMES = {"isi", "condition", "n_intervals"}
 
 
 @pytest.fixture(scope="module")

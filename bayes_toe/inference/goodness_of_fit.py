@@ -1,0 +1,175 @@
+"""Does the model describe the answers? The deviance of a subject and its p-value.
+
+`summarise_fit` gives :class:`GoodnessOfFit` of a subject.
+
+The deviance D compares the answers with the model at the maximum of the posterior density. Its
+reference is a scaled chi-square. The parameters that the answers determine count against the pairs:
+
+    p_D = mean of D over the posterior - D at the maximum       (Spiegelhalter et al. 2002)
+
+A parameter that the prior determines does not count, so few pairs do not make a poor fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import chdtrc, gammaln, xlogy
+
+from bayes_toe.arrays import ArrayPair, FloatArray, thinned
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT
+from bayes_toe.model.answer_curves import times_counts
+from bayes_toe.model.posterior import AnswerPosterior, require_points
+
+_OFTEN = 20.0  # expected rarer answers from which chi-square holds for a pair
+_COUNTS = 101  # counts that matter where there are fewer
+_DRAWS = 2000  # over which the deviance is averaged
+_CONSPICUOUS = 2.0  # residual from which a pair is named among the worst
+_MOST_WORST = 3  # how many are
+
+
+# --- Deviance -------------------------------------------------------------------------------------
+
+
+def binomial_deviance(
+    n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray
+) -> FloatArray:
+    """Deviance of k answers in n from their probability q, in nats times 2.
+
+    Arguments broadcast; the other answer has the probability 1 - q.
+
+    D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))] is twice the log likelihood of the
+    saturated model minus that of this one. `log_q` and `log_rest` are the logs of q and of 1 - q,
+    because either probability may be below the smallest float. D is infinite where an answer was
+    given that has the probability 0.
+    """
+    k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
+    saturated = xlogy(k, k / n) + xlogy(n - k, (n - k) / n)
+    return 2.0 * np.maximum(saturated - times_counts(k, log_q) - times_counts(n - k, log_rest), 0.0)
+
+
+def deviance_p_value(
+    value: float, freedom: float, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray
+) -> float:
+    """P(deviance >= value) of a fit with these degrees of freedom; NaN without any.
+
+    The reference is chi-square if every pair has many answers of both kinds. Otherwise it is a
+    scaled chi-square: the mean and variance of each pair's deviance follow from the logs of q and
+    1 - q, shape (pairs,), and those of the sum are multiplied by degrees of freedom over pairs.
+
+    Examples
+    --------
+    >>> half = np.full(6, np.log(0.5))
+    >>> quantile = 13.28  # at 99 %, of chi-square with 4 degrees of freedom
+    >>> round(deviance_p_value(quantile, 4, np.full(6, 1000), half, half), 4)
+    0.01
+    """
+    if freedom <= 0.0:
+        return float("nan")
+    moments = _moments(np.asarray(n_trials, np.float64), log_q, log_rest)
+    mean, variance = (float(values.sum()) for values in moments)
+    if variance == 0.0:  # the answers are certain under the model
+        return float(value <= 0.0)
+    reference_freedom = 2.0 * mean**2 / variance * freedom / len(log_q)
+    return float(chdtrc(reference_freedom, 2.0 * mean / variance * value))
+
+
+def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> ArrayPair:
+    """Mean and variance of each pair's deviance, over the counts of its less probable answer.
+
+    They are 1 and 2, as of chi-square, if this answer is expected often enough.
+    """
+    log_rare, log_common = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest)
+    n_counts = min(_COUNTS, int(n.max()) + 1)
+    counts = np.arange(n_counts, dtype=np.float64)[:, None]  # (counts, pairs)
+    k = np.minimum(counts, n)
+    log_ways = gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0)
+    log_chance = log_ways + times_counts(k, log_rare) + times_counts(n - k, log_common)
+    chance = np.where(counts <= n, np.exp(log_chance), 0.0)
+    deviance = np.where(chance > 0.0, binomial_deviance(k, n, log_rare, log_common), 0.0)
+    mean = (chance * deviance).sum(axis=0)
+    variance = (chance * (deviance - mean) ** 2).sum(axis=0)
+    is_rare = n * np.exp(log_rare) < _OFTEN
+    return np.where(is_rare, mean, 1.0), np.where(is_rare, variance, 2.0)
+
+
+# --- Goodness of fit ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PairResidual:
+    """A pair with its observed share of an answer and the one that the model expects.
+
+    Stimuli are natural-log intensities, the interval is in seconds.
+    """
+
+    s1: float
+    s2: float
+    observed: float
+    expected: float
+    isi: float | None = None
+    answer: str = SAME_DIFFERENT.yes
+
+
+@dataclass(frozen=True)
+class GoodnessOfFit:
+    """Goodness of fit of one subject in a few numbers, for tables.
+
+    Attributes
+    ----------
+    deviance : float
+        At the maximum of the posterior density, against one free probability per pair.
+    degrees_of_freedom : int
+        Pairs less the free parameters.
+    fit_p : float
+        P-value of the deviance; NaN without degrees of freedom.
+    worst : tuple of PairResidual
+        Up to three pairs with the largest residuals, the largest first. All but the first have a
+        residual of at least 2. A file of draws does not store them.
+    """
+
+    deviance: float
+    degrees_of_freedom: int
+    fit_p: float = float("nan")
+    worst: tuple[PairResidual, ...] = ()
+
+
+def summarise_fit(posterior: AnswerPosterior, x: FloatArray, maximum: FloatArray) -> GoodnessOfFit:
+    """Goodness of fit of one subject.
+
+    Parameters
+    ----------
+    posterior : AnswerPosterior
+    x : ndarray, shape (draws, k)
+        Draws from it, unconstrained.
+    maximum : ndarray, shape (k,)
+        The point with the highest posterior density.
+    """
+    subject = posterior.subject
+    points = require_points(thinned(x, _DRAWS), len(posterior.coordinates))
+    (log_q,), (log_rest,) = posterior.log_answers(maximum[None])
+    of_pairs = binomial_deviance(subject.n_yes, subject.n_trials, log_q, log_rest)
+    deviance = float(of_pairs.sum())
+    of_draws = binomial_deviance(subject.n_yes, subject.n_trials, *posterior.log_answers(points))
+    n_determined = float(of_draws.sum(axis=1).mean()) - deviance
+
+    freedom, fit_p = subject.n_pairs - len(posterior.coordinates), float("nan")
+    if freedom > 0:
+        n_left = subject.n_pairs - n_determined
+        fit_p = deviance_p_value(deviance, n_left, subject.n_trials, log_q, log_rest)
+    size = np.sqrt(of_pairs)
+    largest, *smaller = np.argsort(-size, kind="stable").tolist()[:_MOST_WORST]
+    conspicuous = [largest, *(i for i in smaller if size[i] >= _CONSPICUOUS)]
+    worst = tuple(_pair_residual(subject, np.exp(log_q), i) for i in conspicuous)
+    return GoodnessOfFit(deviance, freedom, fit_p, worst)
+
+
+def _pair_residual(subject: Subject, q: FloatArray, i: int) -> PairResidual:
+    """The share of the counted answer to a pair, and its probability by the model."""
+    isi = None if subject.isi is None else float(subject.isi[i])
+    observed = float(subject.n_yes[i] / subject.n_trials[i])
+    s1, s2 = float(subject.s1[i]), float(subject.s2[i])
+    return PairResidual(s1, s2, observed, float(q[i]), isi, subject.task.yes)

@@ -1,0 +1,118 @@
+"""Deviance against many digits and against the log likelihood, its p-value against simulation."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.random import default_rng
+from reference.hard_cases import hard_cases
+from scipy.special import xlogy
+from serial_observers import neighbours
+
+import bayes_toe as bt
+from bayes_toe.answers.order_effect import best_model_fit
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.design.observers import Observer, parameter_names
+from bayes_toe.inference import goodness_of_fit as gof
+from bayes_toe.inference.maxima import find_maxima
+from bayes_toe.inference.order_evidence import Precision, order_evidence
+
+counts = st.integers(1, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
+
+
+@settings(max_examples=150, deadline=None)
+@given(count=counts, power=st.floats(-12, 0), near=st.booleans())
+def test_deviance_against_fifty_digits(count, power, near):
+    """To the rounding of the two log likelihoods of which it is the difference."""
+    k, n = count
+    q = 0.999 * 10.0**power
+    if near:
+        q = min((k + 0.5) / (n + 1) * (1 + 10.0 ** (power - 3)), 1 - 1e-12)
+    with mpmath.workdps(50):
+        p, expected = mpmath.mpf(q), mpmath.mpf(0)
+        for observed, mean in ((k, n * p), (n - k, n * (1 - p))):
+            if observed:
+                expected += 2 * observed * mpmath.log(observed / mean)
+        log_q, log_rest = float(mpmath.log(p)), float(mpmath.log(1 - p))
+    rounding = 1e-15 * (n - k * log_q - (n - k) * log_rest)
+    deviance = float(gof.binomial_deviance(k, n, log_q, log_rest))
+    assert deviance == pytest.approx(float(expected), rel=1e-15, abs=rounding)
+
+
+def test_deviance_of_answers_that_are_impossible_or_all_but():
+    # 3 'equal' of 5 at q = e^-2000: 2 [3 (ln 0.6 + 2000) + 2 ln 0.4].
+    expected = 2 * (3 * (np.log(0.6) + 2000) + 2 * np.log(0.4))
+    assert float(gof.binomial_deviance(3, 5, -2000.0, -0.0)) == pytest.approx(expected, rel=1e-14)
+    k = np.array([0, 1, 4, 5])
+    never, always = (gof.binomial_deviance(k, 5, *logs) for logs in ((-np.inf, 0), (0, -np.inf)))
+    assert never.tolist() == [0.0, np.inf, np.inf, np.inf]
+    assert always.tolist() == [np.inf, np.inf, np.inf, 0.0]
+    session = [10, 10], np.array([-np.inf, -np.inf]), np.zeros(2)
+    assert gof.deviance_p_value(np.inf, 1, *session) == 0.0
+    assert gof.deviance_p_value(0.0, 1, *session) == 1.0
+    assert np.isnan(gof.deviance_p_value(3.0, 0, *session))
+
+
+@pytest.mark.parametrize(
+    "n, q, pairs", [(10**8, 0.3, 14), (3, 0.4, 200), (40, 0.01, 60), (10**7, 2e-7, 30)]
+)
+def test_the_reference_of_the_deviance_against_simulated_sessions(n, q, pairs):
+    # No parameter is fitted, so there are as many degrees of freedom as pairs. P(p < 0.01) is 0.01,
+    # to 4 s.e. and 0.005 of the shape.
+    session = np.full(pairs, n), np.full(pairs, np.log(q)), np.full(pairs, np.log1p(-q))
+    counts = default_rng(3).binomial(n, q, (2000, pairs))
+    values = gof.binomial_deviance(counts, n, *session[1:]).sum(axis=1)
+    p_values = np.array([gof.deviance_p_value(value, pairs, *session) for value in values])
+    error = 4 * np.sqrt(0.01 * 0.99 / 2000)
+    assert (p_values < 0.01).mean() == pytest.approx(0.01, abs=0.005 + error)
+
+
+@pytest.mark.parametrize("is_bent", [False, True])
+def test_a_misfit_has_a_small_p_and_names_its_worst_pairs(small_study, is_bent):
+    subject = small_study["A"]
+    if is_bent:
+        n_yes = subject.n_yes.copy()
+        n_yes[[2, 5]] = subject.n_trials[[2, 5]] - n_yes[[2, 5]]
+        subject = bt.Subject("bent", subject.s1, subject.s2, n_yes, subject.n_trials)
+    posterior = bt.model.paper_posterior(subject)
+    maximum = find_maxima(posterior).x[0]
+    draws = maximum + default_rng(1).normal(0.0, 0.01, (500, 4))
+    fit = gof.summarise_fit(posterior, draws, maximum)
+    assert fit.degrees_of_freedom == subject.n_pairs - 4
+    assert (fit.fit_p < 0.001) == is_bent
+    worst = fit.worst[0]
+    is_worst = (subject.s1 == worst.s1) & (subject.s2 == worst.s2)
+    assert worst.observed == (subject.n_yes / subject.n_trials)[is_worst]
+    n, k = subject.n_trials, subject.n_yes
+    saturated = (xlogy(k, k / n) + xlogy(n - k, 1.0 - k / n)).sum()
+    expected = -2.0 * (posterior.log_likelihood(maximum[None])[0] - saturated)
+    assert fit.deviance == pytest.approx(expected)
+
+
+def test_no_more_pairs_than_parameters_have_no_p(small_study):
+    posterior = bt.model.paper_posterior(hard_cases()["single pair"])
+    fit = gof.summarise_fit(posterior, np.zeros((5, 4)), np.zeros(4))
+    assert fit.degrees_of_freedom == -3
+    assert np.isnan(fit.fit_p)
+
+
+@pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT], ids=["2afc", "same"])
+def test_sound_observers_are_flagged_as_often_as_the_limit_says(task):
+    """P(more than 13 of 150) is .02 at a rate of .05."""
+    s1, s2 = neighbours(task, 1).T
+    n_trials = np.full(len(s1), 15)
+    subjects = []
+    for seed in range(150):
+        rng = default_rng(seed)
+        parameters = dict.fromkeys(parameter_names(task), 0.0)
+        parameters |= {"noise": rng.uniform(0.15, 0.5), "lapse_rate": rng.uniform(0.0, 0.05)}
+        parameters |= {"q0": 0.85, "constant_error": rng.choice([-0.2, 0.0, 0.2])}
+        parameters["contraction"] = rng.choice([-0.3, 0.0, 0.3])
+        p_yes = Observer(str(seed), "sound", parameters, task).p_yes(s1, s2, s1.mean())
+        n_yes = rng.binomial(n_trials, p_yes)
+        subjects.append(bt.Subject(str(seed), s1, s2, n_yes, n_trials, task=task))
+    n_flagged = 0
+    for evidence in order_evidence(subjects, seed=1, precision=Precision(0.2, 100.0, 1000)):
+        n_flagged += best_model_fit(evidence, seed=1).fit_p < 0.05
+    assert n_flagged <= 13
