@@ -192,9 +192,13 @@ def run(
         )
     table = _table(small, settings, failed, study.task)
     group_of_good_fits = None
-    excluded = [answer for answer in table.answers if not answer.is_interpretable]
+    excluded, misfits = list[OrderEffect](), list[OrderEffect]()
+    for answer in table.answers:
+        if not answer.is_interpretable:
+            excluded.append(answer)
+        elif answer.fits is False:
+            misfits.append(answer)
     group = _group(study, excluded, settings.seed)
-    misfits = [answer for answer in table.answers if answer.fits is False]
     if group is not None and misfits:
         group_of_good_fits = _group(study, [*excluded, *misfits], settings.seed)
     return Analysis(

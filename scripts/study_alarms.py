@@ -11,15 +11,13 @@ from __future__ import annotations
 
 import argparse
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from bayes_toe.answers.order_effect import OrderEffect, best_model_fit, order_effect
+from bayes_toe.answers.order_effect import best_model_fit, order_effect
 from bayes_toe.answers.serial_screen import serial_screen
-from bayes_toe.answers.words import Word
-from bayes_toe.arrays import FloatArray, Rng
+from bayes_toe.arrays import FloatArray, IntArray, Rng
 from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.checks.identification import identify
 from bayes_toe.data.answers import Answers
@@ -32,25 +30,21 @@ from bayes_toe.model.observer import OrderModel
 STEP = 0.25
 STUDIES = (1, 12, 40, 200)  # subjects
 TESTS = ("fit_p", "history_p", "moving_criterion_p")
-KINDS = ("sound", "scatter", "heavy tails", "previous response", "walk", "slow", "fast")
-#: Kinds whose criterion changes from trial to trial; they have no constant error.
-WANDERING = ("walk", "slow", "fast")
-#: Correlation of the criterion over a trial: a time scale of 50 or of 10 trials.
-CORRELATIONS = {"slow": 0.98, "fast": 0.9}
+KINDS = ("sound", "scatter", "heavy tails", "previous response", "wandering criterion")
 _PRECISION = Precision(standard_error=0.2, effective_draws=100.0, most_draws=1000)
 
 
 def pairs(task: Task, n_levels: int) -> FloatArray:
     """Neighbouring levels in both orders, of 'same or different' the equal pairs too."""
-    low = STEP * np.arange(n_levels - 1.0)
-    rows = [np.column_stack([low, low + STEP]), np.column_stack([low + STEP, low])]
+    levels = STEP * np.arange(n_levels)
+    low, high = levels[:-1], levels[1:]
+    rows = [np.column_stack([low, high]), np.column_stack([high, low])]
     if task == SAME_DIFFERENT:
-        levels = STEP * np.arange(float(n_levels))
         rows.append(np.column_stack([levels, levels]))
     return np.concatenate(rows)
 
 
-def sound_observer(task: Task, noise: float, has_error: bool, rng: Rng) -> Observer:
+def sound_parameters(task: Task, noise: float, has_error: bool, rng: Rng) -> dict[str, float]:
     """An observer of one of the four models, or of the two without a constant error."""
     values = dict.fromkeys(parameter_names(task), 0.0)
     values["noise"] = noise * STEP * np.exp(rng.normal(0.0, 0.25))
@@ -62,20 +56,19 @@ def sound_observer(task: Task, noise: float, has_error: bool, rng: Rng) -> Obser
         values["contraction"] = rng.choice([-0.3, 0.15, 0.3, 0.5])
     if task == SAME_DIFFERENT:
         values["q0"] = rng.uniform(0.7, 0.97)
-    return Observer("observer", "sound", values, task)
+    return values
 
 
-def criterion(kind: str, n_trials: int, rng: Rng) -> FloatArray:
-    """The criterion of every trial, in units of noise, about 0."""
-    steps = rng.normal(size=n_trials)
-    if kind == "walk":
-        return np.cumsum(steps) / np.sqrt(n_trials)
-    correlation = CORRELATIONS[kind]
-    values = steps.copy()
-    for trial in range(1, n_trials):
-        new = np.sqrt(1.0 - correlation**2) * steps[trial]
-        values[trial] = correlation * values[trial - 1] + new
-    return 0.5 * values
+def shifts(kind: str, pair: IntArray, rng: Rng) -> FloatArray:
+    """By how much s2 seems stronger in every trial, in units of noise."""
+    steps = rng.normal(size=len(pair))
+    if kind == "scatter":
+        return 0.4 * steps[pair]
+    if kind == "heavy tails":
+        return rng.standard_t(1.5, size=len(pair))
+    if kind == "wandering criterion":
+        return np.cumsum(steps) / np.sqrt(len(pair))
+    return np.zeros(len(pair))
 
 
 def simulate(
@@ -83,69 +76,48 @@ def simulate(
 ) -> Subject:
     """The trials of one observer, in random order."""
     rng = np.random.default_rng(seed)
-    is_wandering = kind in WANDERING
-    observer = sound_observer(task, noise, not is_wandering, rng)
-    noise = observer.parameters["noise"]
+    parameters = sound_parameters(task, noise, kind != "wandering criterion", rng)
+    observer = Observer("observer", kind, parameters, task)
     distinct = pairs(task, n_levels)
     pair = rng.permutation(np.repeat(np.arange(len(distinct)), repeats))
     s1, s2 = distinct[pair].T
-    shift = np.zeros(len(pair))
-    if kind == "scatter":
-        shift = 0.4 * noise * rng.normal(size=len(distinct))[pair]
-    elif kind == "heavy tails":
-        shift = noise * rng.standard_t(1.5, size=len(pair))
-    elif is_wandering:
-        shift = noise * criterion(kind, len(pair), rng)
-    p_yes = observer.p_yes(s1, s2 + shift, float(s1.mean()))
-    is_yes = rng.random(len(pair)) < p_yes
+    shift = parameters["noise"] * shifts(kind, pair, rng)
+    is_yes = rng.random(len(pair)) < observer.p_yes(s1, s2 + shift, float(s1.mean()))
     if kind == "previous response":
         for trial in np.flatnonzero(rng.random(len(pair)) < 0.15)[1:]:
             is_yes[trial] = is_yes[trial - 1]
-    order = np.arange(len(pair))
-    counts = is_yes.astype(int), np.ones(len(pair), int)
-    answers = Answers(distinct[pair], *counts, has_trial_rows=True, place=order)
+    order, ones = np.arange(len(pair)), np.ones(len(pair), int)
+    answers = Answers(distinct[pair], is_yes.astype(int), ones, has_trial_rows=True, place=order)
     return Subject.from_answers("-".join(map(str, seed)), answers, task)
 
 
-def judge(subjects: list[Subject], seed: int) -> list[OrderEffect]:
-    """The answers of subjects of one task."""
-    answers = []
-    for evidence in order_evidence(subjects, seed, precision=_PRECISION):
-        subject = evidence.subject
-        posterior = OrderModel("both").posterior(subject, evidence.prior)
-        mode = evidence.modes[MODEL_NAMES.index("both")]
-        screen = serial_screen(subject, posterior, mode)
-        fit = best_model_fit(evidence, seed)
-        answers.append(order_effect(evidence, identify(subject), fit=fit, screen=screen))
-    return answers
-
-
-def analyse(kind: str, n_observers: int, seed: int) -> pd.DataFrame:
-    """A row for every observer of a kind, over all designs."""
-    # The criterion of 'same or different' is no constant error.
-    tasks = (WHICH_STRONGER,) if kind in WANDERING else (WHICH_STRONGER, SAME_DIFFERENT)
+def observers(kind: str, n_observers: int, seed: int) -> pd.DataFrame:
+    """A row for every observer of a kind, `n_observers` of each design."""
     rows = []
-    for task, n_levels, repeats, noise in product(tasks, (6, 10), (12, 40), (0.6, 1.8)):
+    for task in (WHICH_STRONGER, SAME_DIFFERENT):
         subjects = []
-        for i in range(n_observers):
-            key = [seed, KINDS.index(kind), len(rows), i]
-            subjects.append(simulate(kind, task, n_levels, repeats, noise, key))
-        for answer in judge(subjects, seed):
-            row = {"kind": kind, "task": task.name, "levels": n_levels, "trials": repeats}
-            row |= {"noise": noise, "has_error": answer.words["constant_error"] is Word.YES}
-            row |= {test: getattr(answer, test) for test in TESTS}
-            rows.append(row | {"depends_on_prior": answer.depends_on_prior})
+        for i, design in enumerate(product((6, 10), (12, 40), (0.6, 1.8))):
+            for j in range(n_observers):
+                key = [seed, KINDS.index(kind), len(rows), i, j]
+                subjects.append(simulate(kind, task, *design, key))
+        for evidence in order_evidence(subjects, seed, precision=_PRECISION):
+            subject, mode = evidence.subject, evidence.modes[MODEL_NAMES.index("both")]
+            posterior = OrderModel("both").posterior(subject, evidence.prior)
+            screen = serial_screen(subject, posterior, mode)
+            fit = best_model_fit(evidence, seed)
+            answer = order_effect(evidence, identify(subject), fit=fit, screen=screen)
+            row = {"task": task.name, "constant_error": str(answer.words["constant_error"])}
+            row["depends_on_prior"] = answer.depends_on_prior
+            rows.append(row | {test: getattr(answer, test) for test in TESTS})
     return pd.DataFrame(rows)
 
 
-def rates(table: pd.DataFrame, column: str) -> dict[str, float]:
-    """Share of studies of one kind of observers in which a test flags any, and of subjects."""
-    values = table[column].dropna()
+def flagged_studies(p_values: pd.Series) -> dict[int, float]:
+    """Share of studies of such observers in which a test flags any, by the number of subjects."""
     shares = {}
     for n_subjects in STUDIES:
-        of_subjects = float((values < flag_limit(n_subjects)).mean())
-        shares[f"study of {n_subjects}"] = 1.0 - (1.0 - of_subjects) ** n_subjects
-        shares[f"subject of {n_subjects}"] = of_subjects
+        is_flagged = p_values.dropna() < flag_limit(n_subjects)
+        shares[n_subjects] = 1.0 - float((1.0 - is_flagged.mean()) ** n_subjects)
     return shares
 
 
@@ -156,20 +128,12 @@ def main() -> None:
     )
     parser.add_argument("--observers", type=int, default=50, help="of every kind and design")
     parser.add_argument("--seed", type=int, default=901)
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
-    parser.add_argument("-o", "--output", type=Path, help="table of all observers")
     options = parser.parse_args()
-    rows, tables = [], []
-    for kind in options.kinds:
-        table = analyse(kind, options.observers, options.seed)
-        tables.append(table)
-        for task, test in product(table["task"].unique(), TESTS):
-            of_task = table[table["task"] == task]
-            row = {"kind": kind, "task": task, "test": test, "observers": len(of_task)}
-            rows.append(row | rates(of_task, test))
-        if options.output is not None:
-            pd.concat(tables).to_csv(options.output, index=False)
-    print(pd.DataFrame(rows).round(3).to_string(index=False))
+    for kind in KINDS:
+        table = observers(kind, options.observers, options.seed)
+        for (task, rows), test in product(table.groupby("task"), TESTS):
+            shares = flagged_studies(rows[test])
+            print(kind, task, test, {n: round(share, 3) for n, share in shares.items()}, sep=", ")
 
 
 if __name__ == "__main__":

@@ -70,13 +70,17 @@ def study_lines(
 
 def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
     """The subjects whom the model does not fit, and the effects that are fewer without them."""
-    misfits = [answer for answer in answers if answer.fits is False]
+    misfits, good_fits = list[OrderEffect](), list[OrderEffect]()
+    for answer in answers:
+        if answer.fits is False:
+            misfits.append(answer)
+        else:
+            good_fits.append(answer)
     if not misfits:
         return []
     subjects = plural(len(misfits), "subject")
     names = join_names([answer.subject for answer in misfits], _MOST_NAMES)
     lines = [f"The model does not fit {subjects}: {names}. {FALSE_ALARMS}"]
-    good_fits = [answer for answer in answers if answer.fits is not False]
     counts = []
     for question in QUESTIONS:
         if good_fits and _count_positive(misfits, question):

@@ -1,11 +1,12 @@
-"""How small a p-value must be to flag a subject, and p-values by simulation.
+"""Limits of alarms, which give a sound study the same rate of false alarms whatever its size.
 
-`flag_limit` gives a sound study the same share of false alarms whatever its size.
-`simulated_p_value` resolves p-values that are as small as such a limit.
+`flag_limit` has the limit of p-values that flag a subject, `refusal_limit` that of log Bayes
+factors that refuse one. `simulated_p_value` resolves p-values in studies of up to 500 subjects.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -14,6 +15,8 @@ from bayes_toe.arrays import FloatArray
 
 #: Share of sound studies in which a test of every subject flags any.
 FALSE_ALARM_SHARE = 0.05
+#: The same for an alarm after which a subject is not interpreted.
+REFUSAL_SHARE = 0.02
 _MOST_LARGER = 20  # statistics as large as the observed one after which a simulation ends
 _MOST_DRAWS = 20_000
 _FIRST_DRAWS, _LARGEST_BATCH = 100, 1000
@@ -30,6 +33,20 @@ def flag_limit(n_subjects: int) -> float:
     (0.05, 0.00025)
     """
     return FALSE_ALARM_SHARE / n_subjects
+
+
+def refusal_limit(n_tests: int) -> float:
+    """The log Bayes factor, nats, at which `n_tests` refuse anyone in 2 % of sound studies.
+
+    Where the other explanation is wrong, its Bayes factor exceeds K with a probability of at most
+    1/K (Markov's inequality).
+
+    Examples
+    --------
+    >>> round(refusal_limit(1), 2), round(refusal_limit(200), 2)
+    (3.91, 9.21)
+    """
+    return math.log(n_tests / REFUSAL_SHARE)
 
 
 def simulated_p_value(observed: float, simulate: Callable[[int], FloatArray]) -> float:

@@ -3,9 +3,8 @@
 `compare_alternatives` compares each with the observer of the four models, by their evidences. So
 an observer with a strong contraction, a repulsion or roved stimuli is no surprise.
 
-Each explanation has a marginal likelihood. Where the observer of the four models is right, the
-Bayes factor against it exceeds K with a probability of at most 1/K (Markov's inequality).
-:func:`alarm_limit` therefore keeps the false-alarm rate of a whole study.
+Each explanation has a marginal likelihood, so that
+:func:`~bayes_toe.checks.alarm_rate.refusal_limit` holds for its Bayes factor.
 """
 
 from __future__ import annotations
@@ -37,17 +36,6 @@ class Alternatives(NamedTuple):
     guesses: float
     swapped: float
     other_task: float
-
-
-def alarm_limit(n_tests: int, rate: float) -> float:
-    """The log Bayes factor at which `n_tests` together have this false-alarm rate at most.
-
-    Examples
-    --------
-    >>> round(alarm_limit(1, 0.02), 2), round(alarm_limit(200, 0.02), 2)
-    (3.91, 9.21)
-    """
-    return math.log(n_tests / rate)
 
 
 def compare_alternatives(study: Study) -> dict[str, Alternatives]:

@@ -5,8 +5,8 @@ that differ, and drift. By the evidences of :mod:`bayes_toe.checks.alternative_m
 swapped keys, responses of another task, and responses that say little about the stimuli.
 `answer_flags` has the findings of every subject.
 
-Each alarm has a false-alarm rate for a whole study of sound observers, however many they are:
-:data:`REFUSAL_RATE` where the subject is then not interpreted, and :data:`FLAG_RATE` elsewhere.
+Each alarm has a false-alarm rate for a whole study of sound observers, however many they are, see
+:mod:`bayes_toe.checks.alarm_rate`.
 
 Pooled counts assume that the responses to a pair have one probability from the first trial to the
 last. The tests of blocks and of drift are exact, given how often each response was given to each
@@ -27,26 +27,19 @@ import numpy as np
 from scipy.special import logit, logsumexp
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, run_starts
-from bayes_toe.checks.alternative_models import (
-    Alternatives,
-    alarm_limit,
-    compare_alternatives,
-)
+from bayes_toe.checks.alarm_rate import flag_limit, refusal_limit, simulated_p_value
+from bayes_toe.checks.alternative_models import Alternatives, compare_alternatives
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.messages import cli_argument, describe_p_value, display_name, join_words, plural
 from bayes_toe.data.study import Study, Subject, require_study
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.seeds import generator
 
-#: Chance that an alarm that refuses a subject is raised at all in a study of sound observers.
-REFUSAL_RATE = 0.02
-#: The same for an alarm after which the subject is interpreted all the same.
-FLAG_RATE = 0.05
 #: Log Bayes factor beyond which a subject cannot be told from one who guesses.
 GUESSES = 3.0
-#: The same for the other task, in more than half of the subjects. A constant error of three times
-#: the difference of a pair reaches 4.7 in 2AFC, one of 1.6 times 3.8 in 'same or different?'.
-OTHER_TASK = 5.0
+#: The same for another task, in more than half of the subjects. In 2AFC, a constant error of
+#: 3 times the difference of a pair reaches 4.7, in 'same or different?' one of 1.6 times 3.8.
+OTHER_TASK = {WHICH_STRONGER: 5.0, SAME_DIFFERENT: 4.0}
 #: A change of an answer's share from the first trial to the last that matters for pooled counts.
 SMALL_DRIFT = 0.2
 #: Trials below which a subject is flagged.
@@ -74,8 +67,6 @@ FLAG_KINDS = {
 }
 
 _STRETCHES = 10  # of the trials, among which drift is looked for
-_FEWEST_DRAWS = 99  # drawing ends with so many tables at the earliest
-_MOST_LARGER = 10  # or with so many that deviate more than the observed one
 _MOST_DRAWN = 10**8  # answers of a subject beyond which tables cannot be drawn
 _WINDOW = 16  # rows in sequence by which repeated trials are looked for
 _REPEAT_NATS = 12.0  # of equal answers that cannot be a coincidence in one subject
@@ -192,7 +183,7 @@ def _subject_findings(subject: Subject, n_subjects: int) -> Iterator[Finding]:
     if swapped_blocks is not None:
         yield swapped_blocks
         return  # which explains what else may be found
-    level = 0.5 * FLAG_RATE / n_subjects  # of each of two tests
+    level = 0.5 * flag_limit(n_subjects)  # of each of two tests
     yield from _unlike_blocks(subject, answers, level)
     if answers.has_trial_rows:
         yield from _drift(subject, answers, level)
@@ -277,7 +268,7 @@ def _explained_otherwise(
 ) -> Iterator[Finding]:
     """Swapped keys, or responses that say little about the stimuli."""
     best, share = max(alternatives), subject.fraction_yes
-    if best == alternatives.swapped > alarm_limit(n_subjects, REFUSAL_RATE):
+    if best == alternatives.swapped > refusal_limit(n_subjects):
         option = f"--swap {cli_argument(subject.name)}"
         message = f"Responses look reversed. Check which code means {subject.task.yes!r}."
         yield Finding(subject.name, "reversed_answers", message, option)
@@ -297,7 +288,7 @@ def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[
     """
     names = []
     for name, log_bayes_factors in alternatives.items():
-        if max(log_bayes_factors) == log_bayes_factors.other_task > OTHER_TASK:
+        if max(log_bayes_factors) == log_bayes_factors.other_task > OTHER_TASK[study.task]:
             names.append(name)
     if len(names) <= 0.5 * len(study):
         return {}
@@ -366,28 +357,22 @@ class AnswerTable:
         """X^2 / d.f."""
         return float(self.chi_square(self.k)) / max(1, self.freedom)
 
-    def p_value(
-        self, statistic: Callable[[IntArray], FloatArray], level: float, name: str
-    ) -> float:
-        """Chance of a statistic at least as large where answers fall on trials at random.
-
-        Tables are drawn until ten deviate as much (Besag and Clifford 1991), or until the level
-        is reached.
-        """
+    def p_value(self, statistic: Callable[[IntArray], FloatArray], name: str) -> float:
+        """Chance of a statistic at least as large where answers fall on trials at random."""
         rng = generator(0, name, "answers")
-        observed = float(statistic(self.k)) * (1 - 1e-12)
-        most_draws = max(_FEWEST_DRAWS, math.ceil(5 / level))
         largest_batch = max(1, BLOCK // self.n.size)
-        n_larger = n_drawn = 0
-        while n_drawn < most_draws and n_larger < _MOST_LARGER:
-            # Most tables do not deviate, which a few draws show.
-            size = min(largest_batch, most_draws - n_drawn, 32 + 3 * n_drawn)
-            rows = []
-            for n, k in zip(self.n, self.k.sum(1), strict=True):
-                rows.append(rng.multivariate_hypergeometric(n, k, size))
-            n_larger += int((statistic(np.stack(rows, axis=1)) >= observed).sum())
-            n_drawn += size
-        return (1 + n_larger) / (1 + n_drawn)
+
+        def simulate(size: int) -> FloatArray:
+            parts = []
+            for start in range(0, size, largest_batch):
+                n_tables = min(largest_batch, size - start)
+                rows = []
+                for n, k in zip(self.n, self.k.sum(1), strict=True):
+                    rows.append(rng.multivariate_hypergeometric(n, k, n_tables))
+                parts.append(statistic(np.stack(rows, axis=1)))
+            return np.concatenate(parts)
+
+        return simulated_p_value(float(statistic(self.k)), simulate)
 
 
 def _tabulate(answers: Answers, column: IntArray) -> tuple[FloatArray, AnswerTable]:
@@ -408,7 +393,7 @@ def _swapped_blocks(subject: Subject, answers: Answers, n_subjects: int) -> Find
     if informative.freedom == 0:
         return None
     difference = pairs[:, 1] - pairs[:, 0]
-    limit = alarm_limit(n_subjects * table.n.shape[1], REFUSAL_RATE)
+    limit = refusal_limit(n_subjects * table.n.shape[1])
     swapped = _find_swapped(table, subject.task, difference, limit)
     after = _turned(table, swapped).informative()
     # Turning swapped blocks removes most of what blocks differ by.
@@ -429,7 +414,7 @@ def _unlike_blocks(subject: Subject, answers: Answers, level: float) -> Iterator
     informative = table.informative()
     if informative.freedom == 0 or informative.ratio <= 1.0:  # below its mean X^2 needs no table
         return
-    p = informative.p_value(informative.chi_square, level, subject.name)
+    p = informative.p_value(informative.chi_square, subject.name)
     if p > level:
         return
     block = answers.blocks[int(np.argmax(informative.block_chi_square(informative.k)))]
@@ -541,7 +526,7 @@ def _drift(subject: Subject, answers: Answers, level: float) -> Iterator[Finding
     change = float(np.ptp(course[largest]))
     if change < SMALL_DRIFT:
         return
-    p = table.p_value(largest_power, level, subject.name)
+    p = table.p_value(largest_power, subject.name)
     if p <= level:
         message = (
             f"Responses drift ({describe_p_value(p)}). The {[*kinds][largest]} changes by "

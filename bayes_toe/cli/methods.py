@@ -27,6 +27,7 @@ from bayes_toe.answers.study_summary import (
     count_words,
     describe_directions,
     few_subjects_lines,
+    misfit_lines,
 )
 from bayes_toe.answers.words import (
     NO_UP_TO,
@@ -149,6 +150,7 @@ def _results(analysis: Analysis) -> list[str]:
         sentences.append(answers[0].describe())
     elif answers:
         sentences += _count_present(answers, f" of {count_all(answers, 'participant', is_by_unit)}")
+        sentences += map(_text, misfit_lines(answers)[1:])
     if analysis.group is not None:
         sentences += _group(analysis.group)
         sentences += good_fits_answer(analysis.group, analysis.group_of_good_fits)
