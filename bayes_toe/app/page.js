@@ -378,7 +378,8 @@ async function send(options) {
   }
   isSending = false;
   $("#busy").textContent = "";
-  if (state) show(state);
+  showRun();
+  if (state?.id === job?.id) show(state);
   else await refresh();
 }
 
