@@ -1,6 +1,6 @@
 """The studies of the web page. Each is a folder, and the page shows only what the folder holds.
 
-`Job` is one study, `create_job` makes it, and `jobs` lists all.
+`Job` is one study, `job_of` finds that of some files, and `jobs` lists all.
 
 A study is analysed by the command `bayes-toe run` in its folder. The process holds a lock of the
 home folder, so that one study is analysed at a time, also after the server was started again.
@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from bayes_toe.arrays import Record
-from bayes_toe.data.messages import format_path, quoted, visible
+from bayes_toe.data.messages import format_path, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.whole_files import reporting, write_whole
@@ -38,6 +38,7 @@ from bayes_toe.result_store import (
     MARK,
     count_stored,
     discard,
+    fingerprint,
     is_locked,
     open_no_link,
     require_ours,
@@ -47,7 +48,6 @@ from bayes_toe.version import __version__
 #: Files that a study may have. Files of the page have other names.
 RESULTS = "results"
 RECORD, _COMMAND, _LOG = "study", "command", "run.log"
-_RECORD_KINDS = {"files": list, "seed": int, "options": dict, "created": str}
 #: Another version may read a file in another way.
 _READING = f"reading-{__version__}"
 _STORE = f"{RESULTS}.partial"
@@ -80,17 +80,31 @@ class Job:
         InputError
             If the folder is none of ours, or its record is damaged.
         """
-        is_ours = re.fullmatch("[0-9a-f]{16}", self.name) is not None
         try:
-            record = Record(json.loads((self.folder / RECORD).read_text(encoding="utf-8")))
-            kinds = {name: type(record.get(name)) for name in _RECORD_KINDS}
-            is_ours &= kinds == _RECORD_KINDS
-            is_ours &= [*map(file_name, record["files"])] == record["files"] != []
-        except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
-            is_ours = False
-        if not is_ours:
-            raise InputError(f"The folder {quoted(self.name)} holds no study, or a damaged one")
-        return record
+            record: Record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
+            names, _ = record["files"], (record["seed"], record["options"], record["created"])
+            has_good_names = names and [*map(file_name, names)] == names
+            if has_good_names and re.fullmatch("[0-9a-f]{16}", self.name):
+                return record
+        except (OSError, ValueError, TypeError, LookupError, RecursionError):
+            pass
+        raise InputError(f"The folder {quoted(self.name)} holds no study, or a damaged one")
+
+    def store(self, files: Mapping[str, bytes]) -> None:
+        """Store the files of a study that is not stored yet, or damaged."""
+        with suppress(InputError):
+            self.record()
+            return
+        self.folder.mkdir(mode=0o700, exist_ok=True)
+        for name, content in files.items():
+            (self.folder / name).write_bytes(content)
+        record = {
+            "files": sorted(files),
+            "seed": secrets.randbelow(1_000_000),
+            "options": {},
+            "created": datetime.now().astimezone().isoformat(),
+        }
+        self.write(RECORD, record)
 
     def save_options(self, options: Mapping[str, Any]) -> None:
         """Store how the files are read; the former reading is no longer valid."""
@@ -227,34 +241,10 @@ def held(home: Path) -> Iterator[None]:
         yield
 
 
-def find_job(home: Path, files: Mapping[str, bytes]) -> Job | None:
-    """The newest study that has these names and contents."""
-    for job in jobs(home)[0]:
-        if job.record()["files"] == sorted(files):
-            contents = {name: (job.folder / name).read_bytes() for name in files}
-            if contents == files:
-                return job
-    return None
-
-
-def create_job(home: Path, files: Mapping[str, bytes]) -> Job:
-    """Store the files of a study in a new folder."""
-    job = Job(home / secrets.token_hex(8))
-    job.folder.mkdir(mode=0o700)
-    record = {
-        "files": sorted(files),
-        "seed": secrets.randbelow(1_000_000),
-        "options": {},
-        "created": datetime.now().astimezone().isoformat(),
-    }
-    try:
-        for name, content in files.items():
-            (job.folder / name).write_bytes(content)
-        job.write(RECORD, record)
-    except BaseException:
-        shutil.rmtree(job.folder)
-        raise
-    return job
+def job_of(home: Path, files: Mapping[str, bytes]) -> Job:
+    """The study of these files; its folder is named after their names and contents."""
+    contents = [[name, sha256(content).hexdigest()] for name, content in sorted(files.items())]
+    return Job(home / fingerprint(contents)[:16])
 
 
 def named_files(files: Sequence[tuple[str, bytes]]) -> dict[str, bytes]:
@@ -269,10 +259,8 @@ def named_files(files: Sequence[tuple[str, bytes]]) -> dict[str, bytes]:
     for path, content in files:
         name = file_name(path)
         other = paths.setdefault(name.casefold(), path)  # one name on some disks
-        if contents and other is not path:
-            raise InputError(
-                f"'{visible(other)}' and '{visible(path)}' get one name here. Rename one of them."
-            )
+        if len(paths) == len(contents):
+            raise InputError(f"{other!r} and {path!r} get one name here. Rename one of them.")
         contents[name] = content
     if not contents:
         raise InputError("A study is one file, or several files.")
@@ -295,24 +283,20 @@ def file_name(path: str) -> str:
         raise InputError(
             f"{quoted(last)}: the page reads files whose names end in {', '.join(TABLE_SUFFIXES)}"
         )
-    encoded = stem.encode()
-    if len(encoded) > _LONGEST_NAME:
-        checksum = sha256(encoded).hexdigest()[:8]
-        beginning = encoded[: _LONGEST_NAME - 9].decode(errors="ignore")
-        stem = f"{beginning}-{checksum}"
+    if len(stem.encode()) > _LONGEST_NAME:
+        stem = f"{stem[:30]}-{fingerprint(stem)[:8]}"
     return f"{stem}{suffix}"
 
 
 def jobs(home: Path) -> tuple[list[Job], list[str]]:
     """The studies of a home folder, the newest first, and the folders of none or a damaged one."""
     created, damaged = dict[Job, str](), list[str]()
-    for folder in home.iterdir():
-        if not re.fullmatch("[0-9a-f]{16}", folder.name) and not (folder / RECORD).exists():
-            continue
+    for file in home.glob(f"*/{RECORD}"):
+        job = Job(file.parent)
         try:
-            created[Job(folder)] = Job(folder).record()["created"]
+            created[job] = job.record()["created"]
         except InputError:
-            damaged.append(folder.name)
+            damaged.append(job.name)
     return sorted(created, key=created.__getitem__, reverse=True), sorted(damaged)
 
 
@@ -359,14 +343,14 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
         if isinstance(value, dict):
             value = [f"{ours}={theirs}" for ours, theirs in sorted(value.items())]
         if name == "columns":
-            value = ",".join(value)
-        if isinstance(value, str):
+            value = [",".join(value)]
+        if isinstance(value, bool):
+            words += [option] * value
+        elif isinstance(value, str):
             words += [option, value]
-        elif isinstance(value, list):
+        else:
             for text in value:
                 words += [option, text]
-        elif value:
-            words.append(option)
     return words
 
 

@@ -24,7 +24,7 @@ const MEANINGS = {
 };
 const FIELDS = {
   "--columns": "the columns", "--where": "'Only rows with'", "--ignore": "'none'", "--correct": "'right or wrong'",
-  "--subject-from": "'the name of the file'", "--condition": "'Condition'", "--decimal": "'Decimal sign'", "--intensity": "'The stimuli are'", "--unit": "'The stimuli are'", "--sheet": "'Sheet of the Excel file'", "--encoding": "'Encoding of the text'",
+  "--subject-from": "'the name of the file'", "--condition": "'Condition'", "--decimal": "'Decimal sign'", "--intensity": "'Intensity whose logarithm is 0'", "--unit": "'The stimuli are'", "--sheet": "'Sheet of the Excel file'", "--encoding": "'Encoding of the text'",
   "--standard-interval": "'The standard was first'", "--comparison-interval": "'The standard was first'", "--standard-first": "'The standard was first'",
 };
 const FIELD_OF_OPTION = {
@@ -181,14 +181,14 @@ function orderOf(options) {
   return options.comparison_interval ? "*comparison" : options.standard_interval ?? "";
 }
 
-// Columns with two values, and how many they have, may say when the standard was first.
+// Columns with two values may say when the standard was first, and so may those that are always 1 or 2.
 function fillOrder(options) {
   const { names, texts } = job.reading.table;
   const first = [["", "choose"], ["*always", "in all trials"]];
   if (options.comparison_interval) first.push(["*comparison", `as column ${options.comparison_interval} says of the comparison`]);
   for (const name of names) {
     const values = (texts[name] ?? []).map(([text]) => text).filter(Boolean);
-    const mayBe = values.length === 1 || values.length === 2;
+    const mayBe = values.length === 2 || ["1", "2"].includes(values.join());
     if (mayBe || name === options.standard_interval) first.push([name, `as column ${name} says: ${values.join(", ")}`]);
   }
   fill($("#standard-order"), [], first);
@@ -397,7 +397,9 @@ function fieldOf(problem, remedies) {
     const field = option === "columns" ? fieldOfRole(value[0][0]) : FIELD_OF_OPTION[option];
     if (field) return field;
   }
-  const roles = Object.entries(job.reading.table?.roles ?? {});
+  const { standard_interval, comparison_interval, correct } = job.options;
+  const named = { standard_interval, comparison_interval, response: correct };
+  const roles = Object.entries({ ...job.reading.table?.roles, ...named });
   const about = roles.find(([, name]) => problem.includes(`column ${name}:`));
   return about ? fieldOfRole(about[0]) : "";
 }
@@ -430,7 +432,8 @@ function remedyText({ option, value, meaning }) {
     correct: `column ${value} says right or wrong`,
     intensity: "they are intensities, not logarithms",
     unit: LOG_UNITS.includes(value) ? meaning.replace(/^if /, "") : `they are intensities in ${value}`,
-    standard_interval: `column ${value} says whether the standard was first (1) or second (2)`,
+    standard_interval: `column ${value} says when the standard came`,
+    comparison_interval: `column ${value} says when the comparison came`,
     standard_first: "the standard was first in all trials",
     subject_from: "the name of the file is the subject",
   };
@@ -467,11 +470,12 @@ function apply({ option, value }) {
   send(options);
 }
 
-function question(text, remedies, findings = []) {
+function question(text, remedies, lines = []) {
   const box = element("div", "", { class: "question" });
-  box.append(element("p", text));
-  if (findings.length) box.append(element("ul"));
-  box.querySelector("ul")?.append(...findings.map((finding) => element("li", finding)));
+  const listing = element("ul");
+  listing.append(...lines.map((line) => element("li", line)));
+  box.append(element("p", text), listing);
+  listing.hidden = !lines.length;
   for (const remedy of remedies) {
     const button = element("button", remedyText(remedy), { type: "button" });
     button.addEventListener("click", () => {
@@ -489,22 +493,23 @@ function groupedProblems() {
   const groups = [];
   for (const [i, problem] of problems.entries()) {
     const own = remedies.filter((remedy) => (remedy.question ?? 0) === i);
-    const [, row, column, finding, allowed] = plainWords(problem).match(/^(row [\d,]+, )?(column .+?): (found .*?)(?:, allowed: (.*))?$/) ?? [];
-    const last = groups.at(-1);
-    const isMore = problem.startsWith("... and");
-    const isNext = column && last?.column === column && last.allowed === allowed && !own.length;
-    if (last && (isMore || isNext)) last.findings.push(isMore ? problem : `${row ?? ""}${finding}`);
-    else groups.push({ problem, remedies: own, column, allowed, findings: finding ? [`${row ?? ""}${finding}`] : [] });
+    const parts = plainWords(problem).match(/^(row [\d,]+, )?(column .+?): (found .*?)(?:, allowed: (.*))?$/) ?? [];
+    const [, row = "", column, finding, allowed] = parts;
+    const isMore = problem.startsWith("... and") && groups.length > 0;
+    const group = isMore ? groups.at(-1) : groups.find((other) => column && other.column === column && other.allowed === allowed);
+    if (group && !own.length) group.lines.push(isMore ? problem : `${row}${finding}`);
+    else groups.push({ problem, remedies: own, column, allowed, lines: [`${row}${finding}`] });
   }
   return groups;
 }
 
 function showQuestions() {
   const boxes = Object.fromEntries($$(".questions").map((box) => [box.dataset.field, []]));
-  for (const { problem, remedies, column, allowed, findings } of groupedProblems()) {
+  for (const { problem, remedies, column, allowed, lines } of groupedProblems()) {
     const field = fieldOf(problem, remedies);
-    const text = findings.length > 1 ? `${capital(column)}: allowed are ${allowed}.` : questionText(problem, remedies);
-    boxes[field].push(question(text, remedies.filter(isComplete), findings.length > 1 ? findings : []));
+    const isList = lines.length > 1 && column;
+    const text = isList ? `${capital(column)}${allowed ? `, allowed: ${allowed}` : ""}` : questionText(problem, remedies);
+    boxes[field].push(question(text, remedies.filter(isComplete), isList ? lines : lines.slice(1)));
     if (field === "others") $("#others").open = true;
   }
   const raw = rawStimuli();
@@ -562,6 +567,7 @@ function showStudy() {
   }));
   const shown = study.pairs.length > MOST_PAIRS ? `, the first ${MOST_PAIRS} of ${study.pairs.length}` : "";
   $("#pairs caption").textContent = `Pairs, all subjects together${shown}`;
+  $("#notes").parentElement.hidden = study.notes.length < 2;
   $("#notes").replaceChildren(...study.notes.slice(1).map((note) => element("li", plainWords(note))));
   const open = study.findings.filter((finding) => finding.target);
   const plain = study.findings.filter((finding) => !finding.target && finding.code !== "raw_stimuli");

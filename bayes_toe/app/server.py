@@ -28,13 +28,11 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 
 from bayes_toe.app.job import (
-    RECORD,
     RESULTS,
     Job,
-    create_job,
     end_group,
-    find_job,
     held,
+    job_of,
     jobs,
     named_files,
     require_options,
@@ -168,7 +166,7 @@ class Handler(RequestHandler):
     def job(self, name: str) -> Job:
         """The study that is asked for."""
         job = Job(self.site.home / name)
-        if not (job.folder / RECORD).is_file():
+        if not job.folder.is_dir():
             raise HTTPError(404, reason="There is no such study")
         return job
 
@@ -203,8 +201,7 @@ class Handler(RequestHandler):
             problem = str(error)
         elif isinstance(error, OSError):
             self.set_status(507)
-            cause = error.__cause__ or error
-            reason = getattr(cause, "strerror", None) or error
+            reason = getattr(error.__cause__ or error, "strerror", None) or error
             problem = f"The folder {self.site.home} cannot be used: {reason}"
         self.finish({"problem": problem})
 
@@ -239,13 +236,14 @@ class Jobs(Handler):
         """Store dropped files as a study, or open the study of these files, and read them."""
         dropped = self.request.files.get("files", [])
         files = named_files([(file.filename, file.body) for file in dropped])
-        earlier = find_job(self.site.home, files)
-        job = earlier or create_job(self.site.home, files)
+        job = job_of(self.site.home, files)
+        is_new = not job.folder.exists()
         try:
+            job.store(files)
             await self.site.read(job)
         except OSError:
-            if earlier is None:
-                shutil.rmtree(job.folder)
+            if is_new:
+                shutil.rmtree(job.folder, ignore_errors=True)
             raise
         self.send_state(job)
 
@@ -356,22 +354,14 @@ def serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
     """
     if os.name != "posix":
         raise InputError("app needs Linux or macOS; on Windows use WSL")
-    home = _expanded(home)
-    with held(home):
-        return asyncio.run(_serve(home.resolve(), port, ready))
-
-
-def _expanded(folder: Path) -> Path:
-    """The folder with the path of the user's home folder in the place of `~`."""
-    has_home = Path(os.environ.get("HOME", "/")).is_absolute()
-    try:
-        if has_home or folder.parts[:1] != ("~",):
-            return folder.expanduser()
-    except RuntimeError:  # no such user
-        pass
-    raise InputError(
-        f"{format_path(folder)}: there is no such home folder; name a folder with --folder"
-    )
+    expanded = Path(os.path.expanduser(home))
+    has_home = os.environ.get("HOME") != "" and expanded.is_absolute()
+    if str(home).startswith("~") and not has_home:
+        raise InputError(
+            f"{format_path(home)}: there is no such home folder; name a folder with --folder"
+        )
+    with held(expanded):
+        return asyncio.run(_serve(expanded.resolve(), port, ready))
 
 
 async def _serve(home: Path, port: int, ready: Callable[[str], None]) -> int:

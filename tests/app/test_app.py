@@ -24,7 +24,7 @@ from browsers import Opened
 from commands import PROGRAM, call
 
 pytest.importorskip("tornado")
-from bayes_toe.app.job import create_job, end_group, running
+from bayes_toe.app.job import end_group, job_of, running
 from bayes_toe.app.server import read_in_process
 
 CODES = {"columns": {"s1": "stim1", "s2": "stim2"}, "second_code": "2"}
@@ -240,8 +240,8 @@ def test_the_same_files_open_the_same_study(server):
     first, second = ("u.csv", b"subject,s1\n1,2\n"), ("v.csv", b"subject,s1\n3,4\n")
     job = content(server.upload(first, second))["id"]
     assert content(server.upload(second, first))["id"] == job
-    for others in ([first], [first, ("v.csv", b"")], [first, ("w.csv", second[1])]):
-        assert content(server.upload(*others))["id"] != job
+    for different in ([first], [first, ("v.csv", b"")], [first, ("w.csv", second[1])]):
+        assert content(server.upload(*different))["id"] != job
 
 
 def test_folders_of_others_and_damaged_studies_are_named_and_all_others_listed(tmp_path):
@@ -249,16 +249,18 @@ def test_folders_of_others_and_damaged_studies_are_named_and_all_others_listed(t
     for name, record in records.items():
         (tmp_path / name).mkdir()
         (tmp_path / name / "study").write_text(record)
-    (tmp_path / ("3" * 16)).mkdir()
     (tmp_path / "mine" / "study").mkdir(parents=True)
     (tmp_path / "data").mkdir()
     (tmp_path / "lock").write_text("of the user\n")
     with serving(tmp_path) as server:
         job = server.add_trials(trials(tmp_path / "study.csv"))
-        (tmp_path / job / "command").write_text("")  # as after a loss of power
+        for name in ("command", "study"):
+            (tmp_path / job / name).write_text("")  # as after a loss of power
+        assert server.state("/api/jobs")["jobs"] == []
+        assert server.add_trials(tmp_path / "study.csv") == job
         listing = server.state("/api/jobs")
         assert [study["id"] for study in listing["jobs"]] == [job]
-        assert listing["damaged"] == [*(digit * 16 for digit in "0123"), "exp", "mine"]
+        assert listing["damaged"] == [*(digit * 16 for digit in "012"), "exp", "mine"]
         for name in listing["damaged"]:
             for path, body in ((name, None), (f"{name}/delete", "")):
                 assert server.ask(f"/api/jobs/{path}", body).code in (400, 404, 405)
@@ -364,7 +366,9 @@ def test_names_that_no_command_can_type_and_wrong_numbers_are_problems(server):
 
 def test_a_reader_that_takes_too_long_is_ended(monkeypatch, tmp_path):
     monkeypatch.setattr("bayes_toe.app.server.READING_TIME", 0.01)
-    job = create_job(tmp_path, {"x.csv": b"subject,s1,s2,response\n"})
+    files = {"x.csv": b"subject,s1,s2,response\n"}
+    job = job_of(tmp_path, files)
+    job.store(files)
     reading = asyncio.run(read_in_process(job))
     assert reading["problems"] == ["Reading takes longer than 0.01 seconds."]
 
@@ -632,7 +636,7 @@ def test_an_answer_that_is_given_while_another_is_on_its_way_is_kept(browser, se
     sent, release = opened.hold_answers()
     page.locator("[data-field=stimuli] button", has_text="order").click()
     columns = page.locator("#standard-order option").evaluate_all("all => all.map(o => o.value)")
-    assert columns == ["", "*always", "vp", "standard", "order", "response"]
+    assert columns == ["", "*always", "vp", "order", "response"]
     page.select_option("select[data-role=subject]", "order")
     page.select_option("#decimal", ".")
     page.select_option("select[data-role=subject]", "vp")
@@ -663,11 +667,8 @@ def test_an_answer_belongs_to_its_study_and_a_failure_shows_what_the_server_has(
     page.get_by_text("one.csv: first of").wait_for()
     page.select_option("#decimal", ".")
     release()
-    one = page.url.partition("#")[2]
-    assert [server.state(f"/api/jobs/{job}")["options"] for job in (one, two)] == [
-        {"decimal": "."},
-        {"decimal": ","},
-    ]
+    for job, decimal in ((page.url.partition("#")[2], "."), (two, ",")):
+        assert server.state(f"/api/jobs/{job}")["options"] == {"decimal": decimal}
     assert page.input_value("#decimal") == "."
     page.route("**/options", lambda route: route.fulfill(status=507, body='{"problem": "full"}'))
     page.select_option("#decimal", ",")
@@ -721,7 +722,7 @@ def test_all_studies_that_are_not_analysed_are_deleted_together(browser, tmp_pat
         server.state(f"/api/jobs/{stopped}/options", json.dumps({**CODES, "decimal": "."}))
         opened = Page(browser, server)
         questions = []
-        opened.page.on("dialog", lambda shown: (questions.append(shown.message), shown.accept()))
+        opened.page.on("dialog", lambda dialog: (questions.append(dialog.message), dialog.accept()))
         opened.page.click("#clear")
         opened.page.locator("#clear").wait_for(state="hidden")
         assert questions == ["Delete 2 studies that are not analysed?"]
