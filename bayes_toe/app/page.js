@@ -399,7 +399,7 @@ function fieldOf(problem, remedies) {
   }
   const { standard_interval, comparison_interval, correct } = job.options;
   const named = { standard_interval, comparison_interval, response: correct };
-  const roles = Object.entries({ ...job.reading.table?.roles, ...named });
+  const roles = Object.entries({ ...named, ...job.reading.table?.roles });
   const about = roles.find(([, name]) => problem.includes(`column ${name}:`));
   return about ? fieldOfRole(about[0]) : "";
 }
@@ -659,6 +659,7 @@ function progressText(run, done, study) {
 
 function show(state) {
   if (state.id !== location.hash.slice(1)) return; // another study was opened meanwhile
+  if (state.id !== job?.id && document.activeElement.closest("#form")) document.activeElement.blur();
   job = state;
   $("#reading").hidden = false;
   $("#start").classList.toggle("short", true);

@@ -685,6 +685,13 @@ def test_intensities_that_are_read_as_logarithms_are_not_analysed(browser, serve
     opened.add(tmp_path / "raw.csv")
     assert page.locator("#go").is_disabled()
     assert "Answer the questions above" in page.inner_text("#progress-text")
+    page.select_option("#scale", "ln")
+    opened.settle()
+    page.select_option("#decimal", ".")
+    page.locator("#go:enabled").wait_for()
+    assert page.input_value("#scale") == "ln"
+    page.select_option("#scale", "")
+    opened.settle()
     page.locator("[data-field=stimuli] button", has_text="they are intensities").click()
     opened.settle()
     assert page.input_value("#stimuli-kind") == "intensity"
