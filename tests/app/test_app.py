@@ -59,7 +59,6 @@ class Server:
     """A running `bayes-toe app`, and requests to it as the page makes them."""
 
     def __init__(self, folder, port=0):
-        self.folder = folder
         self.process = subprocess.Popen(
             [*PROGRAM, "app", "--folder", folder, "--port", str(port)],
             stdout=subprocess.PIPE,
@@ -250,46 +249,39 @@ def test_folders_of_others_and_damaged_studies_are_named_and_all_others_listed(t
         (tmp_path / name).mkdir()
         (tmp_path / name / "study").write_text(record)
     (tmp_path / "mine" / "study").mkdir(parents=True)
-    (tmp_path / "data").mkdir()
-    (tmp_path / "lock").write_text("of the user\n")
+    (tmp_path / "lock").write_text("of the user")
     with serving(tmp_path) as server:
         job = server.add_trials(trials(tmp_path / "study.csv"))
         for name in ("command", "study"):
             (tmp_path / job / name).write_text("")  # as after a loss of power
-        assert server.state("/api/jobs")["jobs"] == []
+        assert server.state("/api/jobs") == {"jobs": [], "damaged": sorted([job, *records, "mine"])}
+        assert server.ask(f"/api/jobs/{job}").code == 400
+        assert server.ask(f"/api/jobs/{job}/delete", "").code == 400
         assert server.add_trials(tmp_path / "study.csv") == job
-        listing = server.state("/api/jobs")
-        assert [study["id"] for study in listing["jobs"]] == [job]
-        assert listing["damaged"] == [*(digit * 16 for digit in "012"), "exp", "mine"]
-        for name in listing["damaged"]:
-            for path, body in ((name, None), (f"{name}/delete", "")):
-                assert server.ask(f"/api/jobs/{path}", body).code in (400, 404, 405)
+        assert [study["id"] for study in server.state("/api/jobs")["jobs"]] == [job]
         assert server.state(f"/api/jobs/{job}/run", "")["run"] == "running"
-        assert server.state(f"/api/jobs/{job}/stop", "")["run"] == "stopped"
         assert server.end() == (128 + signal.SIGINT, "")
-    assert (tmp_path / "lock").read_text() == "of the user\n"
+    assert (tmp_path / "lock").read_text() == "of the user"
 
 
-@pytest.mark.parametrize("name", ["", "run", "server"])
-def test_locks_are_no_links_and_stand_in_no_folder_of_others(tmp_path, name):
+@pytest.mark.parametrize("link", [".bayes_toe_app", ".bayes_toe_app/run", ".bayes_toe_app/server"])
+def test_locks_are_no_links_and_stand_in_no_folder_of_others(server, tmp_path, link):
+    port = server.host.partition(":")[2]  # in use: a server that is not refused before ends there
     home, mine = tmp_path / "home", tmp_path / "mine"
-    mine.mkdir()
-    (mine / "notes").write_text("mine")
-    locks = home / ".bayes_toe_app"
-    if name:
-        with serving(home):
-            pass
-        (locks / name).unlink()
-        (locks / name).symlink_to(mine / "notes")
+    with serving(home):
+        pass
+    (mine / ".bayes_toe_app").mkdir(parents=True)
+    (mine / ".bayes_toe_app" / "notes").write_text("of the user")
+    if link.endswith("app"):
+        shutil.rmtree(home / link)
+        (home / link).symlink_to(mine)
     else:
-        home.mkdir()
-        locks.symlink_to(mine)
-    one_line(call("app", "--folder", home), "")
-    locks.unlink() if locks.is_symlink() else shutil.rmtree(locks)
-    shutil.copytree(mine, locks)
-    one_line(call("app", "--folder", home), "holds files that this program did not write")
-    for folder in (mine, locks):
-        assert [(path.name, path.read_text()) for path in folder.iterdir()] == [("notes", "mine")]
+        (home / link).unlink()
+        (home / link).symlink_to(mine / ".bayes_toe_app" / "notes")
+    for folder in (home, mine):
+        one_line(call("app", "--folder", folder, "--port", port), f"{folder}")
+    (notes,) = (mine / ".bayes_toe_app").iterdir()
+    assert notes.read_text() == "of the user"
 
 
 def test_a_large_upload_is_refused(server, home):
@@ -434,10 +426,12 @@ def test_the_report_has_an_origin_of_its_own_and_the_archive_repeats_the_run(fin
     assert archive.read("command.txt").startswith(b"bayes-toe run 'my study.csv' -o results")
 
 
-def test_a_run_ends_with_the_program(tmp_path, file):
+def test_a_run_ends_with_the_program_and_with_no_second_one(tmp_path, file):
     with serving(tmp_path) as server:
         job = server.add_trials(file)
         server.state(f"/api/jobs/{job}/run", "")
+        one_line(call("app", "--folder", tmp_path, "--port", 0), "in use by another bayes-toe app")
+        assert server.state(f"/api/jobs/{job}")["run"] == "running"
         _, group = running(tmp_path)
         assert server.end() == (128 + signal.SIGINT, "")
     with pytest.raises(ProcessLookupError):
@@ -457,14 +451,6 @@ def test_a_folder_or_port_that_cannot_be_used_is_one_line(server, file):
     for folder, users_home in (("~nobody_x/y", "/"), ("~/x", ""), ("~", "x")):
         one_line(call("app", "--folder", folder, HOME=users_home), "there is no such home folder")
     one_line(call("app", HOME=""), "there is no such home folder")
-
-
-def test_a_second_server_of_a_folder_is_refused_and_the_run_goes_on(tmp_path, file):
-    with serving(tmp_path) as server:
-        job = server.add_trials(file)
-        server.state(f"/api/jobs/{job}/run", "")
-        one_line(call("app", "--folder", tmp_path, "--port", 0), "in use by another bayes-toe app")
-        assert server.state(f"/api/jobs/{job}")["run"] == "running"
 
 
 # --- in a browser ---------------------------------------------------------------------------------
@@ -710,13 +696,13 @@ def test_a_column_is_one_question_with_its_values(browser, server, tmp_path):
     (tmp_path / "words.csv").write_text("subject,s1,s2,response\n" + "".join(lines))
     opened = Page(browser, server)
     opened.add(tmp_path / "words.csv")
-    opened.page.locator("[data-text=yes]").select_option("second")
-    opened.settle()
-    opened.page.locator("[data-text=no]").select_option("first")
-    opened.settle()
-    assert opened.page.locator(".question").count() == 1
-    values = opened.page.locator("[data-field=meaning] .question li").all_inner_texts()
-    assert {"later", "never"} == {value.split("'")[1] for value in values}
+    for code, meaning in (("yes", "second"), ("no", "first")):
+        opened.page.locator(f"[data-text={code}]").select_option(meaning)
+        opened.settle()
+    (question,) = opened.page.locator(".question").all_inner_texts()
+    assert "'later'" in question
+    assert "'never'" in question
+    assert question.count("allowed") == 1
     assert opened.close() == []
 
 
