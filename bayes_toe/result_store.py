@@ -236,7 +236,7 @@ def discard(folder: Path) -> None:
 def _held(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder; it names the holder and ends with the process."""
     with reporting(folder):
-        lock = open(folder / _LOCK, "a+", encoding="utf-8", opener=_open_no_link)  # noqa: SIM115
+        lock = open(folder / _LOCK, "a+", encoding="utf-8", opener=open_no_link)  # noqa: SIM115
     with lock:
         if not is_locked(lock):
             lock.seek(0)
@@ -249,7 +249,7 @@ def _held(folder: Path) -> Iterator[None]:
         yield
 
 
-def _open_no_link(path: str, flags: int) -> int:
+def open_no_link(path: str, flags: int) -> int:
     """Open a file, but not through a symbolic link, where the system can tell."""
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
 

@@ -1,9 +1,10 @@
 """The studies of the web page. Each is a folder, and the page shows only what the folder holds.
 
-`Job` is one study, `create_job` makes it, and `jobs` lists all.
+`Job` is one study, `job_of` finds that of some files, and `jobs` lists all.
 
 A study is analysed by the command `bayes-toe run` in its folder. The process holds a lock of the
 home folder, so that one study is analysed at a time, also after the server was started again.
+`held` is the lock of the server. Both locks stand in a folder that carries a mark of ours.
 """
 
 from __future__ import annotations
@@ -17,52 +18,47 @@ import shutil
 import signal
 import subprocess
 import sys
+import unicodedata
 import zipfile
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
+from hashlib import sha256
 from pathlib import Path
 from typing import IO, Any
 
 from bayes_toe.arrays import Record
-from bayes_toe.data.messages import quoted
+from bayes_toe.data.messages import format_path, quoted
+from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_table import TABLE_SUFFIXES
-from bayes_toe.data.whole_files import write_whole
+from bayes_toe.data.whole_files import reporting, write_whole
 from bayes_toe.errors import InputError
-from bayes_toe.result_store import count_stored, discard, is_locked
+from bayes_toe.result_store import (
+    MARK,
+    count_stored,
+    discard,
+    fingerprint,
+    is_locked,
+    open_no_link,
+    require_ours,
+)
 from bayes_toe.version import __version__
 
 #: Files that a study may have. Files of the page have other names.
 RESULTS = "results"
-RECORD, _COMMAND, _LOG, _LOCK = "study", "command", "run.log", "lock"
+RECORD, _COMMAND, _LOG = "study", "command", "run.log"
 #: Another version may read a file in another way.
 _READING = f"reading-{__version__}"
 _STORE = f"{RESULTS}.partial"
-_LONGEST_NAME = 60  # characters of up to four bytes
+_LONGEST_NAME = 120  # bytes, without the suffix
+#: In the home folder, a folder of ours with the locks of the server and of the run.
+_LOCKS, _SERVER, _RUN = ".bayes_toe_app", "server", "run"
 
 #: The options of the page, which have the names of the command's, with the kind of their value.
-_TEXTS = (
-    *("equal_code", "different_code", "second_code", "first_code", "comparison_code", "correct"),
-    *(
-        "standard_interval",
-        "subject_from",
-        "decimal",
-        "condition",
-        "intensity",
-        "unit",
-        "sheet",
-        "encoding",
-        "reference",
-        "wide",
-    ),
-)
-_KINDS: dict[str, type] = {
-    **dict.fromkeys(_TEXTS, str),
-    **dict.fromkeys(("ignore", "swap", "exclude"), list),
-    **dict.fromkeys(("columns", "where"), dict),
-    "standard_first": bool,
-}
+_KINDS: dict[str, type] = {"swap": list, "exclude": list}
+for _name, _default in vars(ReadOptions()).items():
+    _KINDS[_name] = {tuple: list, dict: dict, bool: bool}.get(type(_default), str)
 
 
 @dataclass(frozen=True)
@@ -77,9 +73,38 @@ class Job:
         return self.folder.name
 
     def record(self) -> Record:
-        """Names of the files, the seed and the options."""
-        record: Record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
-        return record
+        """Names of the files, the seed and the options.
+
+        Raises
+        ------
+        InputError
+            If the folder is none of ours, or its record is damaged.
+        """
+        try:
+            record: Record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
+            names, _ = record["files"], (record["seed"], record["options"], record["created"])
+            has_good_names = names and [*map(file_name, names)] == names
+            if has_good_names and re.fullmatch("[0-9a-f]{16}", self.name):
+                return record
+        except (OSError, ValueError, TypeError, LookupError, RecursionError):
+            pass
+        raise InputError(f"The folder {quoted(self.name)} holds no study, or a damaged one")
+
+    def store(self, files: Mapping[str, bytes]) -> None:
+        """Store the files of a study that is not stored yet, or damaged."""
+        with suppress(InputError):
+            self.record()
+            return
+        self.folder.mkdir(mode=0o700, exist_ok=True)
+        for name, content in files.items():
+            (self.folder / name).write_bytes(content)
+        record = {
+            "files": sorted(files),
+            "seed": secrets.randbelow(1_000_000),
+            "options": {},
+            "created": datetime.now().astimezone().isoformat(),
+        }
+        self.write(RECORD, record)
 
     def save_options(self, options: Mapping[str, Any]) -> None:
         """Store how the files are read; the former reading is no longer valid."""
@@ -115,11 +140,12 @@ class Job:
         }
 
     def run_state(self) -> str:
-        """Whether the study is 'running', 'stopped', 'done', or 'new' with these options."""
+        """Whether the study is 'new', 'running', 'stopped', 'done', or 'changed' since its run."""
         if running(self.folder.parent)[0] == self.name:
             return "running"
-        if self._read(_COMMAND) != self.command():
-            return "new"
+        command = self._read(_COMMAND)
+        if command != self.command():
+            return "new" if command is None else "changed"
         return "done" if (self.folder / RESULTS / "report.html").is_file() else "stopped"
 
     def start(self) -> subprocess.Popen[bytes]:
@@ -135,7 +161,7 @@ class Job:
         reading, words = self.reading(), self.command()
         if reading is None or reading["study"] is None:
             raise InputError("A question about the file is open")
-        with _open_lock(self.folder.parent) as lock:
+        with _open_lock(self.folder.parent, _RUN) as lock:
             if not is_locked(lock):
                 raise InputError("Another study is being analysed. Wait for it, or stop it.")
             store = self.folder / _STORE
@@ -154,8 +180,13 @@ class Job:
                     start_new_session=True,
                     pass_fds=[lock.fileno()],
                 )
-            lock.truncate(0)
-            lock.write(f"{self.name} {process.pid}")
+            try:
+                lock.truncate(0)
+                lock.write(f"{self.name} {process.pid}")
+                lock.flush()
+            except OSError:  # Nobody could stop it.
+                end_group(process.pid, signal.SIGKILL)
+                raise
         return process
 
     def write_zip(self, file: IO[bytes]) -> None:
@@ -172,62 +203,101 @@ class Job:
         write_whole(self.folder / name, json.dumps(content).encode())
 
     def _read(self, name: str) -> Any:
-        """The content of a file of ours; None where there is none."""
+        """The content of a file of ours; None where there is none, or a damaged one."""
         try:
             return json.loads((self.folder / name).read_text(encoding="utf-8"))
-        except FileNotFoundError:
+        except (FileNotFoundError, ValueError):
             return None
 
 
 # --- The home folder ------------------------------------------------------------------------------
 
 
-def create_job(home: Path, files: Sequence[tuple[str, bytes]]) -> Job:
-    """Store the files of a study, each a name and its content, in a new folder.
+@contextmanager
+def held(home: Path) -> Iterator[None]:
+    """Hold the home folder for one server; what is missing of it is made.
 
     Raises
     ------
     InputError
-        If there is no file, two have one name, or a name has another suffix.
+        If another server holds it.
+    OutputError
+        If it cannot be used, or its locks are links or files of others.
     """
-    names = [file_name(name) for name, _ in files]
-    if not names or len({*names}) < len(names):
-        raise InputError("A study is one file, or several files of different names.")
-    job = Job(home / secrets.token_hex(8))
-    job.folder.mkdir(mode=0o700)
-    for name, (_, content) in zip(names, files, strict=True):
-        (job.folder / name).write_bytes(content)
-    record = {
-        "files": sorted(names),
-        "seed": secrets.randbelow(1_000_000),
-        "options": {},
-        "created": datetime.now().astimezone().isoformat(),
-    }
-    job.write(RECORD, record)
-    return job
+    locks = home / _LOCKS
+    with reporting(home):
+        home.mkdir(mode=0o700, parents=True, exist_ok=True)
+        require_ours(locks)
+        locks.mkdir(mode=0o700, exist_ok=True)
+        (locks / MARK).touch()
+        running(home)
+        server_lock = _open_lock(home, _SERVER)
+    with server_lock:
+        if not is_locked(server_lock):
+            raise InputError(
+                f"{format_path(home)}: in use by another bayes-toe app; use its page, or name "
+                "another folder with --folder"
+            )
+        yield
+
+
+def job_of(home: Path, files: Mapping[str, bytes]) -> Job:
+    """The study of these files; its folder is named after their names and contents."""
+    contents = [[name, sha256(content).hexdigest()] for name, content in sorted(files.items())]
+    return Job(home / fingerprint(contents)[:16])
+
+
+def named_files(files: Sequence[tuple[str, bytes]]) -> dict[str, bytes]:
+    """Contents by the names that the files get; each file comes with its name in the browser.
+
+    Raises
+    ------
+    InputError
+        If there is no file, two get one name, or a name has another suffix.
+    """
+    contents, paths = dict[str, bytes](), dict[str, str]()
+    for path, content in files:
+        name = file_name(path)
+        other = paths.setdefault(name.casefold(), path)  # one name on some disks
+        if len(paths) == len(contents):
+            raise InputError(f"{other!r} and {path!r} get one name here. Rename one of them.")
+        contents[name] = content
+    if not contents:
+        raise InputError("A study is one file, or several files.")
+    return contents
 
 
 def file_name(path: str) -> str:
     """A name for a file from a browser: of one folder, without signs that mean something.
 
+    A long name ends with a checksum, so that it differs from others with the same beginning.
+
     Examples
     --------
-    >>> file_name("../../a b?.csv"), file_name("-x.CSV")
-    ('a b_.csv', 'x.CSV')
+    >>> file_name("../../a b?.csv"), file_name("-x.CSV"), file_name("e\u0301.csv")
+    ('a b_.csv', 'x.CSV', 'é.csv')
     """
-    last = path.replace("\\", "/").rpartition("/")[2]
+    last = unicodedata.normalize("NFC", path).replace("\\", "/").rpartition("/")[2]
     stem, suffix = os.path.splitext(re.sub(r"[^\w .+()@-]", "_", last).lstrip(" .-"))
     if suffix.lower() not in TABLE_SUFFIXES:
         raise InputError(
             f"{quoted(last)}: the page reads files whose names end in {', '.join(TABLE_SUFFIXES)}"
         )
-    return f"{stem[:_LONGEST_NAME]}{suffix}"
+    if len(stem.encode()) > _LONGEST_NAME:
+        stem = f"{stem[:30]}-{fingerprint(stem)[:8]}"
+    return f"{stem}{suffix}"
 
 
-def jobs(home: Path) -> list[Job]:
-    """The studies of a home folder, the newest first."""
-    unsorted = [Job(file.parent) for file in home.glob(f"*/{RECORD}")]
-    return sorted(unsorted, key=lambda job: str(job.record()["created"]), reverse=True)
+def jobs(home: Path) -> tuple[list[Job], list[str]]:
+    """The studies of a home folder, the newest first, and the folders of none or a damaged one."""
+    created, damaged = dict[Job, str](), list[str]()
+    for file in home.glob(f"*/{RECORD}"):
+        job = Job(file.parent)
+        try:
+            created[job] = job.record()["created"]
+        except InputError:
+            damaged.append(job.name)
+    return sorted(created, key=created.__getitem__, reverse=True), sorted(damaged)
 
 
 def result_files(results: Path) -> list[Path]:
@@ -249,7 +319,7 @@ def require_options(content: bytes) -> Record:
     """
     try:
         options = Record(json.loads(content))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RecursionError):
         raise InputError("The options are no record") from None
     for name, value in options.items():
         texts = [*value, *value.values()] if isinstance(value, dict) else value
@@ -273,14 +343,14 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
         if isinstance(value, dict):
             value = [f"{ours}={theirs}" for ours, theirs in sorted(value.items())]
         if name == "columns":
-            value = ",".join(value)
-        if isinstance(value, str):
+            value = [",".join(value)]
+        if isinstance(value, bool):
+            words += [option] * value
+        elif isinstance(value, str):
             words += [option, value]
-        elif isinstance(value, list):
+        else:
             for text in value:
                 words += [option, text]
-        else:
-            words.append(option)
     return words
 
 
@@ -289,7 +359,7 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
 
 def running(home: Path) -> tuple[str, int]:
     """The study that is analysed now and its process group; '' and 0 where there is none."""
-    with _open_lock(home) as lock:
+    with _open_lock(home, _RUN) as lock:
         if is_locked(lock):
             return "", 0
         lock.seek(0)
@@ -304,5 +374,5 @@ def end_group(group: int, number: signal.Signals) -> None:
             os.killpg(group, number)
 
 
-def _open_lock(home: Path) -> IO[str]:
-    return open(home / _LOCK, "a+", encoding="utf-8")
+def _open_lock(home: Path, name: str) -> IO[str]:
+    return open(home / _LOCKS / name, "a+", encoding="utf-8", opener=open_no_link)

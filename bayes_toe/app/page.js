@@ -6,7 +6,11 @@ const MOST_PAIRS = 200;
 const MOST_NAMES = 5;
 const TEXTS = ["reference", "sheet", "encoding", "wide"];
 const OPTIONAL = ["condition", "isi", "session", "block", "trial", "iti"];
-const STIMULI = { log: ["s1", "s2"], intensity: ["i1", "i2"], standard: ["standard", "comparison"] };
+const STIMULI = {
+  log: ["s1", "s2"], intensity: ["i1", "i2"],
+  standard: ["standard", "comparison"], standard_intensity: ["standard", "comparison"],
+};
+const LOG_UNITS = ["ln", "log10", "dB", "dB-power"];
 const ROLES = {
   subject: "subject", s1: "first stimulus", s2: "second stimulus", i1: "first stimulus", i2: "second stimulus",
   standard: "standard", comparison: "comparison", response: "response", correct: "right or wrong",
@@ -20,21 +24,27 @@ const MEANINGS = {
 };
 const FIELDS = {
   "--columns": "the columns", "--where": "'Only rows with'", "--ignore": "'none'", "--correct": "'right or wrong'",
-  "--subject-from": "'the name of the file'", "--condition": "'Condition'", "--decimal": "'Decimal sign'", "--intensity": "'Unit'", "--unit": "'Kind of logarithm'", "--sheet": "'Sheet of the Excel file'", "--encoding": "'Encoding of the text'",
-  "--standard-interval": "'The standard was first'", "--standard-first": "'The standard was first'",
+  "--subject-from": "'the name of the file'", "--condition": "'Condition'", "--decimal": "'Decimal sign'", "--intensity": "'Intensity whose logarithm is 0'", "--unit": "'The stimuli are'", "--sheet": "'Sheet of the Excel file'", "--encoding": "'Encoding of the text'",
+  "--standard-interval": "'The standard was first'", "--comparison-interval": "'The standard was first'", "--standard-first": "'The standard was first'",
 };
 const FIELD_OF_OPTION = {
-  equal_code: "meaning", second_code: "meaning", correct: "meaning", decimal: "stimuli", intensity: "stimuli", unit: "stimuli",
-  standard_interval: "stimuli", standard_first: "stimuli", subject_from: "subject",
+  equal_code: "meaning", second_code: "meaning", comparison_code: "meaning", correct: "meaning",
+  decimal: "stimuli", intensity: "stimuli", unit: "stimuli", standard_interval: "stimuli",
+  comparison_interval: "stimuli", standard_first: "stimuli", standard_first_code: "stimuli", subject_from: "subject",
 };
-const STATES = { new: "not analysed", running: "is analysed now", stopped: "stopped", done: "results" };
+// Options that the form shows, without those that only some of its fields show.
+const IN_FORM = [
+  ...TEXTS, "columns", "ignore", "where", "subject_from", "condition", "unit", "intensity", "decimal", "correct",
+  "standard_first", "standard_interval", "comparison_interval",
+];
+const STATES = { new: "not analysed", changed: "analysed with other options", running: "is analysed now", stopped: "stopped", done: "results" };
 
 const $ = (selector) => document.querySelector(selector);
 const $$ = (selector) => [...document.querySelectorAll(selector)];
 let job = null;
-let waiting = null; // options that are not sent yet
+const waiting = new Map(); // options that are not sent yet, by study
 let isSending = false;
-let kinds = {}; // what was chosen of Unit and Responses, which options may not show yet
+let kinds = {}; // what was chosen of stimuli and responses, which options may not show yet
 let timer = 0;
 
 function element(name, text = "", attributes = {}) {
@@ -93,6 +103,7 @@ async function upload(files) {
   $("#busy").textContent = "The file is being read ...";
   await attempt(async () => {
     const made = await ask("api/jobs", body);
+    if ($(`#studies a[href="#${made.id}"]`)) say("The same file is here already. This is its study.");
     kinds = {};
     location.hash = made.id;
     show(made);
@@ -104,27 +115,35 @@ async function upload(files) {
 }
 
 async function list() {
-  const { jobs } = await ask("api/jobs");
-  $("#studies").hidden = !jobs.length;
+  const { jobs, damaged } = await ask("api/jobs");
+  $("#studies").hidden = !jobs.length && !damaged.length;
   $("#studies").open = !job;
+  $("#damaged").textContent = damaged.length ? `Not listed, since they hold no study or a damaged one: ${damaged.join(", ")}` : "";
+  const unused = jobs.filter(({ run }) => run === "new");
+  $("#clear").hidden = unused.length < 2;
+  $("#clear").onclick = () => remove(unused, `Delete ${unused.length} studies that are not analysed?`);
   $("#studies tbody").replaceChildren(...jobs.map((one) => {
     const row = element("tr");
     const name = element("td");
     name.append(element("a", fileNames(one.files), { href: `#${one.id}` }));
-    const remove = element("button", "Delete", { type: "button", "aria-label": `Delete ${fileNames(one.files)}` });
-    remove.addEventListener("click", async () => {
-      if (!confirm(`Delete ${fileNames(one.files)} with its results?`)) return;
-      await attempt(() => ask(`api/jobs/${one.id}/delete`, ""));
-      if (job?.id === one.id) location.hash = "";
-      await attempt(list);
-      $("#start-title").focus();
-    });
+    const button = element("button", "Delete", { type: "button", "aria-label": `Delete ${fileNames(one.files)}` });
+    button.addEventListener("click", () => remove([one], `Delete ${fileNames(one.files)} with its results?`));
     const last = element("td");
-    last.append(remove);
+    last.append(button);
     const added = new Date(one.created).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
     row.append(name, element("td", added, { class: "added" }), element("td", STATES[one.run]), last);
     return row;
   }));
+}
+
+async function remove(studies, text) {
+  if (!confirm(text)) return;
+  await attempt(async () => {
+    for (const { id } of studies) await ask(`api/jobs/${id}/delete`, "");
+  });
+  if (studies.some(({ id }) => job?.id === id)) location.hash = "";
+  await attempt(list);
+  $("#start-title").focus();
 }
 
 function fileNames(files) {
@@ -148,8 +167,32 @@ function choose(select, value) {
 
 function stimuliKind(options) {
   if (kinds.stimuli) return kinds.stimuli;
-  if (options.standard_first || options.standard_interval) return "standard";
-  return "intensity" in options ? "intensity" : "log";
+  const isRaw = "intensity" in options || (options.unit && !LOG_UNITS.includes(options.unit));
+  if (orderOf(options)) return isRaw ? "standard_intensity" : "standard";
+  return isRaw ? "intensity" : "log";
+}
+
+const hasStandard = (stimuli) => stimuli.startsWith("standard");
+const hasIntensities = (stimuli) => stimuli.endsWith("intensity");
+
+// What says when the standard was first.
+function orderOf(options) {
+  if (options.standard_first) return "*always";
+  return options.comparison_interval ? "*comparison" : options.standard_interval ?? "";
+}
+
+// Columns with two values may say when the standard was first, and so may those that are always 1 or 2.
+function fillOrder(options) {
+  const { names, texts } = job.reading.table;
+  const first = [["", "choose"], ["*always", "in all trials"]];
+  if (options.comparison_interval) first.push(["*comparison", `as column ${options.comparison_interval} says of the comparison`]);
+  for (const name of names) {
+    const values = (texts[name] ?? []).map(([text]) => text).filter(Boolean);
+    const mayBe = values.length === 2 || ["1", "2"].includes(values.join());
+    if (mayBe || name === options.standard_interval) first.push([name, `as column ${name} says: ${values.join(", ")}`]);
+  }
+  fill($("#standard-order"), [], first);
+  choose($("#standard-order"), orderOf(options));
 }
 
 function responsesKind(options, roles) {
@@ -188,18 +231,14 @@ function showForm() {
     choose(select, roles[role] ?? (kinds.stimuli ? chosen : ""));
     $(`${selector}-label`).textContent = capital(ROLES[role]);
   }
-  $("#reference-label").hidden = stimuli !== "intensity";
-  $("#unit-label").hidden = stimuli !== "intensity";
-  if (document.activeElement !== $("#unit")) $("#unit").value = options.unit ?? "";
-  $("#scale-label").hidden = stimuli === "intensity";
+  const isRaw = hasIntensities(stimuli);
+  for (const label of ["#reference-label", "#unit-label"]) $(label).hidden = !isRaw;
+  if (document.activeElement !== $("#unit")) $("#unit").value = isRaw ? options.unit ?? "" : "";
+  $("#scale-label").hidden = isRaw;
   choose($("#scale"), options.unit);
-  if (options.intensity) $("#intensity").value = options.intensity;
-  $("#order-label").hidden = stimuli !== "standard";
-  fill($("#standard-order"), names, [["", "choose"], ["*always", "in all trials"]]);
-  for (const option of $("#standard-order").options) {
-    if (option.value && option.value !== "*always") option.textContent = `as column ${option.value} says: 1 or 2`;
-  }
-  choose($("#standard-order"), options.standard_first ? "*always" : options.standard_interval);
+  if (document.activeElement !== $("#intensity")) $("#intensity").value = options.intensity ?? "1";
+  $("#order-label").hidden = !hasStandard(stimuli);
+  fillOrder(options);
   choose($("#decimal"), options.decimal);
 
   const responses = responsesKind(options, roles);
@@ -230,7 +269,7 @@ function showMeanings(responses, stimuli) {
   const body = $("#meanings tbody");
   if (body.dataset.key !== key) {
     body.dataset.key = key;
-    const choices = Object.entries(MEANINGS).filter(([meaning]) => meaning !== "comparison" || stimuli === "standard");
+    const choices = Object.entries(MEANINGS).filter(([meaning]) => meaning !== "comparison" || hasStandard(stimuli));
     body.replaceChildren(...texts.map(([text, count]) => {
       const select = element("select", "", { "data-text": text, "aria-label": `Meaning of ${text || "an empty cell"}` });
       fill(select, [], [["", "automatic"], ...choices]);
@@ -247,11 +286,27 @@ function showMeanings(responses, stimuli) {
   }
 }
 
+// Options that no field shows stay as they are.
+function optionsWithoutField(stimuli, responses) {
+  const { swap, exclude, ...options } = job.options;
+  for (const name of IN_FORM) delete options[name];
+  const hasMeanings = !$("#meanings").hidden;
+  for (const meaning of Object.keys(MEANINGS)) {
+    if (hasMeanings || responses !== "response") delete options[`${meaning}_code`];
+  }
+  if (!hasStandard(stimuli)) delete options.comparison_code;
+  if (!hasStandard(stimuli) || $("#standard-order").value !== orderOf(job.options)) delete options.standard_first_code;
+  if (!job.reading.study && !$("#decisions").children.length) Object.assign(options, swap && { swap }, exclude && { exclude });
+  return options;
+}
+
 function collect() {
   const { automatic } = job.reading.table;
-  const options = {};
+  const stimuli = $("#stimuli-kind").value;
+  const responses = $("#responses-kind").value;
+  const options = optionsWithoutField(stimuli, responses);
   const columns = {};
-  const ignore = [];
+  const ignore = (job.options.ignore ?? []).filter((role) => !OPTIONAL.includes(role));
   const name = (role, value) => {
     if (value && value !== role && value !== automatic[role]) columns[role] = value;
   };
@@ -259,18 +314,19 @@ function collect() {
   if (subject === "*file") options.subject_from = `{}${job.files[0].match(/\.[^.]*$/)[0]}`;
   else name("subject", subject);
 
-  const stimuli = $("#stimuli-kind").value;
   name(STIMULI[stimuli][0], $("#first").value);
   name(STIMULI[stimuli][1], $("#second").value);
-  const unit = stimuli === "intensity" ? $("#unit").value : $("#scale").value;
+  const isRaw = hasIntensities(stimuli);
+  const unit = isRaw ? $("#unit").value.trim() : $("#scale").value;
   if (unit) options.unit = unit;
-  if (stimuli === "intensity") options.intensity = $("#intensity").value.replace(",", ".") || "1";
-  const order = $("#standard-order").value;
-  if (stimuli === "standard" && order === "*always") options.standard_first = true;
-  else if (stimuli === "standard" && order) options.standard_interval = order;
+  const reference = $("#intensity").value.replace(",", ".") || "1";
+  if (isRaw && (!unit || reference !== "1")) options.intensity = reference;
+  const order = hasStandard(stimuli) ? $("#standard-order").value : "";
+  if (order === "*always") options.standard_first = true;
+  else if (order === "*comparison") options.comparison_interval = job.options.comparison_interval;
+  else if (order) options.standard_interval = order;
   if ($("#decimal").value) options.decimal = $("#decimal").value;
 
-  const responses = $("#responses-kind").value;
   if (responses === "correct") {
     if ($("#correct").value) options.correct = $("#correct").value;
   } else if (responses === "response") {
@@ -282,7 +338,7 @@ function collect() {
     name(responses, $(`select[data-role=${responses}]`).value);
     name("n_trials", $("select[data-role=n_trials]").value);
   }
-  if (stimuli !== "standard" || !order) delete options.comparison_code;
+  if (!order) delete options.comparison_code;
 
   for (const role of OPTIONAL) {
     const value = $(`select[data-role=${role}]`).value;
@@ -293,7 +349,8 @@ function collect() {
   if (ignore.length) options.ignore = ignore;
   for (const name of TEXTS) if ($(`#${name}`).value) options[name] = $(`#${name}`).value;
   const column = $("#where-column").value;
-  if (column && $("#where-text").value) options.where = { [column]: $("#where-text").value };
+  const [, ...otherRows] = Object.entries(job.options.where ?? {});
+  if (column && $("#where-text").value) options.where = { [column]: $("#where-text").value, ...Object.fromEntries(otherRows) };
   for (const select of $$("#decisions select")) {
     if (select.value) (options[select.value] ??= []).push(select.dataset.target);
   }
@@ -301,25 +358,29 @@ function collect() {
   return options;
 }
 
+// The page shows an answer at once, so that the next one has it too.
 async function send(options) {
-  waiting = options;
+  const { table } = job.reading;
+  const roles = { ...table?.automatic, ...options.columns };
+  job = { ...job, options, reading: { ...job.reading, table: table && { ...table, roles } } };
+  showForm();
+  waiting.set(job.id, options);
   if (isSending) return;
   isSending = true;
   $("#busy").textContent = "The file is being read ...";
   showRun();
   say("");
-  await attempt(async () => {
-    let state;
-    while (waiting) {
-      const sent = JSON.stringify(waiting);
-      waiting = null;
-      state = await ask(address("/options"), sent);
-    }
-    show(state);
-  });
+  let state;
+  while (waiting.size) {
+    const [[id, next]] = waiting;
+    waiting.delete(id);
+    await attempt(async () => { state = await ask(`api/jobs/${id}/options`, JSON.stringify(next)); });
+  }
   isSending = false;
   $("#busy").textContent = "";
   showRun();
+  if (state?.id === job?.id) show(state);
+  else await refresh();
 }
 
 function plainWords(text) {
@@ -336,7 +397,9 @@ function fieldOf(problem, remedies) {
     const field = option === "columns" ? fieldOfRole(value[0][0]) : FIELD_OF_OPTION[option];
     if (field) return field;
   }
-  const roles = Object.entries(job.reading.table?.roles ?? {});
+  const { standard_interval, comparison_interval, correct } = job.options;
+  const named = { standard_interval, comparison_interval, response: correct };
+  const roles = Object.entries({ ...named, ...job.reading.table?.roles });
   const about = roles.find(([, name]) => problem.includes(`column ${name}:`));
   return about ? fieldOfRole(about[0]) : "";
 }
@@ -349,6 +412,9 @@ function fieldOfRole(role) {
 }
 
 function questionText(text, remedies) {
+  const stimuli = stimuliKind(job.options);
+  const hasNoOrder = hasStandard(stimuli) && !orderOf(job.options);
+  if (hasNoOrder && fieldOf(text, remedies) === "stimuli") return "Choose when the standard was first.";
   if (remedies.some(({ option }) => option.startsWith("standard"))) {
     return "The columns do not say which stimulus came first, so that an order effect would cancel out.";
   }
@@ -358,69 +424,100 @@ function questionText(text, remedies) {
 }
 
 function remedyText({ option, value, meaning }) {
-  const code = option.match(/^(equal|different|second|first)_code$/);
+  const code = option.match(/^(equal|different|second|first|comparison)_code$/);
   if (code) return `${value} means: ${MEANINGS[code[1]]}`;
   if (option === "columns") return value.filter(isNamed).map(([role, name]) => `${ROLES[role]}: ${name}`).join(", ");
   const texts = {
     sheet: `sheet ${value}`,
     correct: `column ${value} says right or wrong`,
     intensity: "they are intensities, not logarithms",
-    standard_interval: `column ${value} says whether the standard was first (1) or second (2)`,
+    unit: LOG_UNITS.includes(value) ? meaning.replace(/^if /, "") : `they are intensities in ${value}`,
+    standard_interval: `column ${value} says when the standard came`,
+    comparison_interval: `column ${value} says when the comparison came`,
     standard_first: "the standard was first in all trials",
     subject_from: "the name of the file is the subject",
   };
   return texts[option] ?? meaning.replace(/^if /, "");
 }
 
-// The columns of the logarithms become those of the intensities.
-function toIntensities(options) {
+// Intensities of this unit; the columns of the logarithms become theirs.
+function toIntensities(options, unit) {
+  const isStandard = hasStandard(stimuliKind(options));
+  kinds = { ...kinds, stimuli: isStandard ? "standard_intensity" : "intensity" };
+  if (unit) options.unit = unit;
+  else options.intensity = "1";
+  if (isStandard) return;
   const { s1, s2, ...others } = options.columns ?? {};
-  options.columns = { ...others, i1: s1 ?? job.reading.table.roles.s1, i2: s2 ?? job.reading.table.roles.s2 };
-  options.intensity = "1";
+  const { roles } = job.reading.table;
+  options.columns = { ...others, i1: s1 ?? roles.s1 ?? roles.i1, i2: s2 ?? roles.s2 ?? roles.i2 };
 }
 
 const isNamed = ([, name]) => name !== "NAME";
 
 function isComplete({ option, value }) {
-  if (option === "columns") return value.some(isNamed);
+  if (Array.isArray(value)) return value.some(isNamed);
   return value !== "NAME" && !(option === "subject_from" && job.files.length < 2);
 }
 
 function apply({ option, value }) {
   const options = job.reading.table ? collect() : { ...job.options };
-  if (option === "columns") options.columns = { ...options.columns, ...Object.fromEntries(value.filter(isNamed)) };
-  else if (option === "standard_first") options.standard_first = true;
-  else if (option === "intensity") toIntensities(options);
-  else options[option] = value;
-  if (option === "correct" || option === "intensity" || option.startsWith("standard")) kinds = {};
+  if (option === "correct" || option.includes("standard") || option.endsWith("interval")) kinds = {};
+  if (Array.isArray(value)) options[option] = { ...options[option], ...Object.fromEntries(value.filter(isNamed)) };
+  else if (option === "intensity") toIntensities(options, "");
+  else if (option === "unit" && !LOG_UNITS.includes(value)) toIntensities(options, value);
+  else options[option] = value || true;
   if (option === "correct") for (const meaning of Object.keys(MEANINGS)) delete options[`${meaning}_code`];
   send(options);
 }
 
-function question(text, remedies) {
+function question(text, remedies, lines = []) {
   const box = element("div", "", { class: "question" });
-  box.append(element("p", text));
+  const listing = element("ul");
+  listing.append(...lines.map((line) => element("li", line)));
+  box.append(element("p", text), listing);
+  listing.hidden = !lines.length;
   for (const remedy of remedies) {
     const button = element("button", remedyText(remedy), { type: "button" });
-    button.addEventListener("click", () => apply(remedy));
+    button.addEventListener("click", () => {
+      apply(remedy);
+      if (["unit", "intensity"].includes(remedy.option) && hasIntensities(stimuliKind(job.options))) $("#unit").focus();
+    });
     box.append(button);
   }
   return box;
 }
 
+// Problems of one column are one question, with a line a value.
+function groupedProblems() {
+  const { problems, remedies } = job.reading;
+  const groups = [];
+  for (const [i, problem] of problems.entries()) {
+    const own = remedies.filter((remedy) => (remedy.question ?? 0) === i);
+    const parts = plainWords(problem).match(/^(row [\d,]+, )?(column .+?): (found .*?)(?:, allowed: (.*))?$/) ?? [];
+    const [, row = "", column, finding, allowed] = parts;
+    const isMore = problem.startsWith("... and") && groups.length > 0;
+    const group = isMore ? groups.at(-1) : groups.find((other) => column && other.column === column && other.allowed === allowed);
+    if (group && !own.length) group.lines.push(isMore ? problem : `${row}${finding}`);
+    else groups.push({ problem, remedies: own, column, allowed, lines: [`${row}${finding}`] });
+  }
+  return groups;
+}
+
 function showQuestions() {
   const boxes = Object.fromEntries($$(".questions").map((box) => [box.dataset.field, []]));
-  let field = "";
-  for (const [i, problem] of job.reading.problems.entries()) {
-    const remedies = i ? [] : job.reading.remedies;
-    if (!problem.startsWith("...")) field = fieldOf(problem, remedies);
-    boxes[field].push(question(questionText(problem, remedies), remedies.filter(isComplete)));
+  for (const { problem, remedies, column, allowed, lines } of groupedProblems()) {
+    const field = fieldOf(problem, remedies);
+    const isList = lines.length > 1 && column;
+    const text = isList ? `${capital(column)}${allowed ? `, allowed: ${allowed}` : ""}` : questionText(problem, remedies);
+    boxes[field].push(question(text, remedies.filter(isComplete), isList ? lines : lines.slice(1)));
     if (field === "others") $("#others").open = true;
   }
-  const raw = job.reading.study?.findings.find(({ code }) => code === "raw_stimuli");
+  const raw = rawStimuli();
   if (raw) boxes.stimuli.push(question(raw.message, [{ option: "intensity", value: "1" }]));
   for (const box of $$(".questions")) box.replaceChildren(...boxes[box.dataset.field]);
 }
+
+function rawStimuli() { return job.reading?.study?.findings.find(({ code }) => code === "raw_stimuli"); }
 
 function showTable() {
   const table = job.reading.table;
@@ -453,20 +550,24 @@ function showStudy() {
   $("#summary").textContent = `Read: ${study.subjects} ${study.subjects === 1 ? "subject" : "subjects"}${study.units > study.subjects ? " in several conditions" : ""}, ${study.trials.toLocaleString("en")} trials, ${task}. ${capital(study.notes[0])}.`;
   const isi = study.pairs.some(([pair]) => pair.length > 2);
   const head = element("tr");
-  const ln = study.unit ? "" : " (ln)";
+  const isRaw = hasIntensities(stimuliKind(job.options));
+  const ln = study.unit || isRaw ? "" : " (ln)";
   for (const text of [`first${ln}`, `second${ln}`, ...(isi ? ["interval, s"] : []), "second is stronger by", "trials", `'${study.answer}'`]) {
     head.append(element("th", text, { class: "number" }));
   }
   $("#pairs thead").replaceChildren(head);
   $("#pairs tbody").replaceChildren(...study.pairs.slice(0, MOST_PAIRS).map(([pair, yes, trials], i) => {
     const row = element("tr");
-    const stimuli = study.unit ? [...study.stimuli[i], ...pair.slice(2).map(number)] : pair.map(number);
+    const reference = isRaw ? Number(job.options.intensity ?? 1) : 1;
+    const plain = pair.slice(0, 2).map((value) => number(isRaw ? reference * Math.exp(value) : value));
+    const stimuli = [...(study.unit ? study.stimuli[i] : plain), ...pair.slice(2).map(number)];
     const texts = [...stimuli, step(pair[1] - pair[0]), trials.toLocaleString("en"), `${Math.round((100 * yes) / trials)} %`];
     row.append(...texts.map((text) => element("td", text, { class: "number" })));
     return row;
   }));
   const shown = study.pairs.length > MOST_PAIRS ? `, the first ${MOST_PAIRS} of ${study.pairs.length}` : "";
   $("#pairs caption").textContent = `Pairs, all subjects together${shown}`;
+  $("#notes").parentElement.hidden = study.notes.length < 2;
   $("#notes").replaceChildren(...study.notes.slice(1).map((note) => element("li", plainWords(note))));
   const open = study.findings.filter((finding) => finding.target);
   const plain = study.findings.filter((finding) => !finding.target && finding.code !== "raw_stimuli");
@@ -516,8 +617,8 @@ function showRun() {
   $("#go").hidden = isRunning || run === "done";
   $("#stop").hidden = !isRunning;
   $("#go").textContent = run === "stopped" ? "Go on" : "Analyse";
-  $("#go").disabled = !study || isSending;
-  $("#progress").hidden = run === "new" || !study;
+  $("#go").disabled = !study || isSending || Boolean(rawStimuli());
+  $("#progress").hidden = ["new", "changed"].includes(run) || !study;
   if (study) {
     $("#progress").max = study.units;
     $("#progress").value = run === "done" ? study.units : done;
@@ -546,7 +647,7 @@ function showRun() {
 function hasFailed() { return job.run === "stopped" && job.log !== "" && !job.log.includes("stopped by"); }
 
 function progressText(run, done, study) {
-  if (!study) return isSending ? "" : "Answer the questions above first.";
+  if (!study || rawStimuli()) return isSending ? "" : "Answer the questions above first.";
   const parts = study.units > study.subjects ? "subjects in conditions" : "subjects";
   const of = `${done} of ${study.units} ${parts} ${done === 1 ? "is" : "are"} finished.`;
   if (run === "done") return "The analysis is finished. After a change above, you can analyse again.";
@@ -557,6 +658,8 @@ function progressText(run, done, study) {
 }
 
 function show(state) {
+  if (state.id !== location.hash.slice(1)) return; // another study was opened meanwhile
+  if (state.id !== job?.id && document.activeElement.closest("#form")) document.activeElement.blur();
   job = state;
   $("#reading").hidden = false;
   $("#start").classList.toggle("short", true);
@@ -571,11 +674,11 @@ function show(state) {
 
 async function refresh() {
   if (!job || isSending) return;
-  const { id } = job;
+  const before = job;
   const was = job.run;
   const isFine = await attempt(async () => {
     const state = await ask(address());
-    if (!job || job.id !== id) return;
+    if (job !== before) return; // an answer was given meanwhile
     if (was === "running" && state.run === "running") {
       job = state;
       showRun();

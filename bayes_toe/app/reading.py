@@ -9,7 +9,8 @@ import json
 import shlex
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from bayes_toe.data.column_roles import with_likely_columns
 from bayes_toe.data.messages import display_name
 from bayes_toe.data.options import COLUMNS, changed
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
+from bayes_toe.data.study import pooled
 from bayes_toe.data.text_table import TextTable
 
 _MOST_ROWS, _MOST_TEXTS = 6, 12
@@ -58,10 +60,8 @@ def _read_options(options: Record) -> bt.ReadOptions:
             "can name it. Change the name in the file."
         )
     if "intensity" in options:
-        try:
+        with suppress(ValueError):  # what is no number is refused as such
             options["intensity"] = float(options["intensity"])
-        except ValueError:
-            raise bt.InputError("The reference intensity must be a positive number.") from None
     return bt.ReadOptions(**options)
 
 
@@ -99,32 +99,23 @@ def _roles(names: Sequence[str], options: bt.ReadOptions) -> dict[str, str]:
 
 def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
     """The pairs with their counts, notes of reading, and findings with what to do about them."""
-    n_trials: Counter[tuple[float, ...]] = Counter()
-    n_yes: Counter[tuple[float, ...]] = Counter()
-    for subject in study:
-        for pair, yes, trials in _counts(subject):
-            n_yes[pair] += yes
-            n_trials[pair] += trials
+    all_trials = pooled(tuple(study))
+    keys = [all_trials.s1, all_trials.s2]
+    if all_trials.isi is not None:
+        keys.append(all_trials.isi)
+    pairs = list(zip(*(key.tolist() for key in keys), strict=True))
+    n_yes, n_trials = all_trials.n_yes.tolist(), all_trials.n_trials.tolist()
     return {
         "answer": study.task.yes,
         "subjects": len({subject.subject_name for subject in study}),
         "units": len(study),  # subjects in conditions
-        "trials": n_trials.total(),
-        "pairs": [(pair, n_yes[pair], n_trials[pair]) for pair in sorted(n_trials)],
-        "stimuli": [[*map(study.unit.describe, pair[:2])] for pair in sorted(n_trials)],
+        "trials": all_trials.total_trials,
+        "pairs": list(zip(pairs, n_yes, n_trials, strict=True)),
+        "stimuli": [[*map(study.unit.describe, pair[:2])] for pair in pairs],
         "unit": study.unit.of_stimuli,
         "notes": study.notes,
         "findings": [_describe_finding(finding) for finding in findings],
     }
-
-
-def _counts(subject: bt.Subject) -> Iterator[tuple[tuple[float, ...], int, int]]:
-    """Each pair, with its interval where there is one, and its counts."""
-    keys = [subject.s1, subject.s2]
-    if subject.isi is not None:
-        keys.append(subject.isi)
-    pairs = zip(*(key.tolist() for key in keys), strict=True)
-    return zip(pairs, subject.n_yes.tolist(), subject.n_trials.tolist(), strict=True)
 
 
 def _describe_finding(finding: Finding) -> dict[str, str]:

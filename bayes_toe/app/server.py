@@ -28,17 +28,19 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 
 from bayes_toe.app.job import (
-    RECORD,
     RESULTS,
     Job,
-    create_job,
     end_group,
+    held,
+    job_of,
     jobs,
+    named_files,
     require_options,
     result_files,
     running,
 )
 from bayes_toe.arrays import Record
+from bayes_toe.data.messages import format_path
 from bayes_toe.errors import InputError
 
 ADDRESS = "127.0.0.1"
@@ -164,7 +166,7 @@ class Handler(RequestHandler):
     def job(self, name: str) -> Job:
         """The study that is asked for."""
         job = Job(self.site.home / name)
-        if not (job.folder / RECORD).is_file():
+        if not job.folder.is_dir():
             raise HTTPError(404, reason="There is no such study")
         return job
 
@@ -185,11 +187,11 @@ class Handler(RequestHandler):
 
     def log_exception(self, kind: Any, error: Any, trace: Any) -> None:
         """Log bugs only."""
-        if not isinstance(error, InputError):
+        if not isinstance(error, InputError | OSError):
             super().log_exception(kind, error, trace)
 
     def send_error(self, status_code: int = 500, **details: Any) -> None:
-        """Answer with the problem; our errors are bad requests."""
+        """Answer with the problem; our errors are bad requests, or files that cannot be written."""
         error = details["exc_info"][1]
         self.clear()
         self.set_status(status_code, getattr(error, "reason", None))
@@ -197,6 +199,10 @@ class Handler(RequestHandler):
         if isinstance(error, InputError):
             self.set_status(400)
             problem = str(error)
+        elif isinstance(error, OSError):
+            self.set_status(507)
+            reason = getattr(error.__cause__ or error, "strerror", None) or error
+            problem = f"The folder {self.site.home} cannot be used: {reason}"
         self.finish({"problem": problem})
 
 
@@ -219,17 +225,26 @@ class Jobs(Handler):
     """The studies of the folder."""
 
     def get(self) -> None:
-        """List names and states."""
-        listed = [
-            {"id": job.name, "run": job.run_state(), **job.record()} for job in jobs(self.site.home)
-        ]
-        self.finish({"jobs": listed})
+        """List names and states, and the folders of no study or a damaged one."""
+        studies, damaged = jobs(self.site.home)
+        listed = []
+        for job in studies:
+            listed.append({"id": job.name, "run": job.run_state(), **job.record()})
+        self.finish({"jobs": listed, "damaged": damaged})
 
     async def post(self) -> None:
-        """Store dropped files as a study and read them."""
+        """Store dropped files as a study, or open the study of these files, and read them."""
         dropped = self.request.files.get("files", [])
-        job = create_job(self.site.home, [(file.filename, file.body) for file in dropped])
-        await self.site.read(job)
+        files = named_files([(file.filename, file.body) for file in dropped])
+        job = job_of(self.site.home, files)
+        is_new = not job.folder.exists()
+        try:
+            job.store(files)
+            await self.site.read(job)
+        except OSError:
+            if is_new:
+                shutil.rmtree(job.folder, ignore_errors=True)
+            raise
         self.send_state(job)
 
 
@@ -326,7 +341,7 @@ def serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
     Parameters
     ----------
     home : Path
-        The folder of the studies; it is made where it is missing.
+        The folder of the studies; it is made where it is missing. `~` is the user's home folder.
     port : int
         0 takes a free one.
     ready : callable
@@ -334,17 +349,19 @@ def serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
 
     Raises
     ------
-    InputError
+    InputError, OutputError
         If the folder or the port cannot be used.
     """
     if os.name != "posix":
         raise InputError("app needs Linux or macOS; on Windows use WSL")
-    try:
-        home.mkdir(mode=0o700, parents=True, exist_ok=True)
-        running(home)
-    except OSError as error:
-        raise InputError(f"{home}: cannot be used ({error.strerror})") from None
-    return asyncio.run(_serve(home.resolve(), port, ready))
+    expanded = Path(os.path.expanduser(home))
+    has_home = os.environ.get("HOME") != "" and expanded.is_absolute()
+    if str(home).startswith("~") and not has_home:
+        raise InputError(
+            f"{format_path(home)}: there is no such home folder; name a folder with --folder"
+        )
+    with held(expanded):
+        return asyncio.run(_serve(expanded.resolve(), port, ready))
 
 
 async def _serve(home: Path, port: int, ready: Callable[[str], None]) -> int:

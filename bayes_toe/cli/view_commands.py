@@ -229,4 +229,4 @@ def app(
         typer.echo("Ctrl+C ends the program. Finished subjects stay.")
         sys.stdout.flush()
 
-    raise typer.Exit(128 + serve(folder.expanduser(), port, ready))
+    raise typer.Exit(128 + serve(folder, port, ready))

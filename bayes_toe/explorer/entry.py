@@ -35,6 +35,7 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays, Record
 from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
+from bayes_toe.data.messages import visible
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task
@@ -176,8 +177,8 @@ class Entry:
         if self.is_averaged:
             prior_shares = _prior_shares(columns)
         return {
-            "subject": self.target.subject.name,
-            "label": self.label,
+            "subject": visible(self.target.subject.name),
+            "label": visible(self.label),
             "synthetic": self.synthetic,
             "about": self.description,
             "badges": [*self.badges, *self._dominated(quantities)],

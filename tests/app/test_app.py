@@ -4,6 +4,7 @@ import asyncio
 import io
 import json
 import os
+import resource
 import shlex
 import shutil
 import signal
@@ -23,7 +24,7 @@ from browsers import Opened
 from commands import PROGRAM, call
 
 pytest.importorskip("tornado")
-from bayes_toe.app.job import create_job, end_group, running
+from bayes_toe.app.job import end_group, job_of, running
 from bayes_toe.app.server import read_in_process
 
 CODES = {"columns": {"s1": "stim1", "s2": "stim2"}, "second_code": "2"}
@@ -193,7 +194,12 @@ def test_the_token_sets_a_cookie_and_goes_before_an_old_one(server):
 
 
 @pytest.mark.parametrize(
-    "body", ["{", "", "[1]", "3", '{"output": "x"}', '{"columns": {"s1": 3}}', '{"swap": "A"}']
+    "body",
+    [
+        *("{", "", "[1]", "3", '{"output": "x"}', '{"columns": {"s1": 3}}', '{"swap": "A"}'),
+        *("[" * 100_000, '{"a":' * 100_000),
+    ],
+    ids=lambda body: body[:20],
 )
 def test_what_is_no_record_of_options_is_a_bad_request(server, job, body):
     assert server.ask(f"/api/jobs/{job}/options", body).code == 400
@@ -212,13 +218,70 @@ def test_files_get_safe_names_and_others_are_refused(server, home):
     assert (folder / "a_b_.csv").is_file()
     assert {stat.S_IMODE(path.stat().st_mode) for path in (home, folder)} == {0o700}
     folders = {*home.iterdir()}
-    for names in (["x.xls"], ["x"], [".csv"], ["a.csv", "a.csv"], []):
+    for names in (["x.xls"], ["x"], [".csv"], ["a.csv", "a.csv"], ["a?.csv", "A*.csv"], []):
         answer = server.upload(*((name, b"x") for name in names))
         assert answer.code == 400, names
-        assert json.loads(answer.body)["problem"]
+        assert all(repr(name) in json.loads(answer.body)["problem"] for name in names[1:])
     assert {*home.iterdir()} == folders
     server.state(f"/api/jobs/{state['id']}/delete", "")
     assert not folder.exists()
+
+
+def test_long_names_stay_different_and_letters_with_accents_stay(server):
+    names = [f"{'a' * 60}1.csv", f"{'a' * 60}2.csv", f"{'ä' * 200}1.csv", f"{'ä' * 200}2.csv"]
+    files = content(server.upload(*((name, b"x") for name in [*names, "e\u0301.csv"])))["files"]
+    assert {*names[:2], "é.csv"} < {*files}
+    assert len({*files}) == 5
+    assert max(len(name.encode()) for name in files) < 130
+
+
+def test_the_same_files_open_the_same_study(server):
+    first, second = ("u.csv", b"subject,s1\n1,2\n"), ("v.csv", b"subject,s1\n3,4\n")
+    job = content(server.upload(first, second))["id"]
+    assert content(server.upload(second, first))["id"] == job
+    for different in ([first], [first, ("v.csv", b"")], [first, ("w.csv", second[1])]):
+        assert content(server.upload(*different))["id"] != job
+
+
+def test_folders_of_others_and_damaged_studies_are_named_and_all_others_listed(tmp_path):
+    records = {"0" * 16: "", "1" * 16: "[]", "2" * 16: '{"files": ["../x.csv"]}', "exp": "{}"}
+    for name, record in records.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "study").write_text(record)
+    (tmp_path / "mine" / "study").mkdir(parents=True)
+    (tmp_path / "lock").write_text("of the user")
+    with serving(tmp_path) as server:
+        job = server.add_trials(trials(tmp_path / "study.csv"))
+        for name in ("command", "study"):
+            (tmp_path / job / name).write_text("")  # as after a loss of power
+        assert server.state("/api/jobs") == {"jobs": [], "damaged": sorted([job, *records, "mine"])}
+        assert server.ask(f"/api/jobs/{job}").code == 400
+        assert server.ask(f"/api/jobs/{job}/delete", "").code == 400
+        assert server.add_trials(tmp_path / "study.csv") == job
+        assert [study["id"] for study in server.state("/api/jobs")["jobs"]] == [job]
+        assert server.state(f"/api/jobs/{job}/run", "")["run"] == "running"
+        assert server.end() == (128 + signal.SIGINT, "")
+    assert (tmp_path / "lock").read_text() == "of the user"
+
+
+@pytest.mark.parametrize("link", [".bayes_toe_app", ".bayes_toe_app/run", ".bayes_toe_app/server"])
+def test_locks_are_no_links_and_stand_in_no_folder_of_others(server, tmp_path, link):
+    port = server.host.partition(":")[2]  # in use: a server that is not refused before ends there
+    home, mine = tmp_path / "home", tmp_path / "mine"
+    with serving(home):
+        pass
+    (mine / ".bayes_toe_app").mkdir(parents=True)
+    (mine / ".bayes_toe_app" / "notes").write_text("of the user")
+    if link.endswith("app"):
+        shutil.rmtree(home / link)
+        (home / link).symlink_to(mine)
+    else:
+        (home / link).unlink()
+        (home / link).symlink_to(mine / ".bayes_toe_app" / "notes")
+    for folder in (home, mine):
+        one_line(call("app", "--folder", folder, "--port", port), f"{folder}")
+    (notes,) = (mine / ".bayes_toe_app").iterdir()
+    assert notes.read_text() == "of the user"
 
 
 def test_a_large_upload_is_refused(server, home):
@@ -227,6 +290,29 @@ def test_a_large_upload_is_refused(server, home):
         assert server.upload(("x.csv", bytes(65 * 2**20))).code in (400, 413)
     assert server.ask("/api/jobs").code == 200
     assert {*home.iterdir()} == folders
+
+
+@pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="limits of a process need Linux")
+def test_a_full_disk_is_a_line_on_the_page_and_leaves_no_half_study(tmp_path):
+    with serving(tmp_path) as server:
+        job = server.add_trials(trials(tmp_path / "study.csv"))
+        folders = {*tmp_path.iterdir()}
+        _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        for limit, path, body in (
+            *((limit, "/api/jobs", None) for limit in (0, 60, 300)),
+            (0, f"/api/jobs/{job}/options", "{}"),
+            (0, f"/api/jobs/{job}/run", ""),
+        ):
+            resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, (limit, hard))
+            if body is None:
+                answer = server.upload(("new.csv", b"subject,s1,s2\nA,0,1\n"))
+            else:
+                answer = server.ask(path, body)
+            assert answer.code == 507, path
+            assert "File too large" in json.loads(answer.body)["problem"]
+            assert {*tmp_path.iterdir()} == folders
+            assert server.state(f"/api/jobs/{job}")["reading"]["study"]["subjects"] == 2
+        assert server.end() == (128 + signal.SIGINT, "")
 
 
 def test_questions_come_with_what_solves_them_and_no_run_starts_while_one_is_open(server, job):
@@ -272,7 +358,9 @@ def test_names_that_no_command_can_type_and_wrong_numbers_are_problems(server):
 
 def test_a_reader_that_takes_too_long_is_ended(monkeypatch, tmp_path):
     monkeypatch.setattr("bayes_toe.app.server.READING_TIME", 0.01)
-    job = create_job(tmp_path, [("x.csv", b"subject,s1,s2,response\n")])
+    files = {"x.csv": b"subject,s1,s2,response\n"}
+    job = job_of(tmp_path, files)
+    job.store(files)
     reading = asyncio.run(read_in_process(job))
     assert reading["problems"] == ["Reading takes longer than 0.01 seconds."]
 
@@ -290,7 +378,8 @@ def finished(tmp_path_factory, file):
     """A server with a study that was stopped, and went on under another server."""
     home = tmp_path_factory.mktemp("finished")
     with serving(home) as server:
-        job, other = server.add_trials(file), server.add_trials(file)
+        job = server.add_trials(file)
+        other = server.add_trials(trials(home / "other.csv"))
         assert server.state(f"/api/jobs/{job}/run", "")["run"] == "running"
         assert server.ask(f"/api/jobs/{other}/run", "").code == 400
         assert server.ask(f"/api/jobs/{job}/options", "{}").code == 400
@@ -337,23 +426,31 @@ def test_the_report_has_an_origin_of_its_own_and_the_archive_repeats_the_run(fin
     assert archive.read("command.txt").startswith(b"bayes-toe run 'my study.csv' -o results")
 
 
-def test_a_run_ends_with_the_program(tmp_path, file):
+def test_a_run_ends_with_the_program_and_with_no_second_one(tmp_path, file):
     with serving(tmp_path) as server:
         job = server.add_trials(file)
         server.state(f"/api/jobs/{job}/run", "")
-        group = int((tmp_path / "lock").read_text().split()[1])
+        one_line(call("app", "--folder", tmp_path, "--port", 0), "in use by another bayes-toe app")
+        assert server.state(f"/api/jobs/{job}")["run"] == "running"
+        _, group = running(tmp_path)
         assert server.end() == (128 + signal.SIGINT, "")
     with pytest.raises(ProcessLookupError):
         os.killpg(group, 0)
 
 
+def one_line(refusal, text):
+    assert (refusal.returncode, refusal.stdout) == (2, "")
+    assert len(refusal.stderr.splitlines()) == 1
+    assert text in refusal.stderr
+
+
 def test_a_folder_or_port_that_cannot_be_used_is_one_line(server, file):
     port = server.host.partition(":")[2]
-    for words in (("--folder", file), ("--folder", file.parent, "--port", port)):
-        refusal = call("app", *words)
-        assert (refusal.returncode, refusal.stdout) == (2, "")
-        assert len(refusal.stderr.splitlines()) == 1
-        assert "cannot be used" in refusal.stderr
+    one_line(call("app", "--folder", file), "cannot be written (File exists)")
+    one_line(call("app", "--folder", file.parent, "--port", port), "cannot be used")
+    for folder, users_home in (("~nobody_x/y", "/"), ("~/x", ""), ("~", "x")):
+        one_line(call("app", "--folder", folder, HOME=users_home), "there is no such home folder")
+    one_line(call("app", HOME=""), "there is no such home folder")
 
 
 # --- in a browser ---------------------------------------------------------------------------------
@@ -376,6 +473,26 @@ class Page(Opened):
 
     def settle(self):
         self.page.locator("main[aria-busy=false]").wait_for()
+
+    def hold_answers(self):
+        """Hold the first answer on its way to the server.
+
+        The answers that the page sends, and what lets them go.
+        """
+        sent, held = [], []
+
+        def hold(route):
+            sent.append(json.loads(route.request.post_data))
+            held.append(route)
+            if len(sent) > 1:
+                route.continue_()
+
+        def release():
+            held[0].continue_()
+            self.settle()
+
+        self.page.route("**/options", hold)
+        return sent, release
 
     def tab_to(self, selector):
         """Press Tab until an element has the focus, as somebody without a mouse does."""
@@ -496,6 +613,117 @@ def test_all_four_parts_are_there_in_another_tab_and_an_ended_program_is_told(br
     assert opened.close() == []
 
 
+def test_an_answer_that_is_given_while_another_is_on_its_way_is_kept(browser, server, tmp_path):
+    lines = STANDARD.replace("subject,", "vp,").replace("comparison\n", "j\n")
+    (tmp_path / "queue.csv").write_text(lines.replace("standard\n", "f\n"), encoding="utf-8")
+    opened = Page(browser, server)
+    page = opened.page
+    opened.add(tmp_path / "queue.csv")
+    sent, release = opened.hold_answers()
+    page.locator("[data-field=stimuli] button", has_text="order").click()
+    columns = page.locator("#standard-order option").evaluate_all("all => all.map(o => o.value)")
+    assert columns == ["", "*always", "vp", "order", "response"]
+    page.select_option("select[data-role=subject]", "order")
+    page.select_option("#decimal", ".")
+    page.select_option("select[data-role=subject]", "vp")
+    page.locator("[data-text=j]").select_option("comparison")
+    assert len(sent) == 1
+    release()
+    answers = {"standard_interval": "order", "comparison_code": "j", "decimal": "."}
+    assert sent == [{"standard_interval": "order"}, answers]
+    job = page.url.partition("#")[2]
+    assert server.state(f"/api/jobs/{job}")["options"] == answers
+    assert page.locator("#go").is_enabled()
+    assert opened.close() == []
+
+
+def test_an_answer_belongs_to_its_study_and_a_failure_shows_what_the_server_has(
+    browser, server, tmp_path
+):
+    opened = Page(browser, server)
+    page = opened.page
+    for name in ("one.csv", "two.csv"):
+        opened.add(trials(tmp_path / name))
+        page.get_by_text(f"{name}: first of").wait_for()
+    two = page.url.partition("#")[2]
+    _, release = opened.hold_answers()
+    page.select_option("#decimal", ",")
+    page.evaluate("document.querySelector('#studies').open = true")
+    page.get_by_role("link", name="one.csv").click()
+    page.get_by_text("one.csv: first of").wait_for()
+    page.select_option("#decimal", ".")
+    release()
+    for job, decimal in ((page.url.partition("#")[2], "."), (two, ",")):
+        assert server.state(f"/api/jobs/{job}")["options"] == {"decimal": decimal}
+    assert page.input_value("#decimal") == "."
+    page.route("**/options", lambda route: route.fulfill(status=507, body='{"problem": "full"}'))
+    page.select_option("#decimal", ",")
+    opened.settle()
+    page.locator("#message", has_text="full.").wait_for()
+    page.wait_for_function("document.querySelector('#decimal').value === '.'")
+    page.close()
+
+
+def test_intensities_that_are_read_as_logarithms_are_not_analysed(browser, server, tmp_path):
+    (tmp_path / "raw.csv").write_text(RAW, encoding="utf-8")
+    opened = Page(browser, server)
+    page = opened.page
+    opened.add(tmp_path / "raw.csv")
+    assert page.locator("#go").is_disabled()
+    assert "Answer the questions above" in page.inner_text("#progress-text")
+    page.select_option("#scale", "ln")
+    opened.settle()
+    page.select_option("#decimal", ".")
+    page.locator("#go:enabled").wait_for()
+    assert page.input_value("#scale") == "ln"
+    page.select_option("#scale", "")
+    opened.settle()
+    page.locator("[data-field=stimuli] button", has_text="they are intensities").click()
+    opened.settle()
+    assert page.input_value("#stimuli-kind") == "intensity"
+    assert page.evaluate("document.activeElement.id") == "unit"
+    page.fill("#unit", "um")
+    page.press("#unit", "Enter")
+    page.locator("#pairs td", has_text="100 um").first.wait_for()
+    opened.settle()
+    assert "100 um\t130 um\t+30 %" in page.inner_text("#pairs")
+    assert page.locator("#go").is_enabled()
+    assert opened.close() == []
+
+
+def test_a_column_is_one_question_with_its_values(browser, server, tmp_path):
+    lines = [f"A,0,.3,{word}\n" for word in ("yes", "no", "yes", "later", "never", "later")]
+    (tmp_path / "words.csv").write_text("subject,s1,s2,response\n" + "".join(lines))
+    opened = Page(browser, server)
+    opened.add(tmp_path / "words.csv")
+    for code, meaning in (("yes", "second"), ("no", "first")):
+        opened.page.locator(f"[data-text={code}]").select_option(meaning)
+        opened.settle()
+    (question,) = opened.page.locator(".question").all_inner_texts()
+    assert "'later'" in question
+    assert "'never'" in question
+    assert question.count("allowed") == 1
+    assert opened.close() == []
+
+
+def test_all_studies_that_are_not_analysed_are_deleted_together(browser, tmp_path):
+    with serving(tmp_path / "home") as server:
+        studies = [server.add(name, b"x\n1\n")["id"] for name in ("a.csv", "b.csv")]
+        stopped = server.add_trials(trials(tmp_path / "c.csv"))
+        server.state(f"/api/jobs/{stopped}/run", "")
+        server.state(f"/api/jobs/{stopped}/stop", "")
+        server.state(f"/api/jobs/{stopped}/options", json.dumps({**CODES, "decimal": "."}))
+        opened = Page(browser, server)
+        questions = []
+        opened.page.on("dialog", lambda dialog: (questions.append(dialog.message), dialog.accept()))
+        opened.page.click("#clear")
+        opened.page.locator("#clear").wait_for(state="hidden")
+        assert questions == ["Delete 2 studies that are not analysed?"]
+        assert [study["id"] for study in server.state("/api/jobs")["jobs"]] == [stopped]
+        assert not any((tmp_path / "home" / name).exists() for name in studies)
+        assert opened.close() == []
+
+
 def rows(header, line):
     """A file with 20 trials of each pair: `line` writes its stimuli and what was stronger."""
     lines = [header]
@@ -510,6 +738,11 @@ STANDARD = rows(
     "subject,standard,comparison,order,response",
     lambda a, b, second: f"1,0,{b - a:.2f},1,{['standard', 'comparison'][second]}",
 )
+STANDARD_UM = rows(
+    "subject,rate,standard,comparison,came,response",
+    lambda a, b, second: f"1,{a},100,{100 * b / a:.0f},1,{['standard', 'comparison'][second]}",
+)
+RAW = rows("subject,s1,s2,response", lambda a, b, second: f"1,{100 * a},{100 * b},{WORDS[second]}")
 CORRECT = rows("subject,s1,s2,acc", lambda a, b, second: f"1,{a},{b},{int(second == (b > a))}")
 OWN_FILE = rows("s1,s2,response", lambda a, b, second: f"{a},{b},{WORDS[second]}")
 COUNTS = "subject,s1,s2,same,n,part\n1,0,0,40,50,x\n1,0,.3,20,50,x\n1,.3,0,9,50,y\n"
@@ -528,6 +761,11 @@ CASES = {
         {"x.csv": STANDARD},
         {"#stimuli-kind": "standard", "#standard-order": "order"},
         ["--standard-interval", "order"],
+    ),
+    "standard in a unit": (
+        {"x.csv": STANDARD_UM},
+        {"#stimuli-kind": "standard_intensity", "#standard-order": "came", "#unit": "um"},
+        ["--standard-interval", "came", "--unit", "um"],
     ),
     "right or wrong": (
         {"x.csv": CORRECT},
@@ -563,7 +801,7 @@ def test_fields_become_the_options_of_the_command(browser, server, tmp_path, cas
     opened.page.click("#others summary")
     for selector, value in fields.items():
         field = opened.page.locator(selector)
-        if selector == "#where-text":
+        if selector in ("#where-text", "#unit"):
             field.fill(value)
             field.press("Tab")
         else:
@@ -584,7 +822,7 @@ def test_fields_become_the_options_of_the_command(browser, server, tmp_path, cas
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_no_screen_is_pushed_sideways(browser, server, tmp_path, width, scheme):
     opened = Page(browser, server, width, color_scheme=scheme)
-    opened.add(trials(tmp_path / f"{'a_long_name_of_a_study_' * 2}.csv"))
+    opened.add(trials(tmp_path / f"{'a_long_name_of_a_study_' * 2}{scheme}_{width}.csv"))
     assert opened.wide() <= width
     opened.page.click("[data-field=stimuli] button")
     opened.settle()

@@ -4,12 +4,15 @@ What is dragged over is what is selected and drawn, and nothing is asked of the 
 """
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from browsers import Opened
 
 import bayes_toe as bt
+from bayes_toe.explorer.entry import Entry
+from bayes_toe.explorer.page import page as page_of
 
 DATA = """name => {
   const data = Bokeh.documents[0].get_model_by_name(name).data;
@@ -294,3 +297,17 @@ def test_figures_follow_the_colours_of_the_page(browser, path):
     assert built.page.evaluate(colours) == ["rgb(255, 255, 255)", "#FFFFFF"]
     built.page.close()
     assert built.problems == []
+
+
+def test_what_a_name_would_turn_around_or_hide_is_shown_as_escapes(browser, small_study, tmp_path):
+    subject = replace(small_study["A"], name="<b>a\u202eb\u200b</b>")
+    target = bt.model.observer_posterior(subject, model="none")
+    x = np.tile(np.linspace(-1, 0, 40)[:, None, None], (1, 1, len(target.coordinates)))
+    posteriors = [Entry(label, target, x) for label in ("none\u2066", "other")]
+    saved = page_of(posteriors).save(tmp_path / "explorer.html")
+    opened = Explorer(browser, saved, 1200)
+    assert opened.page.inner_text("#name-a") == r"A <b>a\u202eb\u200b</b> · none\u2066"
+    texts = opened.page.inner_text("body").split()
+    assert [text for text in texts if not text.isprintable()] == []
+    assert opened.problems == []
+    opened.page.close()
