@@ -17,20 +17,23 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
+from typing import Any
 
 from bayes_toe.data.messages import display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
 from bayes_toe.errors import Remedy
 
 #: Words of other labs by section and key.
-VOCABULARY: dict[str, dict[str, list[str]]] = tomllib.loads(
+VOCABULARY: dict[str, dict[str, Any]] = tomllib.loads(
     (files("bayes_toe.data") / "vocabulary.toml").read_text(encoding="utf-8")
 )
 
 
 #: What a cell says where something holds, and where it does not.
-TRUE_WORDS = frozenset({"1", "1.0", "true", "yes"})
-_FALSE_WORDS = frozenset({"0", "0.0", "false", "no", ""})
+TRUE_WORDS = frozenset({"1", "1.0", "true", "yes", "wahr", "ja"})
+FALSE_WORDS = frozenset({"0", "0.0", "false", "no", "falsch", "nein", ""})
+_MEANINGS = {word: ours for ours, words in VOCABULARY["stimuli"].items() for word in words}
+_KNOWN_WORDS = re.compile("|".join(sorted(_MEANINGS, key=len, reverse=True)))
 
 
 @lru_cache(maxsize=2**16)
@@ -51,9 +54,49 @@ def without_accents(text: str) -> str:
 
 
 def looks_like(name: str, ours: str) -> bool:
-    """Whether a column of a file looks like one of ours in another spelling."""
+    """Whether a column of a file looks like one of ours in another spelling.
+
+    Examples
+    --------
+    >>> looks_like("key_resp.keys", "response"), looks_like("amp_standard", "standard")
+    (True, True)
+    """
     plain = plain_name(name)
-    return plain == ours.replace("_", "") or plain in VOCABULARY["columns"].get(ours, ())
+    if plain == ours.replace("_", "") or plain in VOCABULARY["columns"].get(ours, ()):
+        return True
+    _, dot, ending = name.rpartition(".")
+    if dot and ending in VOCABULARY["psychopy"].get(ours, ()):
+        return True
+    stimuli, places, others = named_places(name)
+    if ours == "standard_interval":
+        is_about_place = others <= {*VOCABULARY["words"]["interval"]} and bool(places or others)
+        return len(stimuli) == 1 and is_about_place and not any(map(str.isdigit, name))
+    return [ours] == stimuli and not places and others.isdisjoint(VOCABULARY["words"]["about"])
+
+
+@lru_cache(maxsize=2**16)
+def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
+    """Which of standard and comparison a name or a cell names, their places, and other words.
+
+    Examples
+    --------
+    >>> named_places("standard_first"), named_places("SC")
+    ((['standard'], ['first'], set()), (['standard', 'comparison'], [], set()))
+    >>> named_places("left"), named_places("testInterval")
+    (([], [], {'left'}), (['comparison'], [], {'interval'}))
+    """
+    camel_case = re.sub("(?<=[a-z])(?=[A-Z])", " ", text)
+    words = list[str]()
+    for word in re.findall("[a-z]+|[0-9]+(?:st|nd)?", without_accents(camel_case).lower()):
+        parts = _KNOWN_WORDS.findall(word)
+        words += parts if "".join(parts) == word else [word]
+    initials = [VOCABULARY["letters"].get(letter, "") for letter in "".join(words)]
+    if sorted(initials) == ["comparison", "standard"]:
+        return initials, [], set()
+    meanings = [_MEANINGS.get(word, "") for word in words]
+    stimuli = [meaning for meaning in meanings if meaning in ("standard", "comparison")]
+    places = [meaning for meaning in meanings if meaning in ("first", "second")]
+    return stimuli, places, {*words} - _MEANINGS.keys()
 
 
 def is_response_sign(name: str) -> bool:
@@ -80,7 +123,7 @@ def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
     """
     beginnings = tuple(VOCABULARY["practice"]["texts"])
     is_flag = plain_name(name) in VOCABULARY["practice"]["flags"]
-    has_flags = is_flag and {*map(str.lower, texts)} <= TRUE_WORDS | _FALSE_WORDS
+    has_flags = is_flag and {*map(str.lower, texts)} <= TRUE_WORDS | FALSE_WORDS
     marks = []
     for text in texts:
         is_true = has_flags and text.lower() in TRUE_WORDS
@@ -161,7 +204,8 @@ def _likely_answers(names: Sequence[str], options: ReadOptions) -> dict[str, str
 
 def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
     """The columns of these roles, of which each has one candidate."""
-    names_in_use = {options.name(ours) for ours in COLUMNS}
+    unused = _STIMULI if options.has_standard else ()
+    names_in_use = {options.name(ours) for ours in COLUMNS if ours not in unused}
     likely = {}
     for ours in roles:
         if ours in options.columns or ours in names:
@@ -176,9 +220,15 @@ def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) ->
 
 
 def columns_to_read(
-    names: Sequence[str], options: ReadOptions, *, is_frame: bool = False
+    names: Sequence[str],
+    options: ReadOptions,
+    orders: Sequence[str] = (),
+    *,
+    is_frame: bool = False,
 ) -> tuple[list[str], list[str], list[Remedy]]:
     """Our names of the columns that are read, what is wrong with the names, and what to type.
+
+    `orders` are columns that may say which of a standard and a comparison came first.
 
     Examples
     --------
@@ -192,13 +242,13 @@ def columns_to_read(
     ]
     if options.subject_from is not None:
         roles_read.remove("subject")
-    unordered = _unordered_stimuli(options)
+    unordered = _unordered_stimuli(names, options)
     if unordered:
         problems.append(
             f"columns {unordered} do not say which stimulus came first, so that an order effect "
             "would cancel out."
         )
-        return roles_read, problems, _order_remedies(names)
+        return roles_read, problems, [*_order_remedies(orders)]
     stimulus_in_unit = _stimulus_in_unit(names, options)
     if stimulus_in_unit:
         unit = unit_in(stimulus_in_unit)
@@ -258,7 +308,7 @@ def _missing_and_repeated(
 def _roles_read(names: Sequence[str], options: ReadOptions) -> list[str]:
     """Our names of the columns that these names call for, and of those that there may be."""
     roles_read = ["subject", *options.stimuli]
-    if options.standard_interval is not None:
+    if options.interval_column is not None:
         roles_read.append("standard_interval")
     roles_read += _answer_roles(names, options)
     for ours in _optional_roles(names, options):
@@ -320,24 +370,28 @@ def _answer_problems(
         yield f"column {display_name(response)}: {finding}, allowed: {rule}"
 
 
-def _unordered_stimuli(options: ReadOptions) -> str:
-    """The columns of both stimuli, where their names are those of a standard and a comparison."""
+def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
+    """The columns of a standard and a comparison, where nothing says which came first."""
     if options.has_standard:
         return ""
-    theirs = [options.name(ours) for ours in options.stimuli]
-    for roles in (("standard", "comparison"), ("comparison", "standard")):
-        if all(looks_like(name, ours) for name, ours in zip(theirs, roles, strict=True)):
-            return f"{display_name(theirs[0])} and {display_name(theirs[1])}"
-    return ""
+    theirs = [*map(options.name, options.stimuli)]
+    if set(theirs).isdisjoint(names):
+        theirs = [*names]
+    found = []
+    for ours in ("standard", "comparison"):
+        found += [name for name in theirs if looks_like(name, ours)][:1]
+    return " and ".join(map(display_name, found)) if len(found) == 2 else ""
 
 
-def _order_remedies(names: Sequence[str]) -> list[Remedy]:
+def _order_remedies(orders: Sequence[str]) -> Iterator[Remedy]:
     """Options to type if a table has a standard and a comparison."""
-    alike = [name for name in names if looks_like(name, "standard_interval")]
-    return [
-        Remedy("standard_interval", (alike or ["NAME"])[0], "if it says 1 or 2 for the standard"),
-        Remedy("standard_first", "", "if the standard was always first"),
-    ]
+    for name in [*orders, "NAME"][: max(1, len(orders))]:
+        stimuli, places, _ = named_places(name)
+        for owner in ("standard", "comparison"):
+            if stimuli in ([], [owner]) or (places and owner == "standard"):
+                meaning = f"if {name} says the interval of the {owner}"
+                yield Remedy(f"{owner}_interval", name, meaning)
+    yield Remedy("standard_first", "", "if the standard was always first")
 
 
 def _unit_remedies(unit: str) -> list[Remedy]:
@@ -360,11 +414,8 @@ def _remedies(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> Iterator[Remedy]:
     """Options to type if columns are missing."""
-    missing = [ours for ours in roles_read if options.name(ours) not in names]
-    lacks_stimuli = not set(missing).isdisjoint(options.stimuli)
-    if lacks_stimuli and not options.has_standard and _has_standard(names):
-        yield from _order_remedies(names)
-        return
+    roles = dict.fromkeys((*roles_read, *options.columns))
+    missing = [ours for ours in roles if options.name(ours) not in names]
     to_name = [ours for ours in missing if ours in _REQUIRED]
     if to_name:
         other_names = {options.name(ours) for ours in roles_read}
@@ -386,13 +437,6 @@ def _stimulus_remedies(
     if {"s1", "s2"} & set(missing) and first in names and second in names:
         meaning = f"if {display_name(first)} and {display_name(second)} are intensities"
         yield Remedy("intensity", "REF", meaning)
-
-
-def _has_standard(names: Sequence[str]) -> bool:
-    """Whether some columns look like a standard and its comparison."""
-    return any(looks_like(name, "standard") for name in names) and any(
-        looks_like(name, "comparison") for name in names
-    )
 
 
 def _answer_remedies(names: Sequence[str], missing: Sequence[str]) -> Iterator[Remedy]:

@@ -6,6 +6,7 @@ The answers of a subject who is in more than one file are put together, each fil
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -69,10 +70,23 @@ def _distinguishing_folder(path: Path, paths: Sequence[Path]) -> str:
 
 
 def _of_all_files(faulty: Sequence[InputError]) -> InputError:
-    """The first problems of all files."""
+    """The first problems of all files; what several files have is said once.
+
+    Problems are alike that differ in numbers only.
+    """
     if len(faulty) == 1:
         return faulty[0]
-    problems = list(chain.from_iterable(error.problems for error in faulty))
+    alike: dict[tuple[str, int], list[str]] = {}
+    for error in faulty:
+        counts = Counter[str]()
+        for problem in error.problems:
+            kind = re.sub(r"\d+", "0", problem.partition(": ")[2])
+            alike.setdefault((kind, counts[kind]), []).append(problem)
+            counts[kind] += 1
+    problems = list[str]()
+    for first, *others in alike.values():
+        files = plural(len(others), "more file")
+        problems.append(f"{first} (and in {files})" if others else first)
     if len(problems) > MAX_LINES:
         problems = [*problems[:MAX_LINES], "... and more problems"]
     return InputError(problems, faulty[0].remedies)
@@ -94,7 +108,7 @@ def _together(studies: Sequence[Study]) -> Study:
         count = plural(len(several), "subject")
         notes.append(f"{count} in several files, put together: {join_names(several)}")
     names = {}
-    for key in ("read", "ignored", "pooled"):
+    for key in ("read", "ignored", "pooled", "codes"):
         of_files = chain.from_iterable(getattr(study.reading, key) for study in studies)
         names[key] = tuple(dict.fromkeys(of_files))
     reading = Reading(**names, doubts=tuple(doubts))
