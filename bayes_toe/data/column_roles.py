@@ -66,7 +66,7 @@ def looks_like(name: str, ours: str) -> bool:
         return True
     _, dot, ending = name.rpartition(".")
     if dot and ending in VOCABULARY["psychopy"].get(ours, ()):
-        return True
+        return not plain.startswith(tuple(VOCABULARY["psychopy"]["other_parts"]))
     stimuli, places, others = named_places(name)
     if ours == "standard_interval":
         is_about_place = others <= {*VOCABULARY["words"]["interval"]} and bool(places or others)
@@ -181,6 +181,8 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
     """
     roles = [] if options.subject_from is not None else ["subject"]
     roles += ("standard", "comparison") if options.has_standard else _STIMULI
+    if any(name.endswith(".thisN") for name in names) and "trial" not in options.ignore:
+        roles.append("trial")
     likely = _likely(names, options, roles)
     if options.correct is None:
         likely |= _likely_answers(names, options)

@@ -61,7 +61,7 @@ from bayes_toe.data.text_table import (
     TextTable,
 )
 from bayes_toe.data.trial_order import answers_in_order
-from bayes_toe.data.units import follows_from_pairs, with_conditions, with_units
+from bayes_toe.data.units import REPEATED, follows_from_pairs, with_conditions, with_units
 from bayes_toe.data.validation import (
     ambiguous_number,
     bare_names,
@@ -105,6 +105,7 @@ Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 _NO_LOG_INTENSITY = 100.0
 #: Columns that tell something of the whole file.
 _MARKS = ("synthetic", "task")
+_MOST_LEVELS = 0.5  # of a condition, as a share of the trials
 _FEWEST_PERCENTAGES = 4  # rows with 100 trials that may be a table of percentages
 
 
@@ -347,18 +348,29 @@ class _Rows:
             name for name in dict.fromkeys(self.table.names) if name and name not in names_to_skip
         ]
 
-    @property
-    def pooled_conditions(self) -> list[str]:
-        """Columns that are not read and look like a condition with several levels of a subject."""
+    def pooled_conditions(self, k: IntArray, n: IntArray) -> list[str]:
+        """Columns that are not read and look like a condition with several levels of a subject.
+
+        None of them follows from the stimuli and answers, or has about as many texts as trials.
+        """
         names = list[str]()
         if "condition" in self.columns:
             return names
-        n_subjects = len(np.unique(self.subject.codes))
+        counted = np.flatnonzero(n > 0)
+        subject, difference = self.subject.codes[counted], (self.keys[1] - self.keys[0])[counted]
+        is_all = k[counted] == n[counted]
+        outcomes = (subject, np.sign(difference), is_all)
+        pairs = (subject, *(key[counted] for key in self.keys), is_all)
+        n_subjects = len(np.unique(subject))
         for name in self.names_not_read:
-            if looks_like(name, "condition"):
-                pairs = np.column_stack([self.subject.codes, self.table.columns[name].codes])
-                if len(np.unique(pairs, axis=0)) > n_subjects:
-                    names.append(name)
+            if not looks_like(name, "condition"):
+                continue
+            levels = self.table.columns[name].codes[counted]
+            n_levels = len(np.unique(np.column_stack([subject, levels]), axis=0))
+            is_varied = n_subjects < n_levels <= _MOST_LEVELS * len(counted)
+            has_own = any(_is_function(levels, of, difference != 0.0) for of in (outcomes, pairs))
+            if is_varied and not has_own:
+                names.append(name)
         return names
 
     def require_pairs(self, asked: BoolArray) -> None:
@@ -413,6 +425,17 @@ class _Rows:
             for column in self.key_columns[:2]:
                 notes.append(f"column {display_name(column.name)} read as {unit}")
         return notes
+
+
+def _is_function(
+    levels: IntArray, arguments: Sequence[FloatArray | IntArray], chosen: BoolArray
+) -> bool:
+    """Whether a column follows from others in the chosen rows, and not by chance."""
+    groups = np.unique(np.column_stack([*arguments])[chosen], axis=0, return_inverse=True)[1]
+    combined = np.column_stack([groups.ravel(), levels[chosen]])
+    n_groups = int(groups.max(initial=-1)) + 1
+    is_single = len(np.unique(combined, axis=0)) == n_groups
+    return is_single and int(chosen.sum()) - n_groups >= REPEATED
 
 
 def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
@@ -625,7 +648,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         tuple(rows.columns),
         tuple(rows.names_not_read),
         tuple(f"{source}: {doubt}" for doubt in doubts),
-        tuple(rows.pooled_conditions),
+        tuple(rows.pooled_conditions(k, n)),
         tuple(rows.codes),
     )
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
