@@ -457,6 +457,8 @@ def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOp
     pairs = []
     for ours in to_name:
         alike = [name for name in free if looks_like(name, ours)]
+        if ours == "response":
+            alike += [name for name in free if looks_like(name, "key")]
         pairs.append((ours, stimuli.get(ours) or (alike or ["NAME"])[0]))
     meaning = "with the names in your file"
     unit = unit_in(stimuli.get("s1", ""))
