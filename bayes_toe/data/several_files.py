@@ -70,23 +70,24 @@ def _distinguishing_folder(path: Path, paths: Sequence[Path]) -> str:
 
 
 def _of_all_files(faulty: Sequence[InputError]) -> InputError:
-    """The first problems of all files; what several files have is said once.
-
-    Problems are alike that differ in numbers only.
-    """
+    """The first problems of all files; a question that several files have is asked once."""
     if len(faulty) == 1:
         return faulty[0]
-    alike: dict[tuple[str, int], list[str]] = {}
+    n_files = Counter[str]()
+    first_problems = list[tuple[str, str]]()
     for error in faulty:
-        counts = Counter[str]()
-        for problem in error.problems:
-            kind = re.sub(r"\d+", "0", problem.partition(": ")[2])
-            alike.setdefault((kind, counts[kind]), []).append(problem)
-            counts[kind] += 1
+        questions = {remedy.question for remedy in error.remedies}
+        for i, problem in enumerate(error.problems):
+            kind = problem
+            if i in questions:  # counts and the order of codes may differ
+                kind = "".join(sorted(re.sub(r"[\d,]", "", problem.partition(": ")[2])))
+            n_files[kind] += 1
+            if n_files[kind] == 1:
+                first_problems.append((problem, kind))
     problems = list[str]()
-    for first, *others in alike.values():
-        files = plural(len(others), "more file")
-        problems.append(f"{first} (and in {files})" if others else first)
+    for problem, kind in first_problems:
+        more = n_files[kind] - 1
+        problems.append(f"{problem} (and in {plural(more, 'more file')})" if more else problem)
     if len(problems) > MAX_LINES:
         problems = [*problems[:MAX_LINES], "... and more problems"]
     return InputError(problems, faulty[0].remedies)

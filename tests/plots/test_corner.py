@@ -285,7 +285,7 @@ def test_a_subject_that_is_a_number_is_named_by_it():
     assert "7" in words(bt.plots.corner(draws, 7))
     truths = {7: TRUE, np.int64(8): {}}
     figure = bt.plots.corner(draws, [7, np.int64(8)], truths=truths)
-    assert {"7", "8"} <= set(words(figure).split())
+    assert {"7,", "8,"} <= set(words(figure).split())
     assert bt.plots.curves(draws, 7).axes
     with pytest.raises(InputError, match="no subject '70'"):
         bt.plots.corner(draws, 70)
