@@ -87,7 +87,8 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     """
     camel_case = re.sub("(?<=[a-z])(?=[A-Z])", " ", text)
     words = list[str]()
-    for word in re.findall("[a-z]+|[0-9]+(?:st|nd)?", without_accents(camel_case).lower()):
+    for word in re.findall("[a-z]+|-?[0-9.,]+(?:st|nd)?", without_accents(camel_case).lower()):
+        word = re.sub("[.,]0*$", "", word)
         parts = _KNOWN_WORDS.findall(word)
         words += parts if "".join(parts) == word else [word]
     initials = [VOCABULARY["letters"].get(letter, "") for letter in "".join(words)]

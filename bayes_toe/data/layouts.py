@@ -11,7 +11,7 @@ both stimuli by a pattern, such as '100_112'.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -98,40 +98,51 @@ class StandardOrder:
 
 def _standard_first_by_text(
     table: TextTable, column: Column, options: ReadOptions
-) -> dict[str, bool | None]:
+) -> Mapping[str, bool | None]:
     """Whether the standard came first, by the texts of a column; None where it is not said."""
     texts = [text for text in column.texts if not is_no_response(text)]
     stimuli, places, _ = named_places(column.name)
     owner = "comparison" if options.comparison_interval else "standard"
     is_first = {text: _is_standard_first(text, owner, places) for text in texts}
     code = options.standard_first_code
-    if code is not None and (code in texts or len(texts) == 1):
-        if len(texts) <= 2:
-            is_first = dict.fromkeys(texts, False)
-        return {**is_first, code: True}
+    if code in texts or (code is not None and len(texts) == 1):
+        others = dict.fromkeys(texts, False) if len(texts) <= 2 else is_first
+        return {**others, str(code): True}
     if stimuli and places and {*map(str.lower, texts)} <= TRUE_WORDS | FALSE_WORDS:
-        first_if_true = _is_standard_first(column.name, "", ())
-        return {text: (text.lower() in TRUE_WORDS) == first_if_true for text in texts}
-
-    problem, remedies = "", [_code_remedy(text) for text in texts]
-    in_first = [text for text in texts if named_places(text)[:2] == ([], ["first"])]
-    if None in is_first.values() and len(texts) <= 2:
-        counts = join_names(column.counts(texts))
-        problem = f"the codes are {counts}. Which of them means that the standard was first?"
-    elif in_first and len(stimuli) == 1 and stimuli != [owner]:
-        problem = f"found as the interval of the {owner}, but named as that of the {stimuli[0]}."
-        remedies = [_code_remedy(in_first[0])]
-        if owner == "standard":
-            meaning = "if it says the interval of the comparison"
-            remedies.insert(0, Remedy("comparison_interval", column.name, meaning))
-    if problem:
-        table.problems.ask(f"column {display_name(column.name)}: {problem}", remedies)
-        table.problems.refuse()
+        of_true = _is_standard_first(column.name, "", ())
+        return {text: (text.lower() in TRUE_WORDS) == of_true for text in texts}
+    _require_certain(table, column, is_first, owner)
     return is_first
 
 
-def _code_remedy(text: str) -> Remedy:
-    return Remedy("standard_first_code", text, f"if {text} means that the standard was first")
+def _require_certain(
+    table: TextTable, column: Column, is_first: Mapping[str, bool | None], owner: str
+) -> None:
+    """Refuse one or two codes that may mean either, and intervals of another stimulus by name."""
+    if None in is_first.values() and len(is_first) <= 2:
+        counts = join_names(column.counts(is_first))
+        problem = f"the codes are {counts}. Which of them means that the standard was first?"
+        _ask_order(table, column, problem, [*is_first])
+    in_first = [text for text in is_first if named_places(text)[:2] == ([], ["first"])]
+    stimuli, _, _ = named_places(column.name)
+    if in_first and len(stimuli) == 1 and owner not in stimuli:
+        problem = f"found as the interval of the {owner}, but named as that of the {stimuli[0]}."
+        _ask_order(table, column, problem, in_first[:1], stimuli[0])
+
+
+def _ask_order(
+    table: TextTable, column: Column, problem: str, texts: Sequence[str], owner: str = ""
+) -> None:
+    """Refuse a column of which it is not certain what these texts mean."""
+    remedies = list[Remedy]()
+    if owner == "comparison":
+        meaning = "if it says the interval of the comparison"
+        remedies.append(Remedy("comparison_interval", column.name, meaning))
+    for text in texts:
+        meaning = f"if {text} means that the standard was first"
+        remedies.append(Remedy("standard_first_code", text, meaning))
+    table.problems.ask(f"column {display_name(column.name)}: {problem}", remedies)
+    table.problems.refuse()
 
 
 def _is_standard_first(text: str, owner: str, places_of_name: Sequence[str]) -> bool | None:

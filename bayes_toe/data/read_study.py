@@ -357,19 +357,18 @@ class _Rows:
         if "condition" in self.columns:
             return names
         counted = np.flatnonzero(n > 0)
-        subject, difference = self.subject.codes[counted], (self.keys[1] - self.keys[0])[counted]
-        is_all = k[counted] == n[counted]
-        outcomes = (subject, np.sign(difference), is_all)
-        pairs = (subject, *(key[counted] for key in self.keys), is_all)
-        n_subjects = len(np.unique(subject))
-        for name in self.names_not_read:
-            if not looks_like(name, "condition"):
-                continue
+        difference = self.keys[1] - self.keys[0]
+        answers = [self.subject.codes, k == n]
+        outcomes = np.column_stack([*answers, np.sign(difference)])[counted]
+        pairs = np.column_stack([*answers, *self.keys])[counted]
+        is_scored = difference[counted] != 0.0
+        subjects = outcomes[:, :1]
+        for name in filter(partial(looks_like, ours="condition"), self.names_not_read):
             levels = self.table.columns[name].codes[counted]
-            n_levels = len(np.unique(np.column_stack([subject, levels]), axis=0))
-            is_varied = n_subjects < n_levels <= _MOST_LEVELS * len(counted)
-            has_own = any(_is_function(levels, of, difference != 0.0) for of in (outcomes, pairs))
-            if is_varied and not has_own:
+            n_levels = _n_distinct(subjects, levels)
+            is_varied = _n_distinct(subjects) < n_levels <= _MOST_LEVELS * len(counted)
+            follows = any(_follows(levels[is_scored], by[is_scored]) for by in (outcomes, pairs))
+            if is_varied and not follows:
                 names.append(name)
         return names
 
@@ -427,15 +426,15 @@ class _Rows:
         return notes
 
 
-def _is_function(
-    levels: IntArray, arguments: Sequence[FloatArray | IntArray], chosen: BoolArray
-) -> bool:
-    """Whether a column follows from others in the chosen rows, and not by chance."""
-    groups = np.unique(np.column_stack([*arguments])[chosen], axis=0, return_inverse=True)[1]
-    combined = np.column_stack([groups.ravel(), levels[chosen]])
-    n_groups = int(groups.max(initial=-1)) + 1
-    is_single = len(np.unique(combined, axis=0)) == n_groups
-    return is_single and int(chosen.sum()) - n_groups >= REPEATED
+def _n_distinct(*columns: FloatArray | IntArray) -> int:
+    """How many rows of these columns differ."""
+    return len(np.unique(np.column_stack(columns), axis=0))
+
+
+def _follows(levels: IntArray, by: FloatArray) -> bool:
+    """Whether levels are the same in all rows with the same values, and not by chance."""
+    n_groups = _n_distinct(by)
+    return len(by) - n_groups >= REPEATED and _n_distinct(by, levels) == n_groups
 
 
 def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
@@ -450,13 +449,8 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     if options.wide is not None:
         table = with_pairs(table, options)
     options = with_likely_columns(table.names, options)
-    orders = list[str]()
-    for name, column in table.columns.items():
-        n_codes = sum(not is_no_response(text) for text in column.texts)
-        if looks_like(name, "standard_interval") and n_codes <= 2:
-            orders.append(name)
     roles_read, problems, remedies = columns_to_read(
-        table.names, options, orders, is_frame=table.is_frame
+        table.names, options, _order_columns(table), is_frame=table.is_frame
     )
     table.require(problems, remedies)
     table = _without_practice(_chosen_rows(table, options.where), options)
@@ -483,6 +477,16 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
     return _Rows(table, columns, keys, options, signs, values, order, codes)
+
+
+def _order_columns(table: TextTable) -> list[str]:
+    """Columns that may say which of a standard and a comparison came first."""
+    names = []
+    for name, column in table.columns.items():
+        n_codes = sum(not is_no_response(text) for text in column.texts)
+        if n_codes <= 2 and looks_like(name, "standard_interval"):
+            names.append(name)
+    return names
 
 
 def _marks(table: TextTable) -> dict[str, Column]:

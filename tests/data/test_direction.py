@@ -149,6 +149,8 @@ UNCERTAIN = [
     ("interval", "left", "right"),
     ("order", "L", "R"),
     ("order", "A", "B"),
+    ("interval", "-1", "1"),
+    ("interval", "0.5", "1"),
     ("order", "sc1", "x7"),
     ("position", "standard", "other"),
 ]
