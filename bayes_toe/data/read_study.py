@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
-from itertools import chain, permutations
+from itertools import chain, filterfalse, permutations
 from pathlib import Path
 from typing import TypeAlias
 
@@ -322,7 +322,6 @@ class _Rows:
     signs: list[Column]
     stimuli: list[FloatArray]
     order: StandardOrder
-    codes: list[str]
 
     @property
     def key_columns(self) -> list[Column]:
@@ -335,6 +334,12 @@ class _Rows:
     def subject(self) -> Column:
         """The subject of each row."""
         return self.columns["subject"]
+
+    @property
+    def codes(self) -> list[str]:
+        """The responses in the file, which `columns` may have in words."""
+        column = self.table.columns.get(self.options.name("response"))
+        return [] if column is None else [*filterfalse(is_no_response, column.texts)]
 
     @property
     def names_not_read(self) -> list[str]:
@@ -468,15 +473,12 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     values = [_stimulus(table, column, options) for column in stimuli]
     order = StandardOrder(table, columns.get("standard_interval"), options)
     keys = order.in_order(*values)
-    codes = list[str]()
-    if "response" in columns:
-        codes = [text for text in columns["response"].texts if not is_no_response(text)]
-        if options.has_standard:
-            columns["response"] = order.by_interval(table, columns["response"], options)
+    if options.has_standard and "response" in columns:
+        columns["response"] = order.by_interval(table, columns["response"], options)
     if "isi" in columns:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
-    return _Rows(table, columns, keys, options, signs, values, order, codes)
+    return _Rows(table, columns, keys, options, signs, values, order)
 
 
 def _order_columns(table: TextTable) -> list[str]:
