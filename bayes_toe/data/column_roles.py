@@ -68,9 +68,6 @@ def looks_like(name: str, ours: str) -> bool:
     if dot and ending in VOCABULARY["psychopy"].get(ours, ()):
         return not plain.startswith(tuple(VOCABULARY["psychopy"]["other_parts"]))
     stimuli, places, others = named_places(name)
-    if ours == "standard_interval":
-        is_about_place = others <= {*VOCABULARY["words"]["interval"]} and bool(places or others)
-        return len(stimuli) == 1 and is_about_place and not any(map(str.isdigit, name))
     return [ours] == stimuli and not places and others.isdisjoint(VOCABULARY["words"]["about"])
 
 

@@ -224,11 +224,9 @@ def _reversed(
         rule += f"; {display_name(options.name('n_second'))} counts those"
     candidates = list[list[Remedy]]()
     for code, other in permutations(study.reading.codes, 2):
-        second = [Remedy("second_code", code, f"if {code} is 'second'", 0)]
-        if options.first_code is not None:
-            second.append(Remedy("first_code", other, "", 1))
+        second = Remedy("second_code", code, f"if {code} is 'second'", 0)
         comparison = Remedy("comparison_code", code, f"if {code} is 'comparison'", 0)
-        candidates += [second, [comparison]]
+        candidates += [[second, Remedy("first_code", other, "", 1)], [comparison]]
     if options.standard_interval is not None:
         meaning = "if it says the interval of the comparison"
         candidates.append([Remedy("comparison_interval", options.standard_interval, meaning, 0)])

@@ -37,14 +37,11 @@ _RIGHT_WRONG = (
     ("1", "true", "yes", "correct", "right", "hit"),
     ("0", "false", "no", "incorrect", "wrong", "error", "miss"),
 )
-#: The text that is the other answer where one was said to be an answer.
-_OTHER = {"1": "0", "0": "1", "2": "1", "true": "false", "false": "true", "yes": "no", "no": "yes"}
 _CODE_MEANINGS = {
     "equal_code": "'equal' in a same-different task",
     "second_code": "'the second was stronger' (2AFC)",
     "comparison_code": "'the comparison was stronger' (2AFC)",
 }
-_MOST_CODES = 3  # of which one may be the other answer
 _DIGIT = re.compile(r"(\d)[.,]0*")
 
 
@@ -209,11 +206,12 @@ def _both_codes(
 ) -> tuple[str | None, str | None]:
     """The codes of both responses; of two codes in a column the one not given is the other."""
     yes, no = given
-    texts = {_plain(text) for text in column.texts if not is_no_response(text)}
     known = _plain(yes or no or "")
-    if (yes is None) == (no is None) or len(texts) != 2 or known not in texts:
+    texts = {_plain(text) for text in column.texts if not is_no_response(text)}
+    other = "".join(texts - {known})
+    has_words = known not in texts and any(_words_of(task, column) for task in TASKS)
+    if None not in given or not known or len(texts - {known}) != 1 or has_words:
         return given
-    (other,) = texts - {known}
     if other.lower() == known.lower():
         return given
     return (yes, other) if no is None else (other, no)
@@ -251,13 +249,10 @@ def _other_code(
     if has_other or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
     other = names[codes.index(None)]
-    counts = np.bincount(unknown.codes)
-    remedies = []
-    for code in np.argsort(-counts, kind="stable")[:_MOST_CODES].tolist():
-        text = unknown.texts[code]
-        remedies.append(Remedy(f"{other}_code", text, f"if {text} is '{other}'"))
+    commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
     shares = join_names(unknown.counts(unknown.texts), 4)
-    return f"the other codes are {shares}. Which of them is '{other}'?", remedies
+    problem = f"the other codes are {shares}. Which of them is '{other}'?"
+    return problem, [Remedy(f"{other}_code", commonest, f"if {commonest} is '{other}'")]
 
 
 def _code_remedies(
@@ -324,11 +319,10 @@ def _answer_by_word(
     if word in given_words:
         # Where 'Different' was declared to mean equal, 'different' is not read by default.
         return _UNKNOWN
-    opposites = {_OTHER.get(given_word) for given_word in given_words}
     yes_words, no_words = words
-    if yes_code is None and (_english(word) in yes_words or word in opposites):
+    if yes_code is None and _english(word) in yes_words:
         return _YES
-    if no_code is None and (_english(word) in no_words or word in opposites):
+    if no_code is None and _english(word) in no_words:
         return _NO
     return _UNKNOWN
 

@@ -249,17 +249,21 @@ def test_of_several_other_codes_one_is_asked_for(tmp_path):
     words = ["--standard-interval", "standard_interval", "--second-code", "j"]
     result = checked(tmp_path, table, *words)
     assert "Which of them is 'first'?" in result.stderr
-    assert typed_lines(result)[0].startswith("--first-code f")
+    assert typed_lines(result) == ["--first-code f"]
 
 
 #: Files whose answers are reversed under the options, and what is typed and right.
 REVERSED = [
-    (IN_ORDER.assign(response=coded("first", "second")), [], ["--second-code first"]),
-    (IN_ORDER.assign(response=coded("s1", "s2")), [], ["--second-code s1"]),
+    (
+        IN_ORDER.assign(response=coded("first", "second")),
+        [],
+        ["--second-code first --first-code second"],
+    ),
+    (IN_ORDER.assign(response=coded("s1", "s2")), [], ["--second-code s1 --first-code s2"]),
     (
         IN_ORDER.assign(response=coded("-1", "1")),
         ["--second-code", "1"],
-        ["--second-code -1"],
+        ["--second-code -1 --first-code 1"],
     ),
     (
         IN_ORDER.assign(response=coded("-1", "1")),
@@ -274,7 +278,7 @@ REVERSED = [
     (
         with_order("interval", "2", "1", coded("2", "1")),
         ["--standard-interval", "interval", "--second-code", "2"],
-        ["--second-code 1", "--comparison-interval interval"],
+        ["--second-code 1 --first-code 2", "--comparison-interval interval"],
     ),
 ]
 

@@ -232,7 +232,7 @@ REFUSED = [
         TRIALS,
         BACK,
         "",
-        "type:  --second-code first  if first is 'second'",
+        "type:  --second-code first --first-code second  if first is 'second'",
     ),
 ]
 
@@ -295,7 +295,7 @@ def test_a_study_of_reversed_subjects_is_refused():
         bt.read_study(joint.frame())
     trials = pd.DataFrame(GRID * 3, columns=["s1", "s2"]).assign(subject="a")
     trials["response"] = np.where(trials.s2 > trials.s1, "first", "second")
-    options = r"use ReadOptions\(second_code='first'\) if first is 'second'"
+    options = r"use ReadOptions\(second_code='first', first_code='second'\) if first is 'second'"
     with pytest.raises(bt.InputError, match=options):
         bt.read_study(trials)
     for seed in range(20):  # one subject at chance is no reversed study
