@@ -121,10 +121,10 @@ class InputError(BayesToeError, ValueError):
             (problems,) if isinstance(problems, str) else tuple(problems)
         )
         last = len(self.problems) - 1
-        asked = []
+        numbered = []
         for remedy in remedies:
-            asked.append(remedy if remedy.question >= 0 else remedy._replace(question=last))
-        self.remedies = tuple(asked)
+            numbered.append(remedy if remedy.question >= 0 else remedy._replace(question=last))
+        self.remedies = tuple(numbered)
         choices = self.choices
         use = [f"use {python_options(chosen)} {meaning}".rstrip() for chosen, meaning in choices]
         super().__init__("\n".join([*self.problems, *use]))
@@ -148,8 +148,8 @@ class InputError(BayesToeError, ValueError):
         chosen, choices = list[Remedy](), list[tuple[list[Remedy], str]]()
         for remedy in self.remedies:
             if remedy.question in {other.question for other in chosen}:
-                before = [other for other in chosen if other.question < remedy.question]
-                choices.append(([*before, remedy], remedy.meaning))
+                earlier = [other for other in chosen if other.question < remedy.question]
+                choices.append(([*earlier, remedy], remedy.meaning))
             else:
                 chosen.append(remedy)
         meanings = ", ".join(remedy.meaning for remedy in chosen if remedy.meaning)

@@ -12,6 +12,7 @@ script, this module prints all commands and answers.
 import shlex
 import sys
 import tempfile
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -29,19 +30,15 @@ MOST_REFUSALS = 2
 def made_up_trials():
     """One record for each trial, practice among them: what was shown and answered."""
     rng = np.random.default_rng(63)
-    pairs = [
-        (standard, ratio * standard, is_first)
-        for standard in STANDARDS
-        for ratio in RATIOS
-        for is_first in (True, False)
-    ]
+    pairs = list(product(STANDARDS, RATIOS, (True, False)))
     trials = []
     for observer, constant_error in enumerate(CONSTANT_ERRORS, start=1):
         main = [*pairs] * N_REPEATS
         rng.shuffle(main)
-        for part, shown in (("practice", main[:N_PRACTICE]), ("main", main)):
-            for number, (standard, comparison, is_first) in enumerate(shown):
-                difference = np.log(comparison / standard) * (1 if is_first else -1)
+        for part, pairs_shown in (("practice", main[:N_PRACTICE]), ("main", main)):
+            for number, (standard, ratio, is_first) in enumerate(pairs_shown):
+                comparison = ratio * standard
+                difference = np.log(ratio) * (1 if is_first else -1)
                 is_second = difference - constant_error + rng.normal(0.0, NOISE) > 0.0
                 trials.append(
                     {
@@ -79,8 +76,8 @@ def psychopy_folder(folder):
     head, *rows = (folder / psychopy_file(folder)).read_text(encoding="utf-8").splitlines()
     (folder / "data").mkdir()
     for observer in range(1, N_OBSERVERS + 1):
-        own = [row for row in rows if row.startswith(f"VP{observer:02},")]
-        text = "\n".join([head, *own])
+        own_rows = [row for row in rows if row.startswith(f"VP{observer:02},")]
+        text = "\n".join([head, *own_rows])
         (folder / "data" / f"VP{observer:02}_touch.csv").write_text(text, encoding="utf-8")
     return "data"
 
@@ -120,9 +117,9 @@ def proposals(stderr):
     return [line[7:].partition("  ")[0] for line in lines[places[0] :]]
 
 
-def first_hour(folder, name, *known):
-    """The refusals until `check` answers, and its answer; `known` options are typed at once."""
-    words, refusals = ["check", name, *known], []
+def first_hour(folder, name, *options):
+    """The refusals until `check` answers, and its answer; `options` are typed at once."""
+    words, refusals = ["check", name, *options], []
     while True:
         finished = inside(*words, cwd=folder)
         if finished.returncode == 0:

@@ -7,8 +7,6 @@ import pytest
 
 import bayes_toe as bt
 
-ORDER_AND_KEYS = "--standard-interval order --second-code j"
-
 
 @pytest.mark.parametrize(
     "write",
@@ -29,16 +27,16 @@ def test_the_trials_that_were_made_are_those_that_are_read(tmp_path):
     columns = {"standard": "amp_standard", "comparison": "amp_comparison"}
     options = bt.ReadOptions(columns=columns, unit="um", standard_interval="order", second_code="j")
     study = bt.read_study(tmp_path / first_hour.psychopy_file(tmp_path), options)
-    made = [0, 0]
+    counts = [0, 0]
     for trial in first_hour.made_up_trials():
         is_counted = trial["part"] == "main" and trial["key"] != "None"
-        shown = trial["standard"], trial["comparison"], trial["is_standard_first"]
-        if is_counted and shown == (60.0, 0.75 * 60.0, False):
-            made[0] += trial["key"] == "j"
-            made[1] += 1
+        pair_shown = trial["standard"], trial["comparison"], trial["is_standard_first"]
+        if is_counted and pair_shown == (60.0, 0.75 * 60.0, False):
+            counts[0] += trial["key"] == "j"
+            counts[1] += 1
     frame = study.frame()
     pair = frame[(frame.s1 < math.log(46)) & (frame.s2 > math.log(59)) & (frame.s2 < math.log(61))]
-    assert [pair.n_second.sum(), pair.n_trials.sum()] == made
+    assert [pair.n_second.sum(), pair.n_trials.sum()] == counts
     assert "trial" in study.reading.read
 
 

@@ -67,8 +67,8 @@ def looks_like(name: str, ours: str) -> bool:
     _, dot, ending = name.rpartition(".")
     if dot and ending in VOCABULARY["psychopy"].get(ours, ()):
         return not plain.startswith(tuple(VOCABULARY["psychopy"]["other_parts"]))
-    stimuli, places, others = named_places(name)
-    return [ours] == stimuli and not places and others.isdisjoint(VOCABULARY["words"]["about"])
+    stimuli, places, other_words = named_places(name)
+    return [ours] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
 
 
 @lru_cache(maxsize=2**16)
@@ -377,10 +377,10 @@ def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
     theirs = [*map(options.name, options.stimuli)]
     if set(theirs).isdisjoint(names):
         theirs = [*names]
-    found = []
+    columns = []
     for ours in ("standard", "comparison"):
-        found += [name for name in theirs if looks_like(name, ours)][:1]
-    return " and ".join(map(display_name, found)) if len(found) == 2 else ""
+        columns += [name for name in theirs if looks_like(name, ours)][:1]
+    return " and ".join(map(display_name, columns)) if len(columns) == 2 else ""
 
 
 def _order_remedies(orders: Sequence[str]) -> Iterator[Remedy]:

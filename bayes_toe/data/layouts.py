@@ -103,11 +103,14 @@ def _standard_first_by_text(
     texts = [text for text in column.texts if not is_no_response(text)]
     stimuli, places, _ = named_places(column.name)
     owner = "comparison" if options.comparison_interval else "standard"
-    is_first = {text: _is_standard_first(text, owner, places) for text in texts}
+    is_first: dict[str, bool | None] = {
+        text: _is_standard_first(text, owner, places) for text in texts
+    }
     code = options.standard_first_code
     if code in texts or (code is not None and len(texts) == 1):
-        others = dict.fromkeys(texts, False) if len(texts) <= 2 else is_first
-        return {**others, str(code): True}
+        if len(texts) <= 2:
+            is_first = dict.fromkeys(texts, False)
+        return {**is_first, str(code): True}
     if stimuli and places and {*map(str.lower, texts)} <= TRUE_WORDS | FALSE_WORDS:
         of_true = _is_standard_first(column.name, "", ())
         return {text: (text.lower() in TRUE_WORDS) == of_true for text in texts}
@@ -150,13 +153,13 @@ def _is_standard_first(text: str, owner: str, places_of_name: Sequence[str]) -> 
 
     `owner` is the stimulus whose interval a cell such as 1 tells.
     """
-    stimuli, places, others = named_places(text)
-    if not (stimuli or places) or not others <= {*VOCABULARY["words"]["filling"]}:
+    stimuli, places, other_words = named_places(text)
+    if not (stimuli or places) or not other_words <= {*VOCABULARY["words"]["filling"]}:
         return None
     if len(stimuli) == 1:
         places = places or list(places_of_name)
-    stimulus, place = [*stimuli, owner][0], [*places, "first"][0]
-    return (stimulus == "standard") == (place == "first")
+    is_standard, is_first = [*stimuli, owner][0] == "standard", [*places, "first"][0] == "first"
+    return is_standard == is_first
 
 
 # --- Pairs in the names of columns ----------------------------------------------------------------

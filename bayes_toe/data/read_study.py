@@ -370,7 +370,9 @@ class _Rows:
             levels = self.table.columns[name].codes[counted]
             n_levels = _n_distinct(subjects, levels)
             is_varied = _n_distinct(subjects) < n_levels <= _MOST_LEVELS * len(counted)
-            follows = any(_follows(levels[is_scored], by[is_scored]) for by in (outcomes, pairs))
+            follows = any(
+                _follows(levels[is_scored], rows[is_scored]) for rows in (outcomes, pairs)
+            )
             if is_varied and not follows:
                 names.append(name)
         return names
@@ -434,10 +436,10 @@ def _n_distinct(*columns: FloatArray | IntArray) -> int:
     return len(np.unique(np.column_stack(columns), axis=0))
 
 
-def _follows(levels: IntArray, by: FloatArray) -> bool:
+def _follows(levels: IntArray, rows: FloatArray) -> bool:
     """Whether levels are the same in all rows with the same values, and not by chance."""
-    n_groups = _n_distinct(by)
-    return len(by) - n_groups >= REPEATED and _n_distinct(by, levels) == n_groups
+    n_groups = _n_distinct(rows)
+    return len(rows) - n_groups >= REPEATED and _n_distinct(rows, levels) == n_groups
 
 
 def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:

@@ -337,7 +337,7 @@ def _as_answered(column: Column, chosen: BoolArray, word: str) -> str:
 
 
 #: z scores: of a study that nobody has by chance, and of a subject that shows the same or not.
-_OF_STUDY, _SAME, _OPPOSITE = 5.0, 1.0, -3.0
+_STUDY_LIMIT, _SUBJECT_LIMIT, _OPPOSITE_LIMIT = 5.0, 1.0, -3.0
 
 
 def direction(study: Study) -> int:
@@ -362,7 +362,7 @@ def direction(study: Study) -> int:
     z = np.array(covariances) / np.sqrt(variances)
     total = sum(covariances) / np.sqrt(sum(variances) or 1.0)
     for sign in (-1, 1):
-        is_shared = np.count_nonzero(sign * z > _SAME) > 0.5 * len(z)
-        if sign * total > _OF_STUDY and is_shared and (sign * z > _OPPOSITE).all():
+        is_shared = np.count_nonzero(sign * z > _SUBJECT_LIMIT) > 0.5 * len(z)
+        if sign * total > _STUDY_LIMIT and is_shared and (sign * z > _OPPOSITE_LIMIT).all():
             return sign
     return 0

@@ -6,7 +6,6 @@ The answers of a subject who is in more than one file are put together, each fil
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -73,21 +72,18 @@ def _of_all_files(faulty: Sequence[InputError]) -> InputError:
     """The first problems of all files; a question that several files have is asked once."""
     if len(faulty) == 1:
         return faulty[0]
-    n_files = Counter[str]()
-    first_problems = list[tuple[str, str]]()
+    alike = dict[str, list[str]]()
     for error in faulty:
         questions = {remedy.question for remedy in error.remedies}
         for i, problem in enumerate(error.problems):
             kind = problem
             if i in questions:  # counts and the order of codes may differ
                 kind = "".join(sorted(re.sub(r"[\d,]", "", problem.partition(": ")[2])))
-            n_files[kind] += 1
-            if n_files[kind] == 1:
-                first_problems.append((problem, kind))
+            alike.setdefault(kind, []).append(problem)
     problems = list[str]()
-    for problem, kind in first_problems:
-        more = n_files[kind] - 1
-        problems.append(f"{problem} (and in {plural(more, 'more file')})" if more else problem)
+    for first, *others in alike.values():
+        files = plural(len(others), "more file")
+        problems.append(f"{first} (and in {files})" if others else first)
     if len(problems) > MAX_LINES:
         problems = [*problems[:MAX_LINES], "... and more problems"]
     return InputError(problems, faulty[0].remedies)

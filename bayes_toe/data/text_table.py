@@ -96,8 +96,7 @@ class Column:
     def counts(self, texts: Iterable[str]) -> list[str]:
         """Texts with their counts, as messages show them."""
         counts = np.bincount(self.codes, minlength=len(self.texts)).tolist()
-        by_text = dict(zip(self.texts, counts, strict=True))
-        return [f"{quoted(text)} ({by_text[text]:,})" for text in texts]
+        return [f"{quoted(text)} ({counts[self.texts.index(text)]:,})" for text in texts]
 
 
 def value_text(value: object) -> str | None:
@@ -118,7 +117,7 @@ def value_text(value: object) -> str | None:
 
 
 #: In the place of a row, for problems of a whole table; they are told first.
-_WHOLE = -1
+_HEAD_ROW = -1
 
 
 class Problems:
@@ -140,9 +139,9 @@ class Problems:
 
     def ask(self, question: str, remedies: Iterable[Remedy]) -> None:
         """Add a problem of the whole table, with options that solve it."""
-        place = sum(row == _WHOLE for row, _ in self._shown)
-        self.remedies += [remedy._replace(question=place) for remedy in remedies]
-        self.add([(_WHOLE, question)])
+        index = sum(row == _HEAD_ROW for row, _ in self._shown)
+        self.remedies += [remedy._replace(question=index) for remedy in remedies]
+        self.add([(_HEAD_ROW, question)])
 
     def refuse(self) -> None:
         """Raise ten of them as one InputError, and how many more there are."""
@@ -260,25 +259,23 @@ class TextTable:
 
         `rule` says what would have been right, of the index of a record where it differs.
         """
-        wrong = np.flatnonzero(bad)
-        codes, places, counts = np.unique(
-            column.codes[wrong], return_index=True, return_counts=True
-        )
-        lines = []
-        for place in np.argsort(places)[:MAX_LINES].tolist():
-            index, count = int(wrong[places[place]]), int(counts[place])
+        wrong = column.only(bad)
+        first_places = np.unique(wrong.codes, return_index=True)[1]
+        first_rows = np.flatnonzero(bad)[first_places].tolist()
+        counts, lines = np.bincount(wrong.codes).tolist(), []
+        for index, count in sorted(zip(first_rows, counts, strict=True))[:MAX_LINES]:
             right = rule if isinstance(rule, str) else rule(index)
             row, finding = int(self.rows[index]), quoted(column.text(index))
             name = column.name
             if name in self.origin:
                 name = self.origin[name].text(index)
-            location, where = f"row {row}, column {display_name(name)}", ""
+            location = f"row {row}, column {display_name(name)}"
             if count > 1:
                 location = f"column {display_name(name)}"
-                where = f" in {count:,} rows, the first is row {row}"
-            lines.append((row, f"{location}: found {finding}{where}, allowed: {right}"))
+                finding += f" in {count:,} rows, the first is row {row}"
+            lines.append((row, f"{location}: found {finding}, allowed: {right}"))
         if lines:
-            self.problems.add(lines, len(codes), "value")
+            self.problems.add(lines, len(counts), "value")
 
 
 def name_places(names: Sequence[str], choice: Choice) -> dict[str, int]:

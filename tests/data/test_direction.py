@@ -34,7 +34,7 @@ IN_ORDER = pd.DataFrame(
         "response": WORDS,
     }
 )
-MEANT = bt.read_study(IN_ORDER)
+INTENDED = bt.read_study(IN_ORDER)
 
 
 def with_order(column, standard, comparison, response=WORDS):
@@ -65,10 +65,10 @@ def typed_lines(result):
     return [line[7:].partition("  ")[0] for line in f"type:{lines}".splitlines() if lines]
 
 
-def is_meant(table, **options):
+def is_intended(table, **options):
     """Whether a table is read as the study that is meant."""
     study = bt.read_study(table, bt.ReadOptions(**options))
-    return study.frame().equals(MEANT.frame())
+    return study.frame().equals(INTENDED.frame())
 
 
 #: Name of the column, its cell where the standard was first, and where the comparison was.
@@ -106,7 +106,7 @@ CERTAIN = [
 
 @pytest.mark.parametrize("column, standard, comparison", CERTAIN)
 def test_an_order_whose_meaning_is_certain_is_read(column, standard, comparison):
-    assert is_meant(with_order(column, standard, comparison), standard_interval=column)
+    assert is_intended(with_order(column, standard, comparison), standard_interval=column)
 
 
 #: The same of the interval of the comparison.
@@ -122,23 +122,25 @@ OF_COMPARISON = [
 @pytest.mark.parametrize("column, standard, comparison", OF_COMPARISON)
 def test_a_column_may_hold_the_interval_of_the_comparison(column, standard, comparison):
     table = with_order(column, standard, comparison)
-    assert is_meant(table, comparison_interval=column)
+    assert is_intended(table, comparison_interval=column)
     if column != "order":
         with pytest.raises(bt.InputError, match="but named as that of the comparison"):
             bt.read_study(table, bt.ReadOptions(standard_interval=column))
-        assert is_meant(table, standard_interval=column, comparison_interval=column)
+        assert is_intended(table, standard_interval=column, comparison_interval=column)
 
 
 def test_a_name_is_no_proof_where_cells_or_a_code_say_more():
     table = with_order("comparison_interval", "1", "2")
-    assert is_meant(table, standard_interval="comparison_interval", standard_first_code="1")
+    assert is_intended(table, standard_interval="comparison_interval", standard_first_code="1")
     table = with_order("comparison_position", "standard_first", "comparison_first")
-    assert is_meant(table, standard_interval="comparison_position")
+    assert is_intended(table, standard_interval="comparison_position")
     table = with_order("standard_interval", "1", "2")
     with pytest.raises(bt.InputError, match="named as that of the standard") as refusal:
         bt.read_study(table, bt.ReadOptions(comparison_interval="standard_interval"))
     (remedy,) = refusal.value.remedies
-    assert is_meant(table, comparison_interval="standard_interval", **{remedy.option: remedy.value})
+    assert is_intended(
+        table, comparison_interval="standard_interval", **{remedy.option: remedy.value}
+    )
 
 
 #: The same of codes that may mean either, so that there is one question.
@@ -169,7 +171,7 @@ def test_codes_that_may_mean_either_are_one_question(column, standard, compariso
     }
     words = ["--standard-interval", column, "--standard-first-code", standard]
     assert checked(tmp_path, table, *words).returncode == 0
-    assert is_meant(table, standard_interval=column, standard_first_code=standard)
+    assert is_intended(table, standard_interval=column, standard_first_code=standard)
 
 
 def test_more_codes_than_two_are_refused_by_value(tmp_path):
@@ -188,7 +190,7 @@ def test_an_order_that_only_one_file_has_needs_no_other_code(tmp_path):
         part.to_csv(tmp_path / f"{code}.csv", index=False)
     options = bt.ReadOptions(standard_interval="order", standard_first_code="A")
     study = bt.read_study([tmp_path / "A.csv", tmp_path / "B.csv"], options)
-    assert study.frame().equals(MEANT.frame())
+    assert study.frame().equals(INTENDED.frame())
 
 
 #: Responses, and options that read them beside a column `standard_interval`.
@@ -207,7 +209,7 @@ RESPONSES = [
 @pytest.mark.parametrize("response, options", RESPONSES)
 def test_one_code_of_the_responses_is_enough_with_a_standard(response, options):
     table = with_order("standard_interval", "1", "2", response)
-    assert is_meant(table, standard_interval="standard_interval", **options)
+    assert is_intended(table, standard_interval="standard_interval", **options)
 
 
 @pytest.mark.parametrize("missing", ["", "None", "NA", "timeout"])
@@ -215,18 +217,18 @@ def test_missed_trials_are_no_third_code(missing):
     table = with_order("standard_interval", "1", "2", coded("j", "f"))
     extra = table.head(3).assign(response=missing)
     options = {"standard_interval": "standard_interval", "second_code": "j"}
-    assert is_meant(pd.concat([table, extra]), **options)
+    assert is_intended(pd.concat([table, extra]), **options)
 
 
 @pytest.mark.parametrize(
-    "response, meant",
+    "response, intended",
     [
         (coded("j", "f"), "--second-code j"),
         (of_comparison("longer", "shorter"), "--comparison-code longer"),
         (of_comparison("1", "0"), "--comparison-code 1"),
     ],
 )
-def test_what_is_typed_for_codes_is_accepted(response, meant, tmp_path):
+def test_what_is_typed_for_codes_is_accepted(response, intended, tmp_path):
     """The first line is the likeliest, and each line works."""
     table = with_order("standard_interval", "1", "2", response)
     words = ["--standard-interval", "standard_interval"]
@@ -235,7 +237,7 @@ def test_what_is_typed_for_codes_is_accepted(response, meant, tmp_path):
     for code in codes:
         assert f"'{code}' ({(response == code).sum()})" in result.stderr
     lines = typed_lines(result)
-    assert lines[0] == meant
+    assert lines[0] == intended
     assert {line.split()[0] for line in lines} >= {
         *("--second-code", "--equal-code", "--comparison-code")
     }
@@ -338,7 +340,7 @@ def test_subjects_who_guess_are_no_reversed_study(n_subjects):
         for i in range(n_subjects):
             counts, trials = rng.binomial(20, 0.5, len(levels)), np.full(len(levels), 20)
             subjects.append(
-                bt.Subject(f"{i}", 0.0 * levels, levels, counts, trials, task=MEANT.task)
+                bt.Subject(f"{i}", 0.0 * levels, levels, counts, trials, task=INTENDED.task)
             )
         assert direction(bt.Study(subjects)) == 0
 
@@ -385,7 +387,7 @@ def test_columns_of_psychopy_are_read_where_one_is_similar(names):
         table[name] = np.arange(len(table))
     study = bt.read_study(table)
     assert {*study.reading.read} - {"subject", "s1", "s2"} == NAMES[names]
-    assert study.frame().equals(MEANT.frame())
+    assert study.frame().equals(INTENDED.frame())
 
 
 def test_two_columns_of_keys_are_proposed(tmp_path):
@@ -402,10 +404,10 @@ def test_all_that_is_missing_is_asked_at_once(tmp_path):
     )
     result = checked(tmp_path, table)
     assert len(re.findall("^error:", result.stderr, re.MULTILINE)) == 2
-    first, *others = typed_lines(result)
+    first, *other_lines = typed_lines(result)
     assert first == "--standard-interval Reihenfolge --second-code j"
     assert checked(tmp_path, table, *first.split()).returncode == 0
-    for line in others:  # it leads to the next question, or to an answer
+    for line in other_lines:  # it leads to the next question, or to an answer
         after = checked(tmp_path, table, *line.split())
         assert "found together" not in after.stderr
 

@@ -849,8 +849,8 @@ def test_a_column_that_chooses_rows_is_there_once():
 )
 def test_ten_values_are_told_at_most(n_values, last):
     lines = refused(TRIALS + "".join(f"a,x{i},0,equal\n" * 2 for i in range(n_values)))
-    told = "column s1: found 'x{}' in 2 rows, the first is row {}, allowed: a finite number"
-    assert lines[:10] == [told.format(i, 2 * i + 2) for i in range(10)]
+    line = "column s1: found 'x{}' in 2 rows, the first is row {}, allowed: a finite number"
+    assert lines[:10] == [line.format(i, 2 * i + 2) for i in range(10)]
     assert lines[10:] == [f"... and {text}" for text in last]
 
 
