@@ -1,4 +1,4 @@
-"""The first hour of a new user: a study of weights of touch, and what the user types to read it.
+"""The first hour of a new user: a study of touch, and what the user types to read it.
 
 The study has six observers, 240 trials each, standards of 60, 100 and 160 um, and comparisons of
 .75, .87, 1.15 and 1.33 of them in both orders. One file is as PsychoPy writes it, the other is
@@ -20,6 +20,11 @@ from commands import inside
 
 STANDARDS, RATIOS = (60.0, 100.0, 160.0), (0.75, 0.87, 1.15, 1.33)
 N_OBSERVERS, N_REPEATS, N_PRACTICE = 6, 10, 6
+KEYS, SIGNS = {True: "j", False: "f"}, {True: 1.0, False: -1.0}
+PSYCHOPY_ORDERS = {True: "standard_first", False: "comparison_first"}
+GERMAN_ORDERS = {True: "Standard zuerst", False: "Vergleich zuerst"}
+GERMAN_PARTS = {"practice": "Übung", "main": "Hauptteil"}
+RESPONSES = {"j": "second", "f": "first"}
 NOISE, CONSTANT_ERRORS = 0.12, (0.1, 0.0, -0.1, 0.05, 0.0, 0.1)
 #: What the user knows: keys, columns and the question. A line with one of the others is wrong.
 NOT_TRUE = ("--equal-code", "--different-code", "--comparison-code", "--correct", "--unit ln")
@@ -38,7 +43,7 @@ def made_up_trials():
         for part, pairs_shown in (("practice", main[:N_PRACTICE]), ("main", main)):
             for number, (standard, ratio, is_first) in enumerate(pairs_shown):
                 comparison = ratio * standard
-                difference = np.log(ratio) * (1 if is_first else -1)
+                difference = np.log(ratio) * SIGNS[is_first]
                 is_second = difference - constant_error + rng.normal(0.0, NOISE) > 0.0
                 trials.append(
                     {
@@ -47,13 +52,13 @@ def made_up_trials():
                         "number": number,
                         "standard": standard,
                         "comparison": comparison,
-                        "is_standard_first": bool(is_first),
-                        "key": "j" if is_second else "f",
-                        "rt": rng.uniform(0.3, 1.2),
+                        "is_standard_first": is_first,
+                        "key": KEYS[bool(is_second)],
+                        "rt": f"{rng.uniform(0.3, 1.2):.4f}",
                     }
                 )
     missed = next(i for i, trial in enumerate(trials) if trial["observer"] == "VP03")
-    trials[missed + 40] |= {"key": "None", "rt": None}
+    trials[missed + 40] |= {"key": "None", "rt": ""}
     return trials
 
 
@@ -62,10 +67,10 @@ def psychopy_file(folder):
     head = "participant,block,trials.thisRepN,trials.thisN,amp_standard,amp_comparison,order,"
     lines = [f"{head}key_resp.keys,key_resp.rt,date,frameRate"]
     for trial in made_up_trials():
-        order = "standard_first" if trial["is_standard_first"] else "comparison_first"
-        rt = "" if trial["rt"] is None else f"{trial['rt']:.4f}"
+        order = PSYCHOPY_ORDERS[trial["is_standard_first"]]
         cells = [trial["observer"], trial["part"], "0", trial["number"], trial["standard"]]
-        cells += [f"{trial['comparison']:g}", order, trial["key"], rt, "2026-11-02", "60.01"]
+        cells += [f"{trial['comparison']:g}", order, trial["key"], trial["rt"]]
+        cells += ["2026-11-02", "60.01"]
         lines.append(",".join(map(str, cells)))
     (folder / "study.csv").write_text("\n".join(lines), encoding="utf-8")
     return "study.csv"
@@ -86,9 +91,8 @@ def german_file(folder):
     """The study as a German spreadsheet saves it."""
     lines = ["Versuchsperson;Phase;Standard (µm);Vergleich (µm);Reihenfolge;Taste;Prüfgröße"]
     for trial in made_up_trials():
-        order = "Standard zuerst" if trial["is_standard_first"] else "Vergleich zuerst"
-        part = "Übung" if trial["part"] == "practice" else "Hauptteil"
-        key = "" if trial["key"] == "None" else trial["key"]
+        order, part = GERMAN_ORDERS[trial["is_standard_first"]], GERMAN_PARTS[trial["part"]]
+        key = trial["key"].replace("None", "")
         cells = [trial["observer"], part, f"{trial['standard']:g}", f"{trial['comparison']:g}"]
         lines.append(";".join([*cells, order, key, "größer"]).replace(".", ","))
     (folder / "studie.csv").write_bytes("\r\n".join(lines).encode("cp1252"))
@@ -102,7 +106,7 @@ def logs_by_mistake(folder):
         if trial["part"] == "main" and trial["key"] != "None":
             pair = [trial["standard"], trial["comparison"]]
             first, second = pair if trial["is_standard_first"] else pair[::-1]
-            response = "second" if trial["key"] == "j" else "first"
+            response = RESPONSES[trial["key"]]
             lines.append(f"{trial['observer']},{first:g},{second:g},{response}")
     (folder / "amps.csv").write_text("\n".join(lines), encoding="utf-8")
     return "amps.csv"

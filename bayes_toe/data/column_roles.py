@@ -32,7 +32,9 @@ VOCABULARY: dict[str, dict[str, Any]] = tomllib.loads(
 #: What a cell says where something holds, and where it does not.
 TRUE_WORDS = frozenset({"1", "1.0", "true", "yes", "wahr", "ja"})
 FALSE_WORDS = frozenset({"0", "0.0", "false", "no", "falsch", "nein", ""})
-_MEANINGS = {word: ours for ours, words in VOCABULARY["stimuli"].items() for word in words}
+_MEANINGS = dict[str, str]()
+for _ours, _words in VOCABULARY["stimuli"].items():
+    _MEANINGS |= dict.fromkeys(_words, _ours)
 _KNOWN_WORDS = re.compile("|".join(sorted(_MEANINGS, key=len, reverse=True)))
 
 
@@ -92,8 +94,8 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     if sorted(initials) == ["comparison", "standard"]:
         return initials, [], set()
     meanings = [_MEANINGS.get(word, "") for word in words]
-    stimuli = [meaning for meaning in meanings if meaning in ("standard", "comparison")]
-    places = [meaning for meaning in meanings if meaning in ("first", "second")]
+    stimuli = [*filter(("standard", "comparison").__contains__, meanings)]
+    places = [*filter(("first", "second").__contains__, meanings)]
     return stimuli, places, {*words} - _MEANINGS.keys()
 
 
