@@ -341,6 +341,7 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
         yield "condition"
     # No inference reads block and trial: twice there, or named as something else, they are ignored.
     other_names = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
+    other_names.append(options.name("standard_interval"))
     for ours in LOOKED_AT:
         name = options.name(ours)
         if name not in other_names and names.count(name) == 1:

@@ -249,8 +249,10 @@ def _other_code(
     if has_other or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
     other = names[codes.index(None)]
-    commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
     shares = join_names(unknown.counts(unknown.texts), 4)
+    if not {_YES, _NO} & {*answer.tolist()}:
+        return f"the codes are {shares}. None of them is the code that was given.", []
+    commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
     problem = f"the other codes are {shares}. Which of them is '{other}'?"
     return problem, [Remedy(f"{other}_code", commonest, f"if {commonest} is '{other}'")]
 

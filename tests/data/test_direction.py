@@ -254,6 +254,17 @@ def test_of_several_other_codes_one_is_asked_for(tmp_path):
     assert typed_lines(result) == ["--first-code f"]
 
 
+def test_a_code_that_no_response_has_is_refused(tmp_path):
+    words = ["--standard-interval", "order", "--second-code", "x"]
+    result = checked(tmp_path, with_order("order", "SC", "CS", coded("j", "f")), *words)
+    assert "None of them is the code that was given." in result.stderr
+    assert typed_lines(result) == []
+
+
+def test_the_order_may_be_that_of_blocks():
+    assert is_intended(with_order("block", "SC", "CS"), standard_interval="block")
+
+
 #: Files whose answers are reversed under the options, and what is typed and right.
 REVERSED = [
     (
