@@ -33,7 +33,7 @@ VOCABULARY: dict[str, dict[str, Any]] = tomllib.loads(
 TRUE_WORDS = frozenset({"1", "1.0", "true", "yes", "wahr", "ja"})
 FALSE_WORDS = frozenset({"0", "0.0", "false", "no", "falsch", "nein", ""})
 _MEANINGS = dict[str, str]()
-for _ours, _words in VOCABULARY["stimuli"].items():
+for _ours, _words in (VOCABULARY["stimuli"] | VOCABULARY["places"]).items():
     _MEANINGS |= dict.fromkeys(_words, _ours)
 _KNOWN_WORDS = re.compile("|".join(sorted(_MEANINGS, key=len, reverse=True)))
 
