@@ -251,7 +251,7 @@ def test_of_several_other_codes_one_is_asked_for(tmp_path):
     words = ["--standard-interval", "standard_interval", "--second-code", "j"]
     result = checked(tmp_path, table, *words)
     assert "Which of them is 'first'?" in result.stderr
-    assert typed_lines(result) == ["--first-code f"]
+    assert typed_lines(result)[0].startswith("--first-code f")
 
 
 def test_a_code_that_no_response_has_is_refused(tmp_path):
