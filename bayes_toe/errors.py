@@ -1,16 +1,17 @@
 """The exceptions and warnings a user may catch.
 
 Every exception is a :class:`BayesToeError`; the command line turns each into one line per problem
-and exit code 2. `Remedy` is an option that solves a problem. `require_kind` and `require_share`
-refuse arguments.
+and exit code 2. `Remedy` is an option that solves a problem. `with_next_questions` adds what is
+asked after the first answers. `require_kind` and `require_share` refuse arguments.
 """
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from numbers import Real
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 
 class BayesToeError(Exception):
@@ -28,12 +29,14 @@ class Remedy(NamedTuple):
         Its value; for `columns` pairs of our names and those of the file.
     meaning : str
         When it is the right one.
+    question : int
+        The problem that it solves, of the problems of an error; below 0 the last one. One remedy of
+        each question is enough.
 
     Examples
     --------
-    >>> remedy = Remedy("equal_code", "1", "if 1 is 'equal'")
-    >>> remedy.typed, remedy.python
-    ('--equal-code 1', "ReadOptions(equal_code='1')")
+    >>> Remedy("equal_code", "1", "if 1 is 'equal'").typed
+    '--equal-code 1'
     >>> Remedy("columns", (("s1", "first"), ("s2", "second"))).typed
     '--columns s1=first,s2=second'
     """
@@ -41,6 +44,7 @@ class Remedy(NamedTuple):
     option: str
     value: str | tuple[tuple[str, str], ...]
     meaning: str = ""
+    question: int = -1
 
     @property
     def typed(self) -> str:
@@ -56,8 +60,44 @@ class Remedy(NamedTuple):
     @property
     def python(self) -> str:
         """The name in Python."""
-        value: object = dict(self.value) if isinstance(self.value, tuple) else self.value or True
-        return f"ReadOptions({self.option}={value!r})"
+        return python_options([self])
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it can be typed as it is: no name or number is left open."""
+        texts = [self.value]
+        if not isinstance(self.value, str):
+            texts = [theirs for _, theirs in self.value]
+        return not {"NAME", "REF"} & {*texts}
+
+
+def option_values(remedies: Iterable[Remedy]) -> dict[str, Any]:
+    """The values of options by name, as parameters of :class:`bayes_toe.ReadOptions`.
+
+    Examples
+    --------
+    >>> option_values([Remedy("columns", (("s1", "a"),)), Remedy("columns", (("s2", "b"),))])
+    {'columns': {'s1': 'a', 's2': 'b'}}
+    """
+    values = dict[str, Any]()
+    for remedy in remedies:
+        if isinstance(remedy.value, str):
+            values[remedy.option] = remedy.value or True
+        else:
+            values[remedy.option] = {**values.get(remedy.option, {}), **dict(remedy.value)}
+    return values
+
+
+def python_options(remedies: Iterable[Remedy]) -> str:
+    """Options as Python has them.
+
+    Examples
+    --------
+    >>> python_options([Remedy("equal_code", "1"), Remedy("standard_first", "")])
+    "ReadOptions(equal_code='1', standard_first=True)"
+    """
+    values = option_values(remedies).items()
+    return f"ReadOptions({', '.join(f'{name}={value!r}' for name, value in values)})"
 
 
 class InputError(BayesToeError, ValueError):
@@ -68,7 +108,7 @@ class InputError(BayesToeError, ValueError):
     problems : str or iterable of str
         One line per problem.
     remedies : sequence of Remedy
-        What to type instead, one of them.
+        What to type, one of each question.
 
     Examples
     --------
@@ -80,13 +120,82 @@ class InputError(BayesToeError, ValueError):
         self.problems: tuple[str, ...] = (
             (problems,) if isinstance(problems, str) else tuple(problems)
         )
-        self.remedies = tuple(remedies)
-        use = [f"use {remedy.python} {remedy.meaning}".rstrip() for remedy in self.remedies]
+        last = len(self.problems) - 1
+        numbered = []
+        for remedy in remedies:
+            numbered.append(remedy if remedy.question >= 0 else remedy._replace(question=last))
+        self.remedies = tuple(numbered)
+        choices = self.choices
+        use = [f"use {python_options(chosen)} {meaning}".rstrip() for chosen, meaning in choices]
         super().__init__("\n".join([*self.problems, *use]))
+
+    @property
+    def choices(self) -> list[tuple[list[Remedy], str]]:
+        """Remedies that are typed together, and when they are right.
+
+        The first choice answers every question by its first remedy. Each other remedy is a choice
+        with the answers before it.
+
+        Examples
+        --------
+        >>> unit = [Remedy("unit", text, "", 0) for text in ("um", "ln")]
+        >>> code = Remedy("second_code", "j", "", 1)
+        >>> for chosen, _ in InputError(["no unit", "no code"], [*unit, code]).choices:
+        ...     print(*(remedy.typed for remedy in chosen))
+        --unit um --second-code j
+        --unit ln
+        """
+        chosen, choices = list[Remedy](), list[tuple[list[Remedy], str]]()
+        for remedy in self.remedies:
+            if remedy.question in {other.question for other in chosen}:
+                earlier = [other for other in chosen if other.question < remedy.question]
+                choices.append(([*earlier, remedy], remedy.meaning))
+            else:
+                chosen.append(remedy)
+        meanings = ", ".join(remedy.meaning for remedy in chosen if remedy.meaning)
+        return [(chosen, meanings), *choices] if chosen else []
 
     def __reduce__(self) -> tuple[type[InputError], tuple[tuple[str, ...], tuple[Remedy, ...]]]:
         # Errors cross process borders when subjects run in parallel.
         return type(self), (self.problems, self.remedies)
+
+
+def with_next_questions(
+    error: InputError, options: Any, read: Callable[[Any], object]
+) -> InputError:
+    """The error with what is asked next, if the first remedy of each question is typed.
+
+    `options` are those of the error, and `read` reads under other ones.
+    """
+    problems, remedies = list(error.problems), list(error.remedies)
+    while error.choices:
+        chosen, _ = error.choices[0]
+        if not all(remedy.is_complete for remedy in chosen):
+            break
+        try:
+            options = with_values(options, option_values(chosen))
+            read(options)
+            break
+        except InputError as next_error:
+            error = next_error
+        if not set(problems).isdisjoint(error.problems):
+            break
+        for remedy in error.remedies:
+            remedies.append(remedy._replace(question=len(problems) + remedy.question))
+        problems += error.problems
+    return InputError(problems, remedies)
+
+
+def with_values(options: Any, values: Mapping[str, Any]) -> Any:
+    """Options with other values; names and lists are added to those that there are."""
+    new_values = dict(values)
+    for name, value in values.items():
+        earlier = getattr(options, name)
+        if isinstance(earlier, Mapping):
+            new_values[name] = {**earlier, **value}
+        elif isinstance(earlier, tuple):
+            new_values[name] = (*earlier, value)
+    return replace(options, **new_values)
 
 
 class OutputError(BayesToeError, OSError):

@@ -151,10 +151,16 @@ class StudyFile:
         Text, layout("--subject-from", "NAME", "Subject in the name: 'sub-{}_*'.")
     ] = None
     columns: Annotated[
-        Text, layout("--columns", "OURS=THEIRS", "Your column names: s1=first,...")
+        Texts, layout("--columns", "OURS=THEIRS", "Your column names: s1=first,...")
     ] = None
     standard_interval: Annotated[
         Text, layout("--standard-interval", "COLUMN", "Column: the standard's interval.")
+    ] = None
+    comparison_interval: Annotated[
+        Text, layout("--comparison-interval", "COLUMN", "The comparison's interval.")
+    ] = None
+    standard_first_code: Annotated[
+        Text, layout("--standard-first-code", "CODE", "In it: the standard was first.")
     ] = None
     standard_first: Annotated[
         bool, layout("--standard-first", "", "The standard was always first.")
@@ -252,8 +258,8 @@ class StudyFile:
             for field in fields(ReadOptions)
             if hasattr(self, field.name)
         }
-        columns = [] if self.columns is None else self.columns.split(",")
-        options["columns"] = parse_pairs("--columns", columns, "OURS=NAME")
+        columns = ",".join(self.columns or ())
+        options["columns"] = parse_pairs("--columns", filter(None, columns.split(",")), "OURS=NAME")
         options["where"] = parse_pairs("--where", self.where or (), "COLUMN=TEXT")
         options["ignore"] = self.ignore or ()
         return ReadOptions(**options, categorical=self.named_levels)

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 BAD_INPUT, INCOMPLETE = 2, 3
+#: Letters up to which what is typed is filled up with spaces, before its meaning.
+_WIDEST_TYPED = 40
 #: The fields of :class:`RunContext` that are options of commands with several processes, and of
 #: those that use a model too. The annotation of a command names the fields that the command has;
 #: all have `quiet`.
@@ -296,7 +298,8 @@ def print_error(error: BayesToeError, command: str) -> None:
     choices: list[tuple[str, str]] = []
     if isinstance(error, InputError):
         problems = "\n".join(error.problems)
-        choices = [(remedy.typed, remedy.meaning) for remedy in error.remedies]
+        for chosen, meaning in error.choices:
+            choices.append((" ".join(remedy.typed for remedy in chosen), meaning))
     elif isinstance(error, OutputExistsError):
         problems = error.problem
         other = "--save NAME" if command == "check" else "-o NAME"
@@ -308,7 +311,7 @@ def print_error(error: BayesToeError, command: str) -> None:
         problems = f"{problems}; {stored}"
     for problem in problems.split("\n"):
         print_labelled("error:", visible(problem))
-    width = max((len(typed) for typed, _ in choices), default=0)
+    width = min(max((len(typed) for typed, _ in choices), default=0), _WIDEST_TYPED)
     label = "type:"
     for typed, meaning in choices:
         print_labelled(label, visible(f"{typed:<{width}}  {meaning}".rstrip()))

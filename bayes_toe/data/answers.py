@@ -142,12 +142,14 @@ class Reading:
     `read` has our names of the columns that were read. `ignored` has the names of the others in the
     file. `doubts` are probable mistakes in the file, a sentence each, without its full stop.
     `pooled` are ignored columns that look like a condition with several levels of a subject.
+    `codes` are the texts of the responses.
     """
 
     read: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     pooled: tuple[str, ...] = ()
+    codes: tuple[str, ...] = ()
 
 
 def counted_rows(

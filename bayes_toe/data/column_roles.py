@@ -17,20 +17,25 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
+from typing import Any
 
 from bayes_toe.data.messages import display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
 from bayes_toe.errors import Remedy
 
 #: Words of other labs by section and key.
-VOCABULARY: dict[str, dict[str, list[str]]] = tomllib.loads(
+VOCABULARY: dict[str, dict[str, Any]] = tomllib.loads(
     (files("bayes_toe.data") / "vocabulary.toml").read_text(encoding="utf-8")
 )
 
 
 #: What a cell says where something holds, and where it does not.
-TRUE_WORDS = frozenset({"1", "1.0", "true", "yes"})
-_FALSE_WORDS = frozenset({"0", "0.0", "false", "no", ""})
+TRUE_WORDS = frozenset({"1", "1.0", "true", "yes", "wahr", "ja"})
+FALSE_WORDS = frozenset({"0", "0.0", "false", "no", "falsch", "nein", ""})
+_MEANINGS = dict[str, str]()
+for _ours, _words in (VOCABULARY["stimuli"] | VOCABULARY["places"]).items():
+    _MEANINGS |= dict.fromkeys(_words, _ours)
+_KNOWN_WORDS = re.compile("|".join(sorted(_MEANINGS, key=len, reverse=True)))
 
 
 @lru_cache(maxsize=2**16)
@@ -51,9 +56,47 @@ def without_accents(text: str) -> str:
 
 
 def looks_like(name: str, ours: str) -> bool:
-    """Whether a column of a file looks like one of ours in another spelling."""
+    """Whether a column of a file looks like one of ours in another spelling.
+
+    Examples
+    --------
+    >>> looks_like("key_resp.keys", "response"), looks_like("amp_standard", "standard")
+    (True, True)
+    """
     plain = plain_name(name)
-    return plain == ours.replace("_", "") or plain in VOCABULARY["columns"].get(ours, ())
+    if plain == ours.replace("_", "") or plain in VOCABULARY["columns"].get(ours, ()):
+        return True
+    _, dot, ending = name.rpartition(".")
+    if dot and ending in VOCABULARY["psychopy"].get(ours, ()):
+        return not plain.startswith(tuple(VOCABULARY["psychopy"]["other_parts"]))
+    stimuli, places, other_words = named_places(name)
+    return [ours] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
+
+
+@lru_cache(maxsize=2**16)
+def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
+    """Which of standard and comparison a name or a cell names, their places, and other words.
+
+    Examples
+    --------
+    >>> named_places("standard_first"), named_places("SC")
+    ((['standard'], ['first'], set()), (['standard', 'comparison'], [], set()))
+    >>> named_places("left"), named_places("testInterval")
+    (([], [], {'left'}), (['comparison'], [], {'interval'}))
+    """
+    camel_case = re.sub("(?<=[a-z])(?=[A-Z])", " ", text)
+    words = list[str]()
+    for word in re.findall("[a-z]+|-?[0-9.,]+(?:st|nd)?", without_accents(camel_case).lower()):
+        word = re.sub("[.,]0*$", "", word)
+        parts = _KNOWN_WORDS.findall(word)
+        words += parts if "".join(parts) == word else [word]
+    initials = [VOCABULARY["letters"].get(letter, "") for letter in "".join(words)]
+    if sorted(initials) == ["comparison", "standard"]:
+        return initials, [], set()
+    meanings = [_MEANINGS.get(word, "") for word in words]
+    stimuli = [*filter(("standard", "comparison").__contains__, meanings)]
+    places = [*filter(("first", "second").__contains__, meanings)]
+    return stimuli, places, {*words} - _MEANINGS.keys()
 
 
 def is_response_sign(name: str) -> bool:
@@ -80,7 +123,7 @@ def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
     """
     beginnings = tuple(VOCABULARY["practice"]["texts"])
     is_flag = plain_name(name) in VOCABULARY["practice"]["flags"]
-    has_flags = is_flag and {*map(str.lower, texts)} <= TRUE_WORDS | _FALSE_WORDS
+    has_flags = is_flag and {*map(str.lower, texts)} <= TRUE_WORDS | FALSE_WORDS
     marks = []
     for text in texts:
         is_true = has_flags and text.lower() in TRUE_WORDS
@@ -138,6 +181,8 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
     """
     roles = [] if options.subject_from is not None else ["subject"]
     roles += ("standard", "comparison") if options.has_standard else _STIMULI
+    if any(name.endswith(".thisN") for name in names) and "trial" not in options.ignore:
+        roles.append("trial")
     likely = _likely(names, options, roles)
     if options.correct is None:
         likely |= _likely_answers(names, options)
@@ -161,7 +206,8 @@ def _likely_answers(names: Sequence[str], options: ReadOptions) -> dict[str, str
 
 def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
     """The columns of these roles, of which each has one candidate."""
-    names_in_use = {options.name(ours) for ours in COLUMNS}
+    unused = _STIMULI if options.has_standard else ()
+    names_in_use = {options.name(ours) for ours in COLUMNS if ours not in unused}
     likely = {}
     for ours in roles:
         if ours in options.columns or ours in names:
@@ -176,9 +222,15 @@ def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) ->
 
 
 def columns_to_read(
-    names: Sequence[str], options: ReadOptions, *, is_frame: bool = False
+    names: Sequence[str],
+    options: ReadOptions,
+    orders: Sequence[str] = (),
+    *,
+    is_frame: bool = False,
 ) -> tuple[list[str], list[str], list[Remedy]]:
     """Our names of the columns that are read, what is wrong with the names, and what to type.
+
+    `orders` are columns that may say which of a standard and a comparison came first.
 
     Examples
     --------
@@ -192,13 +244,13 @@ def columns_to_read(
     ]
     if options.subject_from is not None:
         roles_read.remove("subject")
-    unordered = _unordered_stimuli(options)
+    unordered = _unordered_stimuli(names, options)
     if unordered:
         problems.append(
             f"columns {unordered} do not say which stimulus came first, so that an order effect "
             "would cancel out."
         )
-        return roles_read, problems, _order_remedies(names)
+        return roles_read, problems, [*_order_remedies(orders)]
     stimulus_in_unit = _stimulus_in_unit(names, options)
     if stimulus_in_unit:
         unit = unit_in(stimulus_in_unit)
@@ -258,7 +310,7 @@ def _missing_and_repeated(
 def _roles_read(names: Sequence[str], options: ReadOptions) -> list[str]:
     """Our names of the columns that these names call for, and of those that there may be."""
     roles_read = ["subject", *options.stimuli]
-    if options.standard_interval is not None:
+    if options.interval_column is not None:
         roles_read.append("standard_interval")
     roles_read += _answer_roles(names, options)
     for ours in _optional_roles(names, options):
@@ -289,6 +341,7 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
         yield "condition"
     # No inference reads block and trial: twice there, or named as something else, they are ignored.
     other_names = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
+    other_names.append(options.name("standard_interval"))
     for ours in LOOKED_AT:
         name = options.name(ours)
         if name not in other_names and names.count(name) == 1:
@@ -320,24 +373,28 @@ def _answer_problems(
         yield f"column {display_name(response)}: {finding}, allowed: {rule}"
 
 
-def _unordered_stimuli(options: ReadOptions) -> str:
-    """The columns of both stimuli, where their names are those of a standard and a comparison."""
+def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
+    """The columns of a standard and a comparison, where nothing says which came first."""
     if options.has_standard:
         return ""
-    theirs = [options.name(ours) for ours in options.stimuli]
-    for roles in (("standard", "comparison"), ("comparison", "standard")):
-        if all(looks_like(name, ours) for name, ours in zip(theirs, roles, strict=True)):
-            return f"{display_name(theirs[0])} and {display_name(theirs[1])}"
-    return ""
+    theirs = [*map(options.name, options.stimuli)]
+    if set(theirs).isdisjoint(names):
+        theirs = [*names]
+    columns = []
+    for ours in ("standard", "comparison"):
+        columns += [name for name in theirs if looks_like(name, ours)][:1]
+    return " and ".join(map(display_name, columns)) if len(columns) == 2 else ""
 
 
-def _order_remedies(names: Sequence[str]) -> list[Remedy]:
+def _order_remedies(orders: Sequence[str]) -> Iterator[Remedy]:
     """Options to type if a table has a standard and a comparison."""
-    alike = [name for name in names if looks_like(name, "standard_interval")]
-    return [
-        Remedy("standard_interval", (alike or ["NAME"])[0], "if it says 1 or 2 for the standard"),
-        Remedy("standard_first", "", "if the standard was always first"),
-    ]
+    for name in [*orders, "NAME"][: max(1, len(orders))]:
+        stimuli, places, _ = named_places(name)
+        for owner in ("standard", "comparison"):
+            if stimuli in ([], [owner]) or (places and owner == "standard"):
+                meaning = f"if {name} says the interval of the {owner}"
+                yield Remedy(f"{owner}_interval", name, meaning)
+    yield Remedy("standard_first", "", "if the standard was always first")
 
 
 def _unit_remedies(unit: str) -> list[Remedy]:
@@ -360,11 +417,8 @@ def _remedies(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> Iterator[Remedy]:
     """Options to type if columns are missing."""
-    missing = [ours for ours in roles_read if options.name(ours) not in names]
-    lacks_stimuli = not set(missing).isdisjoint(options.stimuli)
-    if lacks_stimuli and not options.has_standard and _has_standard(names):
-        yield from _order_remedies(names)
-        return
+    roles = dict.fromkeys((*roles_read, *options.columns))
+    missing = [ours for ours in roles if options.name(ours) not in names]
     to_name = [ours for ours in missing if ours in _REQUIRED]
     if to_name:
         other_names = {options.name(ours) for ours in roles_read}
@@ -388,13 +442,6 @@ def _stimulus_remedies(
         yield Remedy("intensity", "REF", meaning)
 
 
-def _has_standard(names: Sequence[str]) -> bool:
-    """Whether some columns look like a standard and its comparison."""
-    return any(looks_like(name, "standard") for name in names) and any(
-        looks_like(name, "comparison") for name in names
-    )
-
-
 def _answer_remedies(names: Sequence[str], missing: Sequence[str]) -> Iterator[Remedy]:
     """Options to type if the column of responses, or of right and wrong, is missing."""
     scores = [name for name in names if looks_like(name, "correct")]
@@ -411,6 +458,8 @@ def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOp
     pairs = []
     for ours in to_name:
         alike = [name for name in free if looks_like(name, ours)]
+        if ours == "response":
+            alike += [name for name in free if looks_like(name, "key")]
         pairs.append((ours, stimuli.get(ours) or (alike or ["NAME"])[0]))
     meaning = "with the names in your file"
     unit = unit_in(stimuli.get("s1", ""))

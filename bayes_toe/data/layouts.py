@@ -11,25 +11,24 @@ both stimuli by a pattern, such as '100_112'.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.column_roles import VOCABULARY
+from bayes_toe.data.column_roles import FALSE_WORDS, TRUE_WORDS, VOCABULARY, named_places
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import is_no_response
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, Remedy
 
-_STANDARD_WORDS = VOCABULARY["stimuli"]["standard"]
-_COMPARISON_WORDS = VOCABULARY["stimuli"]["comparison"]
-_STANDARD_FIRST = frozenset({"1", "1.0", "first", "1st", *_STANDARD_WORDS})
-_STANDARD_SECOND = frozenset({"2", "2.0", "second", "2nd", *_COMPARISON_WORDS})
 #: What the column of the interval may hold.
-ALLOWED_INTERVALS = "1 or 2, the interval of the standard (also first or second)"
+ALLOWED_INTERVALS = (
+    "1 or 2, the interval of the standard (also first or second, standard_first or "
+    "comparison_first, SC or CS); other codes by --standard-first-code"
+)
 
 
 class StandardOrder:
@@ -37,9 +36,12 @@ class StandardOrder:
 
     Parameters
     ----------
-    n_rows : int
+    table : TextTable
+        If a column has one or two codes whose meaning is not certain, the table is refused, with a
+        question.
     column : Column or None
-        The interval of the standard; None where the standard was always first.
+        Says which stimulus came first; None where the standard was always first.
+    options : ReadOptions
 
     Attributes
     ----------
@@ -48,14 +50,14 @@ class StandardOrder:
         Rows in which the column does not say it.
     """
 
-    def __init__(self, n_rows: int, column: Column | None) -> None:
+    def __init__(self, table: TextTable, column: Column | None, options: ReadOptions) -> None:
         self.column = column
-        self.is_first = np.ones(n_rows, np.bool_)
-        self.is_unknown = np.zeros(n_rows, np.bool_)
-        if self.column is not None:
-            self.is_first = self.column.map(lambda text: text.lower() in _STANDARD_FIRST, np.bool_)
-            is_second = self.column.map(lambda text: text.lower() in _STANDARD_SECOND, np.bool_)
-            self.is_unknown = ~(self.is_first | is_second)
+        self.is_first = np.ones(len(table.rows), np.bool_)
+        self.is_unknown = np.zeros(len(table.rows), np.bool_)
+        if column is not None:
+            is_first = _standard_first_by_text(table, column, options)
+            self.is_first = column.map(lambda text: is_first.get(text) is True, np.bool_)
+            self.is_unknown = column.map(lambda text: is_first.get(text) is None, np.bool_)
 
     def in_order(self, standard: FloatArray, comparison: FloatArray) -> list[FloatArray]:
         """First and second stimuli of every row."""
@@ -64,34 +66,100 @@ class StandardOrder:
             np.where(self.is_first, comparison, standard),
         ]
 
-    def by_interval(self, table: TextTable, column: Column, comparison_code: str | None) -> Column:
+    def by_interval(self, table: TextTable, column: Column, options: ReadOptions) -> Column:
         """Responses 'comparison' and 'standard' as 'second' and 'first'; other texts stay.
 
-        With the code of 'comparison', the other code of the column is 'standard'.
-
-        Raises
-        ------
-        InputError
-            If no response has the code, or if there are three codes.
+        With the code of 'comparison', the other code of the column is 'standard'. The table is
+        refused if no response has the code, or there are three codes.
         """
+        comparison_code = options.comparison_code
         texts = [text for text in column.texts if not is_no_response(text)]
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
-            codes = join_names([*map(quoted, texts)])
-            raise InputError(
-                f"{table.source}: column {display_name(column.name)}: found {codes}, allowed: "
-                f"{quoted(comparison_code)} for 'comparison' and one other code for 'standard'"
+            table.problems.ask(
+                f"column {display_name(column.name)}: found {join_names(column.counts(texts))}, "
+                f"allowed: {quoted(comparison_code)} for 'comparison' and one other code for "
+                "'standard'",
+                (),
             )
+            table.problems.refuse()
         is_comparison = {}
         for text in texts:
             if comparison_code is not None:
                 is_comparison[text] = text == comparison_code
-            elif text.lower() in (*_COMPARISON_WORDS, *_STANDARD_WORDS):
-                is_comparison[text] = text.lower() in _COMPARISON_WORDS
+            elif named_places(text) in ((["standard"], [], set()), (["comparison"], [], set())):
+                is_comparison[text] = named_places(text)[0] == ["comparison"]
         is_word = column.map(is_comparison.__contains__, np.bool_)
         is_second = column.map(is_comparison.get, np.bool_) == self.is_first
         n_texts = len(column.texts)
         by_row = np.where(is_word, np.where(is_second, n_texts, n_texts + 1), column.codes)
-        return Column.from_texts(column.name, [*column.texts, "second", "first"], by_row)
+        in_words = Column.from_texts(column.name, [*column.texts, "second", "first"], by_row)
+        return in_words.only(np.ones(len(by_row), np.bool_))
+
+
+def _standard_first_by_text(
+    table: TextTable, column: Column, options: ReadOptions
+) -> Mapping[str, bool | None]:
+    """Whether the standard came first, by the texts of a column; None where it is not said."""
+    texts = [text for text in column.texts if not is_no_response(text)]
+    stimuli, places, _ = named_places(column.name)
+    owner = "comparison" if options.comparison_interval else "standard"
+    is_first: dict[str, bool | None] = {
+        text: _is_standard_first(text, owner, places) for text in texts
+    }
+    code = options.standard_first_code
+    if code in texts or (code is not None and len(texts) == 1):
+        if len(texts) <= 2:
+            is_first = dict.fromkeys(texts, False)
+        return {**is_first, str(code): True}
+    if stimuli and places and {*map(str.lower, texts)} <= TRUE_WORDS | FALSE_WORDS:
+        of_true = _is_standard_first(column.name, "", ())
+        return {text: (text.lower() in TRUE_WORDS) == of_true for text in texts}
+    _require_certain(table, column, is_first, owner)
+    return is_first
+
+
+def _require_certain(
+    table: TextTable, column: Column, is_first: Mapping[str, bool | None], owner: str
+) -> None:
+    """Refuse one or two codes that may mean either, and intervals of another stimulus by name."""
+    if None in is_first.values() and len(is_first) <= 2:
+        counts = join_names(column.counts(is_first))
+        problem = f"the codes are {counts}. Which of them means that the standard was first?"
+        _ask_order(table, column, problem, [*is_first])
+    in_first = [text for text in is_first if named_places(text)[:2] == ([], ["first"])]
+    stimuli, _, _ = named_places(column.name)
+    if in_first and len(stimuli) == 1 and owner not in stimuli:
+        problem = f"found as the interval of the {owner}, but named as that of the {stimuli[0]}."
+        _ask_order(table, column, problem, in_first[:1], stimuli[0])
+
+
+def _ask_order(
+    table: TextTable, column: Column, problem: str, texts: Sequence[str], owner: str = ""
+) -> None:
+    """Refuse a column of which it is not certain what these texts mean."""
+    remedies = list[Remedy]()
+    if owner == "comparison":
+        meaning = "if it says the interval of the comparison"
+        remedies.append(Remedy("comparison_interval", column.name, meaning))
+    for text in texts:
+        meaning = f"if {text} means that the standard was first"
+        remedies.append(Remedy("standard_first_code", text, meaning))
+    table.problems.ask(f"column {display_name(column.name)}: {problem}", remedies)
+    table.problems.refuse()
+
+
+def _is_standard_first(text: str, owner: str, places_of_name: Sequence[str]) -> bool | None:
+    """Whether a cell says that the standard came first; None where its meaning is not certain.
+
+    `owner` is the stimulus whose interval a cell such as 1 tells.
+    """
+    stimuli, places, other_words = named_places(text)
+    if not (stimuli or places) or not other_words <= {*VOCABULARY["words"]["filling"]}:
+        return None
+    if len(stimuli) == 1:
+        places = places or list(places_of_name)
+    is_standard, is_first = [*stimuli, owner][0] == "standard", [*places, "first"][0] == "first"
+    return is_standard == is_first
 
 
 # --- Pairs in the names of columns ----------------------------------------------------------------

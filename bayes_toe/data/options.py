@@ -34,7 +34,8 @@ _ANSWERS = {
 #: Fields whose texts must not be empty.
 _TEXT_FIELDS = (
     *(f"{answer}_code" for answer in _ANSWERS),
-    *("correct", "condition", "reference", "standard_interval", "comparison_code", "unit", "wide"),
+    *("correct", "condition", "reference", "unit", "wide", "comparison_code"),
+    *("standard_interval", "comparison_interval", "standard_first_code"),
 )
 
 
@@ -85,6 +86,11 @@ class ReadOptions:
         For columns `standard` and `comparison` in the place of s1 and s2: the column that says in
         which interval the standard was, 1 or 2. A response 'comparison' is 'second' where the
         comparison was second, and else 'first'.
+    comparison_interval : str, optional
+        The same for a column with the interval of the comparison, test, target or signal. It holds
+        if both options name one column.
+    standard_first_code : str, optional
+        The text in this column that stands for trials in which the standard was first.
     standard_first : bool
         For the same columns: the standard was the first stimulus in all trials.
     comparison_code : str, optional
@@ -127,6 +133,8 @@ class ReadOptions:
     categorical: bool = False
     decimal: str | None = None
     standard_interval: str | None = None
+    comparison_interval: str | None = None
+    standard_first_code: str | None = None
     standard_first: bool = False
     comparison_code: str | None = None
     wide: str | None = None
@@ -177,15 +185,18 @@ class ReadOptions:
             )
         if self.decimal not in (None, ".", ","):
             problems.append(f"--decimal: found {self.decimal!r}, allowed: '.' or ','")
-        if self.standard_first and self.standard_interval is not None:
+        columns = {self.standard_interval, self.comparison_interval} - {None}
+        if self.standard_first + len(columns) > 1:
             problems.append(
-                "--standard-first: found with --standard-interval, allowed: one of them"
+                "--standard-first, --standard-interval, --comparison-interval: found together, "
+                "allowed: one of them"
             )
-        if self.comparison_code is not None and not self.has_standard:
-            problems.append(
-                "--comparison-code: found alone, allowed: with --standard-interval or "
-                "--standard-first"
-            )
+        for option, is_used in (
+            ("--comparison-code", self.comparison_code is None or self.has_standard),
+            ("--standard-first-code", self.standard_first_code is None or columns),
+        ):
+            if not is_used:
+                problems.append(f"{option}: found alone, allowed: with --standard-interval COLUMN")
         return problems
 
     def _code_problems(self) -> list[str]:
@@ -249,7 +260,7 @@ class ReadOptions:
         chosen_by_role = {
             "correct": self.correct,
             "condition": self.condition,
-            "standard_interval": self.standard_interval,
+            "standard_interval": self.interval_column,
         }
         chosen = chosen_by_role.get(ours)
         return self.columns.get(ours, chosen or ours)
@@ -257,7 +268,12 @@ class ReadOptions:
     @property
     def has_standard(self) -> bool:
         """Whether the stimuli are a standard and a comparison."""
-        return self.standard_first or self.standard_interval is not None
+        return self.standard_first or self.interval_column is not None
+
+    @property
+    def interval_column(self) -> str | None:
+        """The column that says which of standard and comparison came first."""
+        return self.comparison_interval or self.standard_interval
 
     @property
     def stimuli(self) -> tuple[str, str]:

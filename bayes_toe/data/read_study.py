@@ -9,11 +9,12 @@ what cannot be used is refused with all problems of the file at once.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
-from itertools import chain
+from itertools import chain, filterfalse, permutations
 from pathlib import Path
 from typing import TypeAlias
 
@@ -36,7 +37,7 @@ from bayes_toe.data.messages import describe_intervals, display_name, join_names
 from bayes_toe.data.options import COLUMNS, ReadOptions, changed, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
-    refuse_reversed,
+    direction,
     require_task,
     responses,
     without_missed,
@@ -60,7 +61,7 @@ from bayes_toe.data.text_table import (
     TextTable,
 )
 from bayes_toe.data.trial_order import answers_in_order
-from bayes_toe.data.units import follows_from_pairs, with_conditions, with_units
+from bayes_toe.data.units import REPEATED, follows_from_pairs, with_conditions, with_units
 from bayes_toe.data.validation import (
     ambiguous_number,
     bare_names,
@@ -68,6 +69,7 @@ from bayes_toe.data.validation import (
     counts_of_shares,
     empty,
     has_shares,
+    is_no_response,
     number,
     number_by_sign,
     numbers,
@@ -75,7 +77,14 @@ from bayes_toe.data.validation import (
     require_numbers,
     require_texts,
 )
-from bayes_toe.errors import InputError, Remedy, require_kind
+from bayes_toe.errors import (
+    InputError,
+    Remedy,
+    option_values,
+    require_kind,
+    with_next_questions,
+    with_values,
+)
 
 #: What made the bundled files: the default example, and the study in the paper's design.
 COMMANDS = (
@@ -96,6 +105,7 @@ Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 _NO_LOG_INTENSITY = 100.0
 #: Columns that tell something of the whole file.
 _MARKS = ("synthetic", "task")
+_MOST_LEVELS = 0.5  # of a condition, as a share of the trials
 _FEWEST_PERCENTAGES = 4  # rows with 100 trials that may be a table of percentages
 
 
@@ -164,14 +174,21 @@ def read_study(
         study = read_study(source.files, source.options)
         return changed(study, source.swap, source.exclude)
     paths, folder_notes = table_files(paths)
-    study = read_together(paths, partial(_read, options=options))
+
+    def read(with_options: ReadOptions) -> Study:
+        return read_together(paths, partial(_read, options=with_options))
+
+    try:
+        study = read(options)
+    except InputError as error:
+        raise with_next_questions(error, options, read) from None
     study = with_conditions(replace(study, notes=(*folder_notes, *study.notes)), options)
     is_chosen = options.categorical or (options.condition, options.reference) != (None, None)
     condition = None if is_chosen else study.conditions
     if condition is not None and follows_from_pairs(units_by_subject(study).values()):
         return _without_condition(path, options, condition.name)
-    is_python = any(hasattr(path, "columns") for path in paths)
-    refuse_reversed(study, _reversal_remedy(study, options, is_python))
+    if direction(study) < 0:
+        raise _reversed(study, options, read)
     return study
 
 
@@ -195,20 +212,30 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> Study:
     return _count_study(rows) if answers is None else _trial_study(rows, answers)
 
 
-def _reversal_remedy(study: Study, options: ReadOptions, is_python: bool) -> str:
-    """Options to type if all answers mean the opposite of what they say."""
-    if "n_trials" in study.reading.read:
-        return f"{display_name(options.name('n_second'))} counts those"
+def _reversed(
+    study: Study, options: ReadOptions, read: Callable[[ReadOptions], Study]
+) -> InputError:
+    """The refusal of reversed answers, with the options under which they are not reversed."""
+    finding = "found 'second' less often the larger s2 - s1 is"
+    rule = "allowed: 'second' where the second stimulus was called the stronger"
     if options.correct:
-        return f"column {display_name(options.correct)} says right of those"
-    second, first = (
-        code or word
-        for code, word in zip(options.codes(WHICH_STRONGER), ("second", "first"), strict=True)
-    )
-    codes = f"--second-code {first} --first-code {second}"
-    if is_python:
-        codes = f"ReadOptions(second_code={first!r}, first_code={second!r})"
-    return f"if they mean the opposite, {codes}"
+        rule += f"; column {display_name(options.correct)} says right of those"
+    elif "n_trials" in study.reading.read:
+        rule += f"; {display_name(options.name('n_second'))} counts those"
+    candidates = list[list[Remedy]]()
+    for code, other in permutations(study.reading.codes, 2):
+        second = Remedy("second_code", code, f"if {code} is 'second'", 0)
+        comparison = Remedy("comparison_code", code, f"if {code} is 'comparison'", 0)
+        candidates += [[second, Remedy("first_code", other, "", 1)], [comparison]]
+    if options.standard_interval is not None:
+        meaning = "if it says the interval of the comparison"
+        candidates.append([Remedy("comparison_interval", options.standard_interval, meaning, 0)])
+    remedies = []
+    for candidate in candidates:
+        with suppress(InputError):
+            if direction(read(with_values(options, option_values(candidate)))) > 0:
+                remedies += candidate
+    return InputError(f"{study.source}: {finding}, {rule}.", remedies)
 
 
 def example_study(task: Task | str = WHICH_STRONGER) -> Study:
@@ -307,6 +334,12 @@ class _Rows:
         return self.columns["subject"]
 
     @property
+    def codes(self) -> list[str]:
+        """The responses in the file, which `columns` may have in words."""
+        column = self.table.columns.get(self.options.name("response"))
+        return [] if column is None else [*filterfalse(is_no_response, column.texts)]
+
+    @property
     def names_not_read(self) -> list[str]:
         """The columns that are not read, without those that the options ignore."""
         columns = (*self.columns.values(), *self.signs)
@@ -318,18 +351,30 @@ class _Rows:
             name for name in dict.fromkeys(self.table.names) if name and name not in names_to_skip
         ]
 
-    @property
-    def pooled_conditions(self) -> list[str]:
-        """Columns that are not read and look like a condition with several levels of a subject."""
+    def pooled_conditions(self, k: IntArray, n: IntArray) -> list[str]:
+        """Columns that are not read and look like a condition with several levels of a subject.
+
+        None of them follows from the stimuli and answers, or has about as many texts as trials.
+        """
         names = list[str]()
         if "condition" in self.columns:
             return names
-        n_subjects = len(np.unique(self.subject.codes))
-        for name in self.names_not_read:
-            if looks_like(name, "condition"):
-                pairs = np.column_stack([self.subject.codes, self.table.columns[name].codes])
-                if len(np.unique(pairs, axis=0)) > n_subjects:
-                    names.append(name)
+        counted = np.flatnonzero(n > 0)
+        difference = self.keys[1] - self.keys[0]
+        answers = [self.subject.codes, k == n]
+        outcomes = np.column_stack([*answers, np.sign(difference)])[counted]
+        pairs = np.column_stack([*answers, *self.keys])[counted]
+        is_scored = difference[counted] != 0.0
+        subjects = outcomes[:, :1]
+        for name in filter(partial(looks_like, ours="condition"), self.names_not_read):
+            levels = self.table.columns[name].codes[counted]
+            n_levels = _n_distinct(subjects, levels)
+            is_varied = _n_distinct(subjects) < n_levels <= _MOST_LEVELS * len(counted)
+            follows = any(
+                _follows(levels[is_scored], rows[is_scored]) for rows in (outcomes, pairs)
+            )
+            if is_varied and not follows:
+                names.append(name)
         return names
 
     def require_pairs(self, asked: BoolArray) -> None:
@@ -374,7 +419,7 @@ class _Rows:
         notes += [
             f"column {display_name(theirs)} read as {ours}"
             for ours, theirs in options.columns.items()
-            if theirs != ours
+            if theirs != ours and ours in self.columns
         ]
         names = map(options.name, options.ignore)
         ignored = [display_name(name) for name in names if name in table.names]
@@ -384,6 +429,17 @@ class _Rows:
             for column in self.key_columns[:2]:
                 notes.append(f"column {display_name(column.name)} read as {unit}")
         return notes
+
+
+def _n_distinct(*columns: FloatArray | IntArray) -> int:
+    """How many rows of these columns differ."""
+    return len(np.unique(np.column_stack(columns), axis=0))
+
+
+def _follows(levels: IntArray, rows: FloatArray) -> bool:
+    """Whether levels are the same in all rows with the same values, and not by chance."""
+    n_groups = _n_distinct(rows)
+    return len(rows) - n_groups >= REPEATED and _n_distinct(rows, levels) == n_groups
 
 
 def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
@@ -398,9 +454,10 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     if options.wide is not None:
         table = with_pairs(table, options)
     options = with_likely_columns(table.names, options)
-    roles_read, problems, remedies = columns_to_read(table.names, options, is_frame=table.is_frame)
-    table.problems.remedies += remedies
-    table.require(problems)
+    roles_read, problems, remedies = columns_to_read(
+        table.names, options, _order_columns(table), is_frame=table.is_frame
+    )
+    table.require(problems, remedies)
     table = _without_practice(_chosen_rows(table, options.where), options)
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     columns |= _marks(table)
@@ -414,14 +471,24 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     if table.grouping_sign and options.decimal is None:
         _require_decimal_sign(table, stimuli, options)
     values = [_stimulus(table, column, options) for column in stimuli]
-    order = StandardOrder(len(table.rows), columns.get("standard_interval"))
+    order = StandardOrder(table, columns.get("standard_interval"), options)
     keys = order.in_order(*values)
     if options.has_standard and "response" in columns:
-        columns["response"] = order.by_interval(table, columns["response"], options.comparison_code)
+        columns["response"] = order.by_interval(table, columns["response"], options)
     if "isi" in columns:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
     return _Rows(table, columns, keys, options, signs, values, order)
+
+
+def _order_columns(table: TextTable) -> list[str]:
+    """Columns that may say which of a standard and a comparison came first."""
+    names = []
+    for name, column in table.columns.items():
+        n_codes = sum(not is_no_response(text) for text in column.texts)
+        if n_codes <= 2 and looks_like(name, "standard_interval"):
+            names.append(name)
+    return names
 
 
 def _marks(table: TextTable) -> dict[str, Column]:
@@ -451,7 +518,8 @@ def _columns_looked_at(names: Sequence[str], options: ReadOptions) -> set[str]:
     chosen = {*roles, *_MARKS, *options.where, *pairs}
     for name in names:
         is_sign = options.correct is not None and is_response_sign(name)
-        if is_sign or may_mark_practice(name) or looks_like(name, "condition"):
+        is_mark = may_mark_practice(name) or looks_like(name, "condition")
+        if is_sign or is_mark or looks_like(name, "standard_interval"):
             chosen.add(name)
     return chosen & set(names)
 
@@ -519,12 +587,12 @@ def _require_decimal_sign(
         # Logarithms of intensities are no thousands.
         return
     digits, decimal = text.replace(sign, ""), text.replace(sign, ".")
-    table.problems.add([(0, f"the stimulus '{text}' can be {digits} or {decimal}.")])
     other_sign = "," if sign == "." else "."
-    table.problems.remedies += [
+    remedies = [
         Remedy("decimal", sign, f"if it is {decimal}"),
         Remedy("decimal", other_sign, f"if it is {digits}"),
     ]
+    table.problems.ask(f"the stimulus '{text}' can be {digits} or {decimal}.", remedies)
     table.problems.refuse()
 
 
@@ -586,7 +654,8 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         tuple(rows.columns),
         tuple(rows.names_not_read),
         tuple(f"{source}: {doubt}" for doubt in doubts),
-        tuple(rows.pooled_conditions),
+        tuple(rows.pooled_conditions(k, n)),
+        tuple(rows.codes),
     )
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
 
@@ -627,7 +696,7 @@ def _percentage_doubts(n: IntArray) -> list[str]:
 
 def _trial_study(rows: _Rows, column: Column) -> Study:
     table = rows.table
-    answers = responses(table, column, rows.options, rows.keys[1] - rows.keys[0])
+    answers = responses(table, column, rows.options, rows.keys, rows.order)
     answers, signs = without_missed(answers, column, rows.signs)
     # Rows without an answer, such as instruction screens, may hold anything else.
     rows.require_pairs(answers.is_answered | answers.is_unscorable)
@@ -695,7 +764,7 @@ def _count_study(rows: _Rows) -> Study:
     first = np.unique(subject.codes, return_index=True)[1]
     is_without_trials = np.bincount(subject.codes, n != 0) == 0
     is_first_row = np.isin(np.arange(len(n)), first[is_without_trials]) & ~empty(subject)
-    table.fault(trials, is_first_row, "at least 1 trial in some row of the subject")
+    table.fault(subject, is_first_row, "a subject with at least 1 trial in some row")
     table.problems.refuse()
     require_task(table, task, rows.columns.get("task"))
     notes = rows.layout("grouped", f"{k.sum()} of {n.sum()} trials answered '{task.yes}'")

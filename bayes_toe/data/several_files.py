@@ -69,10 +69,21 @@ def _distinguishing_folder(path: Path, paths: Sequence[Path]) -> str:
 
 
 def _of_all_files(faulty: Sequence[InputError]) -> InputError:
-    """The first problems of all files."""
+    """The first problems of all files; a question that several files have is asked once."""
     if len(faulty) == 1:
         return faulty[0]
-    problems = list(chain.from_iterable(error.problems for error in faulty))
+    alike = dict[str, list[str]]()
+    for error in faulty:
+        questions = {remedy.question for remedy in error.remedies}
+        for i, problem in enumerate(error.problems):
+            kind = problem
+            if i in questions:  # counts and the order of codes may differ
+                kind = "".join(sorted(re.sub(r"[\d,]", "", problem.partition(": ")[2])))
+            alike.setdefault(kind, []).append(problem)
+    problems = list[str]()
+    for first, *others in alike.values():
+        files = plural(len(others), "more file")
+        problems.append(f"{first} (and in {files})" if others else first)
     if len(problems) > MAX_LINES:
         problems = [*problems[:MAX_LINES], "... and more problems"]
     return InputError(problems, faulty[0].remedies)
@@ -94,7 +105,7 @@ def _together(studies: Sequence[Study]) -> Study:
         count = plural(len(several), "subject")
         notes.append(f"{count} in several files, put together: {join_names(several)}")
     names = {}
-    for key in ("read", "ignored", "pooled"):
+    for key in ("read", "ignored", "pooled", "codes"):
         of_files = chain.from_iterable(getattr(study.reading, key) for study in studies)
         names[key] = tuple(dict.fromkeys(of_files))
     reading = Reading(**names, doubts=tuple(doubts))

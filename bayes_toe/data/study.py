@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +41,10 @@ if TYPE_CHECKING:
 
 #: Differences within this share of the smallest one are one step: stimuli may have two digits only.
 _ROUNDING = 0.35
+
+
+#: One name or number of a subject or block, or several.
+Names: TypeAlias = Sequence[str | int] | str | int
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -442,13 +446,12 @@ class Study:
         notes = (*self.notes, f"only pairs with an interval of {isi:g} s")
         return replace(self, subjects=some, notes=notes, reading=Reading())
 
-    def select(self, names: Sequence[str | int] | str | int) -> Study:
+    def select(self, names: Names) -> Study:
         """The same study with only these subjects, or this one, in the order asked for."""
-        asked = [names] if isinstance(names, str | int) else names
-        return replace(self, subjects=tuple(self[name] for name in asked))
+        return replace(self, subjects=tuple(self[name] for name in _name_list(names)))
 
-    def swap(self, name: str | int, blocks: Sequence[str | int] | str | int = ()) -> Study:
-        """Exchange the two responses of a subject, in these blocks or in all.
+    def swap(self, name: Names, blocks: Names = ()) -> Study:
+        """Exchange the two responses of a subject, or of several, in these blocks or in all.
 
         For a subject with swapped response keys, which :func:`~bayes_toe.check` finds. The option
         of commands is ``--swap``.
@@ -465,8 +468,8 @@ class Study:
         """
         return self._changed("--swap", "responses swapped", name, blocks, Answers.swapped)
 
-    def exclude(self, name: str | int, blocks: Sequence[str | int] | str | int = ()) -> Study:
-        """Exclude a subject, or these blocks of the subject.
+    def exclude(self, name: Names, blocks: Names = ()) -> Study:
+        """Exclude a subject, or several, or these blocks of them.
 
         The option of commands is ``--exclude``.
 
@@ -487,14 +490,18 @@ class Study:
         self,
         option: str,
         what: str,
-        name: str | int,
-        blocks: Sequence[str | int] | str | int,
+        names: Names,
+        blocks: Names,
         change: Callable[[Answers, BoolArray], Answers],
     ) -> Study:
-        """The study with the responses of a subject changed; notes and `changes` report it."""
-        subject = self[name]
-        given_blocks = [blocks] if isinstance(blocks, str | int) else blocks
-        asked = [*map(name_from_key, given_blocks)]
+        """The study with the responses of subjects changed; notes and `changes` report it."""
+        asked_names, asked = _name_list(names), _name_list(blocks)
+        if len(asked_names) != 1:
+            study = self
+            for name in asked_names:
+                study = study._changed(option, what, name, blocks, change)
+            return study
+        subject = self[asked_names[0]]
         change_made = f"{option} {cli_argument(subject.name, asked)}"
         try:
             changed_subject = _changed_subject(subject, asked, change)
@@ -665,6 +672,12 @@ def _pair_problem(keys: FloatArray, n_trials: IntArray) -> str:
     if len(run_starts(*keys)) < n_pairs:
         return "a pair of stimuli is repeated; Subject.from_counts adds repeats up"
     return ""
+
+
+def _name_list(names: Names) -> list[str]:
+    """Names of one or several; a whole number stands for its digits."""
+    several = [names] if isinstance(names, str | int | np.integer) else names
+    return [*map(name_from_key, several)]
 
 
 def _changed_subject(

@@ -93,6 +93,11 @@ class Column:
         """The text of one row."""
         return self.texts[int(self.codes[index])]
 
+    def counts(self, texts: Iterable[str]) -> list[str]:
+        """Texts with their counts, as messages show them."""
+        counts = np.bincount(self.codes, minlength=len(self.texts)).tolist()
+        return [f"{quoted(text)} ({counts[self.texts.index(text)]:,})" for text in texts]
+
 
 def value_text(value: object) -> str | None:
     """The text of a value in a CSV file; None if it has none."""
@@ -111,18 +116,32 @@ def value_text(value: object) -> str | None:
     return None if "\0" in text else text
 
 
+#: In the place of a row, for problems of a whole table; they are told first.
+_HEAD_ROW = -1
+
+
 class Problems:
     """Problems of a source, reported together in the order of its rows."""
 
     def __init__(self, source: str) -> None:
         self.source, self.count, self._shown = source, 0, list[tuple[int, str]]()
         self.remedies: list[Remedy] = []
+        self._nouns = set[str]()
 
-    def add(self, lines: Iterable[tuple[int, str]], count: int | None = None) -> None:
+    def add(
+        self, lines: Iterable[tuple[int, str]], count: int | None = None, noun: str = "problem"
+    ) -> None:
         """Rows and what is said of them; the first of `count`."""
         new_lines = list(lines)
+        self._nouns.add(noun)
         self._shown += new_lines
         self.count += len(new_lines) if count is None else count
+
+    def ask(self, question: str, remedies: Iterable[Remedy]) -> None:
+        """Add a problem of the whole table, with options that solve it."""
+        index = sum(row == _HEAD_ROW for row, _ in self._shown)
+        self.remedies += [remedy._replace(question=index) for remedy in remedies]
+        self.add([(_HEAD_ROW, question)])
 
     def refuse(self) -> None:
         """Raise ten of them as one InputError, and how many more there are."""
@@ -132,7 +151,8 @@ class Problems:
         problems = [f"{self.source}: {text}" for _, text in first_lines]
         n_others = self.count - len(first_lines)
         if n_others > 0:
-            problems.append(f"... and {plural(n_others, 'more problem')}")
+            noun = "value" if self._nouns == {"value"} else "problem"
+            problems.append(f"... and {plural(n_others, f'more {noun}')}")
         raise InputError(problems, self.remedies)
 
 
@@ -220,14 +240,14 @@ class TextTable:
         origin = {name: column.only(kept) for name, column in self.origin.items()}
         return replace(self, rows=self.rows[kept], columns=columns, origin=origin)
 
-    def require(self, lines: Sequence[str]) -> None:
+    def require(self, lines: Sequence[str], remedies: Iterable[Remedy] = ()) -> None:
         """Refuse a head with problems, a table without rows, and cells without a value.
 
-        Rows that cannot be split are told with the head.
+        Rows that cannot be split are told with the head. Remedies solve the last problem.
         """
-        self.problems.add(
-            (0, f"{self.head}{', ' if line.startswith('column') else ': '}{line}") for line in lines
-        )
+        for line in lines:
+            location = f"{self.head}{', ' if line.startswith('column') else ': '}"
+            self.problems.ask(location + line, remedies if line == lines[-1] else ())
         if lines or not self.delimiter:
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
@@ -235,21 +255,27 @@ class TextTable:
             raise InputError(f"{self.source}: {self.head}: {finding}")
 
     def fault(self, column: Column, bad: BoolArray, rule: str | Callable[[int], str]) -> None:
-        """Note the cells of a column that are bad.
+        """Note the distinct cells of a column that are bad, with their count and first row.
 
         `rule` says what would have been right, of the index of a record where it differs.
         """
-        wrong = np.flatnonzero(bad)
-        lines = []
-        for index in wrong[:MAX_LINES].tolist():
+        wrong = column.only(bad)
+        first_places = np.unique(wrong.codes, return_index=True)[1]
+        first_rows = np.flatnonzero(bad)[first_places].tolist()
+        counts, lines = np.bincount(wrong.codes).tolist(), []
+        for index, count in sorted(zip(first_rows, counts, strict=True))[:MAX_LINES]:
             right = rule if isinstance(rule, str) else rule(index)
             row, finding = int(self.rows[index]), quoted(column.text(index))
             name = column.name
             if name in self.origin:
                 name = self.origin[name].text(index)
             location = f"row {row}, column {display_name(name)}"
+            if count > 1:
+                location = f"column {display_name(name)}"
+                finding += f" in {count:,} rows, the first is row {row}"
             lines.append((row, f"{location}: found {finding}, allowed: {right}"))
-        self.problems.add(lines, len(wrong))
+        if lines:
+            self.problems.add(lines, len(counts), "value")
 
 
 def name_places(names: Sequence[str], choice: Choice) -> dict[str, int]:

@@ -22,7 +22,7 @@ from bayes_toe.data.validation import CONDITION_SEPARATOR, number
 from bayes_toe.errors import InputError
 
 #: From so many trials with a repeated pair on, it is no chance that each pair keeps its level.
-_REPEATED = 10
+REPEATED = 10
 
 
 def with_units(
@@ -131,17 +131,22 @@ def _without_units(study: Study, column: str, *, is_option: bool) -> Study:
 
 
 def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
-    """Whether pairs were repeated, and no subject has a pair at two levels.
+    """Whether pairs were repeated, and no subject has a pair with one answer at two levels.
 
-    Such a condition may be a name of pairs, or of their order.
+    Such a condition may be a name of pairs, or of their order, or of the outcome.
     """
     n_repeated = 0
     for units in units_of_subjects:
         if len(units) == 1:
             continue
-        pairs = [set(zip(unit.s1.tolist(), unit.s2.tolist(), strict=True)) for unit in units]
-        n_distinct = len(set().union(*pairs))
-        if n_distinct < sum(map(len, pairs)):
+        outcomes = list[tuple[float, float, bool]]()
+        for unit in units:
+            for answer, counts in ((True, unit.n_yes), (False, unit.n_trials - unit.n_yes)):
+                given = counts > 0
+                s1, s2 = unit.s1[given].tolist(), unit.s2[given].tolist()
+                outcomes += zip(s1, s2, [answer] * len(s1), strict=True)
+        n_distinct = len(set(outcomes))
+        if n_distinct < len(outcomes):
             return False
         n_repeated += sum(unit.total_trials for unit in units) - n_distinct
-    return n_repeated >= _REPEATED
+    return n_repeated >= REPEATED

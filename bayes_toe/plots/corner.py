@@ -27,7 +27,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from bayes_toe.arrays import FloatArray, NamedArrays
-from bayes_toe.data.messages import join_names
+from bayes_toe.data.messages import join_names, name_from_key
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.draws import Draws, require_draws
@@ -74,7 +74,7 @@ _LABEL_LETTERS = 40  # of a line of the key
 
 def corner(
     draws: Draws,
-    subject: str | Sequence[str],
+    subject: str | int | Sequence[str | int],
     *,
     coordinates: str | Sequence[str] = "natural",
     truths: Values | Mapping[str, Values] | None = None,
@@ -112,10 +112,11 @@ def corner(
         for more than four subjects.
     """
     require_draws(draws)
-    is_single = isinstance(subject, str)
-    truth_of = _truths_by_subject(truths, subject)
+    names_asked = _subject_names(subject)
+    is_single = len(names_asked) == 1
+    truth_of = _truths_by_subject(truths, names_asked)
     subjects = []
-    for name, (colour, line) in zip(_subject_names(subject), OVERLAID, strict=False):
+    for name, (colour, line) in zip(names_asked, OVERLAID, strict=False):
         target = draws.posterior(name)
         names = _quantity_names(target, coordinates)
         unit = target.subject.unit
@@ -140,11 +141,11 @@ def corner(
     return figure
 
 
-def _subject_names(subject: str | Sequence[str]) -> list[str]:
+def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
     """The subjects of a plot: one, or two to four."""
-    if isinstance(subject, str):
-        return [subject]
-    names = list(subject)
+    if isinstance(subject, str | int | np.integer):
+        return [name_from_key(subject)]
+    names = [*map(name_from_key, subject)]
     if not 2 <= len(set(names)) == len(names) <= len(OVERLAID):
         raise InputError(
             f"subjects in one corner plot: found {join_names([*map(repr, names)])}; "
@@ -154,18 +155,20 @@ def _subject_names(subject: str | Sequence[str]) -> list[str]:
 
 
 def _truths_by_subject(
-    truths: Values | Mapping[str, Values] | None, subject: str | Sequence[str]
+    truths: Values | Mapping[str, Values] | None, names: Sequence[str]
 ) -> Mapping[str, Values]:
     """True values by subject, of one or of several."""
     if truths is None:
         return {}
-    by_subject = {subject: truths} if isinstance(subject, str) else truths
-    if not all(isinstance(values, Mapping) for values in by_subject.values()):
+    if len(names) == 1:
+        return {names[0]: cast("Values", truths)}
+    if not all(isinstance(values, Mapping) for values in truths.values()):
         raise InputError(
             "truths: found numbers, allowed for several subjects: "
             "a mapping of each one's values by its name"
         )
-    return cast("Mapping[str, Values]", by_subject)
+    by_subject = cast("Mapping[str, Values]", truths)
+    return {name_from_key(name): values for name, values in by_subject.items()}
 
 
 # --- quantities -----------------------------------------------------------------------------------

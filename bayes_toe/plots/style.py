@@ -71,7 +71,7 @@ ORDERS = {
 # --- words ----------------------------------------------------------------------------------------
 
 
-def plain(name: str, limit: int = 32) -> str:
+def plain(name: str | int, limit: int = 32) -> str:
     r"""A subject's name as matplotlib may draw it, shortened in the middle.
 
     No dollar sign is read as mathematics. Names of a study begin alike and end with what
@@ -83,7 +83,9 @@ def plain(name: str, limit: int = 32) -> str:
     ('a\\$b', 'partic…_0007')
     """
     last = (limit - 2) // 2
-    short = name if len(name) <= limit else f"{name[: limit - 1 - last]}…{name[-last:]}"
+    short = str(name)
+    if len(short) > limit:
+        short = f"{short[: limit - 1 - last]}…{short[-last:]}"
     return short.replace("$", r"\$")
 
 

@@ -144,12 +144,12 @@ def test_check_warns_where_no_pair_is_in_two_conditions(read):
         (
             ROWS.replace("left", "l@ft"),
             {},
-            "row 5, column condition: found 'l@ft', allowed: a name without @",
+            "column condition: found 'l@ft' in 6 rows, the first is row 5, allowed: a name without",
         ),
         (
             ROWS.replace("left", ""),
             {},
-            "row 5, column condition: found '', allowed: a text that is not empty",
+            "column condition: found '' in 6 rows, the first is row 5, allowed: a text that is not",
         ),
         (ROWS, {"reference": "up"}, "--reference: found 'up', allowed: left, right"),
         (ROWS, {"condition": "hand"}, "there is no column hand"),

@@ -354,11 +354,15 @@ def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
 
 
 def test_of_several_files_the_first_problems_are_told(tmp_path):
-    bad, numerous = TRIALS + "a,x,0,equal\n" * 3, TRIALS + "a,x,0,equal\n" * 12
-    files = written(tmp_path, a=numerous, b=bad, c=bad)
+    bad, other = TRIALS + "a,x,0,equal\n" * 3, TRIALS + "a,y,0,equal\n"
+    numerous = TRIALS + "".join(f"a,x{letter},0,equal\n" for letter in "abcdefghijkl")
+    files = written(tmp_path, a=numerous, b=bad, c=bad, d=other)
     assert problems(bt.read_study, files)[-1] == "... and more problems"
-    (*_, last) = problems(bt.read_study, files[1:])
-    assert last == "c.csv: row 4, column s1: found 'x', allowed: a finite number"
+    assert problems(bt.read_study, files[1:]) == [
+        "b.csv: column s1: found 'x' in 3 rows, the first is row 2, allowed: a finite number",
+        "c.csv: column s1: found 'x' in 3 rows, the first is row 2, allowed: a finite number",
+        "d.csv: row 2, column s1: found 'y', allowed: a finite number",
+    ]
 
 
 # --- Options --------------------------------------------------------------------------------------
@@ -377,7 +381,12 @@ def test_of_several_files_the_first_problems_are_told(tmp_path):
         ({"columns": {"s1": " "}}, "--columns: found 's1='"),
         ({"columns": {"S1": "x"}}, "--columns: found 'S1=x', allowed: OURS=NAME with OURS one of"),
         ({"subject_from": "x.csv"}, "--subject-from: found 'x.csv', allowed: a file's name with"),
-        ({"standard_interval": "a", "standard_first": True}, "--standard-first: found with "),
+        ({"standard_interval": "a", "standard_first": True}, "--standard-first, --standard-"),
+        (
+            {"standard_interval": "a", "comparison_interval": "b"},
+            "--standard-first, --standard-interval, --comparison-interval: found together",
+        ),
+        ({"standard_first_code": "c"}, "--standard-first-code: found alone"),
         ({"comparison_code": "c"}, "--comparison-code: found alone"),
     ],
 )
@@ -451,7 +460,7 @@ def typed_remedies(data, **options):
 
 def test_the_code_proposed_for_second_is_commoner_with_a_stronger_second_stimulus():
     rows = TRIALS + "a,0,0.3,z\na,0.3,0,m\n" * 3 + "a,0,0.3,m\n"
-    assert typed_remedies(rows) == ["--equal-code z", "--second-code z"]
+    assert typed_remedies(rows) == ["--second-code z", "--equal-code z"]
 
 
 MISSED = """subject,s1,s2,correct,key,rt
@@ -513,7 +522,11 @@ a,0,-0.3,2,standard
 
 def test_a_standard_and_a_comparison_need_their_order():
     columns = {"s1": "standard", "s2": "comparison"}
-    remedies = ["--standard-interval interval", "--standard-first"]
+    remedies = [
+        "--standard-interval interval",
+        "--comparison-interval interval",
+        "--standard-first",
+    ]
     assert typed_remedies(STANDARDS) == typed_remedies(STANDARDS, columns=columns) == remedies
     with pytest.raises(InputError, match="an order effect would cancel out"):
         read(STANDARDS, columns=columns)
@@ -555,7 +568,7 @@ def test_what_is_refused_of_a_standard_and_a_comparison(earlier, after, expected
 
 def test_another_code_than_that_of_the_comparison_is_refused():
     (problem,) = refused(STANDARDS, standard_interval="interval", comparison_code="c")
-    assert problem.startswith("column response: found 'comparison', 'standard', allowed: 'c'")
+    assert problem.startswith("column response: found 'comparison' (2), 'standard' (2), allowed")
 
 
 # --- Refusals -------------------------------------------------------------------------------------
@@ -698,8 +711,8 @@ COUNT_ROWS = {
     "a,0,0,2,2\na,0,1,1,0\n": ("row 3, column n_equal: found '1', allowed: 0 to n_trials = 0"),
     "a,0,0,7,5\na,0,0,0,5\n": ("row 2, column n_equal: found '7', allowed: 0 to n_trials = 5"),
     "a,0,0,1,2\nb,0,0,0,0\nb,0,1,0,0\nc,0,0,0,0\n": (
-        "row 3, column n_trials: found '0', allowed: at least 1 trial in some row of the subject\n"
-        "row 5, column n_trials: found '0', allowed: at least 1 trial in some row of the subject"
+        "row 3, column subject: found 'b', allowed: a subject with at least 1 trial in some row\n"
+        "row 5, column subject: found 'c', allowed: a subject with at least 1 trial in some row"
     ),
 }
 #: The same of rows below the header of trials.
@@ -832,13 +845,22 @@ def test_a_column_that_chooses_rows_is_there_once():
 
 
 @pytest.mark.parametrize(
-    "n_rows, last", [(10, []), (11, ["1 more problem"]), (45, ["35 more problems"])]
+    "n_values, last", [(10, []), (11, ["1 more value"]), (45, ["35 more values"])]
 )
-def test_ten_problems_are_told_at_most(n_rows, last):
-    lines = refused(TRIALS + "a,x,0,equal\n" * n_rows)
-    row = "row {}, column s1: found 'x', allowed: a finite number"
-    assert lines[:10] == [row.format(i) for i in range(2, 12)]
+def test_ten_values_are_told_at_most(n_values, last):
+    lines = refused(TRIALS + "".join(f"a,x{i},0,equal\n" * 2 for i in range(n_values)))
+    line = "column s1: found 'x{}' in 2 rows, the first is row {}, allowed: a finite number"
+    assert lines[:10] == [line.format(i, 2 * i + 2) for i in range(10)]
     assert lines[10:] == [f"... and {text}" for text in last]
+
+
+def test_values_of_several_columns_are_told_in_the_order_of_their_rows():
+    lines = refused(TRIALS + "a,0,y,equal\n,x,0,equal\na,x,y,same\n")
+    assert [line.partition(", allowed")[0] for line in lines] == [
+        "column s2: found 'y' in 2 rows, the first is row 2",
+        "row 3, column subject: found ''",
+        "column s1: found 'x' in 2 rows, the first is row 3",
+    ]
 
 
 def test_unreadable_paths(tmp_path, monkeypatch):

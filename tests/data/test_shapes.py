@@ -359,7 +359,7 @@ REFUSED = {
     ),
     "few_decimals.csv": (
         csv(SHARES.assign(n_second=0.5, n_trials=40)),
-        ["row 2, column n_second: found '0.5', allowed: a share that makes a whole number of 40"],
+        ["column n_second: found '0.5' in 31 rows", "a share that makes a whole number of 40"],
     ),
     "wide.csv": (csv(pd.DataFrame({"subject": ["P03"], "740_905": [3]})), ["no column s1"]),
     "wide_by_another_name.csv": (
@@ -395,7 +395,7 @@ REFUSED = {
     ),
     "zero.csv": (
         csv(labelled(IN_GRAMS, w1="i1", w2="i2").replace({"i1": {740: 0}})),
-        ["column i1: found '0', allowed: a positive finite number"],
+        ["column i1: found '0' in 17 rows", "allowed: a positive finite number"],
         {"intensity": 1000},
     ),
 }  # fmt: skip

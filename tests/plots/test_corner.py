@@ -7,6 +7,7 @@ from itertools import chain
 
 import numpy as np
 import pytest
+from conftest import few_pairs
 from legible import require_legible
 from matplotlib.figure import Figure
 from matplotlib.path import Path
@@ -277,3 +278,14 @@ def test_the_four_models_show_constant_error_contraction_and_jnd(joint):
     assert len(every.axes) == 49
     assert support(joint.posterior("A"), "contraction") == pytest.approx((-1.0, 1.0))
     assert support(joint.posterior("A"), "zone") == (0.0, np.inf)
+
+
+def test_a_subject_that_is_a_number_is_named_by_it():
+    draws = bt.sample(few_pairs(["7", "8"]), draws=200, seed=1, prior="paper", workers=1)
+    assert "7" in words(bt.plots.corner(draws, 7))
+    truths = {7: TRUE, np.int64(8): {}}
+    figure = bt.plots.corner(draws, [7, np.int64(8)], truths=truths)
+    assert {"7,", "8,"} <= set(words(figure).split())
+    assert bt.plots.curves(draws, 7).axes
+    with pytest.raises(InputError, match="no subject '70'"):
+        bt.plots.corner(draws, 70)

@@ -1,0 +1,148 @@
+"""The first hour of a new user: a study of touch, and what the user types to read it.
+
+The study has six observers, 240 trials each, standards of 60, 100 and 160 um, and comparisons of
+.75, .87, 1.15 and 1.33 of them in both orders. One file is as PsychoPy writes it, the other is
+German: semicolons, decimal commas and Windows-1252.
+
+`first_hour` types `bayes-toe check` and adds what each refusal says after 'type:', as it is
+printed. Of several lines the user takes the first that says what is true of the study. Run as a
+script, this module prints all commands and answers.
+"""
+
+import shlex
+import sys
+import tempfile
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from commands import inside
+
+STANDARDS, RATIOS = (60.0, 100.0, 160.0), (0.75, 0.87, 1.15, 1.33)
+N_OBSERVERS, N_REPEATS, N_PRACTICE = 6, 10, 6
+KEYS, SIGNS = {True: "j", False: "f"}, {True: 1.0, False: -1.0}
+PSYCHOPY_ORDERS = {True: "standard_first", False: "comparison_first"}
+GERMAN_ORDERS = {True: "Standard zuerst", False: "Vergleich zuerst"}
+GERMAN_PARTS = {"practice": "Übung", "main": "Hauptteil"}
+RESPONSES = {"j": "second", "f": "first"}
+NOISE, CONSTANT_ERRORS = 0.12, (0.1, 0.0, -0.1, 0.05, 0.0, 0.1)
+#: What the user knows: keys, columns and the question. A line with one of the others is wrong.
+NOT_TRUE = ("--equal-code", "--different-code", "--comparison-code", "--correct", "--unit ln")
+NOT_TRUE += ("--standard-first ", "--second-code f", "--first-code j")
+MOST_REFUSALS = 2
+
+
+def made_up_trials():
+    """One record for each trial, practice among them: what was shown and answered."""
+    rng = np.random.default_rng(63)
+    pairs = list(product(STANDARDS, RATIOS, (True, False)))
+    trials = []
+    for observer, constant_error in enumerate(CONSTANT_ERRORS, start=1):
+        main = [*pairs] * N_REPEATS
+        rng.shuffle(main)
+        for part, pairs_shown in (("practice", main[:N_PRACTICE]), ("main", main)):
+            for number, (standard, ratio, is_first) in enumerate(pairs_shown):
+                comparison = ratio * standard
+                difference = np.log(ratio) * SIGNS[is_first]
+                is_second = difference - constant_error + rng.normal(0.0, NOISE) > 0.0
+                trials.append(
+                    {
+                        "observer": f"VP{observer:02}",
+                        "part": part,
+                        "number": number,
+                        "standard": standard,
+                        "comparison": comparison,
+                        "is_standard_first": is_first,
+                        "key": KEYS[bool(is_second)],
+                        "rt": f"{rng.uniform(0.3, 1.2):.4f}",
+                    }
+                )
+    missed = next(i for i, trial in enumerate(trials) if trial["observer"] == "VP03")
+    trials[missed + 40] |= {"key": "None", "rt": ""}
+    return trials
+
+
+def psychopy_file(folder):
+    """The study as PsychoPy writes it."""
+    head = "participant,block,trials.thisRepN,trials.thisN,amp_standard,amp_comparison,order,"
+    lines = [f"{head}key_resp.keys,key_resp.rt,date,frameRate"]
+    for trial in made_up_trials():
+        order = PSYCHOPY_ORDERS[trial["is_standard_first"]]
+        cells = [trial["observer"], trial["part"], "0", trial["number"], trial["standard"]]
+        cells += [f"{trial['comparison']:g}", order, trial["key"], trial["rt"]]
+        cells += ["2026-11-02", "60.01"]
+        lines.append(",".join(map(str, cells)))
+    (folder / "study.csv").write_text("\n".join(lines), encoding="utf-8")
+    return "study.csv"
+
+
+def psychopy_folder(folder):
+    """The study as PsychoPy writes it, a file for each observer."""
+    head, *rows = (folder / psychopy_file(folder)).read_text(encoding="utf-8").splitlines()
+    (folder / "data").mkdir()
+    for observer in range(1, N_OBSERVERS + 1):
+        own_rows = [row for row in rows if row.startswith(f"VP{observer:02},")]
+        text = "\n".join([head, *own_rows])
+        (folder / "data" / f"VP{observer:02}_touch.csv").write_text(text, encoding="utf-8")
+    return "data"
+
+
+def german_file(folder):
+    """The study as a German spreadsheet saves it."""
+    lines = ["Versuchsperson;Phase;Standard (µm);Vergleich (µm);Reihenfolge;Taste;Prüfgröße"]
+    for trial in made_up_trials():
+        order, part = GERMAN_ORDERS[trial["is_standard_first"]], GERMAN_PARTS[trial["part"]]
+        key = trial["key"].replace("None", "")
+        cells = [trial["observer"], part, f"{trial['standard']:g}", f"{trial['comparison']:g}"]
+        lines.append(";".join([*cells, order, key, "größer"]).replace(".", ","))
+    (folder / "studie.csv").write_bytes("\r\n".join(lines).encode("cp1252"))
+    return "studie.csv"
+
+
+def logs_by_mistake(folder):
+    """The study with micrometres in columns s1 and s2, which are natural logs by default."""
+    lines = ["subject,s1,s2,response"]
+    for trial in made_up_trials():
+        if trial["part"] == "main" and trial["key"] != "None":
+            pair = [trial["standard"], trial["comparison"]]
+            first, second = pair if trial["is_standard_first"] else pair[::-1]
+            response = RESPONSES[trial["key"]]
+            lines.append(f"{trial['observer']},{first:g},{second:g},{response}")
+    (folder / "amps.csv").write_text("\n".join(lines), encoding="utf-8")
+    return "amps.csv"
+
+
+def proposals(stderr):
+    """The options that a refusal says to type, without what they mean."""
+    lines = stderr.splitlines()
+    places = [i for i, line in enumerate(lines) if line.startswith("type:")]
+    if not places:
+        return []
+    return [line[7:].partition("  ")[0] for line in lines[places[0] :]]
+
+
+def first_hour(folder, name, *options):
+    """The refusals until `check` answers, and its answer; `options` are typed at once."""
+    words, refusals = ["check", name, *options], []
+    while True:
+        finished = inside(*words, cwd=folder)
+        if finished.returncode == 0:
+            return refusals, finished.stdout
+        refusals.append((shlex.join(words), finished.stderr))
+        true_lines = []
+        for line in proposals(finished.stderr):
+            if not any(text in f"{line} " for text in NOT_TRUE):
+                true_lines.append(line)
+        if not true_lines or len(refusals) > MOST_REFUSALS:
+            return refusals, ""
+        words += shlex.split(true_lines[0])
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as name:
+        for write in (psychopy_file, psychopy_folder, german_file):
+            file = write(Path(name))
+            refusals, answer = first_hour(Path(name), file, *sys.argv[1:])
+            for command, message in refusals:
+                print(f"$ bayes-toe {command}\n{message}")
+            print(answer)
