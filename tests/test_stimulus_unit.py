@@ -1,6 +1,7 @@
 """Stimuli in decibels and in grams: the numbers are those of natural logs, shown in the unit."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from commands import good, refused
 from legible import texts_of, words_of
@@ -99,3 +100,51 @@ def test_rounded_intensities_are_judged_and_drawn_as_exact_ones(task, digits):
 def test_a_mean_beyond_all_exponentials_has_per_cent(mean):
     unit = bt.example_study().unit.or_percent_of(mean)
     assert unit.stimuli([mean, mean + np.log(1.2)]) == pytest.approx([100.0, 120.0])
+
+
+GRAMS = [(740, 905), (905, 740), (1105, 1350), (1350, 1105)]
+
+
+def trials(pairs, names=("s1", "s2")):
+    """A table of trials with these pairs."""
+    table = pd.DataFrame(pairs, columns=list(names), dtype=object)
+    return table.assign(subject="A", response=["second", "first"] * (len(pairs) // 2))
+
+
+@pytest.mark.parametrize(
+    "pairs, names, sign, units",
+    [
+        (GRAMS, ("s1", "s2"), "columns s1 and s2: found whole numbers from 740 to 1350", "a.u. ln"),
+        ([(4.5, 7.6), (7.6, 4.5)], ("s1", "s2"), "row 0, columns s1 and s2: found 4.5", "a.u. ln"),
+        ([(0, 0.3), (0.3, 300)], ("s1", "s2"), "row 1, columns s1 and s2: found 0.3 and 300", "ln"),
+        ([(1.1, 1.2), (1.2, 1.1)], ("a1 (mm)", "a2 (mm)"), "a1 (mm) seems to be in mm", "mm ln"),
+    ],
+)
+def test_what_cannot_be_a_natural_log_is_refused_with_units_that_work(pairs, names, sign, units):
+    columns = dict(zip(("s1", "s2"), names, strict=True))
+    table = trials(pairs, names)
+    with pytest.raises(bt.InputError) as refusal:
+        bt.read_study(table, bt.ReadOptions(columns=columns))
+    assert sign in refusal.value.problems[0]
+    assert [remedy.value for remedy in refusal.value.remedies] == units.split()
+    for remedy in refusal.value.remedies:
+        options = bt.ReadOptions(columns=columns, unit=remedy.value)
+        (subject,) = bt.read_study(table, options)
+        expected = np.asarray(pairs, float) if remedy.value == "ln" else np.log(pairs)
+        assert sorted(subject.stimuli) == pytest.approx(sorted(expected.ravel()))
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.01])
+def test_natural_logs_of_any_reference_are_read(scale):
+    logs = np.log(GRAMS)
+    for shift in (0.0, 5.0, 20.72):
+        pairs = (scale * (logs - logs.min()) + shift).tolist()
+        assert bt.read_study(trials(pairs)).unit.name == ""
+    assert bt.read_study(trials([(0.0, 3.0), (3.0, 0.0)])).unit.name == ""
+
+
+def test_real_studies_in_natural_logs_are_read(real_data):
+    for path in real_data.glob("*/*.csv"):
+        codes = bt.ReadOptions(equal_code="1" if "vibro" in str(path) else None)
+        findings = bt.check(bt.read_study(path, codes))
+        assert "raw_stimuli" not in {finding.code for finding in findings}

@@ -26,14 +26,13 @@ from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import looks_like
 from bayes_toe.data.messages import capitalized, display_name, join_names, join_words, plural
 from bayes_toe.data.options import LOOKED_AT
+from bayes_toe.data.stimulus_unit import sign_of_intensities
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
 from bayes_toe.data.units import follows_from_pairs
 from bayes_toe.data.validation import number
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import preset_or_file
 
-#: Natural-log intensities beyond which stimuli look raw.
-LARGEST_LOG = 5.0
 #: Codes of findings that are no warnings.
 NOTES = frozenset({"columns_ignored", "criterion"})
 
@@ -110,18 +109,18 @@ def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, 
 
 
 def _raw_stimuli(study: Study) -> Iterator[Finding]:
-    """Stimuli that are too large, or too far apart, to be natural logs."""
-    stimuli = np.concatenate([subject.stimuli for subject in study])
-    low, high = float(stimuli.min()), float(stimuli.max())
-    has_unit = "i1" in study.reading.read or study.unit.name != ""
-    if has_unit or max(high - low, low) <= LARGEST_LOG:
+    """Stimuli that cannot be natural logs. A file of them is refused when it is read."""
+    if study.unit.name or "i1" in study.reading.read:
         return
-    message = (
-        f"Stimuli from {low:.4g} to {high:.4g} look like raw intensities, but the program reads "
-        "them as natural logs. If they are raw, name their columns and a reference intensity."
-    )
-    option = "--intensity REF --columns i1=NAME,i2=NAME"
-    yield Finding("", "raw_stimuli", message, option)
+    first = np.concatenate([subject.s1 for subject in study])
+    second = np.concatenate([subject.s2 for subject in study])
+    sign, _ = sign_of_intensities(first, second)
+    if sign:
+        message = (
+            f"Stimuli look like raw intensities ({sign}), but are taken as natural logs. Take "
+            "their logarithms, or the unit 'ln' if they are logs."
+        )
+        yield Finding("", "raw_stimuli", message)
 
 
 def _two_scales(study: Study) -> Iterator[Finding]:

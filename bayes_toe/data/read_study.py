@@ -24,6 +24,7 @@ from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     columns_to_read,
+    intensity_remedies,
     is_percentage,
     is_response_sign,
     looks_like,
@@ -42,7 +43,7 @@ from bayes_toe.data.responses import (
     without_missed,
 )
 from bayes_toe.data.several_files import read_together
-from bayes_toe.data.stimulus_unit import LOG_UNITS
+from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
 from bayes_toe.data.study import Study, Subject, units_by_subject
 from bayes_toe.data.study_file import study_source, table_files
 from bayes_toe.data.tasks import (
@@ -353,6 +354,26 @@ class _Rows:
                 asked & np.isnan(values),
                 f"{positive} of seconds, in every row or no such column",
             )
+        if self.options.unit is None and not self.options.has_intensities:
+            self._require_logs(asked)
+
+    def _require_logs(self, asked: BoolArray) -> None:
+        """Note stimuli of these rows that cannot be natural logs."""
+        rows = np.flatnonzero(asked & ~np.isnan(self.stimuli).any(axis=0))
+        if not len(rows):
+            return
+        stimuli = [values[rows] for values in self.stimuli]
+        sign, index = sign_of_intensities(*stimuli)
+        if not sign:
+            return
+        names = " and ".join(display_name(column.name) for column in self.key_columns[:2])
+        row, location = 0, f"columns {names}"
+        if index is not None:
+            row = int(self.table.rows[rows[index]])
+            location = f"row {row}, {location}"
+        problem = f"{location}: found {sign}, allowed: natural logs"
+        self.table.problems.add([(row, problem)])
+        self.table.problems.remedies += intensity_remedies(np.concatenate(stimuli))
 
     def layout(self, form: str, answers: str) -> list[str]:
         """Notes of how the table is written and read.

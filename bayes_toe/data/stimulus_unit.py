@@ -23,6 +23,10 @@ LOG_UNITS = {
     "dB": math.log(10.0) / 20.0,
     "dB-power": math.log(10.0) / 10.0,
 }
+#: A unit of intensities to type where theirs is not known.
+ANY_UNIT = "a.u."
+#: No two natural logs of a pair differ by more (a factor of 20), and none is so large and whole.
+LARGEST_STEP, _LARGEST_LOG = 3.0, 10.0
 #: Letters of a unit at most, and those with a meaning in figures and pages.
 _LONGEST, _NOT_ALLOWED = 16, frozenset("$\\<>&")
 
@@ -31,6 +35,29 @@ def percent(logs: npt.ArrayLike) -> FloatArray:
     """Differences of natural-log intensities in per cent of intensity."""
     with np.errstate(over="ignore"):
         return 100.0 * np.expm1(np.asarray(logs, np.float64))
+
+
+def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int | None]:
+    """What shows that the stimuli of pairs are no natural logs, and the pair that does.
+
+    The text is empty if nothing does; the pair is None if all do.
+
+    Examples
+    --------
+    >>> sign_of_intensities(np.array([45.0, 60.0]), np.array([60.0, 45.5]))
+    ('45 and 60 in one pair', 0)
+    >>> sign_of_intensities(np.array([3.8, 4.1]), np.array([4.1, 3.8]))
+    ('', None)
+    """
+    stimuli = np.concatenate([first, second])
+    low, high = float(stimuli.min()), float(stimuli.max())
+    if low > _LARGEST_LOG and (stimuli % 1.0 == 0.0).all():
+        return f"whole numbers from {low:g} to {high:g}", None
+    steps = np.abs(second - first)
+    widest = int(steps.argmax())
+    if steps[widest] <= LARGEST_STEP:
+        return "", None
+    return f"{first[widest]:g} and {second[widest]:g} in one pair", widest
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ def test_stimuli_that_differ_by_rounding_only():
 
 
 @pytest.mark.parametrize(
-    "shift, scale, is_raw", [(0, 1, False), (4.4, 1, False), (5.5, 1, True), (0, 10, True)]
+    "shift, scale, is_raw", [(0, 1, False), (9.0, 1, False), (20.7, 1e-4, False), (0, 10, True)]
 )
 def test_stimuli_that_look_raw(shift, scale, is_raw):
     subject = make_subject([(shift + scale * a, shift + scale * b) for a, b in GRID])
