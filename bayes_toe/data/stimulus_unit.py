@@ -2,12 +2,13 @@
 
 All stimuli are stored as natural-log intensities. A difference x of two of them is shown in
 decibels if that is the unit of the stimuli, and else as 100 (e^x - 1) per cent of intensity.
+Differences above 1,000 % are shown as natural logs, x.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,8 @@ LOG_UNITS = {
 ANY_UNIT = "a.u."
 #: No two natural logs of a pair differ by more (a factor of 20), and none is so large and whole.
 LARGEST_STEP, _LARGEST_LOG = 3.0, 10.0
+#: Per cent of intensity above which differences are shown as natural logs.
+LARGEST_PERCENT = 1000.0
 #: Letters of a unit at most, and those with a meaning in figures and pages.
 _LONGEST, _NOT_ALLOWED = 16, frozenset("$\\<>&")
 
@@ -70,6 +73,8 @@ class StimulusUnit:
         One of :data:`LOG_UNITS`, or the unit of raw intensities, as 'g'. Empty if none is known.
     log_reference : float
         Natural log of the raw intensity at which the natural-log intensity is 0.
+    has_log_differences : bool
+        Whether differences are shown as natural logs, because they are too large for per cent.
 
     Raises
     ------
@@ -88,6 +93,7 @@ class StimulusUnit:
 
     name: str = ""
     log_reference: float = 0.0
+    has_log_differences: bool = False
 
     def __post_init__(self) -> None:
         is_text = self.name.isprintable() and not _NOT_ALLOWED.intersection(self.name)
@@ -107,7 +113,9 @@ class StimulusUnit:
     @property
     def of_differences(self) -> str:
         """The unit of differences of stimuli."""
-        return "dB" if self.is_decibel else "%"
+        if self.is_decibel:
+            return "dB"
+        return "ln" if self.has_log_differences else "%"
 
     @property
     def of_stimuli(self) -> str:
@@ -117,15 +125,30 @@ class StimulusUnit:
         return "" if self.name in LOG_UNITS else self.name
 
     def differences(self, logs: npt.ArrayLike) -> FloatArray:
-        """Differences of natural-log intensities in per cent or decibels."""
-        return self.stimuli(logs) if self.is_decibel else percent(logs)
+        """Differences of natural-log intensities in per cent, decibels or natural logs."""
+        if self.is_decibel:
+            return self.stimuli(logs)
+        return np.asarray(logs, np.float64) if self.has_log_differences else percent(logs)
 
     def from_percent(self, values: npt.ArrayLike) -> FloatArray:
         """Differences in per cent of intensity in this unit."""
         values = np.asarray(values, np.float64)
-        if self.is_decibel:
-            return self.stimuli(np.log1p(values / 100.0))
-        return values
+        if self.of_differences == "%":
+            return values
+        with np.errstate(divide="ignore"):
+            return self.differences(np.log1p(values / 100.0))
+
+    def for_percent(self, values: npt.ArrayLike) -> StimulusUnit:
+        """The unit in which such differences in per cent are shown.
+
+        Examples
+        --------
+        >>> unit = StimulusUnit("g")
+        >>> unit.for_percent([-20.0, 30.0]).of_differences, unit.for_percent(2e3).of_differences
+        ('%', 'ln')
+        """
+        is_small = bool((np.abs(values) <= LARGEST_PERCENT).all())  # NaN is not
+        return self if is_small else replace(self, has_log_differences=True)
 
     def stimuli(self, logs: npt.ArrayLike) -> FloatArray:
         """Natural-log intensities in this unit, or raw where the unit of intensity is not known."""

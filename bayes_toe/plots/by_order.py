@@ -18,6 +18,7 @@ from bayes_toe.answers.words import Word
 from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray
 from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.messages import plural
+from bayes_toe.data.stimulus_unit import percent
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
@@ -50,6 +51,7 @@ from bayes_toe.seeds import generator
 MOST_SUBJECTS = 40
 _MOST_OF_FOUR_COLUMNS = 12
 _REPLICATES_PER_DRAW = 10  # replicated studies for each draw
+_BEYOND_MEDIANS = 1.8  # how far axes of medians reach, as a factor
 _LABEL_WIDE = 0.1  # inches of a pair with its label
 _INTERVAL = "#BDBDBD"
 _LABELS = {Word.YES: "contraction: yes", Word.PROBABLY: "probably", Word.UNDECIDED: "other"}
@@ -147,22 +149,25 @@ def jnd_by_order(analysis: Analysis) -> Figure:
     ax = figure.subplots()
     for word, label in _LABELS.items():
         ax.plot([], [], label=label, **marker_style(question, word, 4.5))
-    medians = []
+    words, quantiles = [], []
     for answer in analysis.answers:
         word = answer.words[question.name]
         if word in WITHOUT_SIZE or not answer.is_interpretable:
             continue
-        first, second = jnds_by_order(analysis.curve(answer.subject))
-        (left, x, right), (low, y, high) = np.quantile([first, second], MARKED, axis=1).T
+        words.append(word)
+        jnds = jnds_by_order(analysis.curve(answer.subject))
+        quantiles.append(np.quantile(jnds, MARKED, axis=1).T)
+    logs = np.array(quantiles).reshape(-1, 2, len(MARKED))
+    unit = analysis.study.unit.for_percent(_BEYOND_MEDIANS * percent(logs[..., 1]))
+    for word, ((left, x, right), (low, y, high)) in zip(words, unit.differences(logs), strict=True):
         line: Style = {"color": question.colour, "lw": 0.7, "alpha": 0.5}
         ax.plot([left, right], [y, y], **line)
         ax.plot([x, x], [low, high], **line)
         ax.plot(x, y, **marker_style(question, word, 4.5))
-        medians.append((x, y))
-    _square_axes(ax, np.array(medians).reshape(-1, 2))
-    unit = analysis.study.unit.of_differences
-    ax.set_xlabel(f"JND, standard first ({unit})")
-    ax.set_ylabel(f"JND, standard second ({unit})")
+    medians = unit.differences(logs[..., 1])
+    _square_axes(ax, medians)
+    ax.set_xlabel(f"JND, standard first ({unit.of_differences})")
+    ax.set_ylabel(f"JND, standard second ({unit.of_differences})")
     n_left_out = len(analysis.answers) - len(medians)
     if n_left_out:
         write_note(ax, f"{plural(n_left_out, 'subject')} without an estimate of contraction")
@@ -173,11 +178,10 @@ def jnd_by_order(analysis: Analysis) -> Figure:
 
 
 def jnds_by_order(fitted: Predictor) -> ArrayPair:
-    """Draws of the JND where the standard came first, and where it came second."""
+    """Draws of the JND where the standard came first, and second, natural-log intensity."""
     quantities = fitted.target.quantities(fitted.x)
     jnd, contraction = quantities["jnd"], quantities["contraction"]
-    unit = fitted.target.subject.unit
-    return unit.differences(jnd), unit.differences(jnd / (1.0 - contraction))
+    return jnd, jnd / (1.0 - contraction)
 
 
 def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
@@ -271,7 +275,8 @@ def _square_axes(ax: Axes, medians: FloatArray) -> None:
     """Equal logarithmic axes in plain numbers about the medians, with the diagonal."""
     low, high = 5.0, 20.0
     if len(medians):
-        low, high = float(medians.min()) / 1.8, float(medians.max()) * 1.8
+        low = float(medians.min()) / _BEYOND_MEDIANS
+        high = float(medians.max()) * _BEYOND_MEDIANS
     ax.plot([low, high], [low, high], color=EQUAL, lw=0.8, ls="--", zorder=0)
     ax.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high))
     ax.set_aspect("equal")

@@ -7,6 +7,7 @@ stimulus first, blue stronger first, grey equal stimuli; markers differ too.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,7 +23,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.tasks import Task
 
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
@@ -183,13 +184,18 @@ def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
 def stimulus_axis(ax: Axes, stimulus: str, unit: StimulusUnit, mean: float) -> None:
     """Label an axis of natural logs in the unit of the stimuli, or in per cent of their mean."""
     axis_unit = unit.or_percent_of(mean)
+    if not unit.of_stimuli and unit.for_percent(percent(np.array(ax.get_xlim()) - mean)) != unit:
+        ax.set_xlabel(f"{stimulus}, ln")
+        return
     of_mean = "" if unit.of_stimuli else " of the mean"
     _unit_axis(ax, f"{stimulus}, {axis_unit.of_stimuli}{of_mean}", axis_unit)
 
 
 def difference_axis(ax: Axes, unit: StimulusUnit) -> None:
     """Label an axis of s2 - s1 in decibels, or as the ratio of the stimuli in per cent."""
-    if unit.is_decibel:
+    if unit.for_percent(percent(ax.get_xlim())).of_differences == "ln":
+        ax.set_xlabel("second minus first stimulus, ln")
+    elif unit.is_decibel:
         _unit_axis(ax, "second minus first stimulus, dB", unit)
     else:
         _unit_axis(ax, "second stimulus, % of the first", UNKNOWN_UNIT.or_percent_of(0.0))
@@ -201,7 +207,9 @@ def _unit_axis(ax: Axes, label: str, unit: StimulusUnit) -> None:
     start, end = unit.stimuli([low, high])
     numbers = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(start, end)
     numbers = numbers[(numbers >= start) & (numbers <= end)]
-    texts = [f"{number:g}".replace("-", "−") for number in numbers]
+    step = np.diff(numbers).min(initial=np.inf)
+    digits = max(6, 2 + math.ceil(np.log10(np.abs(numbers).max(initial=0.0) / step + 1.0)))
+    texts = [f"{number:.{digits}g}".replace("-", "−") for number in numbers]
     ax.set_xticks(unit.logs(numbers), texts)
     ax.set(xlim=(low, high), xlabel=label)
 

@@ -45,7 +45,7 @@ def at_point(subject, **values):
 @pytest.mark.parametrize("contraction", [-0.3, 0.0, 0.4])
 def test_the_jnd_of_each_order_leads_from_50_to_75_percent(stronger, contraction):
     fitted = at_point(stronger.study["pulled"], contraction=contraction)
-    first, second = (np.log1p(jnd / 100.0) for jnd in jnds_by_order(fitted))
+    first, second = jnds_by_order(fitted)
     standard = np.full(1, fitted.target.sbar)
     assert fitted.yes(standard, standard + first) == pytest.approx(0.75)
     assert fitted.yes(standard + second, standard) == pytest.approx(0.25)
