@@ -2,7 +2,7 @@
 
 All stimuli are stored as natural-log intensities. A difference x of two of them is shown in
 decibels if that is the unit of the stimuli, and else as 100 (e^x - 1) per cent of intensity.
-Differences above 1,000 % are shown as natural logs, x.
+Differences above 1,000 %, a factor of 11, are shown as natural logs, x, in both directions.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ LOG_UNITS = {
 ANY_UNIT = "a.u."
 #: No two natural logs of a pair differ by more (a factor of 20), and none is so large and whole.
 LARGEST_STEP, _LARGEST_LOG = 3.0, 10.0
-#: Per cent of intensity above which differences are shown as natural logs.
-LARGEST_PERCENT = 1000.0
+#: Per cent of intensity beyond which differences are shown as natural logs: a factor of 11.
+_SMALLEST_PERCENT, _LARGEST_PERCENT = -1000.0 / 11.0, 1000.0
 #: Letters of a unit at most, and those with a meaning in figures and pages.
 _LONGEST, _NOT_ALLOWED = 16, frozenset("$\\<>&")
 
@@ -147,8 +147,9 @@ class StimulusUnit:
         >>> unit.for_percent([-20.0, 30.0]).of_differences, unit.for_percent(2e3).of_differences
         ('%', 'ln')
         """
-        is_small = bool((np.abs(values) <= LARGEST_PERCENT).all())  # NaN is not
-        return self if is_small else replace(self, has_log_differences=True)
+        values = np.asarray(values, np.float64)
+        is_small = (values >= _SMALLEST_PERCENT) & (values <= _LARGEST_PERCENT)  # NaN is not
+        return self if is_small.all() else replace(self, has_log_differences=True)
 
     def stimuli(self, logs: npt.ArrayLike) -> FloatArray:
         """Natural-log intensities in this unit, or raw where the unit of intensity is not known."""
