@@ -143,6 +143,24 @@ def test_natural_logs_of_any_reference_are_read(scale):
     assert bt.read_study(trials([(0.0, 3.0), (3.0, 0.0)])).unit.name == ""
 
 
+@pytest.mark.parametrize("unit, scale", [(None, 1.0), ("um", 100.0)])
+def test_stimuli_that_differ_by_rounding_are_merged_and_said(unit, scale):
+    pairs = [(0.3, 0.3 + 1e-8), (0.3, 0.5), (0.5, 0.3), (0.3 + 1e-8, 0.5), (0.5, 0.3), (0.3, 0.5)]
+    table = trials([(scale * first, scale * second) for first, second in pairs])
+    study = bt.read_study(table, bt.ReadOptions(unit=unit))
+    assert len(np.unique(study["A"].stimuli)) == 2
+    assert study["A"].n_pairs == 3, "an equal pair is one"
+    (doubt,) = study.reading.doubts
+    assert "stimuli in 2 rows differ by rounding only, and are read as one: " in doubt
+    assert doubt.endswith("30 um" if unit else "0.3")
+
+
+def test_one_mistyped_stimulus_merges_no_others():
+    pairs = [(0.0, 1e-4), (1e-4, 0.0)] * 30 + [(0.0, 2.9), (2.9, 0.0)]
+    study = bt.read_study(trials(pairs))
+    assert (study.reading.doubts, study["A"].n_pairs) == ((), 4)
+
+
 def test_real_studies_in_natural_logs_are_read(real_data):
     for path in real_data.glob("*/*.csv"):
         codes = bt.ReadOptions(equal_code="1" if "vibro" in str(path) else None)

@@ -43,7 +43,12 @@ from bayes_toe.data.responses import (
     without_missed,
 )
 from bayes_toe.data.several_files import read_together
-from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
+from bayes_toe.data.stimulus_unit import (
+    LOG_UNITS,
+    StimulusUnit,
+    sign_of_intensities,
+    without_rounding,
+)
 from bayes_toe.data.study import Study, Subject, units_by_subject
 from bayes_toe.data.study_file import study_source, table_files
 from bayes_toe.data.tasks import (
@@ -284,7 +289,7 @@ class _Rows:
     The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a
     column. `signs` are columns of keys and reaction times, where responses are scored right or
     wrong. `stimuli` are the numbers in the columns of stimuli: s1 and s2, or the standard and the
-    comparison.
+    comparison. `rounding` says which of them differed by rounding only.
     """
 
     table: TextTable
@@ -294,6 +299,7 @@ class _Rows:
     signs: list[Column]
     stimuli: list[FloatArray]
     order: StandardOrder
+    rounding: list[str]
 
     @property
     def key_columns(self) -> list[Column]:
@@ -435,6 +441,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     if table.grouping_sign and options.decimal is None:
         _require_decimal_sign(table, stimuli, options)
     values = [_stimulus(table, column, options) for column in stimuli]
+    rounding = _merge_rounded(values, columns["subject"].codes, options.stimulus_unit)
     order = StandardOrder(len(table.rows), columns.get("standard_interval"))
     keys = order.in_order(*values)
     if options.has_standard and "response" in columns:
@@ -442,7 +449,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     if "isi" in columns:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
-    return _Rows(table, columns, keys, options, signs, values, order)
+    return _Rows(table, columns, keys, options, signs, values, order, rounding)
 
 
 def _marks(table: TextTable) -> dict[str, Column]:
@@ -564,6 +571,30 @@ def _stimulus(table: TextTable, column: Column, options: ReadOptions) -> FloatAr
     return np.array(values, np.float64)[column.codes]
 
 
+def _merge_rounded(
+    stimuli: list[FloatArray], subjects: IndexArray, unit: StimulusUnit
+) -> list[str]:
+    """Make stimuli of a subject that differ by rounding only one stimulus; say it of the file."""
+    levels, n_changed = set[float](), 0
+    valid = np.flatnonzero(~np.isnan(stimuli).any(axis=0))
+    valid = valid[np.argsort(subjects[valid], kind="stable")]
+    for rows in np.split(valid, run_starts(subjects[valid])[1:]):
+        if not len(rows):
+            continue
+        pairs = np.stack([values[rows] for values in stimuli])
+        merged = np.stack(without_rounding(*pairs))
+        is_changed = merged != pairs
+        levels.update(merged[is_changed].tolist())
+        n_changed += int(is_changed.any(axis=0).sum())
+        for values, column in zip(stimuli, merged, strict=True):
+            values[rows] = column
+    if not n_changed:
+        return []
+    names = join_names([*map(unit.describe, sorted(levels))], 3)
+    are = "s differ" if n_changed > 1 else " differs"
+    return [f"stimuli in {n_changed:,} row{are} by rounding only, and are read as one: {names}"]
+
+
 def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) -> Study:
     """The study of valid rows.
 
@@ -576,7 +607,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         parts[rows.subject.text(part[0])] = part
     is_trials = "n_trials" not in rows.columns
     missing, doubts = list[str](), list[str]()
-    subjects = []
+    subjects = list[Subject]()
     unit = rows.options.stimulus_unit
     if is_trials or "block" in rows.columns:
         answers, missing, doubts = answers_in_order(
@@ -589,6 +620,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         for name, part in parts.items():
             counts = [value[part] for value in values]
             subjects.append(Subject.from_counts(name, *counts, task=task, unit=unit))
+    doubts += rows.rounding
     if not is_trials:
         notes += _merged_note(parts, subjects)
         doubts += _percentage_doubts(n)

@@ -30,6 +30,9 @@ ANY_UNIT = "a.u."
 LARGEST_STEP, _LARGEST_LOG = 3.0, 10.0
 #: Per cent of intensity beyond which differences are shown as natural logs: a factor of 11.
 _SMALLEST_PERCENT, _LARGEST_PERCENT = -1000.0 / 11.0, 1000.0
+#: Share of the range of the stimuli that nobody perceives, and that rounding may leave.
+ROUNDED = 1e-6
+_BY_CHANCE = 2  # times that two stimuli are shown which may be near each other by chance
 #: Letters of a unit at most, and those with a meaning in figures and pages.
 _LONGEST, _NOT_ALLOWED = 16, frozenset("$\\<>&")
 
@@ -61,6 +64,30 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
     if steps[widest] <= LARGEST_STEP:
         return "", None
     return f"{first[widest]:g} and {second[widest]:g} in one pair", widest
+
+
+def without_rounding(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Stimuli of the pairs of a subject, of which those that differ by rounding only are equal.
+
+    The stimulus that was shown most often stands for its neighbours. If every trial has stimuli of
+    its own, only those of one pair are taken together.
+
+    Examples
+    --------
+    >>> s1, s2 = np.array([0.1 + 0.2, 0.3, 0.3]), np.array([0.3, 0.0, 0.0])
+    >>> [stimuli.tolist() for stimuli in without_rounding(s1, s2)]
+    [[0.3, 0.3, 0.3], [0.3, 0.0, 0.0]]
+    """
+    stimuli = np.concatenate([first, second])
+    values, index, n_shown = np.unique(stimuli, return_inverse=True, return_counts=True)
+    low, high = np.quantile(stimuli, (0.05, 0.95))  # without one that was mistyped
+    limit = ROUNDED * (high - low)
+    is_near = (np.diff(values) <= limit) & (np.maximum(n_shown[1:], n_shown[:-1]) > _BY_CHANCE)
+    group = np.concatenate([[0], np.cumsum(~is_near)])
+    most_first = np.lexsort([-n_shown, group])
+    _, places = np.unique(group[most_first], return_index=True)
+    first, second = values[most_first][places][group][index].reshape(2, -1)
+    return first, np.where(np.abs(second - first) <= limit, first, second)
 
 
 @dataclass(frozen=True)
