@@ -24,7 +24,6 @@ from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     columns_to_read,
-    intensity_remedies,
     is_percentage,
     is_response_sign,
     looks_like,
@@ -32,7 +31,13 @@ from bayes_toe.data.column_roles import (
     practice_texts,
     with_likely_columns,
 )
-from bayes_toe.data.layouts import ALLOWED_INTERVALS, StandardOrder, pair_regex, with_pairs
+from bayes_toe.data.layouts import (
+    ALLOWED_INTERVALS,
+    StandardOrder,
+    pair_regex,
+    require_logs,
+    with_pairs,
+)
 from bayes_toe.data.messages import describe_intervals, display_name, join_names, plural, quoted
 from bayes_toe.data.options import COLUMNS, ReadOptions, changed, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
@@ -43,12 +48,7 @@ from bayes_toe.data.responses import (
     without_missed,
 )
 from bayes_toe.data.several_files import read_together
-from bayes_toe.data.stimulus_unit import (
-    LOG_UNITS,
-    StimulusUnit,
-    sign_of_intensities,
-    without_rounding,
-)
+from bayes_toe.data.stimulus_unit import LOG_UNITS, merge_rounded
 from bayes_toe.data.study import Study, Subject, units_by_subject
 from bayes_toe.data.study_file import study_source, table_files
 from bayes_toe.data.tasks import (
@@ -361,25 +361,7 @@ class _Rows:
                 f"{positive} of seconds, in every row or no such column",
             )
         if self.options.unit is None and not self.options.has_intensities:
-            self._require_logs(asked)
-
-    def _require_logs(self, asked: BoolArray) -> None:
-        """Note stimuli of these rows that cannot be natural logs."""
-        rows = np.flatnonzero(asked & ~np.isnan(self.stimuli).any(axis=0))
-        if not len(rows):
-            return
-        stimuli = [values[rows] for values in self.stimuli]
-        sign, index = sign_of_intensities(*stimuli)
-        if not sign:
-            return
-        names = " and ".join(display_name(column.name) for column in self.key_columns[:2])
-        row, location = 0, f"columns {names}"
-        if index is not None:
-            row = int(self.table.rows[rows[index]])
-            location = f"row {row}, {location}"
-        problem = f"{location}: found {sign}, allowed: natural logs"
-        self.table.problems.add([(row, problem)])
-        self.table.problems.remedies += intensity_remedies(np.concatenate(stimuli))
+            require_logs(self.table, self.key_columns[:2], self.stimuli, asked)
 
     def layout(self, form: str, answers: str) -> list[str]:
         """Notes of how the table is written and read.
@@ -441,7 +423,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     if table.grouping_sign and options.decimal is None:
         _require_decimal_sign(table, stimuli, options)
     values = [_stimulus(table, column, options) for column in stimuli]
-    rounding = _merge_rounded(values, columns["subject"].codes, options.stimulus_unit)
+    rounding = merge_rounded(values, columns["subject"].codes, options.stimulus_unit)
     order = StandardOrder(len(table.rows), columns.get("standard_interval"))
     keys = order.in_order(*values)
     if options.has_standard and "response" in columns:
@@ -569,30 +551,6 @@ def _stimulus(table: TextTable, column: Column, options: ReadOptions) -> FloatAr
         log_reference = options.stimulus_unit.log_reference
         values = [math.log(value) - log_reference if value > 0 else math.nan for value in values]
     return np.array(values, np.float64)[column.codes]
-
-
-def _merge_rounded(
-    stimuli: list[FloatArray], subjects: IndexArray, unit: StimulusUnit
-) -> list[str]:
-    """Make stimuli of a subject that differ by rounding only one stimulus; say it of the file."""
-    levels, n_changed = set[float](), 0
-    valid = np.flatnonzero(~np.isnan(stimuli).any(axis=0))
-    valid = valid[np.argsort(subjects[valid], kind="stable")]
-    for rows in np.split(valid, run_starts(subjects[valid])[1:]):
-        if not len(rows):
-            continue
-        pairs = np.stack([values[rows] for values in stimuli])
-        merged = np.stack(without_rounding(*pairs))
-        is_changed = merged != pairs
-        levels.update(merged[is_changed].tolist())
-        n_changed += int(is_changed.any(axis=0).sum())
-        for values, column in zip(stimuli, merged, strict=True):
-            values[rows] = column
-    if not n_changed:
-        return []
-    names = join_names([*map(unit.describe, sorted(levels))], 3)
-    are = "s differ" if n_changed > 1 else " differs"
-    return [f"stimuli in {n_changed:,} row{are} by rounding only, and are read as one: {names}"]
 
 
 def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) -> Study:

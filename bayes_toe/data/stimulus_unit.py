@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray
-from bayes_toe.data.messages import quoted
+from bayes_toe.arrays import FloatArray, IndexArray, run_starts
+from bayes_toe.data.messages import join_names, quoted
 from bayes_toe.errors import InputError
 
 #: Units of logarithms, each with its natural logs.
@@ -66,7 +66,7 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
     return f"{first[widest]:g} and {second[widest]:g} in one pair", widest
 
 
-def without_rounding(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _without_rounding(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Stimuli of the pairs of a subject, of which those that differ by rounding only are equal.
 
     The stimulus that was shown most often stands for its neighbours. If every trial has stimuli of
@@ -75,7 +75,7 @@ def without_rounding(first: FloatArray, second: FloatArray) -> tuple[FloatArray,
     Examples
     --------
     >>> s1, s2 = np.array([0.1 + 0.2, 0.3, 0.3]), np.array([0.3, 0.0, 0.0])
-    >>> [stimuli.tolist() for stimuli in without_rounding(s1, s2)]
+    >>> [stimuli.tolist() for stimuli in _without_rounding(s1, s2)]
     [[0.3, 0.3, 0.3], [0.3, 0.0, 0.0]]
     """
     stimuli = np.concatenate([first, second])
@@ -203,6 +203,28 @@ class StimulusUnit:
         if not self.of_stimuli:
             return f"{log:.3g}"
         return f"{float(self.stimuli(log)):.4g} {self.of_stimuli}"
+
+
+def merge_rounded(stimuli: list[FloatArray], subjects: IndexArray, unit: StimulusUnit) -> list[str]:
+    """Make stimuli of a subject that differ by rounding only one stimulus; say it of the file."""
+    levels, n_changed = set[float](), 0
+    valid = np.flatnonzero(~np.isnan(stimuli).any(axis=0))
+    valid = valid[np.argsort(subjects[valid], kind="stable")]
+    for rows in np.split(valid, run_starts(subjects[valid])[1:]):
+        if not len(rows):
+            continue
+        pairs = np.stack([values[rows] for values in stimuli])
+        merged = np.stack(without_rounding(*pairs))
+        is_changed = merged != pairs
+        levels.update(merged[is_changed].tolist())
+        n_changed += int(is_changed.any(axis=0).sum())
+        for values, column in zip(stimuli, merged, strict=True):
+            values[rows] = column
+    if not n_changed:
+        return []
+    names = join_names([*map(unit.describe, sorted(levels))], 3)
+    are = "s differ" if n_changed > 1 else " differs"
+    return [f"stimuli in {n_changed:,} row{are} by rounding only, and are read as one: {names}"]
 
 
 #: Logarithms of intensities of which nothing is known.
