@@ -214,7 +214,7 @@ def merge_rounded(stimuli: list[FloatArray], subjects: IndexArray, unit: Stimulu
         if not len(rows):
             continue
         pairs = np.stack([values[rows] for values in stimuli])
-        merged = np.stack(without_rounding(*pairs))
+        merged = np.stack(_without_rounding(*pairs))
         is_changed = merged != pairs
         levels.update(merged[is_changed].tolist())
         n_changed += int(is_changed.any(axis=0).sum())
