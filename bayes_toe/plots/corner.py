@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from numbers import Real
 from textwrap import fill
@@ -21,14 +22,15 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullFormatter, ScalarFormatter
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.messages import join_names
-from bayes_toe.data.stimulus_unit import StimulusUnit
+from bayes_toe.data.stimulus_unit import StimulusUnit, percent
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.models import model_posterior, model_title, stored_model
@@ -53,6 +55,9 @@ AROUND = 2
 LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
 #: Differences of natural-log intensities, which axes show in per cent or decibels.
 DIFFERENCES = ("constant_error", "pse_shift", "jnd", "zone")
+#: A stimulus, and further differences, which axes show in the unit of the stimuli if it is known.
+_STIMULUS = "mu1"
+_IN_KNOWN_UNIT = ("sigma_p", "sigma_l", "sigma1", "width", "offset")
 #: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: about
 #: the normal reference rule where a panel is six standard deviations wide.
 _SMOOTHING = 8.0
@@ -114,11 +119,13 @@ def corner(
     require_draws(draws)
     is_single = isinstance(subject, str)
     truth_of = _truths_by_subject(truths, subject)
+    selected = _subject_names(subject)
+    unit = _shown_unit(draws, selected, coordinates)
     subjects = []
-    for name, (colour, line) in zip(_subject_names(subject), OVERLAID, strict=False):
+    for name, (colour, line) in zip(selected, OVERLAID, strict=False):
         target = draws.posterior(name)
         names = _quantity_names(target, coordinates)
-        unit = target.subject.unit
+        target = in_unit(target, unit)
         columns = [axis_values(key, draws.values(name, key).ravel(), unit) for key in names]
         truth = all_true_values(truth_of.get(name, {}), target)
         subjects.append(_SubjectDraws(target, names, np.stack(columns), truth, colour, line))
@@ -207,6 +214,40 @@ def _quantity_names(target: AnswerPosterior, coordinates: str | Sequence[str]) -
     return target.names.natural
 
 
+def _shown_unit(
+    draws: Draws, subjects: Sequence[str], coordinates: str | Sequence[str]
+) -> StimulusUnit:
+    """The unit in which panels show the quantities of these subjects."""
+    columns = []
+    for subject in subjects:
+        target = draws.posterior(subject)
+        names = _quantity_names(target, coordinates)
+        columns.append({name: draws.values(subject, name) for name in names})
+    return shown_unit(target.subject.unit, columns)
+
+
+def shown_unit(unit: StimulusUnit, columns: Iterable[NamedArrays]) -> StimulusUnit:
+    """The unit in which axes show draws of quantities, in natural logs."""
+    ends = list[float]()
+    for quantities_of_subject in columns:
+        for name, values in quantities_of_subject.items():
+            if _is_difference(name, unit):
+                ends += np.nanquantile(values, SPANNED).tolist()
+    return unit.for_percent(percent(ends))
+
+
+def in_unit(
+    target: ObserverPosterior | PaperPosterior, unit: StimulusUnit
+) -> ObserverPosterior | PaperPosterior:
+    """A posterior whose stimuli and quantities are shown in a unit."""
+    return replace(target, subject=replace(target.subject, unit=unit))
+
+
+def _is_difference(name: str, unit: StimulusUnit) -> bool:
+    """Whether an axis shows a quantity in the unit of differences."""
+    return name in DIFFERENCES or (unit.of_stimuli != "" and name in _IN_KNOWN_UNIT)
+
+
 def prior_values(target: AnswerPosterior) -> NamedArrays:
     """Draws from the prior of a posterior by quantity, shape (PRIOR_DRAWS,) each."""
     return target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
@@ -215,13 +256,17 @@ def prior_values(target: AnswerPosterior) -> NamedArrays:
 def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatArray:
     """Values of a quantity as its axis shows them."""
     values = np.asarray(values, np.float64)
-    return unit.differences(values) if name in DIFFERENCES else values
+    if name == _STIMULUS and unit.of_stimuli:
+        return unit.stimuli(values)
+    return unit.differences(values) if _is_difference(name, unit) else values
 
 
 def axis_label(name: str, unit: StimulusUnit) -> str:
     """The label of the axis of a quantity."""
     label = QUANTITY_BY_NAME[name].symbol
-    return f"{label}, {unit.of_differences}" if name in DIFFERENCES else label
+    if name == _STIMULUS and unit.of_stimuli:
+        return f"{label}, {unit.of_stimuli}"
+    return f"{label}, {unit.of_differences}" if _is_difference(name, unit) else label
 
 
 def axis_limits(
@@ -446,9 +491,32 @@ def _set_ticks(figure: Figure, spans: Sequence[Span]) -> None:
         ticks = ticks[(ticks >= low + margin) & (ticks <= high - margin)]
         for ax in axes[i:, i]:
             ax.set_xticks(ticks)
+            ax.xaxis.set_major_formatter(NullFormatter())
         for ax in axes[i, :i]:
             ax.set_yticks(ticks)
-        axes[-1, i].tick_params(axis="x", labelrotation=45)
+            ax.yaxis.set_major_formatter(NullFormatter())
+        bottom, left = axes[-1, i], axes[i, 0]
+        texts, scale = _tick_texts(ticks, bottom.xaxis)
+        bottom.set_xticks(ticks, texts)
+        bottom.tick_params(axis="x", labelrotation=45)
+        bottom.set_xlabel(bottom.get_xlabel() + scale)
+        if i:
+            left.set_yticks(ticks, texts)
+            left.set_ylabel(left.get_ylabel() + scale)
+
+
+def _tick_texts(ticks: FloatArray, axis: Axis) -> tuple[list[str], str]:
+    """Labels of ticks, and what stands beside the name of the axis: an offset, a power of ten."""
+    formatter = ScalarFormatter()
+    formatter.set_axis(axis)
+    texts = formatter.format_ticks(ticks.tolist())
+    scale = ""
+    if formatter.offset:
+        sign = "−" if formatter.offset > 0.0 else "+"
+        scale = f" {sign} {abs(formatter.offset):.15g}"
+    if formatter.orderOfMagnitude:
+        scale += f", $10^{{{formatter.orderOfMagnitude}}}$"
+    return texts, scale
 
 
 def _write_key(
@@ -491,7 +559,11 @@ def _write_key(
         handles.append(truth)
     if outside:
         handles.append(_note(f"true value outside: {', '.join(outside)}"))
-    if not {*DIFFERENCES, *_WITHOUT_UNIT}.issuperset(subjects[0].names):
+    unit = subjects[0].target.subject.unit
+    has_unit = {*DIFFERENCES, *_WITHOUT_UNIT}
+    if unit.of_stimuli:
+        has_unit |= {_STIMULUS, *_IN_KNOWN_UNIT}
+    if unit.of_differences != "ln" and not has_unit.issuperset(subjects[0].names):
         handles.append(_note("intensities: natural log"))
     figure.legend(handles=handles, **style)
 
