@@ -32,6 +32,7 @@ LARGEST_STEP, _LARGEST_LOG = 3.0, 10.0
 _SMALLEST_PERCENT, _LARGEST_PERCENT = -1000.0 / 11.0, 1000.0
 #: Share of the range of the stimuli that nobody perceives, and that rounding may leave.
 ROUNDED = 1e-6
+_MOST_DIGITS = 15
 _BY_CHANCE = 2  # times that two stimuli are shown which may be near each other by chance
 #: Letters of a unit at most, and those with a meaning in figures and pages.
 _LONGEST, _NOT_ALLOWED = 16, frozenset("$\\<>&")
@@ -197,6 +198,32 @@ class StimulusUnit:
         if self.of_stimuli:
             return self
         return StimulusUnit("%", math.log(100.0) - mean)
+
+    def numbers(self, logs: npt.ArrayLike, mean: float) -> tuple[list[str], str]:
+        """Stimuli as numbers that differ, and their unit.
+
+        Without a unit they are per cent of a mean natural-log intensity, or natural logs.
+
+        Examples
+        --------
+        >>> StimulusUnit("g").numbers(np.log([9.0, 10.5]), 2.0)
+        (['9', '10.5'], 'g')
+        >>> StimulusUnit().numbers([0.1, 0.3], 0.2), StimulusUnit().numbers([20.0, 0.0], 10.0)
+        ((['90', '111'], '% of mean'), (['20', '0'], 'ln'))
+        """
+        logs = np.asarray(logs, np.float64)
+        values, unit, fewest_digits, form = logs, "ln", 3, "g"
+        if self.of_stimuli:
+            values, unit, fewest_digits = self.stimuli(logs), self.of_stimuli, 4
+        elif self.for_percent(percent(logs - mean)).of_differences != "ln":
+            values, unit = self.or_percent_of(mean).stimuli(logs), "% of mean"
+            fewest_digits, form = 0, "f"
+        texts = list[str]()
+        for digits in range(fewest_digits, _MOST_DIGITS):
+            texts = [f"{value:.{digits}{form}}" for value in values]
+            if len({*texts}) == len({*values.tolist()}):
+                break
+        return texts, unit
 
     def describe(self, log: float) -> str:
         """A stimulus with its unit; its natural-log intensity if the unit is not known."""

@@ -22,10 +22,9 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator, NullFormatter, ScalarFormatter
+from matplotlib.ticker import MaxNLocator, NullFormatter
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from bayes_toe.arrays import FloatArray, NamedArrays
@@ -55,6 +54,11 @@ AROUND = 2
 LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
 #: Differences of natural-log intensities, which axes show in per cent or decibels.
 DIFFERENCES = ("constant_error", "pse_shift", "jnd", "zone")
+#: Points of the letters of a name, and of one with a scale beside it.
+_LABEL, _SCALED_LABEL = 12.0, 9.5
+#: Steps between ticks beyond which labels leave out an offset, and powers of ten between which they
+#: are plain numbers.
+_MOST_STEPS, _PLAIN = 1000.0, (-3, 5)
 #: A stimulus, and further differences, which axes show in the unit of the stimuli if it is known.
 _STIMULUS = "mu1"
 _IN_KNOWN_UNIT = ("sigma_p", "sigma_l", "sigma1", "width", "offset")
@@ -406,7 +410,7 @@ def _draw_posterior(
         bins=BINS,
         range=list(spans),
         labels=[axis_label(name, panel.target.subject.unit) for name in panel.names],
-        label_kwargs={"fontsize": 12},
+        label_kwargs={"fontsize": _LABEL},
         labelpad=0.05,
         max_n_ticks=0,
         color=panel.colour,
@@ -496,27 +500,41 @@ def _set_ticks(figure: Figure, spans: Sequence[Span]) -> None:
             ax.set_yticks(ticks)
             ax.yaxis.set_major_formatter(NullFormatter())
         bottom, left = axes[-1, i], axes[i, 0]
-        texts, scale = _tick_texts(ticks, bottom.xaxis)
+        texts, scale = _tick_texts(ticks)
         bottom.set_xticks(ticks, texts)
         bottom.tick_params(axis="x", labelrotation=45)
-        bottom.set_xlabel(bottom.get_xlabel() + scale)
+        size = _SCALED_LABEL if scale else _LABEL
+        bottom.set_xlabel(bottom.get_xlabel() + scale, fontsize=size)
         if i:
             left.set_yticks(ticks, texts)
-            left.set_ylabel(left.get_ylabel() + scale)
+            left.set_ylabel(left.get_ylabel() + scale, fontsize=size)
 
 
-def _tick_texts(ticks: FloatArray, axis: Axis) -> tuple[list[str], str]:
-    """Labels of ticks, and what stands beside the name of the axis: an offset, a power of ten."""
-    formatter = ScalarFormatter()
-    formatter.set_axis(axis)
-    texts = formatter.format_ticks(ticks.tolist())
-    scale = ""
-    if formatter.offset:
-        sign = "−" if formatter.offset > 0.0 else "+"
-        scale = f" {sign} {abs(formatter.offset):.15g}"
-    if formatter.orderOfMagnitude:
-        scale += f", $10^{{{formatter.orderOfMagnitude}}}$"
-    return texts, scale
+def _tick_texts(ticks: FloatArray) -> tuple[list[str], str]:
+    """Labels of ticks, and what stands beside the name of the axis: an offset, a power of ten.
+
+    Examples
+    --------
+    >>> _tick_texts(np.array([-0.1, 0.0, 0.1]))
+    (['−0.1', '0.0', '0.1'], '')
+    >>> _tick_texts(np.array([20.72002, 20.72004]))
+    (['2', '4'], ' − 20.72 ($10^{-5}$)')
+    """
+    step = float(np.diff(ticks).min(initial=np.inf))
+    offset = 0.0
+    if np.abs(ticks).max(initial=0.0) > _MOST_STEPS * step:
+        decade = 10.0 ** np.ceil(np.log10(2.0 * np.ptp(ticks)))
+        offset = float(np.floor(ticks[0] / decade) * decade)
+    values = ticks - offset
+    exponent = int(np.floor(np.log10(np.abs(values).max(initial=0.0) or 1.0)))
+    scale = f" {'−' if offset > 0.0 else '+'} {abs(offset):.12g}" if offset else ""
+    if not _PLAIN[0] < exponent < _PLAIN[1]:
+        values, step = values / 10.0**exponent, step / 10.0**exponent
+        scale += f" ($10^{{{exponent}}}$)"
+    decimals = 0
+    while np.abs(values - values.round(decimals)).max(initial=0.0) > 0.01 * step:
+        decimals += 1
+    return [f"{value:.{decimals}f}".replace("-", "−") for value in values + 0.0], scale
 
 
 def _write_key(
