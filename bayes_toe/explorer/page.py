@@ -31,6 +31,7 @@ from bayes_toe.explorer.entry import (
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.models import model_title
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
+from bayes_toe.plots.corner import axis_unit, shown_unit
 from bayes_toe.version import __version__
 
 #: Subjects of one page; posteriors of a subject count each.
@@ -183,13 +184,19 @@ def page(
     task = page_entries[0].target.subject.task
     if any(entry.target.subject.task != task for entry in page_entries):
         raise InputError("explore: found draws of two tasks, allowed: one in a page")
-    units = {entry.unit.of_differences for entry in page_entries}
+    units = {(entry.unit.of_stimuli, entry.unit.of_differences) for entry in page_entries}
     if len(units) > 1:
-        raise InputError("explore: found draws in per cent and in dB, allowed: one in a page")
-    (unit,) = units
+        raise InputError("explore: found draws in two units, allowed: one in a page")
+    unit = shown_unit(page_entries[0].unit, (entry.quantities for entry in page_entries))
+    if unit.has_log_differences:
+        page_entries = [entry.in_unit(unit) for entry in page_entries]
     quantities = {}
     for name, quantity in QUANTITY_BY_NAME.items():
-        quantities[name] = (quantity.label.format(unit=unit), quantity.words)
+        label = quantity.label.format(unit=unit.of_differences)
+        of_axis = axis_unit(name, unit)
+        if of_axis and "{unit}" not in quantity.label:
+            label += f", {of_axis}"
+        quantities[name] = (label, quantity.words)
     room = min(_BYTES / len(page_entries), max(_FEW_BYTES / len(page_entries), _ENTRY_BYTES))
     rows = min(_ROWS, int(room / max(entry.bytes_a_draw for entry in page_entries)))
     contents, list_of_entries = {}, []

@@ -267,10 +267,14 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
 
 def axis_label(name: str, unit: StimulusUnit) -> str:
     """The label of the axis of a quantity."""
-    label = QUANTITY_BY_NAME[name].symbol
-    if name == _STIMULUS and unit.of_stimuli:
-        return f"{label}, {unit.of_stimuli}"
-    return f"{label}, {unit.of_differences}" if _is_difference(name, unit) else label
+    return ", ".join(filter(None, (QUANTITY_BY_NAME[name].symbol, axis_unit(name, unit))))
+
+
+def axis_unit(name: str, unit: StimulusUnit) -> str:
+    """The unit of the axis of a quantity; empty for pure numbers and natural logs."""
+    if name == _STIMULUS:
+        return unit.of_stimuli
+    return unit.of_differences if _is_difference(name, unit) else ""
 
 
 def axis_limits(

@@ -39,7 +39,7 @@ from bayes_toe.plots.style import (
     Band,
     Mark,
     Style,
-    difference_axis,
+    difference_scale,
     draw_band,
     grid_panels,
     legend_below,
@@ -151,7 +151,7 @@ def mean_first(counts: Subject) -> float:
 def label_along(ax: Axes, counts: Subject) -> None:
     """The axis below :func:`order_panel` in the unit of the stimuli."""
     if counts.task == WHICH_STRONGER:
-        difference_axis(ax, counts.unit)
+        difference_scale(counts.unit, ax.get_xlim()).draw(ax)
     else:
         stimulus_axis(ax, "stronger stimulus", counts.unit, mean_first(counts))
 
