@@ -198,7 +198,13 @@ class Scale(NamedTuple):
         """Natural logs of round numbers in the unit, and the numbers."""
         assert self.unit is not None
         start, end = self.unit.stimuli([low, high])
-        numbers = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(start, end)
+        locator = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
+        numbers = np.asarray(locator.tick_values(start, end))
+        if not self.unit.is_decibel:
+            decades = 10.0 ** np.arange(np.floor(np.log10(start)), np.ceil(np.log10(end)))
+            on_log_axis = np.outer(decades, [1.0, 2.0, 5.0]).ravel()
+            if np.count_nonzero((on_log_axis >= start) & (on_log_axis <= end)) > 2:
+                numbers = on_log_axis
         numbers = numbers[(numbers >= start) & (numbers <= end)]
         step = np.diff(numbers).min(initial=np.inf)
         digits = max(6, 2 + math.ceil(np.log10(np.abs(numbers).max(initial=0.0) / step + 1.0)))
