@@ -1,13 +1,20 @@
 """Stimuli in decibels and in grams: the numbers are those of natural logs, shown in the unit."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
 from legible import texts_of, words_of
+from scipy.stats import norm
 
 import bayes_toe as bt
+from bayes_toe.answers.order_effect import Size, format_difference
 from bayes_toe.checks.answer_checks import check_answers
+from bayes_toe.data.stimulus_unit import StimulusUnit
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.plots.report_figure import is_by_first
 
 DECIBELS_OF_E = 20.0 / np.log(10.0)
@@ -166,3 +173,79 @@ def test_real_studies_in_natural_logs_are_read(real_data):
         codes = bt.ReadOptions(equal_code="1" if "vibro" in str(path) else None)
         findings = bt.check(bt.read_study(path, codes))
         assert "raw_stimuli" not in {finding.code for finding in findings}
+
+
+@pytest.mark.parametrize(
+    "size, unit, shown",
+    [
+        ((2.0, 5.0, 9.0), "um", "+5.0 % [+2.0, +9.0]"),
+        ((-40.0, 5.0, 999.0), "", "+5 % [-40, +999]"),
+        ((-40.0, 5.0, 1001.0), "", "+0.0 ln [-0.5, +2.4]"),
+        ((-99.0, -5.0, 3.0), "", "-0.1 ln [-4.6, +0.0]"),
+        ((230315.0, 3.4e7, 9.95e9), "um", "+13 ln [+8, +18]"),
+        ((3.0, np.inf, np.inf), "", "> 700 ln [+0.030, > 700]"),
+        ((-100.0, -50.0, 10.0), "", "-0.69 ln [< -30, +0.10]"),
+        ((0.0021, 0.0030, 0.0042), "", "+0.0030 % [+0.0021, +0.0042]"),
+        ((19.9981, 20.0, 20.0019), "", "+20.000 % [+19.998, +20.002]"),
+        ((900.0, 2000.0, 3000.0), "dB", "+26 dB [+20, +30]"),
+    ],
+)
+def test_sizes_beyond_1000_percent_are_logs_and_small_ones_have_their_digits(size, unit, shown):
+    assert format_difference(Size(*size), StimulusUnit(unit)) == shown
+
+
+@pytest.fixture(scope="module")
+def wide():
+    """Two subjects with steps of a factor of 400, and a large constant error."""
+    return made_up(6.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def fine():
+    """Two subjects with steps of 2e-5 about 20.72."""
+    return made_up(2e-5, 20.72)
+
+
+def made_up(step, level):
+    """Observers of neighbouring levels who overestimate or underestimate the first stimulus."""
+    levels = level + step * np.arange(4)
+    first = np.concatenate([levels[:-1], levels[1:]])
+    second = np.concatenate([levels[1:], levels[:-1]])
+    subjects = []
+    for name, shift in (("up", 0.9), ("down", -0.9)):
+        share = norm.cdf((second - first) / step - shift)
+        n_yes = np.rint(60 * share).astype(int)
+        subject = bt.Subject(name, first, second, n_yes, [60] * 6, task=WHICH_STRONGER)
+        subjects.append(subject)
+    return bt.Study(subjects)
+
+
+FORBIDDEN = re.compile(r"\b(inf|nan)\b|0\.0+ % \[[+-]?0\.0+,|[1-9]\d{3,}(\.\d+)? %")
+
+
+@pytest.mark.parametrize("name", ["wide", "fine"])
+def test_nothing_shows_an_infinite_a_huge_or_an_empty_size(name, request, tmp_path):
+    study = request.getfixturevalue(name)
+    study.frame().to_csv(tmp_path / "study.csv", index=False)
+    unit = "--unit ln" if name == "wide" else ""
+    screen = good(f"run study.csv {unit} -o results --seed 1 --figures all", cwd=tmp_path)
+    report = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
+    texts = [screen, re.sub("<[^>]+>", " ", re.sub("base64,[^\"']+", "", report))]
+    texts += [path.read_text(encoding="utf-8") for path in (tmp_path / "results").glob("*.md")]
+    for text in texts:
+        assert FORBIDDEN.search(text) is None, FORBIDDEN.search(text)
+    table = pd.read_csv(tmp_path / "results" / "evidence.csv")
+    assert not np.isinf(table.select_dtypes("number")).any().any()
+    assert (" ln [" in screen) == (name == "wide")
+    draws = bt.sample(study.select("up"), seed=1, model="both")
+    labels = " ".join(words_of(texts_of(bt.plots.corner(draws, "up"))))
+    assert ("constant error $c$, ln" in labels) == (name == "wide")
+    labels = " ".join(words_of(texts_of(bt.plots.order_effect(bt.evidence(study, seed=1)))))
+    assert ("PSE shift (ln)" in labels) == (name == "wide")
+
+
+def test_a_percentage_that_is_no_number_is_an_empty_cell(wide):
+    answer = bt.evidence(wide, seed=1).answers[0]
+    sizes = {**answer.sizes, "jnd_percent": Size(1.0, np.inf, np.inf)}
+    cells = replace(answer, sizes=sizes).cells
+    assert (cells["jnd_percent_q025"], cells["jnd_percent_q50"]) == (1.0, None)

@@ -336,7 +336,8 @@ def format_signed(size: Size, unit: str = "") -> str:
     >>> format_signed(Size(2e-5, 3e-5, 4e-5), "%"), format_signed(Size(5.601, 5.61, 5.62))
     ('+0.000030 % [+0.000020, +0.000040]', '+5.61 [+5.60, +5.62]')
     """
-    digits = decimals_of(max(map(abs, size)))
+    finite = filter(np.isfinite, size)
+    digits = decimals_of(max(map(abs, finite), default=0.0))
     while size.q025 < size.q975 and digits < _MOST_DECIMALS:
         if round(size.q025, digits) < round(size.q975, digits):
             break
