@@ -176,7 +176,7 @@ def test_real_studies_in_natural_logs_are_read(real_data):
 
 
 @pytest.mark.parametrize(
-    "size, unit, shown",
+    "size, unit, expected",
     [
         ((2.0, 5.0, 9.0), "um", "+5.0 % [+2.0, +9.0]"),
         ((-40.0, 5.0, 999.0), "", "+5 % [-40, +999]"),
@@ -190,8 +190,8 @@ def test_real_studies_in_natural_logs_are_read(real_data):
         ((900.0, 2000.0, 3000.0), "dB", "+26 dB [+20, +30]"),
     ],
 )
-def test_sizes_beyond_1000_percent_are_logs_and_small_ones_have_their_digits(size, unit, shown):
-    assert format_difference(Size(*size), StimulusUnit(unit)) == shown
+def test_sizes_beyond_1000_percent_are_logs_and_small_ones_have_their_digits(size, unit, expected):
+    assert format_difference(Size(*size), StimulusUnit(unit)) == expected
 
 
 @pytest.fixture(scope="module")

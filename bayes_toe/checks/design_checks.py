@@ -160,10 +160,10 @@ def _two_scales(study: Study) -> Iterator[Finding]:
             option = f"--exclude {cli_argument(subject.name)}"
         elif widest_gap > other_gaps > 0.0 and n_in_smaller_group <= _LONE * subject.total_trials:
             trials = f"{plural(n_in_smaller_group, 'trial')} of {subject.total_trials:,}"
-            lone, others = groups if n_below < n_above else groups[::-1]
+            lone, remaining = groups if n_below < n_above else groups[::-1]
             message = (
-                f"In {trials}, a stimulus ({lone}) lies {factor} from all others ({others}). Check "
-                "its decimal point."
+                f"In {trials}, a stimulus ({lone}) lies {factor} from all others ({remaining}). "
+                "Check its decimal point."
             )
         else:
             continue

@@ -97,10 +97,10 @@ class StandardOrder:
 
 
 def require_logs(
-    table: TextTable, columns: Sequence[Column], stimuli: Sequence[FloatArray], asked: BoolArray
+    table: TextTable, columns: Sequence[Column], stimuli: Sequence[FloatArray], selected: BoolArray
 ) -> None:
     """Note stimuli of these rows that cannot be natural logs, with the units to type."""
-    rows = np.flatnonzero(asked & ~np.isnan(stimuli).any(axis=0))
+    rows = np.flatnonzero(selected & ~np.isnan(stimuli).any(axis=0))
     if not len(rows):
         return
     first, second = (values[rows] for values in stimuli)

@@ -146,11 +146,11 @@ class OptimalDesign:
         first, index = np.unique(self.design.s1, return_inverse=True)
         of_first = np.bincount(index, share)
         frequent = np.sort(np.argsort(-of_first)[:4])
-        shown = self.shown(first)
+        levels = self.in_unit(first)
         name = f" {self.unit.of_stimuli}".rstrip()
         digits = ".4g" if name else "g"
         firsts = ", ".join(
-            f"{shown[i]:{digits}}{name} ({100 * of_first[i]:.0f} %)" for i in frequent
+            f"{levels[i]:{digits}}{name} ({100 * of_first[i]:.0f} %)" for i in frequent
         )
         lines = [
             f"Most trials have these first stimuli: {firsts}. Only first stimuli far apart "
@@ -163,7 +163,7 @@ class OptimalDesign:
             )
         return lines
 
-    def shown(self, logs: FloatArray) -> FloatArray:
+    def in_unit(self, logs: FloatArray) -> FloatArray:
         """Stimuli in their unit; natural logs if it is not known."""
         return self.unit.stimuli(logs) if self.unit.of_stimuli else logs
 
@@ -172,7 +172,7 @@ class OptimalDesign:
         frame = self.design.frame()
         if self.unit.of_stimuli:
             for name, logs in (("i1", self.design.s1), ("i2", self.design.s2)):
-                frame[name] = [float(f"{value:.6g}") for value in self.shown(logs)]
+                frame[name] = [float(f"{value:.6g}") for value in self.in_unit(logs)]
         return frame
 
     def sentences(self) -> list[str]:

@@ -470,8 +470,8 @@ def _packed_scale(scale: Scale, ends: Sequence[float]) -> Record | None:
     """A scale as the page stores it; none for natural logs."""
     if scale.unit is None:
         return None
-    at, texts = scale.ticks(*ends)
-    return {"label": scale.label, "at": at.tolist(), "texts": texts}
+    positions, texts = scale.ticks(*ends)
+    return {"label": scale.label, "at": positions.tolist(), "texts": texts}
 
 
 def slices(counts: Subject) -> list[Slice]:

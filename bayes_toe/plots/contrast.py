@@ -79,9 +79,7 @@ def contrast(
     for (row, column), ax in np.ndenumerate(panels):
         quantity, comparison = quantities[column], comparisons[row]
         rows = table.select(quantity, comparison)
-        unit = table.unit
-        if quantity != CONTRACTION.name:
-            unit = unit.for_percent([row.interval(UNKNOWN_UNIT) for row in rows])
+        unit = _shown_unit(table, rows)
         _draw_subjects(ax, table, rows, unit)
         if group is not None:
             _draw_group(ax, group, quantity, table.conditions.comparisons[row], unit)
@@ -102,6 +100,11 @@ def contrast(
         panels[0, 0].plot([], [], "o", ms=3.4, mfc=face, mec=colour, mew=0.7, label=label)
     legend_below(figure, size=SMALL, columns=len(_MARKS))
     return figure
+
+
+def _shown_unit(table: ContrastTable, rows: Sequence[Difference]) -> StimulusUnit:
+    """The unit of differences that suits these rows; p is small in any."""
+    return table.unit.for_percent([row.interval(UNKNOWN_UNIT) for row in rows])
 
 
 def _draw_subjects(
