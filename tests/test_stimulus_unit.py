@@ -1,12 +1,20 @@
 """Stimuli in decibels and in grams: the numbers are those of natural logs, shown in the unit."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
+import pandas as pd
 import pytest
 from commands import good, refused
 from legible import texts_of, words_of
+from scipy.stats import norm
 
 import bayes_toe as bt
+from bayes_toe.answers.order_effect import Size, format_difference
 from bayes_toe.checks.answer_checks import check_answers
+from bayes_toe.data.stimulus_unit import StimulusUnit
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.plots.report_figure import is_by_first
 
 DECIBELS_OF_E = 20.0 / np.log(10.0)
@@ -99,3 +107,145 @@ def test_rounded_intensities_are_judged_and_drawn_as_exact_ones(task, digits):
 def test_a_mean_beyond_all_exponentials_has_per_cent(mean):
     unit = bt.example_study().unit.or_percent_of(mean)
     assert unit.stimuli([mean, mean + np.log(1.2)]) == pytest.approx([100.0, 120.0])
+
+
+GRAMS = [(740, 905), (905, 740), (1105, 1350), (1350, 1105)]
+
+
+def trials(pairs, names=("s1", "s2")):
+    """A table of trials with these pairs."""
+    table = pd.DataFrame(pairs, columns=list(names), dtype=object)
+    return table.assign(subject="A", response=["second", "first"] * (len(pairs) // 2))
+
+
+@pytest.mark.parametrize(
+    "pairs, names, sign, units",
+    [
+        (GRAMS, ("s1", "s2"), "columns s1 and s2: found whole numbers from 740 to 1350", "a.u. ln"),
+        ([(4.5, 7.6), (7.6, 4.5)], ("s1", "s2"), "row 0, columns s1 and s2: found 4.5", "a.u. ln"),
+        ([(0, 0.3), (0.3, 300)], ("s1", "s2"), "row 1, columns s1 and s2: found 0.3 and 300", "ln"),
+        ([(1.1, 1.2), (1.2, 1.1)], ("a1 (mm)", "a2 (mm)"), "a1 (mm) seems to be in mm", "mm ln"),
+    ],
+)
+def test_what_cannot_be_a_natural_log_is_refused_with_units_that_work(pairs, names, sign, units):
+    columns = dict(zip(("s1", "s2"), names, strict=True))
+    table = trials(pairs, names)
+    with pytest.raises(bt.InputError) as refusal:
+        bt.read_study(table, bt.ReadOptions(columns=columns))
+    assert sign in refusal.value.problems[0]
+    assert [remedy.value for remedy in refusal.value.remedies] == units.split()
+    for remedy in refusal.value.remedies:
+        options = bt.ReadOptions(columns=columns, unit=remedy.value)
+        (subject,) = bt.read_study(table, options)
+        expected = np.asarray(pairs, float) if remedy.value == "ln" else np.log(pairs)
+        assert sorted(subject.stimuli) == pytest.approx(sorted(expected.ravel()))
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.01])
+def test_natural_logs_of_any_reference_are_read(scale):
+    logs = np.log(GRAMS)
+    for shift in (0.0, 5.0, 20.72):
+        pairs = (scale * (logs - logs.min()) + shift).tolist()
+        assert bt.read_study(trials(pairs)).unit.name == ""
+    assert bt.read_study(trials([(0.0, 3.0), (3.0, 0.0)])).unit.name == ""
+
+
+@pytest.mark.parametrize("unit, scale", [(None, 1.0), ("um", 100.0)])
+def test_stimuli_that_differ_by_rounding_are_merged_and_said(unit, scale):
+    pairs = [(0.3, 0.3 + 1e-8), (0.3, 0.5), (0.5, 0.3), (0.3 + 1e-8, 0.5), (0.5, 0.3), (0.3, 0.5)]
+    table = trials([(scale * first, scale * second) for first, second in pairs])
+    study = bt.read_study(table, bt.ReadOptions(unit=unit))
+    assert len(np.unique(study["A"].stimuli)) == 2
+    assert study["A"].n_pairs == 3, "an equal pair is one"
+    (doubt,) = study.reading.doubts
+    assert "stimuli in 2 rows differ by rounding only, and are read as one: " in doubt
+    assert doubt.endswith("30 um" if unit else "0.3")
+
+
+def test_one_mistyped_stimulus_merges_no_others():
+    pairs = [(0.0, 1e-4), (1e-4, 0.0)] * 30 + [(0.0, 2.9), (2.9, 0.0)]
+    study = bt.read_study(trials(pairs))
+    assert (study.reading.doubts, study["A"].n_pairs) == ((), 4)
+
+
+def test_real_studies_in_natural_logs_are_read(real_data):
+    for path in real_data.glob("*/*.csv"):
+        codes = bt.ReadOptions(equal_code="1" if "vibro" in str(path) else None)
+        findings = bt.check(bt.read_study(path, codes))
+        assert "raw_stimuli" not in {finding.code for finding in findings}
+
+
+@pytest.mark.parametrize(
+    "size, unit, expected",
+    [
+        ((2.0, 5.0, 9.0), "um", "+5.0 % [+2.0, +9.0]"),
+        ((-40.0, 5.0, 999.0), "", "+5 % [-40, +999]"),
+        ((-40.0, 5.0, 1001.0), "", "+0.0 ln [-0.5, +2.4]"),
+        ((-99.0, -5.0, 3.0), "", "-0.1 ln [-4.6, +0.0]"),
+        ((230315.0, 3.4e7, 9.95e9), "um", "+13 ln [+8, +18]"),
+        ((3.0, np.inf, np.inf), "", "> 700 ln [+0.030, > 700]"),
+        ((-100.0, -50.0, 10.0), "", "-0.69 ln [< -30, +0.10]"),
+        ((0.0021, 0.0030, 0.0042), "", "+0.0030 % [+0.0021, +0.0042]"),
+        ((19.9981, 20.0, 20.0019), "", "+20.000 % [+19.998, +20.002]"),
+        ((900.0, 2000.0, 3000.0), "dB", "+26 dB [+20, +30]"),
+    ],
+)
+def test_sizes_beyond_1000_percent_are_logs_and_small_ones_have_their_digits(size, unit, expected):
+    assert format_difference(Size(*size), StimulusUnit(unit)) == expected
+
+
+@pytest.fixture(scope="module")
+def wide():
+    """Two subjects with steps of a factor of 400, and a large constant error."""
+    return made_up(6.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def fine():
+    """Two subjects with steps of 2e-5 about 20.72."""
+    return made_up(2e-5, 20.72)
+
+
+def made_up(step, level):
+    """Observers of neighbouring levels who overestimate or underestimate the first stimulus."""
+    levels = level + step * np.arange(4)
+    first = np.concatenate([levels[:-1], levels[1:]])
+    second = np.concatenate([levels[1:], levels[:-1]])
+    subjects = []
+    for name, shift in (("up", 0.9), ("down", -0.9)):
+        share = norm.cdf((second - first) / step - shift)
+        n_yes = np.rint(60 * share).astype(int)
+        subject = bt.Subject(name, first, second, n_yes, [60] * 6, task=WHICH_STRONGER)
+        subjects.append(subject)
+    return bt.Study(subjects)
+
+
+FORBIDDEN = re.compile(r"\b(inf|nan)\b|0\.0+ % \[[+-]?0\.0+,|[1-9]\d{3,}(\.\d+)? %")
+
+
+@pytest.mark.parametrize("name", ["wide", "fine"])
+def test_nothing_shows_an_infinite_a_huge_or_an_empty_size(name, request, tmp_path):
+    study = request.getfixturevalue(name)
+    study.frame().to_csv(tmp_path / "study.csv", index=False)
+    unit = "--unit ln" if name == "wide" else ""
+    screen = good(f"run study.csv {unit} -o results --seed 1 --figures all", cwd=tmp_path)
+    report = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
+    texts = [screen, re.sub("<[^>]+>", " ", re.sub("base64,[^\"']+", "", report))]
+    texts += [path.read_text(encoding="utf-8") for path in (tmp_path / "results").glob("*.md")]
+    for text in texts:
+        assert FORBIDDEN.search(text) is None, FORBIDDEN.search(text)
+    table = pd.read_csv(tmp_path / "results" / "evidence.csv")
+    assert not np.isinf(table.select_dtypes("number")).any().any()
+    assert (" ln [" in screen) == (name == "wide")
+    draws = bt.sample(study.select("up"), seed=1, model="both")
+    labels = " ".join(words_of(texts_of(bt.plots.corner(draws, "up"))))
+    assert ("constant error $c$, ln" in labels) == (name == "wide")
+    labels = " ".join(words_of(texts_of(bt.plots.order_effect(bt.evidence(study, seed=1)))))
+    assert ("PSE shift (ln)" in labels) == (name == "wide")
+
+
+def test_a_percentage_that_is_no_number_is_an_empty_cell(wide):
+    answer = bt.evidence(wide, seed=1).answers[0]
+    sizes = {**answer.sizes, "jnd_percent": Size(1.0, np.inf, np.inf)}
+    cells = replace(answer, sizes=sizes).cells
+    assert (cells["jnd_percent_q025"], cells["jnd_percent_q50"]) == (1.0, None)

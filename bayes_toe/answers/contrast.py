@@ -19,7 +19,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from scipy.special import logsumexp, softmax
 
-from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_share, format_signed
+from bayes_toe.answers.order_effect import (
+    Size,
+    format_bayes_factor,
+    format_difference,
+    format_share,
+)
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray, NamedArrays, Rng, StrPath
@@ -172,7 +177,7 @@ class Difference(NamedTuple):
         """
         if not self.has_unit:
             return format_share(self.interval(unit), "+")
-        text = format_signed(self.interval(unit), unit.of_differences)
+        text = format_difference(self.interval(StimulusUnit()), unit)
         return text.replace("+", "") if self.p_direction is None else text
 
 

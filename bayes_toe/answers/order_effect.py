@@ -78,6 +78,9 @@ _Numbers = Mapping[str, float]
 #: Nats below the best within which a model's error matters, and the largest error left unsaid.
 _COUNTS_WITHIN, _LARGEST_ERROR = 5.0, 0.1
 _STUDENT = StandardStudent()
+_MOST_DECIMALS = 15
+#: Natural logs beyond which a percentage is infinite, or -100.
+_LARGEST_LOG, _SMALLEST_LOG = 700, -30
 
 
 class Size(NamedTuple):
@@ -246,16 +249,16 @@ class OrderEffect:
 
     def format_size(self, name: str) -> str:
         """One of :data:`SIZES` with its 95 % interval and its unit."""
-        size = self.size(name)
+        size = self.sizes[name]
         if name == "contraction_p":
             return format_share(size)
         if name == "pse_shift_jnd":
             return format_signed(size)
-        unit = self.unit.of_differences
         if name == "pse_shift_percent":
-            return format_signed(size, unit)
-        low, median, high = map(format_number, size)
-        return f"{median} {unit} [{low}, {high}]"
+            return format_difference(size, self.unit)
+        unit = self.unit.for_percent(size)
+        low, median, high = map(format_number, size.from_percent(unit))
+        return f"{median} {unit.of_differences} [{low}, {high}]"
 
     @property
     def cells(self) -> Mapping[str, object]:
@@ -274,7 +277,8 @@ class OrderEffect:
             cells[f"p_{question}"] = self.probabilities[question]
             cells[f"ln_bf_{question}"] = self.log_bayes_factors[question]
         for size, quantile in product(SIZES, QUANTILES):
-            cells[f"{size}_{quantile}"] = getattr(self.sizes.get(size), quantile, None)
+            number = getattr(self.sizes.get(size), quantile, np.nan)
+            cells[f"{size}_{quantile}"] = number if np.isfinite(number) else None
         for name, column in zip(MODEL_NAMES, _EVIDENCES, strict=True):
             cells[column] = self.log_evidence[name]
             cells[f"{column}_se"] = self.standard_error[name]
@@ -332,25 +336,55 @@ def format_probability(probability: float) -> str:
     return f"= {probability:.2f}".replace("0.", ".")
 
 
+def format_difference(size: Size, unit: StimulusUnit) -> str:
+    """A signed difference in per cent of intensity with its 95 % interval, in the unit to show.
+
+    Examples
+    --------
+    >>> format_difference(Size(2.5, 5.61, 8.3), StimulusUnit("g"))
+    '+5.6 % [+2.5, +8.3]'
+    >>> format_difference(Size(900.0, 3.2e4, 9.1e9), StimulusUnit())
+    '+6 ln [+2, +18]'
+    """
+    shown_unit = unit.for_percent(size)
+    return format_signed(size.from_percent(shown_unit), shown_unit.of_differences)
+
+
 def format_signed(size: Size, unit: str = "") -> str:
     """A signed size with its unit and 95 % interval, two digits of the largest number.
+
+    The interval has more digits if its ends would look equal.
 
     Examples
     --------
     >>> format_signed(Size(2.5, 5.61, 8.3), "%"), format_signed(Size(-0.4, 11.7, 22.1))
     ('+5.6 % [+2.5, +8.3]', '+12 [-0, +22]')
+    >>> format_signed(Size(2e-5, 3e-5, 4e-5), "%"), format_signed(Size(5.601, 5.61, 5.62))
+    ('+0.000030 % [+0.000020, +0.000040]', '+5.61 [+5.60, +5.62]')
     """
-    digits = _digits(max(map(abs, size)), max_digits=2)
-    low, median, high = (f"{value:+.{digits}f}" for value in size)
+    finite = filter(np.isfinite, size)
+    digits = decimals_of(max(map(abs, finite), default=0.0))
+    while size.q025 < size.q975 and digits < _MOST_DECIMALS:
+        if round(size.q025, digits) < round(size.q975, digits):
+            break
+        digits += 1
+    low, median, high = (_format_finite(value, digits, "+") for value in size)
     estimate = f"{median} {unit}".rstrip()
     return f"{estimate} [{low}, {high}]"
 
 
-def _digits(value: float, max_digits: int) -> int:
-    """Decimals that show two significant digits of a number, at most `max_digits`."""
+def decimals_of(value: float) -> int:
+    """Decimals that show two significant digits of a number."""
     if not np.isfinite(value) or value <= 0.0:
         return 0
-    return int(min(max(1 - np.floor(np.log10(float(f"{value:.2g}"))), 0), max_digits))
+    return int(min(max(1 - np.floor(np.log10(float(f"{value:.2g}"))), 0), _MOST_DECIMALS))
+
+
+def _format_finite(value: float, digits: int, sign: str = "") -> str:
+    """A number with its decimals; a log or decibels of a percentage that is none as a bound."""
+    if np.isinf(value):
+        return f"> {_LARGEST_LOG}" if value > 0.0 else f"< {_SMALLEST_LOG}"
+    return f"{value:{sign}.{digits}f}"
 
 
 def format_number(value: float) -> str:
@@ -361,7 +395,7 @@ def format_number(value: float) -> str:
     >>> format_number(112.4), format_number(8.0), format_number(-0.0312), format_number(0.0)
     ('110', '8.0', '-0.031', '0')
     """
-    return f"{float(f'{value:.2g}'):.{_digits(abs(value), max_digits=400)}f}"
+    return _format_finite(float(f"{value:.2g}"), decimals_of(abs(value)))
 
 
 def format_share(size: Size, sign: str = "") -> str:

@@ -16,6 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.checks.answer_checks import Finding, check_answers
 from bayes_toe.checks.identification import (
     CRITERION_NOTE,
@@ -24,16 +25,22 @@ from bayes_toe.checks.identification import (
 )
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import looks_like
-from bayes_toe.data.messages import capitalized, display_name, join_names, join_words, plural
+from bayes_toe.data.messages import (
+    capitalized,
+    cli_argument,
+    display_name,
+    join_names,
+    join_words,
+    plural,
+)
 from bayes_toe.data.options import LOOKED_AT
+from bayes_toe.data.stimulus_unit import ROUNDED, StimulusUnit, sign_of_intensities
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
 from bayes_toe.data.units import follows_from_pairs
 from bayes_toe.data.validation import number
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import preset_or_file
 
-#: Natural-log intensities beyond which stimuli look raw.
-LARGEST_LOG = 5.0
 #: Codes of findings that are no warnings.
 NOTES = frozenset({"columns_ignored", "criterion"})
 
@@ -50,7 +57,6 @@ _INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | fro
 _NEAR = 10.0  # factor within which sigma_p of a prior in the stimuli's unit lies of their step
 _SELDOM = 0.1  # probability of that below which the prior has another unit
 _LONE = 0.01  # share of trials whose stimuli may be far from all others by mistake
-_ROUNDED = 1e-6  # of the range of the stimuli: nobody perceives such a difference
 _DISTANT = 0.25  # of the sd of the stimuli: how far their means may differ between conditions
 _LONG = 100.0  # seconds; nobody compares two stimuli over that time, but 100 ms are common
 _TWO_SCALES = math.log(100.0)  # a gap between stimuli that is wider than all others together
@@ -110,18 +116,18 @@ def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, 
 
 
 def _raw_stimuli(study: Study) -> Iterator[Finding]:
-    """Stimuli that are too large, or too far apart, to be natural logs."""
-    stimuli = np.concatenate([subject.stimuli for subject in study])
-    low, high = float(stimuli.min()), float(stimuli.max())
-    has_unit = "i1" in study.reading.read or study.unit.name != ""
-    if has_unit or max(high - low, low) <= LARGEST_LOG:
+    """Stimuli that cannot be natural logs. A file of them is refused when it is read."""
+    if study.unit.name or "i1" in study.reading.read:
         return
-    message = (
-        f"Stimuli from {low:.4g} to {high:.4g} look like raw intensities, but the program reads "
-        "them as natural logs. If they are raw, name their columns and a reference intensity."
-    )
-    option = "--intensity REF --columns i1=NAME,i2=NAME"
-    yield Finding("", "raw_stimuli", message, option)
+    first = np.concatenate([subject.s1 for subject in study])
+    second = np.concatenate([subject.s2 for subject in study])
+    sign, _ = sign_of_intensities(first, second)
+    if sign:
+        message = (
+            f"Stimuli look like raw intensities ({sign}), but are taken as natural logs. Take "
+            "their logarithms, or the unit 'ln' if they are logs."
+        )
+        yield Finding("", "raw_stimuli", message)
 
 
 def _two_scales(study: Study) -> Iterator[Finding]:
@@ -139,20 +145,43 @@ def _two_scales(study: Study) -> Iterator[Finding]:
         is_above = (pairs > levels[widest]).any(axis=0)
         n_below, n_above = subject.n_trials[is_below].sum(), subject.n_trials[is_above].sum()
         n_in_smaller_group = int(min(n_below, n_above))
-        factor = f"a factor of {math.exp(min(widest_gap, 700.0)):.2g}"
+        factor = f"a factor of {_round_number(math.exp(min(widest_gap, 700.0)))}"
+        has_intensities = "i1" in study.reading.read
+        groups = [
+            _range_of(part, subject.unit, has_intensities)
+            for part in (levels[: widest + 1], levels[widest + 1 :])
+        ]
+        option = ""
         if widest_gap > _TWO_SCALES and widest_gap > 2.0 * other_gaps:
             message = (
-                f"Stimuli lie in two groups, {factor} apart. "
-                "Check whether some rows lack a decimal point."
+                f"Stimuli lie in two groups, {' and '.join(groups)}, {factor} apart. Correct rows "
+                "in another unit or without a decimal point."
             )
+            option = f"--exclude {cli_argument(subject.name)}"
         elif widest_gap > other_gaps > 0.0 and n_in_smaller_group <= _LONE * subject.total_trials:
             trials = f"{plural(n_in_smaller_group, 'trial')} of {subject.total_trials:,}"
+            lone, remaining = groups if n_below < n_above else groups[::-1]
             message = (
-                f"In {trials}, a stimulus lies {factor} from all others. Check its decimal point."
+                f"In {trials}, a stimulus ({lone}) lies {factor} from all others ({remaining}). "
+                "Check its decimal point."
             )
         else:
             continue
-        yield Finding(subject.name, "two_scales", message)
+        yield Finding(subject.name, "two_scales", message, option)
+
+
+def _round_number(value: float) -> str:
+    """A number with two significant digits, in plain digits below a million."""
+    return f"{float(f'{value:.2g}'):,.6g}"
+
+
+def _range_of(levels: FloatArray, unit: StimulusUnit, has_intensities: bool) -> str:
+    """The weakest and the strongest of some stimuli as the file has them."""
+    ends = levels[[0, -1]]
+    if has_intensities or unit.of_stimuli:
+        ends = unit.stimuli(ends)
+    text = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
+    return f"{text} {unit.of_stimuli}".rstrip()
 
 
 def _columns(reading: Reading) -> Iterator[Finding]:
@@ -306,7 +335,7 @@ def _one_order(subject: Subject) -> Iterator[Finding]:
 def _rounding(subject: Subject) -> Iterator[Finding]:
     """Stimuli so near each other that they were meant to be the same."""
     gaps = np.diff(np.sort(subject.stimuli))
-    limit = _ROUNDED * gaps.sum()
+    limit = ROUNDED * gaps.sum()
     if not ((gaps > 0) & (gaps <= limit)).any():
         return
     stimuli, index = np.unique(subject.stimuli, return_inverse=True)

@@ -93,17 +93,17 @@ def answer_of_check(
     has_swap = exclude != options
     if has_swap:
         commands.append(f"{run} {' '.join(options)}")
-    if {f"--exclude {cli_argument(name)}" for name in study.names}.issubset(exclude):
+    verb = "needs" if len(options) == 1 else "need"
+    decision = f"{len(options)} of {plural(len(study), 'subject')} {verb} a decision."
+    if not {f"--exclude {cli_argument(name)}" for name in study.names}.issubset(exclude):
+        commands.append(f"{run} {' '.join(exclude)}")
+    elif commands:
         lines.append("Without the subjects that need a decision, no subject is left.")
     else:
-        commands.append(f"{run} {' '.join(exclude)}")
-    if not commands:
+        lines += [decision, "Without the subjects that need a decision, no subject is left."]
         return lines, []
     choice = "one of these" if len(commands) > 1 else "this"
-    verb = "needs" if len(options) == 1 else "need"
-    n_all = plural(len(study), "subject")
-    lines.append(f"{len(options)} of {n_all} {verb} a decision. Type {choice}:")
-    return lines, commands
+    return [*lines, f"{decision} Type {choice}:"], commands
 
 
 def _limits_of_design(study: Study, findings: Sequence[Finding]) -> list[str]:

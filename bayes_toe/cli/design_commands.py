@@ -27,14 +27,20 @@ from bayes_toe.cli.options import (
 )
 from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.data.messages import join_names, plural, quoted
+from bayes_toe.data.stimulus_unit import ANY_UNIT
+from bayes_toe.errors import Remedy
 
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
+    from bayes_toe.data.options import ReadOptions
+    from bayes_toe.data.stimulus_unit import StimulusUnit
     from bayes_toe.design.optimal_pairs import DesignGoal
     from bayes_toe.design.study_design import StudyDesign
 
 #: Trials of a design that is searched for, if nothing else is said.
 TRIALS = 650
+#: Natural logs between the weakest and the strongest stimulus beyond which they are intensities.
+_WIDEST = 10.0
 _POWER_FILES = ("power.csv", "power_data_sets.csv", "power.png", "power.pdf")
 Observers = Annotated[Text, rare("--observers", "NAME", "none, contraction, both, a file.")]
 
@@ -130,15 +136,14 @@ def _whole_numbers(option: str, text: str) -> list[int]:
 class GoalOptions:
     """The goal of a design, and the pairs that can be presented."""
 
-    lowest: Annotated[Number, option("--lowest", NUMBER, "Weakest stimulus, ln intensity.")] = None
-    highest: Annotated[Number, option("--highest", NUMBER, "Strongest stimulus, ln intensity.")] = (
-        None
-    )
+    lowest: Annotated[Number, option("--lowest", NUMBER, "Weakest stimulus, ln or --unit.")] = None
+    highest: Annotated[Number, option("--highest", NUMBER, "Strongest stimulus.")] = None
     step: Annotated[float, rare("--step", NUMBER, "Step, ln.")] = 0.05
     levels: Annotated[File, rare("--levels", "levels.csv", "Levels that can be presented.")] = None
     intensity: Annotated[
         Number, rare("--intensity", "REF", "Use intensities: s = ln(i / REF).")
     ] = None
+    unit: Annotated[Text, rare("--unit", "UNIT", "Of the levels: dB, log10, um, ...")] = None
     max_pairs: Annotated[int, rare("--max-pairs", NUMBER, "Most pairs.")] = 26
     aim: Annotated[
         str,
@@ -158,9 +163,9 @@ class GoalOptions:
                 raise bt.InputError(
                     f"--intensity is {self.intensity!r}. It must be a positive finite number."
                 )
-            if self.levels is None and not has_list:
+            if self.levels is None and self.unit is None and not has_list:
                 raise bt.InputError("--intensity needs --levels levels.csv or --list trials.csv.")
-        is_search = replace(self, intensity=None) != GoalOptions()
+        is_search = replace(self, intensity=None, unit=None) != GoalOptions()
         if file is not None and (not has_list or is_search):
             raise bt.InputError(
                 f"{file}: a given design needs --list trials.csv, without options of the search "
@@ -169,20 +174,46 @@ class GoalOptions:
 
     def log_levels(self) -> FloatArray:
         """Levels, natural-log intensity."""
-        from bayes_toe.design.optimal_pairs import grid, read_levels
+        import numpy as np
+
+        from bayes_toe.design.optimal_pairs import grid, log_levels, read_levels
 
         if self.levels is not None:
             if self.lowest is not None or self.highest is not None:
                 raise bt.InputError(
                     "The range is given twice. Use either --levels, or --lowest and --highest."
                 )
-            return read_levels(self.levels, self.intensity)
+            return read_levels(self.levels, self.intensity, self.unit)
         if self.lowest is None or self.highest is None:
             raise bt.InputError(
                 "No range of stimuli is given. Use --lowest and --highest (natural-log intensity), "
                 "or --levels levels.csv (with --intensity REF)."
             )
-        return grid(self.lowest, self.highest, self.step)
+        ends = np.array([self.lowest, self.highest])
+        options = self.reading()
+        option = f"--lowest {self.lowest:g} --highest {self.highest:g}"
+        if options.has_intensities and not (ends > 0.0).all():
+            raise bt.InputError(f"{option}: found with a unit, allowed: positive numbers")
+        if self.unit is None and not options.has_intensities and ends[1] - ends[0] > _WIDEST:
+            raise bt.InputError(
+                f"{option}: no natural logs of intensities are so far apart",
+                [Remedy("unit", ANY_UNIT, "if they are intensities, or the name of their unit")],
+            )
+        low, high = log_levels(ends, options).tolist()
+        return grid(low, high, self.step)
+
+    def reading(self) -> ReadOptions:
+        """The options with which levels are read."""
+        return bt.ReadOptions(intensity=self.intensity, unit=self.unit)
+
+    def list_reference(self) -> float | None:
+        """The reference of intensities in a list of trials; None if there are none."""
+        return (self.intensity or 1.0) if self.reading().has_intensities else None
+
+    def shown_unit(self) -> StimulusUnit:
+        """The unit in which levels are shown."""
+        unit = self.reading().stimulus_unit
+        return replace(unit, name=ANY_UNIT) if self.intensity and not unit.name else unit
 
     def goal(self, question: str) -> DesignGoal:
         """The goal of the design."""
@@ -274,6 +305,7 @@ def design(
     [bold]Example[/bold]: bayes-toe design -o design.csv --lowest -0.75 --highest 1.25
     """
     from bayes_toe.cli.design_screens import print_design
+    from bayes_toe.data.tables import write_table
     from bayes_toe.design.optimal_pairs import OPTIMISED
     from bayes_toe.seeds import root_seed
 
@@ -285,7 +317,7 @@ def design(
             raise bt.InputError(f"{file}: a given design has its trials. Leave out --trials.")
         context.require_files(*list_files)
         seed = root_seed(context.seed)
-        lists.write(bt.design.read_study_design(file), seed, goal.intensity, context)
+        lists.write(bt.design.read_study_design(file), seed, goal.list_reference(), context)
         return
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
@@ -303,8 +335,9 @@ def design(
         data_sets=data_sets,
         prior=context.prior,
     )
+    optimal = replace(optimal, unit=goal.shown_unit())
     files: dict[Path, Callable[[Path], object]] = {
-        output: optimal.design.save,
+        output: lambda path: write_table(optimal.frame(), path),
         compared: optimal.power.save,
         text: lambda path: path.write_text(optimal.text(), encoding="utf-8"),
         figure: partial(bt.plots.save_figure, bt.plots.design(optimal)),
@@ -313,7 +346,7 @@ def design(
     print_design(context.out, optimal)
     problem = ""
     try:
-        lists.write(optimal.design, optimal.seed, goal.intensity, context)
+        lists.write(optimal.design, optimal.seed, goal.list_reference(), context)
     except bt.InputError as error:  # The design is not lost.
         problem, list_files = str(error), []
     written = f"Written: {', '.join(map(str, [*files, *list_files]))}. Seed {optimal.seed}."

@@ -58,6 +58,7 @@ def print_design(out: Terminal, optimal: OptimalDesign) -> None:
     headings = ["design", *(f"SD of\n{name.replace('_', ' ')}" for name in effects)]
     rows = []
     for name, candidate in candidates.items():
-        rows.append([name, *(f"{candidate.sd[effect]:.2g}" for effect in effects)])
+        errors = candidate.errors(optimal.unit)
+        rows.append([name, *(errors[effect] for effect in effects)])
     out.table(headings, rows, title="Expected posterior SD, smaller is better")
     print_power(out, optimal.power, OPTIMISED)

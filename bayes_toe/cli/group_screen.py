@@ -15,6 +15,7 @@ from bayes_toe.answers.order_effect import (
     Size,
     format_bayes_factor,
     format_decimals,
+    format_difference,
     format_number,
     format_share,
     format_signed,
@@ -26,6 +27,7 @@ from bayes_toe.inference.diagnostics import worst
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 
 if TYPE_CHECKING:
+    from bayes_toe.data.stimulus_unit import StimulusUnit
     from bayes_toe.groups.population import PopulationResult
     from bayes_toe.groups.population_table import PopulationRow
     from bayes_toe.groups.predictive_check import PredictiveCheck
@@ -127,18 +129,16 @@ def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") 
     """Median and 95 % interval of a mean, or of a new subject, in the unit of the table."""
     [row] = result.table.select(quantity, _QUANTITY_OF.get(name, name))
     size = Size(row.q025, row.q50, row.q975)
-    if name not in _SHARES:
-        size = size.from_percent(result.study.unit)
     return _format_size(result, name, size, is_signed=name == CONSTANT_ERROR.name)
 
 
 def _format_size(
     result: PopulationResult, name: str, size: Size, *, is_signed: bool = False
 ) -> str:
-    """A size in the unit of the table with its interval."""
+    """A share, or a size in per cent in the unit of the table, with its interval."""
     if name in _SHARES:
         return format_share(size)
-    text = format_signed(size, result.study.unit.of_differences)
+    text = format_difference(size, result.study.unit)
     return text if is_signed else text.replace("+", "")
 
 
@@ -159,26 +159,38 @@ def _factor_and_word(log_factor: float) -> tuple[str, str]:
 
 def _spread(result: PopulationResult, name: str) -> str:
     """The SD between subjects with its interval; one that may be 0 as a bound."""
+    unit = result.study.unit
+    quantiles = _spread_quantiles(result, name, unit)
+    shown_unit = unit.for_percent(quantiles)
+    if shown_unit != unit:
+        quantiles = _spread_quantiles(result, name, shown_unit)
+    low, median, high, bound = quantiles
+    if name not in _EFFECTS or result.effect(name).sd_at_most is None:
+        if name in _SHARES:
+            return format_share(Size(low, median, high))
+        text = format_signed(Size(low, median, high), shown_unit.of_differences)
+        return text.replace("+", "")
+    if name in _SHARES:
+        return f"at most {format_decimals(bound)}"
+    return f"at most {format_number(bound)} {shown_unit.of_differences}"
+
+
+def _spread_quantiles(result: PopulationResult, name: str, unit: StimulusUnit) -> list[float]:
+    """The ends and the median of the SD between subjects, and its bound, in a unit."""
     j = result.index(name)
     mean, sd = result.draws.mean[..., j], result.draws.sd[..., j]
     # The SD is half the difference of subjects one SD above and one SD below the mean.
-    above, below = result.in_units(name, mean + sd), result.in_units(name, mean - sd)
+    above, below = (result.in_units(name, point, unit) for point in (mean + sd, mean - sd))
     with np.errstate(invalid="ignore"):
         spread = 0.5 * (above - below)
-    low, median, high, bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()
-    if name not in _EFFECTS or result.effect(name).sd_at_most is None:
-        return _format_size(result, name, Size(low, median, high))
-    if name in _SHARES:
-        return f"at most {format_decimals(bound)}"
-    return f"at most {format_number(bound)} {result.study.unit.of_differences}"
+    return np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()
 
 
 def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
     """An effect on a mean: a shift of the PSE, p, the ratio of JNDs, or a logit."""
     values = np.array([row.q025, row.q50, row.q975])
     if row.parameter == CONSTANT_ERROR.name:
-        size = Size(*result.in_units(row.parameter, values).tolist())
-        return _format_size(result, row.parameter, size, is_signed=True)
+        return format_difference(Size(*result.shift_percent(values).tolist()), result.study.unit)
     if row.parameter == CONTRACTION.name:
         return format_share(Size(*values.tolist()))
     sign = "+"

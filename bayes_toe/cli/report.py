@@ -76,6 +76,7 @@ from bayes_toe.data.messages import (
     visible,
     with_policy,
 )
+from bayes_toe.data.stimulus_unit import StimulusUnit, percent
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.groups.predictive_check import PredictiveCheck
@@ -646,8 +647,7 @@ def _parameter(analysis: Analysis, row: Any, fitted: Mapping[str, str]) -> list[
     is_published = row.parameter in _SHOWN_IN_UNITS
     difference = ""
     if is_published:
-        unit = analysis.study.unit
-        difference = _interval(unit.differences(draws), n_effective, 1, unit.of_differences)
+        difference = _interval_in_unit(draws, n_effective, analysis.study.unit)
     cells.append(difference)
     if analysis.fits.rows:
         cells.append(fitted.get(row.parameter, ""))
@@ -655,6 +655,12 @@ def _parameter(analysis: Analysis, row: Any, fitted: Mapping[str, str]) -> list[
     cells.append(_number(n_effective, 0))
     cells.append(_number(row.r_hat, 4))
     return cells
+
+
+def _interval_in_unit(draws: FloatArray, n_effective: float, unit: StimulusUnit) -> str:
+    """Differences of natural-log intensities in the unit in which they are shown."""
+    unit = unit.for_percent(percent(np.quantile(draws, (0.025, 0.975))))
+    return _interval(unit.differences(draws), n_effective, 1, unit.of_differences)
 
 
 def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = "") -> str:

@@ -373,12 +373,19 @@ def without_zeros(text: str) -> str:
 
 
 def quantile_texts(draws: FloatArray, n_effective: float, max_decimals: int) -> list[str]:
-    """The ends of the central 95 % interval and the median of so many effective draws, in order."""
+    """The ends of the central 95 % interval and the median of so many effective draws, in order.
+
+    Numbers that would all look like 0 have more decimals.
+    """
     import numpy as np
 
+    from bayes_toe.answers.order_effect import decimals_of
     from bayes_toe.inference.diagnostics import quantile_errors
 
     quantiles = np.quantile(draws, _QUANTILES).tolist()
+    largest = max(map(abs, quantiles))
+    if round(largest, max_decimals) == 0.0:
+        max_decimals = decimals_of(largest)
     errors = quantile_errors(draws, _QUANTILES, n_effective).tolist()
     return round_to_errors(quantiles, errors, max_decimals)
 

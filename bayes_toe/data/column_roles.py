@@ -19,8 +19,10 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
+from bayes_toe.data.stimulus_unit import ANY_UNIT
 from bayes_toe.errors import Remedy
 
 #: Words of other labs by section and key.
@@ -133,17 +135,30 @@ def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
 
 
 def unit_in(name: str) -> str:
-    """The unit of a logarithm that the name of a column tells; empty where it tells none.
+    """The unit of stimuli that the name of a column tells; empty where it tells none.
+
+    A unit of one letter stands at the end, or in brackets: 's1' is a stimulus.
 
     Examples
     --------
     >>> unit_in("level1 (dB SPL)"), unit_in("dB2"), unit_in("log10_s1"), unit_in("feedback")
     ('dB', 'dB', 'log10', '')
+    >>> unit_in("amp1_um"), unit_in("hz1"), unit_in("force_1 [N]"), unit_in("mass_g"), unit_in("s1")
+    ('um', 'Hz', 'N', 'g', '')
     """
-    words = re.findall("[a-z]+|[0-9]+", name.lower().replace("log10", "decadic"))
+    plain = unicodedata.normalize("NFKC", name).lower().replace("log10", "decadic")
+    words = re.findall(r"[^\W\d_]+", plain)
     if "decadic" in words:
         return "log10"
-    return "dB" if set(words).intersection(VOCABULARY["units"]["decibel"]) else ""
+    if set(words).intersection(VOCABULARY["units"]["decibel"]):
+        return "dB"
+    if set(words).intersection(VOCABULARY["units"]["logarithm"]):
+        return ""
+    last_letters = re.findall(r"(?<=[\W_])[^\W\d_](?=[\W_]*[12]?$|\W)", plain)
+    for unit in VOCABULARY["units"]["intensity"]:
+        if unit.lower() in (words if len(unit) > 1 else last_letters):
+            return unit
+    return ""
 
 
 def is_percentage(name: str) -> bool:
@@ -179,6 +194,7 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
     >>> with_likely_columns(["Participant", "s1", "s2", "answer"], ReadOptions()).columns
     {'subject': 'Participant', 'response': 'answer'}
     """
+    options = _with_intensities(names, options)
     roles = [] if options.subject_from is not None else ["subject"]
     roles += ("standard", "comparison") if options.has_standard else _STIMULI
     if any(name.endswith(".thisN") for name in names) and "trial" not in options.ignore:
@@ -187,6 +203,25 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
     if options.correct is None:
         likely |= _likely_answers(names, options)
     return replace(options, columns={**likely, **options.columns})
+
+
+def _with_intensities(names: Sequence[str], options: ReadOptions) -> ReadOptions:
+    """Options that read s1 and s2 as intensities, where a unit is told and no i1 and i2 are there.
+
+    Examples
+    --------
+    >>> _with_intensities(["s1", "s2"], ReadOptions(unit="um")).columns
+    {'i1': 's1', 'i2': 's2'}
+    """
+    has_columns = not {*names}.isdisjoint(map(options.name, ("i1", "i2")))
+    if options.unit is None or options.stimuli != ("i1", "i2") or has_columns:
+        return options
+    columns = {**options.columns}
+    for ours in ("1", "2"):
+        columns[f"i{ours}"] = columns.pop(f"s{ours}", f"s{ours}")
+    if {columns["i1"], columns["i2"]} <= {*names}:
+        return replace(options, columns=columns)
+    return options
 
 
 def _likely_answers(names: Sequence[str], options: ReadOptions) -> dict[str, str]:
@@ -287,7 +322,9 @@ def _stimulus_in_unit(names: Sequence[str], options: ReadOptions) -> str:
     """A column of stimuli whose name tells a unit that no option tells; else empty."""
     if options.unit is None:
         for name in map(options.name, options.stimuli):
-            if name in names and unit_in(name):
+            unit = unit_in(name)
+            is_intensity = options.has_intensities and unit not in _UNIT_MEANINGS
+            if name in names and unit and not is_intensity:
                 return name
     return ""
 
@@ -400,7 +437,20 @@ def _order_remedies(orders: Sequence[str]) -> Iterator[Remedy]:
 def _unit_remedies(unit: str) -> list[Remedy]:
     """Options to type if the name of a column tells its unit."""
     choices = ("dB", "dB-power", "ln") if unit == "dB" else (unit, "ln")
-    return [Remedy("unit", choice, f"if {_UNIT_MEANINGS[choice]}") for choice in choices]
+    remedies = []
+    for choice in choices:
+        meaning = _UNIT_MEANINGS.get(choice, f"they are intensities in {choice}")
+        remedies.append(Remedy("unit", choice, f"if {meaning}"))
+    return remedies
+
+
+def intensity_remedies(stimuli: FloatArray) -> list[Remedy]:
+    """Options to type if stimuli are no natural logs; intensities are positive."""
+    remedies = []
+    if (stimuli > 0.0).all():
+        meaning = "if they are intensities; better with the name of their unit, such as Hz"
+        remedies.append(Remedy("unit", ANY_UNIT, meaning))
+    return [*remedies, *_unit_remedies("ln")[1:]]
 
 
 def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:
@@ -439,7 +489,7 @@ def _stimulus_remedies(
     first, second = options.name("i1"), options.name("i2")
     if {"s1", "s2"} & set(missing) and first in names and second in names:
         meaning = f"if {display_name(first)} and {display_name(second)} are intensities"
-        yield Remedy("intensity", "REF", meaning)
+        yield Remedy("unit", unit_in(first) or ANY_UNIT, meaning)
 
 
 def _answer_remedies(names: Sequence[str], missing: Sequence[str]) -> Iterator[Remedy]:
@@ -466,5 +516,5 @@ def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOp
     if unit:
         meaning = f"and --unit {unit}, if they are in {unit}"
     elif stimuli.get("s1"):
-        meaning = "if they are natural logs; for intensities i1, i2 and --intensity REF"
+        meaning = f"if they are natural logs; for intensities add --unit {ANY_UNIT}"
     return Remedy("columns", tuple(pairs), meaning)

@@ -1,6 +1,7 @@
 """Stimuli in another layout: a standard and a comparison, or pairs in the names of columns.
 
 `StandardOrder` puts a standard and a comparison in order, `with_pairs` reads wide tables.
+`require_logs` refuses stimuli that cannot be natural logs.
 
 The order of presentation is what an order effect is about. A table that has a standard and a
 comparison must therefore say which of them came first: a column names the interval of the standard
@@ -16,10 +17,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray
-from bayes_toe.data.column_roles import FALSE_WORDS, TRUE_WORDS, VOCABULARY, named_places
+from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.data.column_roles import (
+    FALSE_WORDS,
+    TRUE_WORDS,
+    VOCABULARY,
+    intensity_remedies,
+    named_places,
+)
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
+from bayes_toe.data.stimulus_unit import sign_of_intensities
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import is_no_response
 from bayes_toe.errors import InputError, Remedy
@@ -160,6 +168,26 @@ def _is_standard_first(text: str, owner: str, places_of_name: Sequence[str]) -> 
         places = places or list(places_of_name)
     is_standard, is_first = [*stimuli, owner][0] == "standard", [*places, "first"][0] == "first"
     return is_standard == is_first
+
+
+def require_logs(
+    table: TextTable, columns: Sequence[Column], stimuli: Sequence[FloatArray], selected: BoolArray
+) -> None:
+    """Note stimuli of these rows that cannot be natural logs, with the units to type."""
+    rows = np.flatnonzero(selected & ~np.isnan(stimuli).any(axis=0))
+    if not len(rows):
+        return
+    first, second = (values[rows] for values in stimuli)
+    sign, pair = sign_of_intensities(first, second)
+    if not sign:
+        return
+    names = " and ".join(display_name(column.name) for column in columns)
+    row, location = 0, f"columns {names}"
+    if pair is not None:
+        row = int(table.rows[rows[pair]])
+        location = f"row {row}, {location}"
+    table.problems.add([(row, f"{location}: found {sign}, allowed: natural logs")])
+    table.problems.remedies += intensity_remedies(np.append(first, second))
 
 
 # --- Pairs in the names of columns ----------------------------------------------------------------

@@ -32,7 +32,13 @@ from bayes_toe.data.column_roles import (
     practice_texts,
     with_likely_columns,
 )
-from bayes_toe.data.layouts import ALLOWED_INTERVALS, StandardOrder, pair_regex, with_pairs
+from bayes_toe.data.layouts import (
+    ALLOWED_INTERVALS,
+    StandardOrder,
+    pair_regex,
+    require_logs,
+    with_pairs,
+)
 from bayes_toe.data.messages import describe_intervals, display_name, join_names, plural, quoted
 from bayes_toe.data.options import COLUMNS, ReadOptions, changed, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
@@ -43,7 +49,7 @@ from bayes_toe.data.responses import (
     without_missed,
 )
 from bayes_toe.data.several_files import read_together
-from bayes_toe.data.stimulus_unit import LOG_UNITS
+from bayes_toe.data.stimulus_unit import LOG_UNITS, merge_rounded
 from bayes_toe.data.study import Study, Subject, units_by_subject
 from bayes_toe.data.study_file import study_source, table_files
 from bayes_toe.data.tasks import (
@@ -310,7 +316,7 @@ class _Rows:
     The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a
     column. `signs` are columns of keys and reaction times, where responses are scored right or
     wrong. `stimuli` are the numbers in the columns of stimuli: s1 and s2, or the standard and the
-    comparison.
+    comparison. `rounding` says which of them differed by rounding only.
     """
 
     table: TextTable
@@ -320,6 +326,7 @@ class _Rows:
     signs: list[Column]
     stimuli: list[FloatArray]
     order: StandardOrder
+    rounding: list[str]
 
     @property
     def key_columns(self) -> list[Column]:
@@ -398,6 +405,8 @@ class _Rows:
                 asked & np.isnan(values),
                 f"{positive} of seconds, in every row or no such column",
             )
+        if self.options.unit is None and not self.options.has_intensities:
+            require_logs(self.table, self.key_columns[:2], self.stimuli, asked)
 
     def layout(self, form: str, answers: str) -> list[str]:
         """Notes of how the table is written and read.
@@ -471,6 +480,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     if table.grouping_sign and options.decimal is None:
         _require_decimal_sign(table, stimuli, options)
     values = [_stimulus(table, column, options) for column in stimuli]
+    rounding = merge_rounded(values, columns["subject"].codes, options.stimulus_unit)
     order = StandardOrder(table, columns.get("standard_interval"), options)
     keys = order.in_order(*values)
     if options.has_standard and "response" in columns:
@@ -478,7 +488,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     if "isi" in columns:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
-    return _Rows(table, columns, keys, options, signs, values, order)
+    return _Rows(table, columns, keys, options, signs, values, order, rounding)
 
 
 def _order_columns(table: TextTable) -> list[str]:
@@ -623,7 +633,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         parts[rows.subject.text(part[0])] = part
     is_trials = "n_trials" not in rows.columns
     missing, doubts = list[str](), list[str]()
-    subjects = []
+    subjects = list[Subject]()
     unit = rows.options.stimulus_unit
     if is_trials or "block" in rows.columns:
         answers, missing, doubts = answers_in_order(
@@ -636,6 +646,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         for name, part in parts.items():
             counts = [value[part] for value in values]
             subjects.append(Subject.from_counts(name, *counts, task=task, unit=unit))
+    doubts += rows.rounding
     if not is_trials:
         notes += _merged_note(parts, subjects)
         doubts += _percentage_doubts(n)

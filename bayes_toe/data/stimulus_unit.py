@@ -2,18 +2,19 @@
 
 All stimuli are stored as natural-log intensities. A difference x of two of them is shown in
 decibels if that is the unit of the stimuli, and else as 100 (e^x - 1) per cent of intensity.
+Differences above 1,000 %, a factor of 11, are shown as natural logs, x, in both directions.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray
-from bayes_toe.data.messages import quoted
+from bayes_toe.arrays import FloatArray, IndexArray, run_starts
+from bayes_toe.data.messages import join_names, quoted
 from bayes_toe.errors import InputError
 
 #: Units of logarithms, each with its natural logs.
@@ -23,6 +24,16 @@ LOG_UNITS = {
     "dB": math.log(10.0) / 20.0,
     "dB-power": math.log(10.0) / 10.0,
 }
+#: A unit of intensities to type where theirs is not known.
+ANY_UNIT = "a.u."
+#: No two natural logs of a pair differ by more (a factor of 20), and none is so large and whole.
+LARGEST_STEP, _LARGEST_LOG = 3.0, 10.0
+#: Per cent of intensity beyond which differences are shown as natural logs: a factor of 11.
+_SMALLEST_PERCENT, _LARGEST_PERCENT = -1000.0 / 11.0, 1000.0
+#: Share of the range of the stimuli that nobody perceives, and that rounding may leave.
+ROUNDED = 1e-6
+_MOST_DIGITS = 15
+_BY_CHANCE = 2  # times that two stimuli are shown which may be near each other by chance
 #: Letters of a unit at most, and those with a meaning in figures and pages.
 _LONGEST, _NOT_ALLOWED = 16, frozenset("$\\<>&")
 
@@ -31,6 +42,53 @@ def percent(logs: npt.ArrayLike) -> FloatArray:
     """Differences of natural-log intensities in per cent of intensity."""
     with np.errstate(over="ignore"):
         return 100.0 * np.expm1(np.asarray(logs, np.float64))
+
+
+def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int | None]:
+    """What shows that the stimuli of pairs are no natural logs, and the pair that does.
+
+    The text is empty if nothing does; the pair is None if all do.
+
+    Examples
+    --------
+    >>> sign_of_intensities(np.array([45.0, 60.0]), np.array([60.0, 45.5]))
+    ('45 and 60 in one pair', 0)
+    >>> sign_of_intensities(np.array([3.8, 4.1]), np.array([4.1, 3.8]))
+    ('', None)
+    """
+    stimuli = np.concatenate([first, second])
+    low, high = float(stimuli.min()), float(stimuli.max())
+    if low > _LARGEST_LOG and (stimuli % 1.0 == 0.0).all():
+        return f"whole numbers from {low:g} to {high:g}", None
+    steps = np.abs(second - first)
+    widest = int(steps.argmax())
+    if steps[widest] <= LARGEST_STEP:
+        return "", None
+    return f"{first[widest]:g} and {second[widest]:g} in one pair", widest
+
+
+def _without_rounding(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Stimuli of the pairs of a subject, of which those that differ by rounding only are equal.
+
+    The stimulus that was shown most often stands for its neighbours. If every trial has stimuli of
+    its own, only those of one pair are taken together.
+
+    Examples
+    --------
+    >>> s1, s2 = np.array([0.1 + 0.2, 0.3, 0.3]), np.array([0.3, 0.0, 0.0])
+    >>> [stimuli.tolist() for stimuli in _without_rounding(s1, s2)]
+    [[0.3, 0.3, 0.3], [0.3, 0.0, 0.0]]
+    """
+    stimuli = np.concatenate([first, second])
+    values, index, n_shown = np.unique(stimuli, return_inverse=True, return_counts=True)
+    low, high = np.quantile(stimuli, (0.05, 0.95))  # without one that was mistyped
+    limit = ROUNDED * (high - low)
+    is_near = (np.diff(values) <= limit) & (np.maximum(n_shown[1:], n_shown[:-1]) > _BY_CHANCE)
+    group = np.concatenate([[0], np.cumsum(~is_near)])
+    most_first = np.lexsort([-n_shown, group])
+    _, places = np.unique(group[most_first], return_index=True)
+    first, second = values[most_first][places][group][index].reshape(2, -1)
+    return first, np.where(np.abs(second - first) <= limit, first, second)
 
 
 @dataclass(frozen=True)
@@ -43,6 +101,8 @@ class StimulusUnit:
         One of :data:`LOG_UNITS`, or the unit of raw intensities, as 'g'. Empty if none is known.
     log_reference : float
         Natural log of the raw intensity at which the natural-log intensity is 0.
+    has_log_differences : bool
+        Whether differences are shown as natural logs, because they are too large for per cent.
 
     Raises
     ------
@@ -61,6 +121,7 @@ class StimulusUnit:
 
     name: str = ""
     log_reference: float = 0.0
+    has_log_differences: bool = False
 
     def __post_init__(self) -> None:
         is_text = self.name.isprintable() and not _NOT_ALLOWED.intersection(self.name)
@@ -80,7 +141,9 @@ class StimulusUnit:
     @property
     def of_differences(self) -> str:
         """The unit of differences of stimuli."""
-        return "dB" if self.is_decibel else "%"
+        if self.is_decibel:
+            return "dB"
+        return "ln" if self.has_log_differences else "%"
 
     @property
     def of_stimuli(self) -> str:
@@ -90,15 +153,31 @@ class StimulusUnit:
         return "" if self.name in LOG_UNITS else self.name
 
     def differences(self, logs: npt.ArrayLike) -> FloatArray:
-        """Differences of natural-log intensities in per cent or decibels."""
-        return self.stimuli(logs) if self.is_decibel else percent(logs)
+        """Differences of natural-log intensities in per cent, decibels or natural logs."""
+        if self.is_decibel:
+            return self.stimuli(logs)
+        return np.asarray(logs, np.float64) if self.has_log_differences else percent(logs)
 
     def from_percent(self, values: npt.ArrayLike) -> FloatArray:
         """Differences in per cent of intensity in this unit."""
         values = np.asarray(values, np.float64)
-        if self.is_decibel:
-            return self.stimuli(np.log1p(values / 100.0))
-        return values
+        if self.of_differences == "%":
+            return values
+        with np.errstate(divide="ignore"):
+            return self.differences(np.log1p(values / 100.0))
+
+    def for_percent(self, values: npt.ArrayLike) -> StimulusUnit:
+        """The unit in which such differences in per cent are shown.
+
+        Examples
+        --------
+        >>> unit = StimulusUnit("g")
+        >>> unit.for_percent([-20.0, 30.0]).of_differences, unit.for_percent(2e3).of_differences
+        ('%', 'ln')
+        """
+        values = np.asarray(values, np.float64)
+        is_small = (values >= _SMALLEST_PERCENT) & (values <= _LARGEST_PERCENT)  # NaN is not
+        return self if is_small.all() else replace(self, has_log_differences=True)
 
     def stimuli(self, logs: npt.ArrayLike) -> FloatArray:
         """Natural-log intensities in this unit, or raw where the unit of intensity is not known."""
@@ -120,11 +199,59 @@ class StimulusUnit:
             return self
         return StimulusUnit("%", math.log(100.0) - mean)
 
+    def numbers(self, logs: npt.ArrayLike, mean: float) -> tuple[list[str], str]:
+        """Stimuli as numbers that differ, and their unit.
+
+        Without a unit they are per cent of a mean natural-log intensity, or natural logs.
+
+        Examples
+        --------
+        >>> StimulusUnit("g").numbers(np.log([9.0, 10.5]), 2.0)
+        (['9', '10.5'], 'g')
+        >>> StimulusUnit().numbers([0.1, 0.3], 0.2), StimulusUnit().numbers([20.0, 0.0], 10.0)
+        ((['90', '111'], '% of mean'), (['20', '0'], 'ln'))
+        """
+        logs = np.asarray(logs, np.float64)
+        values, unit, fewest_digits, form = logs, "ln", 3, "g"
+        if self.of_stimuli:
+            values, unit, fewest_digits = self.stimuli(logs), self.of_stimuli, 4
+        elif self.for_percent(percent(logs - mean)).of_differences != "ln":
+            values, unit = self.or_percent_of(mean).stimuli(logs), "% of mean"
+            fewest_digits, form = 0, "f"
+        texts = list[str]()
+        for digits in range(fewest_digits, _MOST_DIGITS):
+            texts = [f"{value:.{digits}{form}}" for value in values]
+            if len({*texts}) == len({*values.tolist()}):
+                break
+        return texts, unit
+
     def describe(self, log: float) -> str:
         """A stimulus with its unit; its natural-log intensity if the unit is not known."""
         if not self.of_stimuli:
             return f"{log:.3g}"
         return f"{float(self.stimuli(log)):.4g} {self.of_stimuli}"
+
+
+def merge_rounded(stimuli: list[FloatArray], subjects: IndexArray, unit: StimulusUnit) -> list[str]:
+    """Make stimuli of a subject that differ by rounding only one stimulus; say it of the file."""
+    levels, n_changed = set[float](), 0
+    valid = np.flatnonzero(~np.isnan(stimuli).any(axis=0))
+    valid = valid[np.argsort(subjects[valid], kind="stable")]
+    for rows in np.split(valid, run_starts(subjects[valid])[1:]):
+        if not len(rows):
+            continue
+        pairs = np.stack([values[rows] for values in stimuli])
+        merged = np.stack(_without_rounding(*pairs))
+        is_changed = merged != pairs
+        levels.update(merged[is_changed].tolist())
+        n_changed += int(is_changed.any(axis=0).sum())
+        for values, column in zip(stimuli, merged, strict=True):
+            values[rows] = column
+    if not n_changed:
+        return []
+    names = join_names([*map(unit.describe, sorted(levels))], 3)
+    are = "s differ" if n_changed > 1 else " differs"
+    return [f"stimuli in {n_changed:,} row{are} by rounding only, and are read as one: {names}"]
 
 
 #: Logarithms of intensities of which nothing is known.

@@ -7,11 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray, StrPath
 from bayes_toe.checks.identification import TYPICAL_TRIALS, contraction_information
+from bayes_toe.data.options import ReadOptions
+from bayes_toe.data.stimulus_unit import LOG_UNITS, UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.design.information import AIMS, exchange_trials, information
@@ -25,10 +28,13 @@ from bayes_toe.design.study_design import (
 )
 from bayes_toe.errors import InputError
 from bayes_toe.model.observer import DEFAULT_PRIOR
-from bayes_toe.model.parameters import ObserverPrior
+from bayes_toe.model.parameters import CONSTANT_ERROR, ObserverPrior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Names of the designs that are compared.
 OPTIMISED, PAPER = "optimised", "the paper's pairs"
@@ -89,10 +95,19 @@ class Candidate:
     utility: float
     sd: Mapping[str, float]
 
-    def describe(self) -> str:
+    def errors(self, unit: StimulusUnit) -> dict[str, str]:
+        """The size of the error of each effect; of differences in the unit, if it is known."""
+        texts = {}
+        for name, value in self.sd.items():
+            texts[name] = f"{value:.2g}"
+            if name == CONSTANT_ERROR.name and unit.of_stimuli:
+                texts[name] = f"{float(unit.differences(value)):.2g} {unit.of_differences}"
+        return texts
+
+    def describe(self, unit: StimulusUnit = UNKNOWN_UNIT) -> str:
         """The sizes of its errors in words."""
-        sizes = [f"{name.replace('_', ' ')} {value:.2g}" for name, value in self.sd.items()]
-        return ", ".join(sizes)
+        errors = self.errors(unit)
+        return ", ".join(f"{name.replace('_', ' ')} {text}" for name, text in errors.items())
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +127,8 @@ class OptimalDesign:
     worth : ndarray, shape (pairs of the plane,)
         What one more trial of each adds to the utility.
     seed : int
+    unit : StimulusUnit
+        The unit in which levels are shown.
     """
 
     design: StudyDesign
@@ -121,6 +138,7 @@ class OptimalDesign:
     plane: StudyDesign
     worth: FloatArray
     seed: int
+    unit: StimulusUnit = UNKNOWN_UNIT
 
     def reasons(self) -> list[str]:
         """The reasons for these pairs, and what they cannot show, in sentences."""
@@ -128,7 +146,12 @@ class OptimalDesign:
         first, index = np.unique(self.design.s1, return_inverse=True)
         of_first = np.bincount(index, share)
         frequent = np.sort(np.argsort(-of_first)[:4])
-        firsts = ", ".join(f"{first[i]:g} ({100 * of_first[i]:.0f} %)" for i in frequent)
+        levels = self.in_unit(first)
+        name = f" {self.unit.of_stimuli}".rstrip()
+        digits = ".4g" if name else "g"
+        firsts = ", ".join(
+            f"{levels[i]:{digits}}{name} ({100 * of_first[i]:.0f} %)" for i in frequent
+        )
         lines = [
             f"Most trials have these first stimuli: {firsts}. Only first stimuli far apart "
             "distinguish a contraction from a constant error."
@@ -140,16 +163,34 @@ class OptimalDesign:
             )
         return lines
 
+    def in_unit(self, logs: FloatArray) -> FloatArray:
+        """Stimuli in their unit; natural logs if it is not known."""
+        return self.unit.stimuli(logs) if self.unit.of_stimuli else logs
+
+    def frame(self) -> pd.DataFrame:
+        """The design, with the stimuli in their unit in columns i1 and i2, if it is known."""
+        frame = self.design.frame()
+        if self.unit.of_stimuli:
+            for name, logs in (("i1", self.design.s1), ("i2", self.design.s2)):
+                frame[name] = [float(f"{value:.6g}") for value in self.in_unit(logs)]
+        return frame
+
     def sentences(self) -> list[str]:
         """The reasons for these pairs, and what this design and others can show, in sentences."""
         lines = self.reasons()
         for name, candidate in self.candidates.items():
-            lines.append(f"{name}: expected SD of {candidate.describe()}.")
+            lines.append(f"{name}: expected SD of {candidate.describe(self.unit)}.")
         return [*lines, *self.power.sentences(OPTIMISED)]
 
     def text(self) -> str:
         """The design, why it is so, and what it and others tell, as a file of Markdown."""
-        frame = self.design.frame()
+        frame = self.frame()
+        if self.unit.of_stimuli:
+            heads = {
+                "i1": f"first, {self.unit.of_stimuli}",
+                "i2": f"second, {self.unit.of_stimuli}",
+            }
+            frame = frame[["i1", "i2", "n_trials"]].rename(columns=heads)
         table = [" | ".join(frame.columns), " | ".join("---" for _ in frame.columns)]
         for row in frame.itertuples(index=False):
             table.append(" | ".join(f"{value:g}" for value in row))
@@ -174,17 +215,25 @@ def grid(lowest: float, highest: float, step: float) -> FloatArray:
     return np.round(lowest + step * np.arange(n_steps + 1), 12) + 0.0
 
 
-def read_levels(path: StrPath, reference: float | None = None) -> FloatArray:
-    """Levels in the column s of a CSV file; or amplitudes in the column i, with their reference."""
-    name = "s" if reference is None else "i"
+def log_levels(levels: FloatArray, options: ReadOptions) -> FloatArray:
+    """Natural logs of levels in the unit of these options."""
+    if options.has_intensities:
+        return np.log(levels) - options.stimulus_unit.log_reference
+    return levels * LOG_UNITS[options.unit or "ln"]
+
+
+def read_levels(
+    path: StrPath, reference: float | None = None, unit: str | None = None
+) -> FloatArray:
+    """Levels in the column s of a CSV file; or intensities in the column i, with their unit."""
+    if reference is not None and not 0.0 < reference < np.inf:
+        raise InputError(f"--reference {reference:g}: allowed is a positive number")
+    options = ReadOptions(intensity=reference, unit=unit)
+    name = "i" if options.has_intensities else "s"
     levels = read_numbers(path, (name,))[1][name]
-    if reference is not None:
-        if not 0.0 < reference < np.inf:
-            raise InputError(f"--reference {reference:g}: allowed is a positive number")
-        if (levels <= 0).any():
-            raise InputError(f"{path}: column i: allowed are positive numbers")
-        levels = np.log(levels / reference)
-    levels = np.unique(levels)
+    if options.has_intensities and (levels <= 0).any():
+        raise InputError(f"{path}: column i: allowed are positive numbers")
+    levels = np.unique(log_levels(levels, options))
     if len(levels) < 2:
         raise InputError(
             f"{path}: column {name}: found {len(levels)} level, allowed: at least two different "

@@ -79,8 +79,10 @@ def trial_list(
     for name, values in zip(("s1", "s2", "isi"), design.columns, strict=False):
         columns[name] = values[pair]
     if reference is not None:
-        columns["i1"] = reference * np.exp(design.s1[pair])
-        columns["i2"] = reference * np.exp(design.s2[pair])
+        for name, logs in (("i1", design.s1), ("i2", design.s2)):
+            # Without the rounding of logarithms: 45, not 44.99999999999997.
+            amplitudes = [float(f"{value:.12g}") for value in reference * np.exp(logs)]
+            columns[name] = np.array(amplitudes)[pair]
     return pd.DataFrame({**columns, "response": ""})
 
 

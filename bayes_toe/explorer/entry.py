@@ -11,6 +11,7 @@ import base64
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -48,14 +49,16 @@ from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 from bayes_toe.model.posterior import DOMINATED, RANGE, posterior_contraction
 from bayes_toe.plots.corner import (
+    DIFFERENCES,
     Density,
     Span,
     all_true_values,
     axis_limits,
     axis_values,
+    in_unit,
     prior_values,
 )
-from bayes_toe.plots.style import MARKED
+from bayes_toe.plots.style import MARKED, Scale, difference_scale, stimulus_scale
 from bayes_toe.seeds import generator
 
 #: What the two tabs are called, and which quantities the first one opens with.
@@ -124,6 +127,15 @@ class Entry:
         """The unit of the stimuli."""
         return self.target.subject.unit
 
+    @cached_property
+    def quantities(self) -> NamedArrays:
+        """All quantities of the draws, (draws,) each."""
+        return self.target.quantities(self.x.reshape(-1, self.x.shape[-1]))
+
+    def in_unit(self, unit: StimulusUnit) -> Entry:
+        """The entry whose quantities are shown in a unit."""
+        return replace(self, target=in_unit(self.target, unit))
+
     @property
     def names(self) -> tuple[str, ...]:
         """All quantities, those that are shown first at the front."""
@@ -158,7 +170,7 @@ class Entry:
         draws = self.x.reshape(-1, self.x.shape[-1])
         n_rows = min(len(draws), rows)
         index = np.arange(n_rows) * len(draws) // n_rows  # explorer.js inverts this rule
-        quantities = self.target.quantities(draws)
+        quantities = self.quantities
         selected = {name: values[index] for name, values in quantities.items()}
         columns = self.columns(quantities)
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
@@ -168,6 +180,8 @@ class Entry:
         for name, values in columns.items():
             shown_values.append(values[index])
             interval = self.estimates.get(name, np.quantile(present[name], MARKED))
+            if name in self.estimates and name in DIFFERENCES:
+                interval = self.unit.from_percent(interval)
             marked.append([*map(float, interval)])
             if name in true_values:
                 truth[name] = true_values[name]
@@ -236,6 +250,12 @@ class Entry:
             "error": laplace_error(counts.n_yes, counts.n_trials),
             "along": along(counts),
         }
+        described = []
+        for s1, s2 in counts.pairs:
+            described.append(f"{counts.unit.describe(s1)}, {counts.unit.describe(s2)}")
+        plane = None
+        if counts.unit.of_stimuli:
+            plane = _packed_scale(stimulus_scale("first stimulus", counts.unit, 0.0, ends), ends)
         reference = None
         if counts.isi is not None:
             pairs["isi"] = counts.isi
@@ -244,7 +264,11 @@ class Entry:
         fitted, panels = Predictor(target, x), slices(counts)
         has_several = len(panels) > 1
         return {
-            "pairs": {key: values.tolist() for key, values in pairs.items()},
+            "pairs": {
+                **{key: values.tolist() for key, values in pairs.items()},
+                "stimuli": [text.replace("-", "−") for text in described],
+            },
+            "plane": plane,
             "slices": [panel.packed(fitted, panel.title(has_several)) for panel in panels],
             "undrawn": len(slice_keys(counts)) - len(panels),
             "reference": reference,
@@ -342,10 +366,10 @@ def entries_of(
 
 
 def _estimates(answer: OrderEffect) -> dict[str, Size]:
-    """The intervals of the answer by quantity."""
+    """The intervals of the answer by quantity, differences in per cent."""
     sizes = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
     sizes |= {"jnd": "jnd_percent", "zone": "zone_percent"}
-    return {name: answer.size(size) for name, size in sizes.items() if size in answer.sizes}
+    return {name: answer.sizes[size] for name, size in sizes.items() if size in answer.sizes}
 
 
 def badges(draws: Draws, name: str) -> tuple[tuple[str, str], ...]:
@@ -424,9 +448,19 @@ class Slice:
             "isi": self.isi,
             "pairs": self.pairs.tolist(),
             "x": self.x.tolist(),
+            "scale": self._scale(),
             "orders": self.orders,
             "yes": text_of(np.rint(self.yes(fitted) * TOP), "<u2"),
         }
+
+    def _scale(self) -> Record | None:
+        """Label and ticks of the axis along the curves in a known unit."""
+        if not self.unit.of_stimuli:
+            return None
+        ends = [float(self.x[0]), float(self.x[-1])]
+        if self.task == WHICH_STRONGER:
+            return _packed_scale(difference_scale(self.unit, ends), ends)
+        return _packed_scale(stimulus_scale("stronger stimulus", self.unit, 0.0, ends), ends)
 
     def yes(self, fitted: Predictor) -> FloatArray:
         """P of the counted answer at every draw, shape (orders, POINTS, draws)."""
@@ -436,6 +470,14 @@ class Slice:
             presented = {0: (fixed, fixed + self.x)}
         seconds = None if self.isi is None else np.full_like(self.x, self.isi)
         return np.stack([fitted.yes(*presented[order], seconds).T for order in self.orders])
+
+
+def _packed_scale(scale: Scale, ends: Sequence[float]) -> Record | None:
+    """A scale as the page stores it; none for natural logs."""
+    if scale.unit is None:
+        return None
+    positions, texts = scale.ticks(*ends)
+    return {"label": scale.label, "at": positions.tolist(), "texts": texts}
 
 
 def slices(counts: Subject) -> list[Slice]:

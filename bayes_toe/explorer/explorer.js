@@ -206,9 +206,9 @@ window.explorer = (() => {
       const p = found?.pairs, of = list => list.filter(pair => p.order[pair] === Number(order));
       const drawn = slice === null ? [] : of(slice.pairs), every = found === null ? [] : of(range(p.s1.length)).filter(pair => slice.isi === null || p.isi[pair] === slice.isi);
       const take = (key, list) => list.map(pair => p[key][pair]);
-      fill(`answers-${letter}-${kind}`, { x: take("along", drawn), estimate: take("estimate", drawn), s1: take("s1", drawn), s2: take("s2", drawn),
+      fill(`answers-${letter}-${kind}`, { x: take("along", drawn), estimate: take("estimate", drawn), stimuli: take("stimuli", drawn),
         low: drawn.map(pair => p.estimate[pair] - p.error[pair]), high: drawn.map(pair => p.estimate[pair] + p.error[pair]), k: take("k", drawn), n: take("n", drawn) });
-      fill(`pairs-${letter}-${kind}`, { s1: take("s1", every), s2: take("s2", every), k: take("k", every), n: take("n", every),
+      fill(`pairs-${letter}-${kind}`, { s1: take("s1", every), s2: take("s2", every), stimuli: take("stimuli", every), k: take("k", every), n: take("n", every),
         fill: every.map(pair => { const grey = Math.round(255 - 215 * p.k[pair] / p.n[pair]); return `rgb(${grey},${grey},${grey})`; }) });
     }
     if (slice === null) return;
@@ -216,6 +216,15 @@ window.explorer = (() => {
     model(`stronger-${letter}`).setv({ start: slice.x[0] - pad, end: slice.x.at(-1) });
     model(`curves-title-${letter}`).text = slice.title;
     model(`plane-${letter}-range`).setv({ start: found.ends[0], end: found.ends[1] });
+    const plane = model(`plane-${letter}`), second = found.plane && { ...found.plane, label: found.plane.label.replace("first", "second") };
+    scale(model(`curves-${letter}`).below[0], slice.scale, slice.x[0] - pad, slice.x.at(-1));
+    scale(plane.below[0], found.plane, ...found.ends);
+    scale(plane.left[0], second, ...found.ends);
+  }
+
+  function scale(axis, marks, low, high) {  // numbers in the unit of the stimuli if it is known, else natural logs
+    axis.ticker.ticks = marks === null ? ticks(low, high, 4) : marks.at;
+    if (marks !== null) axis.setv({ axis_label: marks.label, major_label_overrides: new Map(marks.at.map((at, i) => [at, marks.texts[i]])) });
   }
 
   function drawCurves(letter, found, kept) {
@@ -431,7 +440,7 @@ window.explorer = (() => {
 
   const quoted = text => /[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 
-  const heading = name => symbol(name).endsWith("%") ? `${name}_percent` : name;
+  const heading = name => [name, ...symbol(name).split(", ").slice(1)].join("_").replace("%", "percent");
 
   function csv() {  // chain and draw count from 0, as in posterior.nc
     const names = [...new Set(shown().flatMap(letter => entry(letter).names))], lines = [["which", "subject", "posterior", "chain", "draw", ...names.map(heading)].join(",")];

@@ -18,6 +18,7 @@ from typing import TypeAlias
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import join_names, visible, with_policy
 from bayes_toe.data.read_study import Truth, example_truth
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.tasks import Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
@@ -31,6 +32,7 @@ from bayes_toe.explorer.entry import (
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.models import model_title
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
+from bayes_toe.plots.corner import axis_unit, shown_unit
 from bayes_toe.version import __version__
 
 #: Subjects of one page; posteriors of a subject count each.
@@ -183,13 +185,9 @@ def page(
     task = page_entries[0].target.subject.task
     if any(entry.target.subject.task != task for entry in page_entries):
         raise InputError("explore: found draws of two tasks, allowed: one in a page")
-    units = {entry.unit.of_differences for entry in page_entries}
-    if len(units) > 1:
-        raise InputError("explore: found draws in per cent and in dB, allowed: one in a page")
-    (unit,) = units
-    quantities = {}
-    for name, quantity in QUANTITY_BY_NAME.items():
-        quantities[name] = (quantity.label.format(unit=unit), quantity.words)
+    unit = _shown_unit(page_entries)
+    if unit.has_log_differences:
+        page_entries = [entry.in_unit(unit) for entry in page_entries]
     room = min(_BYTES / len(page_entries), max(_FEW_BYTES / len(page_entries), _ENTRY_BYTES))
     rows = min(_ROWS, int(room / max(entry.bytes_a_draw for entry in page_entries)))
     contents, list_of_entries = {}, []
@@ -204,7 +202,7 @@ def page(
     index = {
         "entries": list_of_entries,
         "tabs": [tab for tab in (EFFECTS_TAB, PAPER_TAB) if tab in tabs],
-        "quantities": quantities,
+        "quantities": _described_quantities(unit),
         "slots": SLOTS,
         "fixed": task.slice_stimulus,
         "footer": f"bayes_toe {__version__}. Intensities without a unit are natural logarithms.",
@@ -215,6 +213,25 @@ def page(
         parts.append(f'<script type="application/json" id="{name}">{island(content)}</script>\n')
     # Bokeh makes functions of texts.
     return Explorer(with_policy("".join([*parts, tail]), "'unsafe-eval'"))
+
+
+def _shown_unit(page_entries: Sequence[Entry]) -> StimulusUnit:
+    """The unit in which a page shows all entries."""
+    units = {(entry.unit.of_stimuli, entry.unit.of_differences) for entry in page_entries}
+    if len(units) > 1:
+        raise InputError("explore: found draws in two units, allowed: one in a page")
+    return shown_unit(page_entries[0].unit, (entry.quantities for entry in page_entries))
+
+
+def _described_quantities(unit: StimulusUnit) -> dict[str, tuple[str, str]]:
+    """Label and words of each quantity."""
+    described = {}
+    for name, quantity in QUANTITY_BY_NAME.items():
+        label = quantity.label.format(unit=unit.of_differences)
+        if axis_unit(name, unit) and "{unit}" not in quantity.label:
+            label += f", {axis_unit(name, unit)}"
+        described[name] = (label, quantity.words)
+    return described
 
 
 def require_bokeh() -> None:

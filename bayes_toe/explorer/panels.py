@@ -52,6 +52,7 @@ _ALONG = {
     WHICH_STRONGER: "s₂ − s₁ (ln intensity)",
 }
 _BAND = ("x", "all", "kept", "low", "high")
+_PAIRS = ("s1", "s2", "stimuli", "k", "n", "fill")
 
 
 def document(task: Task) -> Document:
@@ -206,7 +207,7 @@ def _hover(renderers: list[Any], task: Task) -> HoverTool:
     """A pair under the mouse, and how often it was answered so."""
     tooltips = [
         ("", "$name"),
-        ("first, second", "@s1{0.000}, @s2{0.000}"),
+        ("first, second", "@stimuli"),
         (f"'{task.yes}'", "@k of @n"),
     ]
     return HoverTool(renderers=renderers, tooltips=tooltips, limit=2)
@@ -224,13 +225,13 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
         y_range=Range1d(-0.03, 1.03),
     )
     plot.xaxis.axis_label, plot.yaxis.axis_label = _ALONG[task], f"P({task.yes})"
-    _small_words(plot)
+    _small_words(plot, [*plot.xaxis])
     points = []
     for order, (kind, marker) in KINDS.items():
         colour = ORDERS[order].colour
         _band(plot, sources.get_source(f"curve-{letter}-{kind}", *_BAND), colour)
         answers = sources.get_source(
-            f"answers-{letter}-{kind}", "x", "estimate", "low", "high", "s1", "s2", "k", "n"
+            f"answers-{letter}-{kind}", "x", "estimate", "low", "high", "stimuli", "k", "n"
         )
         plot.add_glyph(
             answers, Segment(x0="x", y0="low", x1="x", y1="high", line_color=colour, line_width=1.5)
@@ -280,13 +281,15 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
         "first stimulus (ln intensity)",
         "second stimulus",
     )
-    _small_words(plot)
+    _small_words(plot, [*plot.axis])
     axis = sources.get_source(f"axis-{letter}", *_BAND)
     plot.add_glyph(axis, Line(x="x", y="x", line_color="#777777", line_dash="dashed"))
     _band(plot, axis, LETTERS[letter][0])
     points = []
     for order, (kind, marker) in KINDS.items():
-        pairs_of = sources.get_source(f"pairs-{letter}-{kind}", "s1", "s2", "k", "n", "fill")
+        pairs_of = sources.get_source(
+            f"pairs-{letter}-{kind}", "s1", "s2", "stimuli", "k", "n", "fill"
+        )
         size = 12 if kind == "equal" else 10
         point = Scatter(
             x="s1",
@@ -302,6 +305,9 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
     return plot
 
 
-def _small_words(plot: Any) -> None:
+def _small_words(plot: Any, axes_of_stimuli: list[Any]) -> None:
+    """Small words; explorer.js sets the numbers of the axes of stimuli."""
     for axis in plot.axis:
         axis.update(axis_label_text_font_size="12px", ticker=BasicTicker(desired_num_ticks=4))
+    for axis in axes_of_stimuli:
+        axis.ticker = FixedTicker(ticks=[])

@@ -26,7 +26,7 @@ from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, join_names
-from bayes_toe.data.stimulus_unit import percent
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
 from bayes_toe.errors import ConvergenceWarning, InputError, require_kind
 from bayes_toe.groups.group_posterior import (
@@ -261,18 +261,31 @@ class PopulationResult:
 
     def jnd_percent(self, log_noise: FloatArray) -> FloatArray:
         """Just noticeable difference in per cent, of log noises in D."""
-        with np.errstate(over="ignore"):
-            jnd = JND_OVER_NOISE * self.scales.step * np.exp(log_noise)
-        return percent(jnd)
+        return percent(self._jnd(log_noise))
 
-    def in_units(self, name: str, coefficients: FloatArray) -> FloatArray:
-        """Coefficients of a parameter in the unit of differences, or p, or a probability."""
-        unit = self.study.unit
+    def _jnd(self, log_noise: FloatArray) -> FloatArray:
+        """Just noticeable difference, natural-log intensity, of log noises in D."""
+        with np.errstate(over="ignore"):
+            return JND_OVER_NOISE * self.scales.step * np.exp(log_noise)
+
+    def in_units(
+        self, name: str, coefficients: FloatArray, unit: StimulusUnit | None = None
+    ) -> FloatArray:
+        """Coefficients of a parameter in a unit of differences, or p, or a probability."""
+        unit = self.study.unit if unit is None else unit
         if name == CONSTANT_ERROR.name:
-            return unit.from_percent(self.shift_percent(coefficients))
+            return unit.differences(coefficients * self.scales.step)
         if name == NOISE.name:
-            return unit.from_percent(self.jnd_percent(coefficients))
+            return unit.differences(self._jnd(coefficients))
         return expit(coefficients) if name == PEAK.name else coefficients
+
+    def shown_unit(self, name: str) -> StimulusUnit:
+        """The unit in which a figure shows a parameter of all subjects and of a new one."""
+        j = self.index(name)
+        new_subject = self.in_units(name, self.new_subject[..., j], UNKNOWN_UNIT)
+        subjects = self.in_units(name, self.draws.subjects[..., j], UNKNOWN_UNIT)
+        ends = np.quantile(new_subject, _INTERVAL), np.quantile(subjects, _INTERVAL, axis=(0, 1))
+        return self.study.unit.for_percent(np.append(*ends))
 
     def difference_columns(self, name: str) -> list[int]:
         """The coefficients by which a parameter differs between conditions."""

@@ -87,9 +87,13 @@ class PopulationTable(Table[PopulationRow]):
     """The rows of population.csv."""
 
     def frame(self) -> pd.DataFrame:
-        """One row per quantity, with the columns of population.csv."""
+        """One row per quantity, with the columns of population.csv.
+
+        A percentage that is too large for a number is NaN.
+        """
         columns = list(PopulationRow._fields)
-        return pd.DataFrame(self.rows, columns=columns).astype(dict.fromkeys(columns[3:], float))
+        frame = pd.DataFrame(self.rows, columns=columns).astype(dict.fromkeys(columns[3:], float))
+        return frame.replace([np.inf, -np.inf], np.nan)
 
     def select(self, quantity: str, parameter: str | None = None) -> tuple[PopulationRow, ...]:
         """The rows of one quantity, or of one quantity and parameter."""

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_toe.answers.contrast import ORDER_EFFECT, QUANTITIES, WORDS, ContrastTable, Difference
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 from bayes_toe.plots.style import (
@@ -65,10 +66,12 @@ def contrast(
     panels = figure.subplots(len(comparisons), len(quantities), squeeze=False)
     for (row, column), ax in np.ndenumerate(panels):
         quantity, comparison = quantities[column], comparisons[row]
-        _draw_subjects(ax, table, table.select(quantity, comparison))
+        rows = table.select(quantity, comparison)
+        unit = _shown_unit(table, rows)
+        _draw_subjects(ax, table, rows, unit)
         if group is not None:
-            _draw_group(ax, group, quantity, table.conditions.comparisons[row])
-        label = f"{quantity}, {plain(comparison)} ({table.unit.of_differences})"
+            _draw_group(ax, group, quantity, table.conditions.comparisons[row], unit)
+        label = f"{quantity}, {plain(comparison)} ({unit.of_differences})"
         if quantity == CONTRACTION.name:
             label = f"contraction p, {plain(comparison)}"
         ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
@@ -87,7 +90,14 @@ def contrast(
     return figure
 
 
-def _draw_subjects(ax: Axes, table: ContrastTable, rows: Sequence[Difference]) -> None:
+def _shown_unit(table: ContrastTable, rows: Sequence[Difference]) -> StimulusUnit:
+    """The unit of differences that suits these rows; p is small in any."""
+    return table.unit.for_percent([row.interval(UNKNOWN_UNIT) for row in rows])
+
+
+def _draw_subjects(
+    ax: Axes, table: ContrastTable, rows: Sequence[Difference], unit: StimulusUnit
+) -> None:
     """One quantity of every subject; sorted by size where there are too many names to show."""
     subjects = [subject.subject for subject in table.subjects]
     has_names = len(subjects) <= MAX_NAMES
@@ -98,7 +108,7 @@ def _draw_subjects(ax: Axes, table: ContrastTable, rows: Sequence[Difference]) -
     for i, row in enumerate(rows):
         face, colour, _ = _MARKS[row.word]
         y.append(subjects.index(row.subject) if has_names else i)
-        sizes.append(row.interval(table.unit))
+        sizes.append(row.interval(unit))
         faces.append(face)
         colours.append(colour)
     low, middle, high = np.array(sizes).reshape(-1, 3).T
@@ -114,14 +124,20 @@ def _draw_subjects(ax: Axes, table: ContrastTable, rows: Sequence[Difference]) -
     style_axes(ax).tick_params(axis="y", length=0)
 
 
-def _draw_group(ax: Axes, group: PopulationResult, quantity: str, levels: tuple[str, str]) -> None:
+def _draw_group(
+    ax: Axes,
+    group: PopulationResult,
+    quantity: str,
+    levels: tuple[str, str],
+    unit: StimulusUnit,
+) -> None:
     """The mean difference of the group as a band, in the unit of the panel."""
     parameter, _ = QUANTITIES[quantity]
     if parameter not in _OF_GROUPS or levels not in group.comparisons:
         return
     draws, _, _ = group.difference(parameter.name, levels)
     if parameter == CONSTANT_ERROR:
-        draws = group.study.unit.from_percent(group.shift_percent(draws))
+        draws = group.in_units(CONSTANT_ERROR.name, draws, unit)
     low, middle, high = np.quantile(draws, MARKED).tolist()
     ax.axvspan(low, high, color="#BDB3DD", lw=0, zorder=0, label="group mean, 95 % interval")
     ax.axvline(middle, color=BELIEF, lw=0.9, zorder=0)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from numbers import Real
 from textwrap import fill
@@ -23,12 +24,12 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullFormatter
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.messages import join_names, name_from_key
-from bayes_toe.data.stimulus_unit import StimulusUnit
+from bayes_toe.data.stimulus_unit import StimulusUnit, percent
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.models import model_posterior, model_title, stored_model
@@ -53,6 +54,14 @@ AROUND = 2
 LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
 #: Differences of natural-log intensities, which axes show in per cent or decibels.
 DIFFERENCES = ("constant_error", "pse_shift", "jnd", "zone")
+#: Points of the letters of a name, and of one with a scale beside it.
+_LABEL, _SCALED_LABEL = 12.0, 9.5
+#: Steps between ticks beyond which labels leave out an offset, and powers of ten between which they
+#: are plain numbers.
+_MOST_STEPS, _PLAIN = 1000.0, (-3, 5)
+#: A stimulus, and further differences, which axes show in the unit of the stimuli if it is known.
+_STIMULUS = "mu1"
+_IN_KNOWN_UNIT = ("sigma_p", "sigma_l", "sigma1", "width", "offset")
 #: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: about
 #: the normal reference rule where a panel is six standard deviations wide.
 _SMOOTHING = 8.0
@@ -115,11 +124,12 @@ def corner(
     names_asked = _subject_names(subject)
     is_single = len(names_asked) == 1
     truth_of = _truths_by_subject(truths, names_asked)
+    unit = _shown_unit(draws, names_asked, coordinates)
     subjects = []
     for name, (colour, line) in zip(names_asked, OVERLAID, strict=False):
         target = draws.posterior(name)
         names = _quantity_names(target, coordinates)
-        unit = target.subject.unit
+        target = in_unit(target, unit)
         columns = [axis_values(key, draws.values(name, key).ravel(), unit) for key in names]
         truth = all_true_values(truth_of.get(name, {}), target)
         subjects.append(_SubjectDraws(target, names, np.stack(columns), truth, colour, line))
@@ -210,6 +220,40 @@ def _quantity_names(target: AnswerPosterior, coordinates: str | Sequence[str]) -
     return target.names.natural
 
 
+def _shown_unit(
+    draws: Draws, subjects: Sequence[str], coordinates: str | Sequence[str]
+) -> StimulusUnit:
+    """The unit in which panels show the quantities of these subjects."""
+    columns = []
+    for subject in subjects:
+        target = draws.posterior(subject)
+        names = _quantity_names(target, coordinates)
+        columns.append({name: draws.values(subject, name) for name in names})
+    return shown_unit(target.subject.unit, columns)
+
+
+def shown_unit(unit: StimulusUnit, columns: Iterable[NamedArrays]) -> StimulusUnit:
+    """The unit in which axes show draws of quantities, in natural logs."""
+    ends = list[float]()
+    for quantities_of_subject in columns:
+        for name, values in quantities_of_subject.items():
+            if _is_difference(name, unit):
+                ends += np.nanquantile(values, SPANNED).tolist()
+    return unit.for_percent(percent(ends))
+
+
+def in_unit(
+    target: ObserverPosterior | PaperPosterior, unit: StimulusUnit
+) -> ObserverPosterior | PaperPosterior:
+    """A posterior whose stimuli and quantities are shown in a unit."""
+    return replace(target, subject=replace(target.subject, unit=unit))
+
+
+def _is_difference(name: str, unit: StimulusUnit) -> bool:
+    """Whether an axis shows a quantity in the unit of differences."""
+    return name in DIFFERENCES or (unit.of_stimuli != "" and name in _IN_KNOWN_UNIT)
+
+
 def prior_values(target: AnswerPosterior) -> NamedArrays:
     """Draws from the prior of a posterior by quantity, shape (PRIOR_DRAWS,) each."""
     return target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
@@ -218,13 +262,21 @@ def prior_values(target: AnswerPosterior) -> NamedArrays:
 def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatArray:
     """Values of a quantity as its axis shows them."""
     values = np.asarray(values, np.float64)
-    return unit.differences(values) if name in DIFFERENCES else values
+    if name == _STIMULUS and unit.of_stimuli:
+        return unit.stimuli(values)
+    return unit.differences(values) if _is_difference(name, unit) else values
 
 
 def axis_label(name: str, unit: StimulusUnit) -> str:
     """The label of the axis of a quantity."""
-    label = QUANTITY_BY_NAME[name].symbol
-    return f"{label}, {unit.of_differences}" if name in DIFFERENCES else label
+    return ", ".join(filter(None, (QUANTITY_BY_NAME[name].symbol, axis_unit(name, unit))))
+
+
+def axis_unit(name: str, unit: StimulusUnit) -> str:
+    """The unit of the axis of a quantity; empty for pure numbers and natural logs."""
+    if name == _STIMULUS:
+        return unit.of_stimuli
+    return unit.of_differences if _is_difference(name, unit) else ""
 
 
 def axis_limits(
@@ -364,7 +416,7 @@ def _draw_posterior(
         bins=BINS,
         range=list(spans),
         labels=[axis_label(name, panel.target.subject.unit) for name in panel.names],
-        label_kwargs={"fontsize": 12},
+        label_kwargs={"fontsize": _LABEL},
         labelpad=0.05,
         max_n_ticks=0,
         color=panel.colour,
@@ -449,9 +501,46 @@ def _set_ticks(figure: Figure, spans: Sequence[Span]) -> None:
         ticks = ticks[(ticks >= low + margin) & (ticks <= high - margin)]
         for ax in axes[i:, i]:
             ax.set_xticks(ticks)
+            ax.xaxis.set_major_formatter(NullFormatter())
         for ax in axes[i, :i]:
             ax.set_yticks(ticks)
-        axes[-1, i].tick_params(axis="x", labelrotation=45)
+            ax.yaxis.set_major_formatter(NullFormatter())
+        bottom, left = axes[-1, i], axes[i, 0]
+        texts, scale = _tick_texts(ticks)
+        bottom.set_xticks(ticks, texts)
+        bottom.tick_params(axis="x", labelrotation=45)
+        size = _SCALED_LABEL if scale else _LABEL
+        bottom.set_xlabel(bottom.get_xlabel() + scale, fontsize=size)
+        if i:
+            left.set_yticks(ticks, texts)
+            left.set_ylabel(left.get_ylabel() + scale, fontsize=size)
+
+
+def _tick_texts(ticks: FloatArray) -> tuple[list[str], str]:
+    """Labels of ticks, and what stands beside the name of the axis: an offset, a power of ten.
+
+    Examples
+    --------
+    >>> _tick_texts(np.array([-0.1, 0.0, 0.1]))
+    (['−0.1', '0.0', '0.1'], '')
+    >>> _tick_texts(np.array([20.72002, 20.72004]))
+    (['2', '4'], ' − 20.72 ($10^{-5}$)')
+    """
+    step = float(np.diff(ticks).min(initial=np.inf))
+    offset = 0.0
+    if np.abs(ticks).max(initial=0.0) > _MOST_STEPS * step:
+        decade = 10.0 ** np.ceil(np.log10(2.0 * np.ptp(ticks)))
+        offset = float(np.floor(ticks[0] / decade) * decade)
+    values = ticks - offset
+    exponent = int(np.floor(np.log10(np.abs(values).max(initial=0.0) or 1.0)))
+    scale = f" {'−' if offset > 0.0 else '+'} {abs(offset):.12g}" if offset else ""
+    if not _PLAIN[0] < exponent < _PLAIN[1]:
+        values, step = values / 10.0**exponent, step / 10.0**exponent
+        scale += f" ($10^{{{exponent}}}$)"
+    decimals = 0
+    while np.abs(values - values.round(decimals)).max(initial=0.0) > 0.01 * step:
+        decimals += 1
+    return [f"{value:.{decimals}f}".replace("-", "−") for value in values + 0.0], scale
 
 
 def _write_key(
@@ -494,7 +583,11 @@ def _write_key(
         handles.append(truth)
     if outside:
         handles.append(_note(f"true value outside: {', '.join(outside)}"))
-    if not {*DIFFERENCES, *_WITHOUT_UNIT}.issuperset(subjects[0].names):
+    unit = subjects[0].target.subject.unit
+    has_unit = {*DIFFERENCES, *_WITHOUT_UNIT}
+    if unit.of_stimuli:
+        has_unit |= {_STIMULUS, *_IN_KNOWN_UNIT}
+    if unit.of_differences != "ln" and not has_unit.issuperset(subjects[0].names):
         handles.append(_note("intensities: natural log"))
     figure.legend(handles=handles, **style)
 

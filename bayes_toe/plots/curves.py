@@ -39,7 +39,7 @@ from bayes_toe.plots.style import (
     Band,
     Mark,
     Style,
-    difference_axis,
+    difference_scale,
     draw_band,
     grid_panels,
     legend_below,
@@ -58,6 +58,7 @@ from bayes_toe.plots.style import (
 #: panel.
 MOST_PANELS = 6
 CURVE_DRAWS = 600
+_LONG_LABEL = 20  # letters, beyond which a legend has two columns
 #: From the stimuli of pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws,
 #: pairs).
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
@@ -137,7 +138,8 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     for ax in panels[::n_columns]:
         ax.set_ylabel(probability_label(counts.task))
     figure.suptitle(title, fontsize=12)
-    legend_below(figure)
+    labels = panels[0].get_legend_handles_labels()[1]
+    legend_below(figure, columns=2 if max(map(len, labels)) > _LONG_LABEL else 3)
     return figure
 
 
@@ -149,7 +151,7 @@ def mean_first(counts: Subject) -> float:
 def label_along(ax: Axes, counts: Subject) -> None:
     """The axis below :func:`order_panel` in the unit of the stimuli."""
     if counts.task == WHICH_STRONGER:
-        difference_axis(ax, counts.unit)
+        difference_scale(counts.unit, ax.get_xlim()).draw(ax)
     else:
         stimulus_axis(ax, "stronger stimulus", counts.unit, mean_first(counts))
 
@@ -230,10 +232,12 @@ def _lines_by_first(counts: Subject, points: int) -> list[Line]:
     firsts = np.unique(counts.s1)
     groups = np.array_split(firsts, min(len(firsts), MOST_PANELS))
     colours = colormaps["viridis"](np.linspace(0.0, 0.85, len(groups)))
+    numbers, unit = counts.unit.numbers(firsts, mean_first(counts))
+    numbers_of_groups = np.array_split(numbers, len(groups))
     lines = []
     for i, group in enumerate(groups):
-        ends = dict.fromkeys(counts.unit.describe(end) for end in (group[0], group[-1]))
-        label = f"$s_1$ = {' to '.join(ends)}".replace("-", "−")
+        ends = dict.fromkeys(numbers_of_groups[i][[0, -1]].tolist())
+        label = f"$s_1$ = {' to '.join(ends)} {unit}".replace("-", "−")
         mark = Mark(to_hex(colours[i]), "osD^vh"[i], label)
         rows = np.isin(counts.s1, group)
         fixed = np.full_like(x, group[len(group) // 2])

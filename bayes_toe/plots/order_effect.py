@@ -21,6 +21,7 @@ from bayes_toe.answers.order_effect import OrderEffect, Size
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import plural
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.errors import InputError
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.plots.style import (
@@ -141,11 +142,12 @@ def forests(
     is_crowded = len(answers) > MAX_NAMES
     last_row = len(answers) - 0.5 if group is None else len(answers) + 1.0
     for ax, question in zip(panels, QUESTION_STYLES, strict=True):
-        intervals = _draw_sizes(ax, answers, question)
+        unit = _shown_unit(answers, question)
+        intervals = _draw_sizes(ax, answers, question, unit)
         if group is not None:
             ax.axhline(len(answers) - 0.4, color=EQUAL, lw=0.5)
             if question.name in group.identified:
-                intervals.append(_draw_group(ax, group, question, len(answers) + 0.25))
+                intervals.append(_draw_group(ax, group, question, unit, len(answers) + 0.25))
         ax.axvline(0.0, color="black", lw=0.7, zorder=0)
         sizes = np.array(intervals).reshape(-1, 3)
         limits = _limits(sizes)
@@ -157,7 +159,7 @@ def forests(
             counts = Counter(answer.words[question.name] for answer in answers)
             title += f"\n{counts[Word.YES]} yes, {counts[Word.PROBABLY]} probably"
         ax.set_title(title, loc="left", fontsize=LETTERS)
-        label = question.axis.format(unit=answers[0].unit.of_differences)
+        label = question.axis.format(unit=unit.of_differences)
         ax.set(xlabel=label, xlim=limits, ylim=(last_row, -0.6), yticks=[])
         style_axes(ax)
         if not is_crowded:
@@ -178,7 +180,19 @@ def _sorted_answers(table: EvidenceTable) -> list[OrderEffect]:
     return answers
 
 
-def _draw_sizes(ax: Axes, answers: Sequence[OrderEffect], question: QuestionStyle) -> list[Size]:
+def _shown_unit(answers: Sequence[OrderEffect], question: QuestionStyle) -> StimulusUnit:
+    """The unit of a panel, which shows every median and ordinary intervals."""
+    sizes = [
+        answer.sizes[question.size]
+        for answer in answers
+        if answer.words[question.name] not in _WITHOUT_SIZE
+    ]
+    return answers[0].unit.for_percent(_limits(np.array(sizes).reshape(-1, 3)))
+
+
+def _draw_sizes(
+    ax: Axes, answers: Sequence[OrderEffect], question: QuestionStyle, unit: StimulusUnit
+) -> list[Size]:
     """Draw medians and 95 % intervals; return them from the first to the last row that has one."""
     intervals = []
     marker_size = _marker_size(len(answers))
@@ -186,7 +200,9 @@ def _draw_sizes(ax: Axes, answers: Sequence[OrderEffect], question: QuestionStyl
         word = answer.words[question.name]
         if word in _WITHOUT_SIZE:
             continue
-        size = answer.size(question.size)
+        size = answer.sizes[question.size]
+        if question.size.endswith("percent"):
+            size = size.from_percent(unit)
         width = 0.3 * marker_size if word.is_positive else 0.15 * marker_size
         ax.hlines(row, size.q025, size.q975, color=question.colour, lw=width)
         ax.plot(size.q50, row, **marker_style(question, word, marker_size))
@@ -194,12 +210,14 @@ def _draw_sizes(ax: Axes, answers: Sequence[OrderEffect], question: QuestionStyl
     return intervals
 
 
-def _draw_group(ax: Axes, group: PopulationResult, question: QuestionStyle, row: float) -> Size:
+def _draw_group(
+    ax: Axes, group: PopulationResult, question: QuestionStyle, unit: StimulusUnit, row: float
+) -> Size:
     """Draw the group's mean with its 95 % interval, and return them."""
     effect = group.effect(question.name)
     size = Size(*effect.mean)
     if effect.percent is not None:
-        size = Size(*effect.percent).from_percent(group.study.unit)
+        size = Size(*effect.percent).from_percent(unit)
     ax.hlines(row, size.q025, size.q975, color=question.colour, lw=2.2)
     ax.plot(size.q50, row, "d", color=question.colour, ms=8.0, mec="black", mew=0.6)
     return size

@@ -12,9 +12,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_share, format_signed
+from bayes_toe.answers.order_effect import (
+    Size,
+    format_bayes_factor,
+    format_difference,
+    format_share,
+)
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.stimulus_unit import percent
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.groups.population import DIFFERING, PopulationResult
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
@@ -54,7 +59,7 @@ _LABELS = {
 #: Labels of effects on the means.
 _EFFECT_LABELS = {
     **_LABELS,
-    NOISE.name: "JND, relative change (%)",
+    NOISE.name: "JND, relative change ({unit})",
     PEAK.name: "logit of largest P('equal')",
 }
 _POINTS = 200  # along a density
@@ -108,8 +113,8 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
         parts[3].suptitle(title, fontsize=SMALL)
         panels = grid_panels(parts[3], len(effects), n_columns)
         for i, (name, ax) in enumerate(zip(effects, panels, strict=True)):
-            label = _label(result, _EFFECT_LABELS[name])
-            effects_panel(ax, effects[name], label, labels)
+            draws, label = _shown_effects(result, name, effects[name])
+            effects_panel(ax, draws, label, labels)
             ax.tick_params(labelleft=i % n_columns == 0)
     return figure
 
@@ -128,16 +133,15 @@ def _heading(result: PopulationResult) -> str:
         effect = result.effect(name)
         mean = format_share(Size(*effect.mean))
         if effect.percent is not None:
-            unit = result.study.unit
-            mean = format_signed(Size(*effect.percent).from_percent(unit), unit.of_differences)
+            mean = format_difference(Size(*effect.percent), result.study.unit)
         factor = format_bayes_factor(-effect.zero_mean.log_bf)
         lines.append(f"mean {label} {mean}, BF of a mean that is not 0: {factor}")
     return "\n".join(lines).replace("-", "−")
 
 
-def _label(result: PopulationResult, label: str) -> str:
-    """A label with the unit of differences."""
-    return label.format(unit=result.study.unit.of_differences)
+def _label(name: str, unit: StimulusUnit) -> str:
+    """The label of a parameter with its unit of differences."""
+    return _LABELS[name].format(unit=unit.of_differences)
 
 
 def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
@@ -151,14 +155,14 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     x = np.linspace(low - pad, high + pad, _POINTS)
     means = np.zeros((_POINTS, len(result.numbers.mean)))
     means[:, j] = x
-    values = result.in_units(name, x)
-    label = _label(result, _LABELS[name])
+    unit = result.shown_unit(name)
+    values = result.in_units(name, x, unit)
     # A density in the unit of the panel follows from the slope of the unit.
     prior = np.exp(result.numbers.log_prior_of_mean(means)[:, j]) / np.gradient(values, x)
     style: Style = {"bins": _BINS, "density": True, "label": "posterior of the group mean"}
-    ax.hist(result.in_units(name, draws), color=_MEAN_COLOUR, **style)
+    ax.hist(result.in_units(name, draws, unit), color=_MEAN_COLOUR, **style)
     ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
-    ax.set(xlim=(values[0], values[-1]), xlabel=label, yticks=[])
+    ax.set(xlim=(values[0], values[-1]), xlabel=_label(name, unit), yticks=[])
     zero_line(ax)
     ax.locator_params(axis="x", nbins=4)
     style_axes(ax).spines["left"].set_visible(False)
@@ -168,9 +172,10 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     """One parameter of every subject before the group's mean and a new subject."""
     j = result.index(name)
     reference = " at reference" if result.regressors.columns else ""
-    new_subject = result.in_units(name, result.new_subject[..., j])
-    mean = result.in_units(name, result.draws.mean[..., j])
-    subjects = result.in_units(name, result.draws.subjects[..., j])
+    unit = result.shown_unit(name)
+    new_subject = result.in_units(name, result.new_subject[..., j], unit)
+    mean = result.in_units(name, result.draws.mean[..., j], unit)
+    subjects = result.in_units(name, result.draws.subjects[..., j], unit)
     low, _, high = np.quantile(new_subject, MARKED)
     ax.axvspan(low, high, color=BAND, lw=0, label=f"new subject{reference}")
     low, middle, high = np.quantile(mean, MARKED)
@@ -188,8 +193,7 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     else:
         ax.set_yticks(range(n_subjects), [plain(subject, 14) for subject in result.subjects])
     draw_intervals(ax, np.arange(n_subjects), quantiles, **style)
-    label = _label(result, _LABELS[name])
-    ax.set(ylim=(n_subjects - 0.5, -0.6), xlabel=label)
+    ax.set(ylim=(n_subjects - 0.5, -0.6), xlabel=_label(name, unit))
 
 
 def check_panel(ax: Axes, check: PredictiveCheck) -> None:
@@ -245,10 +249,7 @@ def _effect_labels(result: PopulationResult) -> list[str]:
 
 
 def _effects(result: PopulationResult) -> dict[str, FloatArray]:
-    """Draws of effects on the means by parameter, (draws, effects); empty without any.
-
-    Those on the PSE shift are in the unit of differences, those on the JND in per cent.
-    """
+    """Draws of effects on the means by parameter, (draws, effects); empty without any."""
     effects = {}
     if result.comparisons:
         for name in DIFFERING:
@@ -259,9 +260,19 @@ def _effects(result: PopulationResult) -> dict[str, FloatArray]:
         for name in result.names:
             draws = result.draws.effects[..., result.index(name)]
             effects[name] = draws.reshape(-1, n_columns)
-    else:
-        return effects
-    shift, noise = CONSTANT_ERROR.name, NOISE.name
-    effects[shift] = result.in_units(shift, effects[shift])
-    effects[noise] = percent(effects[noise])
     return effects
+
+
+def _shown_effects(
+    result: PopulationResult, name: str, draws: FloatArray
+) -> tuple[FloatArray, str]:
+    """Draws of effects on a mean as a panel shows them, and its label."""
+    unit = result.study.unit
+    if name == CONSTANT_ERROR.name:
+        draws = result.scales.step * draws
+    elif name == NOISE.name:
+        unit = UNKNOWN_UNIT  # a ratio of JNDs
+    else:
+        return draws, _EFFECT_LABELS[name]
+    unit = unit.for_percent(percent(np.quantile(draws, MARKED, axis=0)))
+    return unit.differences(draws), _EFFECT_LABELS[name].format(unit=unit.of_differences)

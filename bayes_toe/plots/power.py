@@ -26,6 +26,7 @@ from bayes_toe.plots.style import (
     legend_below,
     new_figure,
     plain,
+    stimulus_scale,
     style_axes,
     style_colour_bar,
 )
@@ -138,8 +139,15 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
     )
     label = f"this design (largest: {design.n_trials.max()} trials)"
     ax.scatter([], [], _LARGEST / 3, facecolor=STRONGER_FIRST, label=label)
-    ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)")
     ax.set_aspect("equal")
+    ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)")
+    if optimal.unit.of_stimuli:
+        low, high = ax.get_xlim()
+        scale = stimulus_scale("stimulus", optimal.unit, 0.0, (low, high))
+        ticks, texts = scale.ticks(low, high)
+        ax.set_xticks(ticks, texts)
+        ax.set_yticks(ticks, texts)
+        ax.set(xlabel=f"first {scale.label}", ylabel=f"second {scale.label}")
     legend_above(ax, side="left")
     style_axes(ax)
 

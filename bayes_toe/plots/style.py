@@ -7,6 +7,7 @@ stimulus first, blue stronger first, grey equal stimuli; markers differ too.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,7 +23,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.tasks import Task
 
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
@@ -177,30 +178,68 @@ def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
             yield mark, has_order
 
 
+class Scale(NamedTuple):
+    """How an axis of natural logs is labelled.
+
+    Attributes
+    ----------
+    label : str
+    unit : StimulusUnit or None
+        The unit of its numbers; None for natural logs.
+    """
+
+    label: str
+    unit: StimulusUnit | None = None
+
+    def ticks(self, low: float, high: float) -> tuple[FloatArray, list[str]]:
+        """Natural logs of round numbers in the unit, and the numbers."""
+        assert self.unit is not None
+        start, end = self.unit.stimuli([low, high])
+        locator = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
+        numbers = np.asarray(locator.tick_values(start, end))
+        if not self.unit.is_decibel:
+            decades = 10.0 ** np.arange(np.floor(np.log10(start)), np.ceil(np.log10(end)))
+            on_log_axis = np.outer(decades, [1.0, 2.0, 5.0]).ravel()
+            if np.count_nonzero((on_log_axis >= start) & (on_log_axis <= end)) > 2:
+                numbers = on_log_axis
+        numbers = numbers[(numbers >= start) & (numbers <= end)]
+        step = np.diff(numbers).min(initial=np.inf)
+        digits = max(6, 2 + math.ceil(np.log10(np.abs(numbers).max(initial=0.0) / step + 1.0)))
+        texts = [f"{number:.{digits}g}".replace("-", "−") for number in numbers]
+        return self.unit.logs(numbers), texts
+
+    def draw(self, ax: Axes) -> None:
+        """Label an axis of natural logs from left to right."""
+        ax.set_xlabel(self.label)
+        if self.unit is not None:
+            low, high = ax.get_xlim()
+            ax.set_xticks(*self.ticks(low, high))
+            ax.set_xlim(low, high)
+
+
+def stimulus_scale(
+    stimulus: str, unit: StimulusUnit, mean: float, limits: Sequence[float]
+) -> Scale:
+    """An axis of stimuli in their unit, or in per cent of their mean."""
+    if unit.of_stimuli:
+        return Scale(f"{stimulus}, {unit.of_stimuli}", unit)
+    if unit.for_percent(percent(np.asarray(limits) - mean)) != unit:
+        return Scale(f"{stimulus}, ln")
+    return Scale(f"{stimulus}, % of the mean", unit.or_percent_of(mean))
+
+
+def difference_scale(unit: StimulusUnit, limits: Sequence[float]) -> Scale:
+    """An axis of s2 - s1 in decibels, or as the ratio of the stimuli in per cent."""
+    if unit.is_decibel:
+        return Scale("second minus first stimulus, dB", unit)
+    if unit.for_percent(percent(limits)).of_differences == "ln":
+        return Scale("second minus first stimulus, ln")
+    return Scale("second stimulus, % of the first", UNKNOWN_UNIT.or_percent_of(0.0))
+
+
 def stimulus_axis(ax: Axes, stimulus: str, unit: StimulusUnit, mean: float) -> None:
     """Label an axis of natural logs in the unit of the stimuli, or in per cent of their mean."""
-    axis_unit = unit.or_percent_of(mean)
-    of_mean = "" if unit.of_stimuli else " of the mean"
-    _unit_axis(ax, f"{stimulus}, {axis_unit.of_stimuli}{of_mean}", axis_unit)
-
-
-def difference_axis(ax: Axes, unit: StimulusUnit) -> None:
-    """Label an axis of s2 - s1 in decibels, or as the ratio of the stimuli in per cent."""
-    if unit.is_decibel:
-        _unit_axis(ax, "second minus first stimulus, dB", unit)
-    else:
-        _unit_axis(ax, "second stimulus, % of the first", UNKNOWN_UNIT.or_percent_of(0.0))
-
-
-def _unit_axis(ax: Axes, label: str, unit: StimulusUnit) -> None:
-    """Round numbers in a unit along an axis of natural logs."""
-    low, high = ax.get_xlim()
-    start, end = unit.stimuli([low, high])
-    numbers = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(start, end)
-    numbers = numbers[(numbers >= start) & (numbers <= end)]
-    texts = [f"{number:g}".replace("-", "−") for number in numbers]
-    ax.set_xticks(unit.logs(numbers), texts)
-    ax.set(xlim=(low, high), xlabel=label)
+    stimulus_scale(stimulus, unit, mean, ax.get_xlim()).draw(ax)
 
 
 def plain_log_axis(axis: Axis, multiples: Sequence[float] = (1.0, 2.0, 5.0)) -> None:

@@ -10,6 +10,7 @@ import bayes_toe as bt
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.checks.design_checks import check_design, urgent_findings
 from bayes_toe.data.answers import Reading
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.model.prior import Prior
@@ -91,7 +92,7 @@ def test_stimuli_that_differ_by_rounding_only():
 
 
 @pytest.mark.parametrize(
-    "shift, scale, is_raw", [(0, 1, False), (4.4, 1, False), (5.5, 1, True), (0, 10, True)]
+    "shift, scale, is_raw", [(0, 1, False), (9.0, 1, False), (20.7, 1e-4, False), (0, 10, True)]
 )
 def test_stimuli_that_look_raw(shift, scale, is_raw):
     subject = make_subject([(shift + scale * a, shift + scale * b) for a, b in GRID])
@@ -103,14 +104,22 @@ def test_stimuli_that_look_raw(shift, scale, is_raw):
 def test_stimuli_on_two_scales():
     logs = np.log([740, 905, 1.105, 1.350]).tolist()
     texts = messages(make_subject(list(itertools.product(logs, repeat=2))))
-    assert texts["two_scales"].startswith("Stimuli lie in two groups, a factor of 5.5e+02 apart")
+    groups = (
+        "Stimuli lie in two groups, 0.09985 to 0.3001 and 6.607 to 6.808, a factor of 550 apart."
+    )
+    assert texts["two_scales"].startswith(groups)
+    grams = StimulusUnit("g")
+    subject = make_subject(list(itertools.product(logs, repeat=2)), name="S 1", unit=grams)
+    (finding,) = [item for item in check_design(Study([subject])) if item.code == "two_scales"]
+    assert "1.105 to 1.35 g and 740 to 905 g" in finding.message
+    assert finding.option == "--exclude 'S 1'", "a fault of recording needs a decision"
     even = np.log([1, 10, 100, 1000]).tolist()
     assert "two_scales" not in messages(make_subject(list(itertools.product(even, repeat=2))))
     near = [*itertools.product([0.0, 0.1, 0.3], repeat=2)]
     for far in ((0.0, 3.0), (3.0, 3.0)):
         slipped = zip(*near, far, strict=True)
         subject = Subject.from_counts("S01", *slipped, [0] * 10, [40] * 9 + [1])
-        lone = "In 1 trial of 361, a stimulus lies a factor of 15 from all others."
+        lone = "In 1 trial of 361, a stimulus (3) lies a factor of 15 from all others (0 to 0.3)."
         assert messages(subject)["two_scales"] == f"{lone} Check its decimal point."
 
 

@@ -502,7 +502,7 @@ def test_other_numbers_show_that_a_sign_groups_no_thousands():
     assert np.exp(decimal.s1) == pytest.approx([0.85, 1.05])
     # Natural logs are never thousands.
     logs = "subject;s1;s2;response\na;99;2.125;second\na;2.125;99;first\n"
-    assert read(logs)["a"].s1.tolist() == [2.125, 99.0]
+    assert read(logs, unit="ln")["a"].s1.tolist() == [2.125, 99.0]
     assert typed_remedies(logs.replace("99", "-100"))  # too large for one
 
 
@@ -888,7 +888,7 @@ _names = (
     .map(str.strip)
     .filter(lambda name: name != "" and not set("\0\r") & set(name))
 )
-_numbers = st.floats(-5, 5).map(lambda value: round(value, 3) + 0.0)
+_numbers = st.floats(-1.5, 1.5).map(lambda value: round(value, 3) + 0.0)
 _trials = st.lists(st.tuples(_names, _numbers, _numbers, st.booleans()), min_size=1, max_size=30)
 
 

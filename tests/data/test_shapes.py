@@ -253,6 +253,11 @@ READ = {
     ),
     "grams.csv": (csv(IN_GRAMS), WEIGHTS),
     "grams_by_unit.csv": (csv(labelled(IN_GRAMS, w1="i1", w2="i2")), {"unit": "g"}),
+    "grams_as_logs.csv": (csv(labelled(IN_GRAMS, w1="s1", w2="s2")), {"unit": "g"}),
+    "grams_by_name.csv": (
+        csv(labelled(IN_GRAMS, w1="w1 (g)", w2="w2 (g)")),
+        {"unit": "g", "columns": {"s1": "w1 (g)", "s2": "w2 (g)"}},
+    ),
     "decibel.csv": (csv(DECIBEL), {"unit": "dB", "columns": {"s1": "s1_dB", "s2": "s2_dB"}}),
     "decadic.csv": (
         csv(IN_LOGS.assign(s1=np.log10(TRIALS.w1), s2=np.log10(TRIALS.w2))), {"unit": "log10"},
@@ -349,6 +354,23 @@ REFUSED = {
         ["column s1_dB seems to be in dB"],
         {"intensity": 1, "columns": {"i1": "s1_dB", "i2": "s2_dB"}},
     ),
+    "grams_as_logs.csv": (
+        csv(labelled(IN_GRAMS, w1="s1", w2="s2")),
+        ["s1 and s2: found whole numbers from 740 to 1350", "--unit a.u.", "--unit ln"],
+    ),
+    "kilograms_as_logs.csv": (
+        csv(labelled(IN_GRAMS.assign(w1=TRIALS.w1 / 77, w2=TRIALS.w2 / 77), w1="s1", w2="s2")),
+        ["in one pair, allowed: natural logs", "--unit a.u.", "--unit ln"],
+    ),
+    "grams_by_name.csv": (
+        csv(labelled(IN_GRAMS, w1="w1 (g)", w2="w2 (g)")),
+        ["column w1 (g) seems to be in g", "--unit g ", "--unit ln"],
+        {"columns": {"s1": "w1 (g)", "s2": "w2 (g)"}},
+    ),
+    "missing_code.csv": (
+        csv(with_rows(IN_LOGS, [["P03", 999, 0.3, "second"]])),
+        ["row 2, columns s1 and s2: found 999 and 0.3 in one pair", "type:  --unit ln"],
+    ),
     "percent.csv": (
         csv(labelled(COUNTS, n_second="percent second").drop(columns="n_trials")),
         ["there is no column n_trials", "--columns n_trials=NAME"],
@@ -402,7 +424,6 @@ REFUSED = {
 
 #: Name, content, and what the screen of `check` warns of.
 WARNED = {
-    "grams_as_logs.csv": (csv(labelled(IN_GRAMS, w1="s1", w2="s2")), "look like raw intensities"),
     "two_conditions.csv": (
         csv(IN_LOGS.assign(modality=["light", "sound"] * 40)), "--condition modality",
     ),
@@ -421,7 +442,6 @@ WARNED = {
         csv(STANDARD[STANDARD.w1 == 905][["subject", "s1", "s2", "response"]]),
         "in one order only",
     ),
-    "missing_code.csv": (csv(with_rows(IN_LOGS, [["P03", 999, 0.3, "second"]])), "two groups"),
 }  # fmt: skip
 
 

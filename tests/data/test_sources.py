@@ -24,7 +24,7 @@ TRIALS = pd.DataFrame(
     {
         "subject": ["01", "NA", "Zoë", "01", "'=q", "01"],
         "s1": [0.0, 0.1 + 0.2, -1e-300, 0.0, 2.0, 0.0],
-        "s2": [0.3, 0.0, 5e300, 0.3, 2.0, 0.3],
+        "s2": [0.3, 0.0, 2.5, 0.3, 2.0, 0.3],
         "response": ["equal", "different", "equal", None, "different", "different"],
         "isi": [0.5, 2.0, 0.5, 2.0, 0.5, 0.5],
         "block": ["b", "a", "b", "a", "b", "a"],

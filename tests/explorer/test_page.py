@@ -252,3 +252,19 @@ def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimul
     wording = page(entries(stronger.draws)).html
     assert "P(second)" in wording
     assert "'equal'" not in wording.partition('<section id="answers"')[2].partition("</section>")[0]
+
+
+def test_a_known_unit_is_that_of_all_axes():
+    study = bt.example_study().select(["S01"])
+    table = study.frame().drop(columns="synthetic")
+    table[["s1", "s2"]] = 100.0 * np.exp(table[["s1", "s2"]])
+    grams = bt.read_study(table, bt.ReadOptions(unit="g"))
+    (entry,) = entries(bt.sample(grams, seed=1, model="both"))
+    packed = entry.packed(500)
+    assert packed["plane"]["label"] == "first stimulus, g"
+    assert {*packed["plane"]["texts"]} >= {"200", "500"}
+    assert packed["plane"]["at"] == pytest.approx(np.log([*map(float, packed["plane"]["texts"])]))
+    assert packed["slices"][0]["scale"]["label"] == "second stimulus, % of the first"
+    assert packed["pairs"]["stimuli"][0] == "100 g, 135 g"
+    (entry,) = entries(bt.sample(study, seed=1, model="both"))
+    assert entry.packed(500)["plane"] is None, "of an unknown unit the page shows natural logs"

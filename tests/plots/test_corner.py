@@ -289,3 +289,22 @@ def test_a_subject_that_is_a_number_is_named_by_it():
     assert bt.plots.curves(draws, 7).axes
     with pytest.raises(InputError, match="no subject '70'"):
         bt.plots.corner(draws, 70)
+
+
+def test_offsets_and_powers_of_ten_stand_beside_the_names_of_axes():
+    levels = 20.72 + 1e-5 * np.array([0.0, 1.0, 2.0, 3.0])
+    first, second = np.meshgrid(levels, levels)
+    expected = 0.8 * np.exp(-0.5 * ((second - first - 4e-6) / 1.2e-5) ** 2)
+    n_equal = np.rint(50 * expected).astype(int).ravel()
+    subject = bt.Subject("A", first.ravel(), second.ravel(), n_equal, [50] * 16)
+    draws = bt.sample(bt.Study([subject]), seed=1)
+    figure = bt.plots.corner(draws, "A")
+    axes = np.array(figure.axes).reshape(4, 4)
+    assert axes[3, 0].get_xlabel().startswith(r"$\mu_1$ − 20.72")
+    assert all("($10^{-" in ax.get_xlabel() for ax in axes[3, :3])
+    assert all("($10^{-" in ax.get_ylabel() for ax in axes[1:3, 0])
+    for ax in figure.axes:
+        for axis in (ax.xaxis, ax.yaxis):
+            assert axis.get_offset_text().get_text() == ""
+    assert max(len(label.get_text()) for label in axes[3, 0].get_xticklabels()) <= 4
+    require_legible(figure)
