@@ -59,7 +59,7 @@ _TEXTS = (
 )
 _KINDS: dict[str, type] = {
     **dict.fromkeys(_TEXTS, str),
-    **dict.fromkeys(("ignore", "swap", "exclude"), list),
+    **dict.fromkeys(("ignore", "missed", "swap", "exclude"), list),
     **dict.fromkeys(("columns", "where"), dict),
     "standard_first": bool,
 }

@@ -24,18 +24,19 @@ from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     columns_to_read,
+    is_missed_flag,
     is_percentage,
     is_response_sign,
     looks_like,
-    may_mark_practice,
-    practice_texts,
     with_likely_columns,
 )
 from bayes_toe.data.layouts import ALLOWED_INTERVALS, StandardOrder, pair_regex, with_pairs
-from bayes_toe.data.messages import describe_intervals, display_name, join_names, plural, quoted
+from bayes_toe.data.messages import describe_intervals, display_name, join_names, plural
 from bayes_toe.data.options import COLUMNS, ReadOptions, changed, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
+    cells_of,
+    missed_texts,
     refuse_reversed,
     require_task,
     responses,
@@ -60,6 +61,7 @@ from bayes_toe.data.text_table import (
     TextTable,
 )
 from bayes_toe.data.trial_order import answers_in_order
+from bayes_toe.data.trial_rows import trial_rows
 from bayes_toe.data.units import follows_from_pairs, with_conditions, with_units
 from bayes_toe.data.validation import (
     ambiguous_number,
@@ -282,8 +284,8 @@ class _Rows:
 
     The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a
     column. `signs` are columns of keys and reaction times, where responses are scored right or
-    wrong. `stimuli` are the numbers in the columns of stimuli: s1 and s2, or the standard and the
-    comparison.
+    wrong. `missed` says which texts of the response are none. `stimuli` are the numbers in the
+    columns of stimuli: s1 and s2, or the standard and the comparison.
     """
 
     table: TextTable
@@ -291,6 +293,7 @@ class _Rows:
     keys: list[FloatArray]
     options: ReadOptions
     signs: list[Column]
+    missed: list[str]
     stimuli: list[FloatArray]
     order: StandardOrder
 
@@ -390,7 +393,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
     table = read_table(
         path,
-        lambda names: _columns_looked_at(names, options),
+        lambda names: _known_names(names, options),
         LARGEST_STUDY,
         encoding=options.encoding,
         sheet=options.sheet,
@@ -401,7 +404,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     roles_read, problems, remedies = columns_to_read(table.names, options, is_frame=table.is_frame)
     table.problems.remedies += remedies
     table.require(problems)
-    table = _without_practice(_chosen_rows(table, options.where), options)
+    table = trial_rows(table, options, roles_read)
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     columns |= _marks(table)
     if options.subject_from is not None:
@@ -409,6 +412,13 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     else:
         columns["subject"] = bare_names(table, columns["subject"])
     signs = _response_signs(table, columns) if options.correct is not None else []
+    missed = list[str]()
+    for answer in columns.keys() & {"response", "correct"}:
+        column = columns[answer]
+        texts = missed_texts(column, options)
+        missed += cells_of(column, [*filter(None, texts)])
+        texts_left = ["" if text in texts else text for text in column.texts]
+        columns[answer] = Column.from_texts(column.name, texts_left, column.codes)
     columns = with_units(table, columns, options.categorical)
     stimuli = [columns[ours] for ours in options.stimuli]
     if table.grouping_sign and options.decimal is None:
@@ -421,7 +431,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     if "isi" in columns:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
-    return _Rows(table, columns, keys, options, signs, values, order)
+    return _Rows(table, columns, keys, options, signs, missed, values, order)
 
 
 def _marks(table: TextTable) -> dict[str, Column]:
@@ -433,14 +443,18 @@ def _marks(table: TextTable) -> dict[str, Column]:
 
 
 def _response_signs(table: TextTable, columns: Mapping[str, Column]) -> list[Column]:
-    """Columns that are not read and show by an empty cell that nobody responded."""
+    """Columns that are not read and may show that nobody responded."""
     names_read = {column.name for column in columns.values()}
     other_columns = [column for name, column in table.columns.items() if name not in names_read]
-    return [column for column in other_columns if is_response_sign(column.name)]
+    return [
+        column
+        for column in other_columns
+        if is_response_sign(column.name) or is_missed_flag(column)
+    ]
 
 
-def _columns_looked_at(names: Sequence[str], options: ReadOptions) -> set[str]:
-    """The columns that tell something, of the names in a table."""
+def _known_names(names: Sequence[str], options: ReadOptions) -> set[str]:
+    """The columns that are read or choose rows, of the names in a table."""
     pairs = []
     if options.wide is not None:
         pairs = list(filter(pair_regex(options.wide).fullmatch, names))
@@ -448,12 +462,7 @@ def _columns_looked_at(names: Sequence[str], options: ReadOptions) -> set[str]:
             return set(names)
     likely = with_likely_columns(names, options)
     roles = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
-    chosen = {*roles, *_MARKS, *options.where, *pairs}
-    for name in names:
-        is_sign = options.correct is not None and is_response_sign(name)
-        if is_sign or may_mark_practice(name) or looks_like(name, "condition"):
-            chosen.add(name)
-    return chosen & set(names)
+    return {*roles, *_MARKS, *options.where, *pairs} & set(names)
 
 
 def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> Column:
@@ -463,46 +472,6 @@ def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> C
         rule = f"a file named as --subject-from {pattern}"
         raise InputError(f"{table.source}: found no subject in its name, allowed: {rule}")
     return Column("subject", [subject], np.zeros(len(table.rows), np.int64))
-
-
-def _chosen_rows(table: TextTable, where: Mapping[str, str]) -> TextTable:
-    """The rows that have in all of these columns the text that is asked for."""
-    if not where:
-        return table
-    is_chosen_row = np.ones(len(table.rows), np.bool_)
-    for name, asked in where.items():
-        column = table.columns[name]
-        if asked not in column.texts:
-            location = f"{table.source}: column {display_name(name)}"
-            finding = f"found {join_names([*map(quoted, column.texts)])}"
-            rule = f"{quoted(asked)}, as --where has it, in some row"
-            raise InputError(f"{location}: {finding}, allowed: {rule}")
-        is_chosen_row &= column.codes == column.texts.index(asked)
-    if not is_chosen_row.any():
-        raise InputError(
-            f"{table.source}: found no row that is as --where has it in all of {', '.join(where)}"
-        )
-    return table.only(is_chosen_row)
-
-
-def _without_practice(table: TextTable, options: ReadOptions) -> TextTable:
-    """The table without rows that a column marks as practice, unless all are."""
-    if "practice" in options.ignore:
-        return table
-    chosen = {*options.where, options.name("condition")}
-    for name in table.columns:
-        if name in chosen or not may_mark_practice(name):
-            continue
-        column = table.columns[name]
-        practice = practice_texts(name, column.texts)
-        is_marked = column.map(practice.__contains__, np.bool_)
-        if not is_marked.any() or is_marked.all():
-            continue
-        rows = plural(int(is_marked.sum()), "row")
-        marks = join_names([*map(quoted, practice)])
-        note = f"{rows} left out as practice (column {display_name(name)}: {marks})"
-        table = replace(table.only(~is_marked), notes=(*table.notes, note))
-    return table
 
 
 def _require_decimal_sign(
@@ -628,7 +597,7 @@ def _percentage_doubts(n: IntArray) -> list[str]:
 def _trial_study(rows: _Rows, column: Column) -> Study:
     table = rows.table
     answers = responses(table, column, rows.options, rows.keys[1] - rows.keys[0])
-    answers, signs = without_missed(answers, column, rows.signs)
+    answers, signs = without_missed(answers, column, rows.signs, rows.options.missed)
     # Rows without an answer, such as instruction screens, may hold anything else.
     rows.require_pairs(answers.is_answered | answers.is_unscorable)
     table.problems.refuse()
@@ -639,10 +608,8 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
             "allowed: at least one answered trial"
         )
     notes = rows.layout("trial", answers.note)
-    if signs:
-        notes.append(f"no response where column {join_names([*map(display_name, signs)])} is empty")
     unanswered = ~answers.is_answered & ~answers.is_unscorable
-    notes += _dropped_note(rows, unanswered, "without a response")
+    notes += _dropped_note(rows, unanswered, "without a response", [*rows.missed, *signs])
     equal_stimuli = "with equal stimuli, of which no answer is right,"
     notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
     n_answered = np.bincount(rows.subject.codes, answers.is_answered, len(rows.subject.texts))
@@ -658,12 +625,18 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
     return _study(rows, notes, n_yes, n_trials, answers.task)
 
 
-def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str) -> list[str]:
-    """How many trials of each subject are dropped for a reason; nothing where none is."""
+def _dropped_note(
+    rows: _Rows, is_dropped: BoolArray, reason: str, cells: Sequence[str] = ()
+) -> list[str]:
+    """How many trials of each subject are dropped for a reason; nothing where none is.
+
+    `cells` are the texts that say so, with their columns.
+    """
     if not is_dropped.any():
         return []
     trials = plural(int(is_dropped.sum()), "trial")
-    return [f"{trials} {reason} dropped: {_listed_by_subject(rows, is_dropped)}"]
+    finding = f" ({', '.join(cells)})" if cells else ""
+    return [f"{trials} {reason} dropped{finding}: {_listed_by_subject(rows, is_dropped)}"]
 
 
 def _listed_by_subject(rows: _Rows, chosen: BoolArray) -> str:

@@ -22,7 +22,7 @@ from bayes_toe.errors import InputError
 
 SUFFIX = ".toml"
 _FORM = 'files = ["FILE.csv"] and options of `check`, as in second_code = "j"'
-_LISTS = ("files", "ignore", "swap", "exclude")
+_LISTS = ("files", "ignore", "missed", "swap", "exclude")
 _KINDS = {
     list: "a list of texts",
     dict: "a section of lines NAME = TEXT",
