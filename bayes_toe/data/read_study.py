@@ -31,7 +31,7 @@ from bayes_toe.data.column_roles import (
     with_likely_columns,
 )
 from bayes_toe.data.layouts import ALLOWED_INTERVALS, StandardOrder, pair_regex, with_pairs
-from bayes_toe.data.messages import describe_intervals, display_name, join_names, plural
+from bayes_toe.data.messages import describe_intervals, display_name, join_names, plural, quoted
 from bayes_toe.data.options import COLUMNS, ReadOptions, changed, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
@@ -64,6 +64,8 @@ from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.trial_rows import trial_rows
 from bayes_toe.data.units import follows_from_pairs, with_conditions, with_units
 from bayes_toe.data.validation import (
+    CONDITION_SEPARATOR,
+    MISSING_WORDS,
     ambiguous_number,
     bare_names,
     column_counts,
@@ -400,6 +402,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     )
     if options.wide is not None:
         table = with_pairs(table, options)
+    _require_header(table, options)
     options = with_likely_columns(table.names, options)
     roles_read, problems, remedies = columns_to_read(table.names, options, is_frame=table.is_frame)
     table.problems.remedies += remedies
@@ -416,7 +419,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     for answer in columns.keys() & {"response", "correct"}:
         column = columns[answer]
         texts = missed_texts(column, options)
-        missed += cells_of(column, [*filter(None, texts)])
+        missed += cells_of(column, [text for text in texts if text.lower() not in MISSING_WORDS])
         texts_left = ["" if text in texts else text for text in column.texts]
         columns[answer] = Column.from_texts(column.name, texts_left, column.codes)
     columns = with_units(table, columns, options.categorical)
@@ -432,6 +435,29 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
     return _Rows(table, columns, keys, options, signs, missed, values, order)
+
+
+def _require_header(table: TextTable, options: ReadOptions) -> None:
+    """Refuse a table whose names are a row of it: numbers, and no columns of stimuli."""
+    numbers_in_head = [name for name in table.names if math.isfinite(number(name, True))]
+    if len(numbers_in_head) > 1 and not {*map(options.name, options.stimuli)} & {*table.names}:
+        cells = join_names([*map(quoted, table.names)])
+        rule = "the names of the columns, such as subject, s1, s2, response"
+        raise InputError(
+            f"{table.source}: has no header: {table.head} holds {cells}; allowed: {rule}"
+        )
+
+
+def _nameless_doubts(subject: Column) -> list[str]:
+    """A doubt for each subject whose name may say that there is none."""
+    doubts = []
+    for code, text in enumerate(subject.texts):
+        name = text.partition(CONDITION_SEPARATOR)[0]
+        if name and name.lower() in MISSING_WORDS:
+            rows = plural(int(np.count_nonzero(subject.codes == code)), "row")
+            finding = f"{rows} of subject {quoted(text)}, which may mean that the name is missing"
+            doubts.append(f"{finding}; if so, --exclude {text}")
+    return doubts
 
 
 def _marks(table: TextTable) -> dict[str, Column]:
@@ -540,6 +566,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     if not is_trials:
         notes += _merged_note(parts, subjects)
         doubts += _percentage_doubts(n)
+    doubts += _nameless_doubts(rows.subject)
     if "isi" in rows.columns:
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
         column = display_name(rows.columns["isi"].name)

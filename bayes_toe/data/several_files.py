@@ -197,10 +197,13 @@ def _concatenated(parts: Sequence[Any]) -> Any:
 
 def _common_notes(studies: Sequence[Study]) -> Iterable[str]:
     """The notes of all files; notes that differ only in numbers become one."""
-    alike: dict[str, list[tuple[str, str]]] = {}
+    alike: dict[tuple[str, int], list[tuple[str, str]]] = {}
     for study in studies:
-        for note in study.notes:
-            alike.setdefault(re.sub(r"\d+", "0", note), []).append((study.source, note))
+        forms = [re.sub(r"\d+", "0", note) for note in study.notes]
+        for i, note in enumerate(study.notes):
+            # Two notes of one file are about two columns.
+            form = forms[i], forms[:i].count(forms[i])
+            alike.setdefault(form, []).append((study.source, note))
     for notes in alike.values():
         source, note = notes[0]
         is_one_note = len({note for _, note in notes}) == 1

@@ -282,7 +282,11 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they
     # are.
     text = _DELIMITER_LINE.sub("", text, count=1)
-    delimiter, place, first_row, head = _find_names(source, text, choice)
+    delimiter, place, first_row, head, cells_below = _find_names(source, text, choice)
+    n_names = len(head)
+    has_row_names = len(cells_below) == n_names + 1
+    if has_row_names:  # as R writes them, without a name of their own
+        head = ["", *head]
     problems, chosen = Problems(source), choice(head)
     places = name_places(head)
     rows, codes = array("q"), {name: array("q") for name in places}
@@ -299,6 +303,9 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
             codes[name].extend(map(texts[name].__getitem__, cells[column]))
             if len(texts[name]) > _MOST_TEXTS and name not in chosen:
                 del places[name]
+    if has_row_names and [*texts[""]] != [*map(str, range(1, len(rows) + 1))]:
+        finding = f"found {n_names} names above rows of {n_names + 1} cells"
+        raise InputError(f"{source}: row {first_row}: {finding}, allowed: a name for each column")
     columns = {name: Column.from_texts(name, texts[name], codes[name]) for name in places}
     notes = (f"rows above row {first_row} left out",) if place else ()
     row_numbers = np.array(rows, np.int64)
@@ -318,8 +325,10 @@ def _whole_records(
             yield row, record
 
 
-def _find_names(source: str, text: str, choice: Choice) -> tuple[str, int, int, list[str]]:
-    """The delimiter, which record has the names, its physical row, and the names."""
+def _find_names(
+    source: str, text: str, choice: Choice
+) -> tuple[str, int, int, list[str], list[str]]:
+    """The delimiter, which record has the names, its row, the names, and the cells below them."""
     best_fit = (-1, -1)
     best: tuple[str, int, list[tuple[int, list[str] | csv.Error]], list[str]]
     for delimiter in DELIMITERS:
@@ -340,7 +349,8 @@ def _find_names(source: str, text: str, choice: Choice) -> tuple[str, int, int, 
     row, record = records[place]
     if isinstance(record, csv.Error):
         raise InputError(f"{source}: {_broken(row, record, 0)}")
-    return delimiter, place, row, head
+    below = [record for _, record in records[place + 1 : place + 2] if isinstance(record, list)]
+    return delimiter, place, row, head, next(iter(below), [])
 
 
 def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:

@@ -83,7 +83,8 @@ def _without_practice(
             continue
         rows = plural(int(is_marked.sum()), "row")
         marks = join_names([*map(quoted, practice)])
-        note = f"{rows} left out as practice (column {display_name(name)}: {marks})"
+        column_name = display_name(name)
+        note = f"{rows} left out as practice (column {column_name}: {marks})"
         table = replace(table.only(~is_marked), notes=(*table.notes, note))
     return table
 
