@@ -337,8 +337,12 @@ def _sheet_rows(with_values: Any, with_formulas: Any) -> list[list[Any]]:
             elif formula.data_type == "f" and value is None and cell.data_type != "str":
                 value = _NOT_COMPUTED
             values.append(value)
+        while values and values[-1] is None:  # a cell that has a format only
+            values.pop()
         rows.append(values)
     width = max(map(len, rows), default=0)
+    while rows and not rows[-1]:
+        rows.pop()
     return [values + [None] * (width - len(values)) for values in rows]
 
 

@@ -284,7 +284,8 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     text = _DELIMITER_LINE.sub("", text, count=1)
     delimiter, place, first_row, head, cells_below = _find_names(source, text, choice)
     n_names = len(head)
-    has_row_names = len(cells_below) == n_names + 1
+    is_one_short = len(cells_below) == n_names + 1
+    has_row_names = is_one_short and cells_below[0].strip() == "1"
     if has_row_names:  # as R writes them, without a name of their own
         head = ["", *head]
     problems, chosen = Problems(source), choice(head)
@@ -301,9 +302,10 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         cells = list(zip(*(record for _, record in batch), strict=True))
         for name, column in [*places.items()]:
             codes[name].extend(map(texts[name].__getitem__, cells[column]))
-            if len(texts[name]) > _MOST_TEXTS and name not in chosen:
+            if name and len(texts[name]) > _MOST_TEXTS and name not in chosen:
                 del places[name]
-    if has_row_names and [*texts[""]] != [*map(str, range(1, len(rows) + 1))]:
+    is_counted = not has_row_names or [*texts[""]] == [*map(str, range(1, len(rows) + 1))]
+    if not is_counted or (is_one_short and not rows and problems.count > 1):
         finding = f"found {n_names} names above rows of {n_names + 1} cells"
         raise InputError(f"{source}: row {first_row}: {finding}, allowed: a name for each column")
     columns = {name: Column.from_texts(name, texts[name], codes[name]) for name in places}
