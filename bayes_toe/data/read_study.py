@@ -42,10 +42,9 @@ from bayes_toe.data.responses import (
     responses,
     without_missed,
 )
-from bayes_toe.data.several_files import read_together
 from bayes_toe.data.stimulus_unit import LOG_UNITS
 from bayes_toe.data.study import Study, Subject, units_by_subject
-from bayes_toe.data.study_file import study_source, table_files
+from bayes_toe.data.study_file import read_together, study_source, table_files
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     WHICH_STRONGER,
