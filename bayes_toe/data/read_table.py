@@ -60,6 +60,9 @@ _ONE_VALUE = re.compile(r"\s*(?:\{.*\}|\[.*\])\s*").fullmatch
 _JSON_START = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\[\s*[\[{]|\{)")
 _LARGEST_TOML = 2**16  # bytes; a complete prior file has some 2,000
 _TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+#: A cell, and a row, that have a place and nothing else.
+_BLANK_CELL = re.compile(rb'<c [^<>]*\br="[^<>]*/>')
+_BLANK_ROW = re.compile(rb'<row [^<>]*\br="(?:[^<>]*/>|[^<>]*></row>)')
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm")
 _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 #: Suffixes of tables. A file that is named and has another suffix is read as a text.
@@ -301,9 +304,10 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
             raise InputError(
                 f"{source}: found {unpacked} bytes unpacked, allowed: at most {LARGEST_STUDY}"
             )
+        compact = _without_formats(data)
         with warnings.catch_warnings(action="ignore"):
             values, formulas = (
-                load_workbook(io.BytesIO(data), read_only=True, data_only=is_value)
+                load_workbook(io.BytesIO(compact), read_only=True, data_only=is_value)
                 for is_value in (True, False)
             )
             sheets = {}
@@ -322,6 +326,18 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
     return sheets
 
 
+def _without_formats(data: bytes) -> bytes:
+    """A workbook without cells that have a format only, of which there may be millions."""
+    compact = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as book, zipfile.ZipFile(compact, "w") as saved:
+        for name in book.namelist():
+            part = book.read(name)
+            if name.startswith("xl/worksheets/"):
+                part = _BLANK_ROW.sub(b"", _BLANK_CELL.sub(b"", part))
+            saved.writestr(name, part)
+    return compact.getvalue()
+
+
 def _sheet_rows(with_values: Any, with_formulas: Any) -> list[list[Any]]:
     """The values of a sheet, row by row, all of one width."""
     for sheet in (with_values, with_formulas):
@@ -337,12 +353,8 @@ def _sheet_rows(with_values: Any, with_formulas: Any) -> list[list[Any]]:
             elif formula.data_type == "f" and value is None and cell.data_type != "str":
                 value = _NOT_COMPUTED
             values.append(value)
-        while values and values[-1] is None:  # a cell that has a format only
-            values.pop()
         rows.append(values)
     width = max(map(len, rows), default=0)
-    while rows and not rows[-1]:
-        rows.pop()
     return [values + [None] * (width - len(values)) for values in rows]
 
 

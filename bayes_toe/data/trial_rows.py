@@ -85,6 +85,8 @@ def _without_practice(
         marks = join_names([*map(quoted, practice)])
         column_name = display_name(name)
         note = f"{rows} left out as practice (column {column_name}: {marks})"
+        if not table.is_frame:
+            note += "; --ignore practice reads them"
         table = replace(table.only(~is_marked), notes=(*table.notes, note))
     return table
 

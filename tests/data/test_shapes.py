@@ -92,11 +92,7 @@ def excel(**sheets):
 
 def with_empty_texts(workbook):
     """A workbook as Excel saves it if all formulas give an empty text."""
-    data = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(workbook)) as book, zipfile.ZipFile(data, "w") as saved:
-        for name in book.namelist():
-            saved.writestr(name, re.sub(rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"', book.read(name)))
-    return data.getvalue()
+    return with_part(workbook, rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"')
 
 
 def matlab(variables):
@@ -206,14 +202,12 @@ def padded(table, **zeros):
     return csv(pd.concat([table, rows]))
 
 
-def with_dimension(workbook, size):
-    """A workbook that declares another size than it has."""
+def with_part(workbook, pattern, replacement):
+    """A workbook in which something is replaced."""
     data = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(workbook)) as book, zipfile.ZipFile(data, "w") as saved:
         for name in book.namelist():
-            size_declared = f'<dimension ref="{size}"'.encode()
-            part = re.sub(rb'<dimension ref="[^"]*"', size_declared, book.read(name))
-            saved.writestr(name, part)
+            saved.writestr(name, re.sub(pattern, replacement, book.read(name)))
     return data.getvalue()
 
 
@@ -366,9 +360,23 @@ READ = {
     "row_names.csv": (ROW_NAMES.encode(), {}),
     "row_names.txt": (ROW_NAMES.replace(",", " ").encode(), {}),
     **{
-        f"size_{size.replace(':', '_')}.xlsx": (with_dimension(excel(T=IN_LOGS), size), {})
+        f"size_{size.replace(':', '_')}.xlsx": (
+            with_part(excel(T=IN_LOGS), rb'(?<=<dimension ref=")[^"]*', size.encode()), {},
+        )
         for size in ("A1", "A1:D21", "A1:C81", "D1:D81", "A50:D81", "A1:XFD1048576")
     },
+    "formats.xlsx": (
+        with_part(
+            excel(T=IN_LOGS),
+            b"</sheetData>",
+            b"".join(
+                b'<row r="%d" s="1"><c r="A%d" s="1"/><c r="XFD%d" s="1"/></row>' % (row, row, row)
+                for row in range(100, 50_000)
+            )
+            + b"</sheetData>",
+        ),
+        {},
+    ),
     "more_columns.csv": (csv(IN_LOGS.assign(rt=0.5, confidence=3, index=range(80))), {}),
 }  # fmt: skip
 
