@@ -142,9 +142,7 @@ class StudyFile:
         None
     )
     correct: Annotated[Text, layout("--correct", "COLUMN", "Column with correct or wrong.")] = None
-    missed: Annotated[Texts, layout("--missed", "CODE", "Code of a missed trial; repeatable.")] = (
-        None
-    )
+    missed: Annotated[Texts, layout("--missed", "CODE", "Code of missed trials.")] = None
     ignore: Annotated[Texts, layout("--ignore", "COLUMN", "Column to ignore; repeatable.")] = None
     question: Annotated[Text, layout("--task", "TASK", "same/different or 2afc.")] = None
     where: Annotated[
