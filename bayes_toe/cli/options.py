@@ -142,6 +142,7 @@ class StudyFile:
         None
     )
     correct: Annotated[Text, layout("--correct", "COLUMN", "Column with correct or wrong.")] = None
+    missed: Annotated[Texts, layout("--missed", "CODE", "Code of missed trials.")] = None
     ignore: Annotated[Texts, layout("--ignore", "COLUMN", "Column to ignore; repeatable.")] = None
     question: Annotated[Text, layout("--task", "TASK", "same/different or 2afc.")] = None
     where: Annotated[
@@ -262,4 +263,5 @@ class StudyFile:
         options["columns"] = parse_pairs("--columns", filter(None, columns.split(",")), "OURS=NAME")
         options["where"] = parse_pairs("--where", self.where or (), "COLUMN=TEXT")
         options["ignore"] = self.ignore or ()
+        options["missed"] = self.missed or ()
         return ReadOptions(**options, categorical=self.named_levels)

@@ -23,6 +23,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT
+from bayes_toe.data.text_table import Column
 from bayes_toe.errors import Remedy
 
 #: Words of other labs by section and key.
@@ -102,19 +103,29 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
 
 
 def is_response_sign(name: str) -> bool:
-    """Whether an empty cell in this column says that nobody responded."""
-    return plain_name(name) in VOCABULARY["signs"]["response"]
+    """Whether a column has keys or reaction times.
+
+    Examples
+    --------
+    >>> is_response_sign("key_resp_2.rt"), is_response_sign("keyPress"), is_response_sign("start")
+    (True, True, False)
+    """
+    words = re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
+    names = {plain_name(name), *map(str.lower, words)}
+    return not names.isdisjoint(VOCABULARY["signs"]["response"])
 
 
-def may_mark_practice(name: str) -> bool:
-    """Whether a column may say which rows are practice."""
-    return plain_name(name) in VOCABULARY["practice"]["columns"]
+def is_missed_flag(column: Column) -> bool:
+    """Whether a column says yes where nobody responded."""
+    plain = plain_name(column.name)
+    return is_flag(column.texts) and any(word in plain for word in VOCABULARY["signs"]["flags"])
 
 
 def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
-    """The texts of such a column that say that a row is practice.
+    """The texts of a column that say that a row is practice.
 
-    A column such as `practice` may hold 1 and 0. If it holds other numbers too, it counts trials.
+    A column such as `is_practice` may hold 1 and 0. If it holds other numbers too, it counts
+    trials.
 
     Examples
     --------
@@ -124,14 +135,18 @@ def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
     []
     """
     beginnings = tuple(VOCABULARY["practice"]["texts"])
-    is_flag = plain_name(name) in VOCABULARY["practice"]["flags"]
-    has_flags = is_flag and {*map(str.lower, texts)} <= TRUE_WORDS | FALSE_WORDS
+    has_flags = is_flag(texts) and any(word in plain_name(name) for word in beginnings)
     marks = []
     for text in texts:
         is_true = has_flags and text.lower() in TRUE_WORDS
-        if is_true or plain_name(text).startswith(beginnings):
+        if is_true or (text[:1].isalpha() and plain_name(text).startswith(beginnings)):
             marks.append(text)
     return marks
+
+
+def is_flag(texts: Iterable[str]) -> bool:
+    """Whether the cells of a column say yes or no."""
+    return {*map(str.lower, texts)} <= TRUE_WORDS | FALSE_WORDS
 
 
 def unit_in(name: str) -> str:

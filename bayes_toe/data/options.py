@@ -62,6 +62,9 @@ class ReadOptions:
         rightly: 'second' or 'first' then follows from the sign of s2 - s1.
     columns : mapping of str to str
         Our column names to those of the file, for columns that the file names otherwise.
+    missed : str or sequence of str
+        Texts in the column of responses that say that nobody responded; with `correct`, in columns
+        of keys and reaction times, too.
     ignore : str or sequence of str
         Columns isi, session, block, trial, iti or condition that are not read although they are
         there; without isi pairs are pooled over the intervals. With "practice", rows that are
@@ -129,6 +132,7 @@ class ReadOptions:
     first_code: str | None = None
     correct: str | None = None
     ignore: Sequence[str] | str = ()
+    missed: Sequence[str] | str = ()
     condition: str | None = None
     reference: str | None = None
     categorical: bool = False
@@ -159,8 +163,11 @@ class ReadOptions:
         for key in ("columns", "where"):
             texts = {name.strip(): _as_text(text) for name, text in getattr(self, key).items()}
             object.__setattr__(self, key, texts)
-        names = [self.ignore] if isinstance(self.ignore, str) else self.ignore
-        object.__setattr__(self, "ignore", tuple(names))
+        for key in ("ignore", "missed"):
+            entries = getattr(self, key)
+            if isinstance(entries, str | int | float):
+                entries = [entries]
+            object.__setattr__(self, key, tuple(map(_as_text, entries)))
 
     def _text_problems(self) -> Iterator[str]:
         """Problems of empty texts, a line each."""

@@ -25,11 +25,10 @@ from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     columns_to_read,
+    is_missed_flag,
     is_percentage,
     is_response_sign,
     looks_like,
-    may_mark_practice,
-    practice_texts,
     with_likely_columns,
 )
 from bayes_toe.data.layouts import (
@@ -43,15 +42,16 @@ from bayes_toe.data.messages import describe_intervals, display_name, join_names
 from bayes_toe.data.options import COLUMNS, ReadOptions, changed, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
+    cells_of,
     direction,
+    missed_texts,
     require_task,
     responses,
     without_missed,
 )
-from bayes_toe.data.several_files import read_together
 from bayes_toe.data.stimulus_unit import LOG_UNITS, merge_rounded
 from bayes_toe.data.study import Study, Subject, units_by_subject
-from bayes_toe.data.study_file import study_source, table_files
+from bayes_toe.data.study_file import read_together, study_source, table_files
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     WHICH_STRONGER,
@@ -67,8 +67,11 @@ from bayes_toe.data.text_table import (
     TextTable,
 )
 from bayes_toe.data.trial_order import answers_in_order
+from bayes_toe.data.trial_rows import trial_rows
 from bayes_toe.data.units import REPEATED, follows_from_pairs, with_conditions, with_units
 from bayes_toe.data.validation import (
+    CONDITION_SEPARATOR,
+    MISSING_WORDS,
     ambiguous_number,
     bare_names,
     column_counts,
@@ -315,8 +318,9 @@ class _Rows:
 
     The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a
     column. `signs` are columns of keys and reaction times, where responses are scored right or
-    wrong. `stimuli` are the numbers in the columns of stimuli: s1 and s2, or the standard and the
-    comparison. `rounding` says which of them differed by rounding only.
+    wrong. `missed` says which texts of the response are none. `stimuli` are the numbers in the
+    columns of stimuli: s1 and s2, or the standard and the comparison. `rounding` says which of them
+    differed by rounding only.
     """
 
     table: TextTable
@@ -324,6 +328,7 @@ class _Rows:
     keys: list[FloatArray]
     options: ReadOptions
     signs: list[Column]
+    missed: list[str]
     stimuli: list[FloatArray]
     order: StandardOrder
     rounding: list[str]
@@ -455,19 +460,20 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
     table = read_table(
         path,
-        lambda names: _columns_looked_at(names, options),
+        lambda names: _known_names(names, options),
         LARGEST_STUDY,
         encoding=options.encoding,
         sheet=options.sheet,
     )
     if options.wide is not None:
         table = with_pairs(table, options)
+    _require_header(table, options)
     options = with_likely_columns(table.names, options)
     roles_read, problems, remedies = columns_to_read(
         table.names, options, _order_columns(table), is_frame=table.is_frame
     )
     table.require(problems, remedies)
-    table = _without_practice(_chosen_rows(table, options.where), options)
+    table = trial_rows(table, options, roles_read)
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     columns |= _marks(table)
     if options.subject_from is not None:
@@ -475,6 +481,13 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     else:
         columns["subject"] = bare_names(table, columns["subject"])
     signs = _response_signs(table, columns) if options.correct is not None else []
+    missed = list[str]()
+    for answer in columns.keys() & {"response", "correct"}:
+        column = columns[answer]
+        texts = missed_texts(column, options)
+        missed += cells_of(column, [text for text in texts if text.lower() not in MISSING_WORDS])
+        texts_left = ["" if text in texts else text for text in column.texts]
+        columns[answer] = Column.from_texts(column.name, texts_left, column.codes)
     columns = with_units(table, columns, options.categorical)
     stimuli = [columns[ours] for ours in options.stimuli]
     if table.grouping_sign and options.decimal is None:
@@ -488,7 +501,30 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     if "isi" in columns:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
-    return _Rows(table, columns, keys, options, signs, values, order, rounding)
+    return _Rows(table, columns, keys, options, signs, missed, values, order, rounding)
+
+
+def _require_header(table: TextTable, options: ReadOptions) -> None:
+    """Refuse a table whose names are a row of it: numbers, and no columns of stimuli."""
+    numbers_in_head = [name for name in table.names if math.isfinite(number(name, True))]
+    if len(numbers_in_head) > 1 and not {*map(options.name, options.stimuli)} & {*table.names}:
+        cells = join_names([*map(quoted, table.names)])
+        rule = "the names of the columns, such as subject, s1, s2, response"
+        raise InputError(
+            f"{table.source}: has no header: {table.head} holds {cells}; allowed: {rule}"
+        )
+
+
+def _nameless_doubts(subject: Column) -> list[str]:
+    """A doubt for each subject whose name may say that there is none."""
+    doubts = []
+    for code, text in enumerate(subject.texts):
+        name = text.partition(CONDITION_SEPARATOR)[0]
+        if name and name.lower() in MISSING_WORDS:
+            rows = plural(int(np.count_nonzero(subject.codes == code)), "row")
+            finding = f"{rows} of subject {quoted(text)}, which may mean that the name is missing"
+            doubts.append(f"{finding}; if so, --exclude {text}")
+    return doubts
 
 
 def _order_columns(table: TextTable) -> list[str]:
@@ -510,14 +546,18 @@ def _marks(table: TextTable) -> dict[str, Column]:
 
 
 def _response_signs(table: TextTable, columns: Mapping[str, Column]) -> list[Column]:
-    """Columns that are not read and show by an empty cell that nobody responded."""
+    """Columns that are not read and may show that nobody responded."""
     names_read = {column.name for column in columns.values()}
     other_columns = [column for name, column in table.columns.items() if name not in names_read]
-    return [column for column in other_columns if is_response_sign(column.name)]
+    return [
+        column
+        for column in other_columns
+        if is_response_sign(column.name) or is_missed_flag(column)
+    ]
 
 
-def _columns_looked_at(names: Sequence[str], options: ReadOptions) -> set[str]:
-    """The columns that tell something, of the names in a table."""
+def _known_names(names: Sequence[str], options: ReadOptions) -> set[str]:
+    """The columns that are read or choose rows, of the names in a table."""
     pairs = []
     if options.wide is not None:
         pairs = list(filter(pair_regex(options.wide).fullmatch, names))
@@ -525,13 +565,7 @@ def _columns_looked_at(names: Sequence[str], options: ReadOptions) -> set[str]:
             return set(names)
     likely = with_likely_columns(names, options)
     roles = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
-    chosen = {*roles, *_MARKS, *options.where, *pairs}
-    for name in names:
-        is_sign = options.correct is not None and is_response_sign(name)
-        is_mark = may_mark_practice(name) or looks_like(name, "condition")
-        if is_sign or is_mark or looks_like(name, "standard_interval"):
-            chosen.add(name)
-    return chosen & set(names)
+    return {*roles, *_MARKS, *options.where, *pairs} & set(names)
 
 
 def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> Column:
@@ -541,46 +575,6 @@ def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> C
         rule = f"a file named as --subject-from {pattern}"
         raise InputError(f"{table.source}: found no subject in its name, allowed: {rule}")
     return Column("subject", [subject], np.zeros(len(table.rows), np.int64))
-
-
-def _chosen_rows(table: TextTable, where: Mapping[str, str]) -> TextTable:
-    """The rows that have in all of these columns the text that is asked for."""
-    if not where:
-        return table
-    is_chosen_row = np.ones(len(table.rows), np.bool_)
-    for name, asked in where.items():
-        column = table.columns[name]
-        if asked not in column.texts:
-            location = f"{table.source}: column {display_name(name)}"
-            finding = f"found {join_names([*map(quoted, column.texts)])}"
-            rule = f"{quoted(asked)}, as --where has it, in some row"
-            raise InputError(f"{location}: {finding}, allowed: {rule}")
-        is_chosen_row &= column.codes == column.texts.index(asked)
-    if not is_chosen_row.any():
-        raise InputError(
-            f"{table.source}: found no row that is as --where has it in all of {', '.join(where)}"
-        )
-    return table.only(is_chosen_row)
-
-
-def _without_practice(table: TextTable, options: ReadOptions) -> TextTable:
-    """The table without rows that a column marks as practice, unless all are."""
-    if "practice" in options.ignore:
-        return table
-    chosen = {*options.where, options.name("condition")}
-    for name in table.columns:
-        if name in chosen or not may_mark_practice(name):
-            continue
-        column = table.columns[name]
-        practice = practice_texts(name, column.texts)
-        is_marked = column.map(practice.__contains__, np.bool_)
-        if not is_marked.any() or is_marked.all():
-            continue
-        rows = plural(int(is_marked.sum()), "row")
-        marks = join_names([*map(quoted, practice)])
-        note = f"{rows} left out as practice (column {display_name(name)}: {marks})"
-        table = replace(table.only(~is_marked), notes=(*table.notes, note))
-    return table
 
 
 def _require_decimal_sign(
@@ -650,6 +644,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     if not is_trials:
         notes += _merged_note(parts, subjects)
         doubts += _percentage_doubts(n)
+    doubts += _nameless_doubts(rows.subject)
     if "isi" in rows.columns:
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
         column = display_name(rows.columns["isi"].name)
@@ -708,7 +703,7 @@ def _percentage_doubts(n: IntArray) -> list[str]:
 def _trial_study(rows: _Rows, column: Column) -> Study:
     table = rows.table
     answers = responses(table, column, rows.options, rows.keys, rows.order)
-    answers, signs = without_missed(answers, column, rows.signs)
+    answers, signs = without_missed(answers, column, rows.signs, rows.options.missed)
     # Rows without an answer, such as instruction screens, may hold anything else.
     rows.require_pairs(answers.is_answered | answers.is_unscorable)
     table.problems.refuse()
@@ -719,10 +714,8 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
             "allowed: at least one answered trial"
         )
     notes = rows.layout("trial", answers.note)
-    if signs:
-        notes.append(f"no response where column {join_names([*map(display_name, signs)])} is empty")
     unanswered = ~answers.is_answered & ~answers.is_unscorable
-    notes += _dropped_note(rows, unanswered, "without a response")
+    notes += _dropped_note(rows, unanswered, "without a response", [*rows.missed, *signs])
     equal_stimuli = "with equal stimuli, of which no answer is right,"
     notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
     n_answered = np.bincount(rows.subject.codes, answers.is_answered, len(rows.subject.texts))
@@ -738,12 +731,18 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
     return _study(rows, notes, n_yes, n_trials, answers.task)
 
 
-def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str) -> list[str]:
-    """How many trials of each subject are dropped for a reason; nothing where none is."""
+def _dropped_note(
+    rows: _Rows, is_dropped: BoolArray, reason: str, cells: Sequence[str] = ()
+) -> list[str]:
+    """How many trials of each subject are dropped for a reason; nothing where none is.
+
+    `cells` are the texts that say so, with their columns.
+    """
     if not is_dropped.any():
         return []
     trials = plural(int(is_dropped.sum()), "trial")
-    return [f"{trials} {reason} dropped: {_listed_by_subject(rows, is_dropped)}"]
+    finding = f" ({', '.join(cells)})" if cells else ""
+    return [f"{trials} {reason} dropped{finding}: {_listed_by_subject(rows, is_dropped)}"]
 
 
 def _listed_by_subject(rows: _Rows, chosen: BoolArray) -> str:

@@ -10,6 +10,7 @@ import importlib.util
 import io
 import json
 import os
+import re
 import stat
 import tomllib
 import warnings
@@ -38,6 +39,7 @@ from bayes_toe.data.text_table import (
     decoded,
     from_single_precision,
     header_place,
+    n_chosen,
     name_places,
     read_csv,
     value_text,
@@ -52,12 +54,20 @@ LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
 _NOT_COMPUTED = NoValue(
     "found a formula without a value, allowed: a file that Excel has computed and saved"
 )
+#: Whether a line begins and ends as a list or a record.
+_ONE_VALUE = re.compile(r"\s*(?:\{.*\}|\[.*\])\s*").fullmatch
+#: How a text begins that is JSON, whatever its suffix: a record, or a list of records or lists.
+_JSON_START = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\[\s*[\[{]|\{)")
 _LARGEST_TOML = 2**16  # bytes; a complete prior file has some 2,000
+_TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+#: A cell, and a row, that have a place and nothing else.
+_BLANK_CELL = re.compile(rb'<c [^<>]*\br="[^<>]*/>')
+_BLANK_ROW = re.compile(rb'<row [^<>]*\br="(?:[^<>]*/>|[^<>]*></row>)')
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm")
 _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 #: Suffixes of tables. A file that is named and has another suffix is read as a text.
 TABLE_SUFFIXES = (
-    *(".csv", ".tsv", ".txt", ".dat"),
+    *_TEXT_SUFFIXES,
     *_EXCEL_SUFFIXES,
     *_JSON_SUFFIXES,
     *(".mat", ".parquet"),
@@ -130,7 +140,7 @@ def read_table(
         raise InputError(f"{name}: found --sheet {sheet}, allowed: with an Excel file")
     if suffix in _EXCEL_SUFFIXES:
         return _read_excel(name, data, choice, sheet)
-    if suffix in _JSON_SUFFIXES:
+    if suffix in _JSON_SUFFIXES or (suffix in _TEXT_SUFFIXES and _JSON_START.match(data)):
         return _read_json(name, data, choice, encoding)
     if suffix == ".parquet":
         return _read_parquet(name, data, choice)
@@ -186,13 +196,18 @@ def _table_of_texts(
     names: list[str],
     column_texts: Mapping[str, ColumnTexts],
     rows: Sequence[int],
+    choice: Choice,
     notes: Sequence[str] = (),
 ) -> TextTable:
-    """The table of texts by column; `head_words` are its source, form and head."""
+    """The table of texts by column; `head_words` are its source, form and head.
+
+    A cell without a text is a problem in the columns that are chosen.
+    """
     source, form, head = head_words
-    columns, problems = {}, Problems(source)
+    columns, problems, chosen = {}, Problems(source), choice(names)
     for name, (texts, lines) in column_texts.items():
-        problems.add(lines)
+        if name in chosen:
+            problems.add(lines)
         columns[name] = Column.from_texts(name, texts, range(len(texts)))
     row_numbers = np.array(rows, np.int64)
     return TextTable(form, "", head, names, columns, row_numbers, problems, tuple(notes))
@@ -203,13 +218,13 @@ def _read_frame(frame: Any, choice: Choice) -> TextTable:
     source = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
     names = [str(name).strip() for name in frame.columns]
     texts, rows = {}, range(len(frame))
-    for name, index in name_places(names, choice).items():
+    for name, index in name_places(names).items():
         series = frame.iloc[:, index] if hasattr(frame, "iloc") else frame.to_series(index)
         values = series.to_list()
         if str(series.dtype).lower() == "float32":
             values = from_single_precision(values)
         texts[name] = cell_texts(name, values, rows)
-    return _table_of_texts((source, source, "columns"), names, texts, rows)
+    return _table_of_texts((source, source, "columns"), names, texts, rows, choice)
 
 
 # --- Excel ---------------------------------------------------------------------------------------
@@ -226,7 +241,7 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
         if _is_filled(rows[i]):
             filled[i + 1] = rows[i]
     texts = {}
-    for name, index in name_places(names, choice).items():
+    for name, index in name_places(names).items():
         texts[name] = cell_texts(name, [cells[index] for cells in filled.values()], filled)
     notes = []
     if len(sheets) > 1:
@@ -235,7 +250,7 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     if any(map(_is_filled, rows[:first])):
         notes.append(f"rows above row {first + 1} left out")
     head = (source, EXCEL, f"row {first + 1}")
-    return _table_of_texts(head, names, texts, [*filled], notes)
+    return _table_of_texts(head, names, texts, [*filled], choice, notes)
 
 
 def _chosen_sheet(
@@ -252,7 +267,7 @@ def _chosen_sheet(
     n_names = {}
     for title, rows in sheets.items():
         _, names = _sheet_names(rows, choice)
-        n_names[title] = len(name_places(names, choice))
+        n_names[title] = n_chosen(names, choice)
     largest_count = max(n_names.values())
     tables = [title for title, count in n_names.items() if count == largest_count]
     if len(tables) > 1 and largest_count:
@@ -289,9 +304,10 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
             raise InputError(
                 f"{source}: found {unpacked} bytes unpacked, allowed: at most {LARGEST_STUDY}"
             )
+        compact = _without_formats(data)
         with warnings.catch_warnings(action="ignore"):
             values, formulas = (
-                load_workbook(io.BytesIO(data), read_only=True, data_only=is_value)
+                load_workbook(io.BytesIO(compact), read_only=True, data_only=is_value)
                 for is_value in (True, False)
             )
             sheets = {}
@@ -310,8 +326,22 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
     return sheets
 
 
+def _without_formats(data: bytes) -> bytes:
+    """A workbook without cells that have a format only, of which there may be millions."""
+    compact = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as book, zipfile.ZipFile(compact, "w") as saved:
+        for name in book.namelist():
+            part = book.read(name)
+            if name.startswith("xl/worksheets/"):
+                part = _BLANK_ROW.sub(b"", _BLANK_CELL.sub(b"", part))
+            saved.writestr(name, part)
+    return compact.getvalue()
+
+
 def _sheet_rows(with_values: Any, with_formulas: Any) -> list[list[Any]]:
     """The values of a sheet, row by row, all of one width."""
+    for sheet in (with_values, with_formulas):
+        sheet.reset_dimensions()  # a size that a program left may be smaller than the sheet
     rows = []
     pairs = zip(with_values.iter_rows(), with_formulas.iter_rows(), strict=True)
     for cells, formulas in pairs:
@@ -340,19 +370,32 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
     records = list(_json_records(source, _parse_json(source, text), {}))
     names = list(dict.fromkeys(key for record in records for key in record))
     texts, rows = {}, range(1, len(records) + 1)
-    for name in name_places(names, choice):
+    for name in names:
         texts[name] = cell_texts(name, [record.get(name) for record in records], rows)
-    return _table_of_texts((source, f"JSON, {label}", "keys"), names, texts, rows)
+    return _table_of_texts((source, f"JSON, {label}", "keys"), names, texts, rows, choice)
 
 
 def _parse_json(source: str, text: str) -> object:
     """The content of a file; numbers keep their text."""
-    load = partial(json.loads, parse_int=str, parse_float=str)
-    lines = [line for line in text.splitlines() if line.strip()]
+
+    def fields(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
+        record = {key.strip(): value for key, value in pairs}
+        if len(record) < len(pairs):
+            names = [key.strip() for key, _ in pairs]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError(
+                f"{source}: found the key {quoted(twice)} twice in a record, allowed: once"
+            )
+        return record
+
+    load = partial(json.loads, parse_int=str, parse_float=str, object_pairs_hook=fields)
+    lines = [line for line in re.split("[\r\n]+", text) if line.strip()]
     try:
-        if len(lines) > 1 and all(line.lstrip().startswith("{") for line in lines):
+        if len(lines) > 1 and all(map(_ONE_VALUE, lines)):
             return [load(line) for line in lines]
         return load(text)
+    except InputError:
+        raise
     except (ValueError, RecursionError) as error:
         raise InputError(
             f"{source}: found no JSON ({one_line(error)}), "
@@ -375,7 +418,7 @@ def _json_records(
         )
     fields = dict(shared)
     for key, item in value.items():
-        fields[str(key).strip()] = item
+        fields[key] = item
     lists = {key: item for key, item in fields.items() if isinstance(item, list)}
     lists_of_trials = [key for key, item in lists.items() if item and isinstance(item[0], dict)]
     if len(lists_of_trials) == 1:
@@ -394,10 +437,9 @@ def _json_records(
 def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     """Row 1 is the first trial."""
     columns = matlab_texts(source, data)
-    chosen = {name: columns[name] for name in name_places([*columns], choice)}
     texts, _ = next(iter(columns.values()))
     head = (source, "MATLAB", "variables")
-    return _table_of_texts(head, [*columns], chosen, range(1, len(texts) + 1))
+    return _table_of_texts(head, [*columns], columns, range(1, len(texts) + 1), choice)
 
 
 def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
@@ -411,7 +453,7 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
     try:
         table = pq.read_table(pa.BufferReader(data), page_checksum_verification=True)
         names, texts, rows = [*map(str.strip, table.column_names)], {}, range(1, table.num_rows + 1)
-        for name, index in name_places(names, choice).items():
+        for name, index in name_places(names).items():
             column = table.column(index)
             if pa.types.is_float32(column.type):
                 # In double precision 0.1 of single precision is another number.
@@ -430,7 +472,7 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
             f"{source}: found a damaged Parquet file ({one_line(error)}), "
             "allowed: one that a Parquet writer has finished"
         ) from None
-    return _table_of_texts((source, "Parquet", "schema"), names, texts, rows)
+    return _table_of_texts((source, "Parquet", "schema"), names, texts, rows, choice)
 
 
 def is_parquet(path: StrPath) -> bool:

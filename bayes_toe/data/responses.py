@@ -9,18 +9,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.data.column_roles import VOCABULARY, without_accents
-from bayes_toe.data.messages import display_name, join_names, quoted
+from bayes_toe.data.column_roles import TRUE_WORDS, VOCABULARY, is_missed_flag, without_accents
+from bayes_toe.data.messages import display_name, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import MISSING_WORDS, is_no_response
+from bayes_toe.data.validation import is_no_response, number
 from bayes_toe.errors import InputError, Remedy
 
 if TYPE_CHECKING:
@@ -42,7 +43,9 @@ _CODE_MEANINGS = {
     "second_code": "'the second was stronger' (2AFC)",
     "comparison_code": "'the comparison was stronger' (2AFC)",
 }
-_DIGIT = re.compile(r"(\d)[.,]0*")
+_WHOLE = re.compile(r"([-+]?\d+)[.,]0*")
+_ALL_WORDS = (*chain.from_iterable(_WORDS.values()), *VOCABULARY["stimuli"].values())
+_WRONG_BY_CHANCE = 0.01
 
 
 class Responses(NamedTuple):
@@ -90,6 +93,7 @@ def responses(
         if not has_scores:
             rule += f"; other codes by {_code_options(names, table.is_frame)}"
         table.fault(column, answer == _UNKNOWN, rule)
+        table.problems.remedies += _missed_remedies(column, answer)
     yes_texts = _as_answered(column, answer == _YES, names[0])
     no_texts = _as_answered(column, answer == _NO, names[1])
     note = f"responses {yes_texts} / {no_texts}"
@@ -101,6 +105,16 @@ def responses(
         is_yes = is_yes == (task.right(difference) > 0)
     is_answered &= ~is_unscorable
     return Responses(task, is_yes & is_answered, is_answered, is_unscorable, note)
+
+
+def _missed_remedies(column: Column, answer: IntArray) -> list[Remedy]:
+    """What to type if the only text that is no answer, beside both answers, is a missed trial."""
+    is_unknown = answer == _UNKNOWN
+    texts = column.only(is_unknown).texts
+    if len(texts) != 1 or not {_YES, _NO}.issubset(answer.tolist()):
+        return []
+    trials = plural(int(is_unknown.sum()), "trial")
+    return [Remedy("missed", texts[0], f"if nobody responded in these {trials}")]
 
 
 def _task_of_words(column: Column) -> Task:
@@ -174,31 +188,82 @@ def _english(word: str) -> str:
     return word
 
 
-def without_missed(
-    answers: Responses, column: Column, signs: Sequence[Column]
-) -> tuple[Responses, list[str]]:
-    """Responses without trials that nobody answered, and the columns that say so.
+def missed_texts(column: Column, options: ReadOptions) -> list[str]:
+    """The texts in a column of responses that say that nobody responded.
 
-    Experiment programs score a missed trial as wrong. An empty key or reaction time shows it: a
-    column is a sign where some of its cells are empty, and no response in these rows is right.
+    -1 is one, as jsPsych has it, beside two texts that are words or given codes.
     """
-    if not signs:
-        return answers, []
+    given = [*chain.from_iterable(map(options.codes, TASKS)), options.comparison_code]
+    codes = {_plain(code) for code in given if code is not None}
+    declared = {_plain(code) for code in options.missed}
+    texts, other_texts = [], []
+    for text in column.texts:
+        plain = _plain(text)
+        if plain in declared or (plain not in codes and is_no_response(plain)):
+            texts.append(text)
+        elif plain != "-1" or plain in codes:
+            other_texts.append(plain)
+    known_words = _RIGHT_WRONG if options.correct is not None else _ALL_WORDS
+    known = codes.union(*known_words)
+    if len(other_texts) > 1 and all(_english(text.lower()) in known for text in other_texts):
+        texts += [text for text in column.texts if _plain(text) == "-1" and text not in other_texts]
+    return texts
+
+
+def without_missed(
+    answers: Responses, column: Column, signs: Sequence[Column], declared: Sequence[str]
+) -> tuple[Responses, list[str]]:
+    """Responses without trials that nobody answered, and what says so.
+
+    Experiment programs score a missed trial as wrong. Its key, its reaction time or a column such
+    as `timed_out` shows it. `declared` are the texts that the options name.
+    """
     is_right = column.map(lambda text: _answer(text, (None, None), _RIGHT_WRONG) == _YES, np.bool_)
-    is_missed = np.zeros(len(answers.is_answered), np.bool_)
-    names = []
+    is_missed = np.zeros(len(is_right), np.bool_)
+    causes = []
     for sign in signs:
-        is_empty = sign.map(lambda text: text.lower() in MISSING_WORDS, np.bool_)
-        is_partly_empty = is_empty.any() and not is_empty.all()
-        if is_partly_empty and not (is_empty & is_right).any():
-            is_missed |= is_empty
-            names.append(sign.name)
+        texts = []
+        for text in sign.texts:
+            if text in declared or _shows_missed(sign, text, is_right):
+                texts.append(text)
+        is_missed |= sign.map(texts.__contains__, np.bool_)
+        causes += cells_of(sign, texts)
     remaining = answers._replace(
         is_yes=answers.is_yes & ~is_missed,
         is_answered=answers.is_answered & ~is_missed,
         is_unscorable=answers.is_unscorable & ~is_missed,
     )
-    return remaining, names
+    return remaining, causes
+
+
+def cells_of(column: Column, texts: Sequence[str]) -> list[str]:
+    """Texts and their column, as a note names them; nothing where there is no text."""
+    if not texts:
+        return []
+    shown_texts = [quoted(text) if text else "empty" for text in texts]
+    return [f"{join_names(shown_texts)} in column {display_name(column.name)}"]
+
+
+def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
+    """Whether a text in a column says that nobody responded, and no response beside it is right."""
+    word = _plain(text).lower()
+    if is_missed_flag(sign):
+        is_sign = word in TRUE_WORDS
+    else:
+        is_sign = is_no_response(word) or word in VOCABULARY["signs"]["missed"]
+    is_chosen = sign.codes == sign.texts.index(text)
+    if not is_sign or is_chosen.all() or (is_chosen & is_right).any():
+        return False
+    if word == "0":
+        return len(sign.texts) > 2  # of two keys it is one
+    if word not in VOCABULARY["signs"]["unclear"]:
+        return True
+    # A reaction time may be 999 ms: it is no sign beside others of its size, unless so many
+    # responses would not be wrong by chance.
+    is_as_large = sign.map(lambda other: number(other) > 0.1 * number(word), np.bool_)
+    share_wrong = 1.0 - is_right[~is_chosen].mean()
+    is_chance = share_wrong ** is_chosen.sum() > _WRONG_BY_CHANCE
+    return not (is_chance and (is_as_large & ~is_chosen).any())
 
 
 def _both_codes(
@@ -295,7 +360,7 @@ def _commonest_with(column: Column, texts: Sequence[str], trend: FloatArray) -> 
 
 def _plain(text: str) -> str:
     """A cell without what spreadsheets do to it: the decimals of 1.0 and 0,0."""
-    whole = _DIGIT.fullmatch(text)
+    whole = _WHOLE.fullmatch(text)
     return text if whole is None else whole[1]
 
 

@@ -1,28 +1,45 @@
-"""Study files: TOML with the data files of a study and the options to read them.
+"""The files of a study: study files in TOML, folders, and tables that are put together.
 
-`read_study_file` reads one, and `StudySource.text` makes one. `table_files` replaces a folder by
-the tables in it.
+`read_study_file` reads a study file, which names the data files and the options to read them, and
+`StudySource.text` makes one. `table_files` replaces a folder by the tables in it. `read_together`
+makes one study of several files. The answers of a subject who is in more than one file are put
+together, each file as a block.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import display_name, join_names, join_words, plural, quoted
+import numpy as np
+
+from bayes_toe.arrays import IntArray, StrPath
+from bayes_toe.data.answers import Answers, Reading
+from bayes_toe.data.messages import (
+    MAX_LINES,
+    TWICE,
+    display_name,
+    join_names,
+    join_words,
+    plural,
+    quoted,
+)
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_table import TABLE_SUFFIXES, toml_table
+from bayes_toe.data.study import Study, Subject, pooled
 from bayes_toe.errors import InputError
 
 SUFFIX = ".toml"
+_FEWEST = 20  # answers to one sequence of pairs that are not the same by chance
 _FORM = 'files = ["FILE.csv"] and options of `check`, as in second_code = "j"'
-_LISTS = ("files", "ignore", "swap", "exclude")
+_LISTS = ("files", "ignore", "missed", "swap", "exclude")
 _KINDS = {
     list: "a list of texts",
     dict: "a section of lines NAME = TEXT",
@@ -201,3 +218,209 @@ def _has_kind(value: object, kind: type) -> bool:
     elif isinstance(value, dict):
         texts = list(value.values())
     return all(isinstance(text, str) for text in texts)
+
+
+# --- A study in several files ---------------------------------------------------------------------
+
+
+def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
+    """The study in several files, or frames, each of which `read` reads.
+
+    A note that all files share appears once.
+
+    Raises
+    ------
+    InputError
+        If there is no file, a file is given twice, a file has problems, two files are of different
+        tasks, or only some files have intervals.
+    """
+    absolute_paths = [Path(path).absolute() for path in paths if isinstance(path, StrPath)]
+    if not paths:
+        raise InputError("files: found none, allowed: some")
+    for i, path in enumerate(absolute_paths):
+        if path in absolute_paths[:i]:
+            raise InputError(f"{display_name(path.name)}: found twice, allowed: each file once")
+    studies: list[Study] = []
+    faulty: list[InputError] = []
+    for path in paths:
+        folder = ""
+        if isinstance(path, StrPath):
+            folder = _distinguishing_folder(Path(path).absolute(), absolute_paths)
+        try:
+            study = read(path)
+            studies.append(replace(study, source=folder + study.source))
+        except InputError as error:
+            problems = [folder + problem for problem in error.problems]
+            faulty.append(InputError(problems, error.remedies))
+    if faulty:
+        raise _of_all_files(faulty)
+    return studies[0] if len(studies) == 1 else _together(studies)
+
+
+def _distinguishing_folder(path: Path, paths: Sequence[Path]) -> str:
+    """The folders that tell a file from those of the same name; empty without such files."""
+    folders = [other.parent.parts for other in paths if other.name == path.name]
+    if len(folders) == 1:
+        return ""
+    depth = 1
+    while len({parts[-depth:] for parts in folders}) < len(folders):
+        depth += 1
+    return "".join(f"{part}/" for part in path.parent.parts[-depth:])
+
+
+def _of_all_files(faulty: Sequence[InputError]) -> InputError:
+    """The first problems of all files; a question that several files have is asked once."""
+    if len(faulty) == 1:
+        return faulty[0]
+    alike = dict[str, list[str]]()
+    for error in faulty:
+        questions = {remedy.question for remedy in error.remedies}
+        for i, problem in enumerate(error.problems):
+            kind = problem
+            if i in questions:  # counts and the order of codes may differ
+                kind = "".join(sorted(re.sub(r"[\d,]", "", problem.partition(": ")[2])))
+            alike.setdefault(kind, []).append(problem)
+    problems = list[str]()
+    for first, *others in alike.values():
+        files = plural(len(others), "more file")
+        problems.append(f"{first} (and in {files})" if others else first)
+    if len(problems) > MAX_LINES:
+        problems = [*problems[:MAX_LINES], "... and more problems"]
+    return InputError(problems, faulty[0].remedies)
+
+
+def _together(studies: Sequence[Study]) -> Study:
+    """One study of the subjects of several."""
+    _require_alike(studies)
+    doubts = list(chain.from_iterable(study.reading.doubts for study in studies))
+    subjects, several = list[Subject](), list[str]()
+    for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
+        files = [study for study in studies if name in study.names]
+        doubts += _copies(name, _answers_by_file(name, files))
+        subjects.append(_subject_of_files(name, files))
+        if len(files) > 1:
+            several.append(f"{display_name(name)} {len(files)}")
+    notes = [*_common_notes(studies)]
+    if several:
+        count = plural(len(several), "subject")
+        notes.append(f"{count} in several files, put together: {join_names(several)}")
+    names = {}
+    for key in ("read", "ignored", "pooled", "codes"):
+        of_files = chain.from_iterable(getattr(study.reading, key) for study in studies)
+        names[key] = tuple(dict.fromkeys(of_files))
+    reading = Reading(**names, doubts=tuple(doubts))
+    source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
+    is_synthetic = all(study.synthetic for study in studies)
+    return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
+
+
+def _answers_by_file(name: str, studies: Sequence[Study]) -> list[tuple[str, Answers]]:
+    """The answers of a subject in each file that has them in order."""
+    answers = []
+    for study in studies:
+        in_order = study[name].answers
+        if in_order is not None:
+            answers.append((study.source, in_order))
+    return answers
+
+
+def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:
+    """A subject of one file or several."""
+    first = studies[0]
+    if len(studies) == 1:
+        return first[name]
+    answers = _answers_by_file(name, studies)
+    if len(answers) == len(studies):
+        return Subject.from_answers(name, _joined(answers), first.task, first.unit)
+    return pooled([study[name] for study in studies])
+
+
+def _require_alike(studies: Sequence[Study]) -> None:
+    """Refuse files of two tasks, and files of which only some have intervals."""
+    by_task = {study.task.name: study.source for study in studies}
+    if len(by_task) > 1:
+        (task, source), (other_task, other_source) = by_task.items()
+        raise InputError(
+            f"{other_source}: asked {other_task}, and {source} {task}; allowed: files of one task"
+        )
+    has_intervals = {bool(study.intervals): study.source for study in studies}
+    if len(has_intervals) > 1:
+        raise InputError(
+            f"{has_intervals[False]}: no column isi, which {has_intervals[True]} has; allowed: in "
+            "all files or in none"
+        )
+
+
+def _copies(name: str, answers: Sequence[tuple[str, Answers]]) -> Iterable[str]:
+    """Doubts about files that have the same answers of a subject, trial by trial."""
+    first_source: dict[tuple[bytes, bytes], str] = {}
+    for source, in_order in answers:
+        content = in_order.keys.tobytes(), in_order.n_yes.tobytes()
+        earlier = first_source.setdefault(content, source)
+        n_trials = len(in_order.n_yes)
+        if earlier != source and in_order.has_trial_rows and n_trials >= _FEWEST:
+            trials = f"{n_trials} trials of subject {display_name(name)}"
+            yield f"{source} has the same {trials} as {earlier}: {TWICE}, remove one file"
+
+
+def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
+    """Answers in the order of the files.
+
+    Files are blocks; a block of a file is one of its own, whose name begins with the file.
+    """
+    block_names = list[str]()
+    block_parts: list[IntArray] = []
+    place_parts: list[IntArray | None] = []
+    next_place = 0
+    for source, in_order in answers:
+        first_block = len(block_names)
+        if in_order.block is None:
+            block_names.append(source)
+            block_parts.append(np.full(len(in_order.n_trials), first_block))
+        else:
+            block_names += [f"{source}: {name}" for name in in_order.blocks]
+            block_parts.append(first_block + in_order.block)
+        if in_order.place is None:
+            place_parts.append(None)
+        else:
+            place = in_order.place - in_order.place[0] + next_place
+            place_parts.append(place)
+            next_place = place[-1] + 2  # the gap starts a session
+    files = [in_order for _, in_order in answers]
+    return Answers(
+        keys=np.concatenate([file.keys for file in files]),
+        n_yes=np.concatenate([file.n_yes for file in files]),
+        n_trials=np.concatenate([file.n_trials for file in files]),
+        block=np.concatenate(block_parts),
+        blocks=tuple(block_names),
+        has_trial_rows=all(file.has_trial_rows for file in files),
+        place=_concatenated(place_parts),
+        iti=_concatenated([file.iti for file in files]),
+    )
+
+
+def _concatenated(parts: Sequence[Any]) -> Any:
+    """The parts one after the other; None if a part is None."""
+    if any(part is None for part in parts):
+        return None
+    return np.concatenate(parts)
+
+
+def _common_notes(studies: Sequence[Study]) -> Iterable[str]:
+    """The notes of all files; notes that differ only in numbers become one."""
+    alike: dict[tuple[str, int], list[tuple[str, str]]] = {}
+    for study in studies:
+        forms = [re.sub(r"\d+", "0", note) for note in study.notes]
+        for i, note in enumerate(study.notes):
+            # Two notes of one file are about two columns.
+            form = forms[i], forms[:i].count(forms[i])
+            alike.setdefault(form, []).append((study.source, note))
+    for notes in alike.values():
+        source, note = notes[0]
+        is_one_note = len({note for _, note in notes}) == 1
+        if is_one_note and len(notes) == len(studies):
+            yield note
+        elif len(notes) == 1:
+            yield f"{source}: {note}"
+        else:
+            yield f"{len(notes)} files, such as {source}: {note}"

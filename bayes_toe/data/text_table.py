@@ -45,8 +45,13 @@ _MARKS = (
 _BYTES_LOOKED_AT = 2000  # that tell UTF-16 without a mark
 #: Records among which the names are looked for.
 MOST_RECORDS = 10
+_BATCH = 2**6  # records that are put into columns together
+#: A column that is not chosen and has more texts marks no rows, and is left out.
+_MOST_TEXTS = 2**14
 _MORE_NAMES = 2  # of ours in a record below the first one that has the names
 _DELIMITER_LINE = re.compile(r"\Asep=[,;\t]?(?=\r|\n)")
+#: NUL, and halves of characters, which no file can hold.
+_NO_TEXT = re.compile("[\0\ud800-\udfff]")
 _LAST_SPACES = re.compile(r" +(?=[\r\n]|\Z)")
 _TEXT_ALLOWED = "text in UTF-8 or UTF-16, or the encoding that --encoding names"
 # What the csv module says, and what we say.
@@ -84,10 +89,10 @@ class Column:
 
     def only(self, rows: BoolArray) -> Column:
         """The column of these rows, without the texts that only others have."""
-        codes, places = np.unique(self.codes[rows], return_inverse=True)
-        return Column(
-            self.name, [self.texts[code] for code in codes.tolist()], places.astype(np.int64)
-        )
+        codes = self.codes[rows]
+        is_used = np.bincount(codes, minlength=len(self.texts)) > 0
+        new_codes = np.cumsum(is_used) - 1
+        return Column(self.name, [*itertools.compress(self.texts, is_used)], new_codes[codes])
 
     def text(self, index: int) -> str:
         """The text of one row."""
@@ -113,7 +118,7 @@ def value_text(value: object) -> str | None:
     if isinstance(plain, float):
         return str(int(plain)) if plain.is_integer() else repr(plain)
     text = str(plain)
-    return None if "\0" in text else text
+    return None if _NO_TEXT.search(text) else text
 
 
 #: In the place of a row, for problems of a whole table; they are told first.
@@ -278,10 +283,17 @@ class TextTable:
             self.problems.add(lines, len(counts), "value")
 
 
-def name_places(names: Sequence[str], choice: Choice) -> dict[str, int]:
-    """The index of the first column of each chosen name."""
-    chosen = choice(names)
-    return {name: names.index(name) for name in dict.fromkeys(names) if name in chosen}
+def name_places(names: Sequence[str]) -> dict[str, int]:
+    """The index of the first column of each name."""
+    places = dict[str, int]()
+    for index, name in enumerate(names):
+        places.setdefault(name, index)
+    return places
+
+
+def n_chosen(names: Sequence[str], choice: Choice) -> int:
+    """How many of the distinct names are chosen."""
+    return len(set(names).intersection(choice(names)))
 
 
 # --- CSV ------------------------------------------------------------------------------------------
@@ -296,23 +308,32 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they
     # are.
     text = _DELIMITER_LINE.sub("", text, count=1)
-    delimiter, place, first_row, head = _find_names(source, text, choice)
-    problems, places = Problems(source), name_places(head, choice)
-    # Files of experiments are much wider than what is read of them, and most texts are there many
-    # times.
+    delimiter, place, first_row, head, cells_below = _find_names(source, text, choice)
+    n_names = len(head)
+    is_one_short = len(cells_below) == n_names + 1
+    has_row_names = is_one_short and cells_below[0].strip() == "1"
+    if has_row_names:  # as R writes them, without a name of their own
+        head = ["", *head]
+    problems, chosen = Problems(source), choice(head)
+    places = name_places(head)
     rows, codes = array("q"), {name: array("q") for name in places}
+    # Most texts are there many times.
     texts: dict[str, dict[str, int]] = {
         name: defaultdict(itertools.count().__next__) for name in places
     }
-    targets = [(codes[name].append, texts[name], column) for name, column in places.items()]
-    for row, record in itertools.islice(_records(text, delimiter), place + 1, None):
-        if isinstance(record, csv.Error) or len(record) != len(head):
-            is_listed = problems.count < MAX_LINES
-            problems.add([(row, _broken(row, record, len(head)))] if is_listed else [], 1)
-            continue
-        rows.append(row)
-        for append, code, column in targets:
-            append(code[record[column]])
+    records = itertools.islice(_records(text, delimiter), place + 1, None)
+    whole_records = _whole_records(records, len(head), problems)
+    while batch := list(itertools.islice(whole_records, _BATCH)):
+        rows.extend(row for row, _ in batch)
+        cells = list(zip(*(record for _, record in batch), strict=True))
+        for name, column in [*places.items()]:
+            codes[name].extend(map(texts[name].__getitem__, cells[column]))
+            if name and len(texts[name]) > _MOST_TEXTS and name not in chosen:
+                del places[name]
+    is_counted = not has_row_names or [*texts[""]] == [*map(str, range(1, len(rows) + 1))]
+    if not is_counted or (is_one_short and not rows and problems.count > 1):
+        finding = f"found {n_names} names above rows of {n_names + 1} cells"
+        raise InputError(f"{source}: row {first_row}: {finding}, allowed: a name for each column")
     columns = {name: Column.from_texts(name, texts[name], codes[name]) for name in places}
     notes = (f"rows above row {first_row} left out",) if place else ()
     row_numbers = np.array(rows, np.int64)
@@ -320,8 +341,22 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     return TextTable(label, delimiter, head_name, head, columns, row_numbers, problems, notes)
 
 
-def _find_names(source: str, text: str, choice: Choice) -> tuple[str, int, int, list[str]]:
-    """The delimiter, which record has the names, its physical row, and the names."""
+def _whole_records(
+    records: Iterable[tuple[int, list[str] | csv.Error]], width: int, problems: Problems
+) -> Iterator[tuple[int, list[str]]]:
+    """The records with as many cells as the header; the others are problems."""
+    for row, record in records:
+        if isinstance(record, csv.Error) or len(record) != width:
+            is_listed = problems.count < MAX_LINES
+            problems.add([(row, _broken(row, record, width))] if is_listed else [], 1)
+        else:
+            yield row, record
+
+
+def _find_names(
+    source: str, text: str, choice: Choice
+) -> tuple[str, int, int, list[str], list[str]]:
+    """The delimiter, which record has the names, its row, the names, and the cells below them."""
     best_fit = (-1, -1)
     best: tuple[str, int, list[tuple[int, list[str] | csv.Error]], list[str]]
     for delimiter in DELIMITERS:
@@ -332,22 +367,23 @@ def _find_names(source: str, text: str, choice: Choice) -> tuple[str, int, int, 
             names.append([cell.strip() for cell in cells])
         place = header_place(names, choice)
         head = names[place] if names else []
-        n_chosen = len(name_places(head, choice))
+        count = n_chosen(head, choice)
         n_cells = 0 if delimiter == " " else len(head)  # names may have spaces
-        if (n_chosen, n_cells) > best_fit:
-            best_fit, best = (n_chosen, n_cells), (delimiter, place, records, head)
+        if (count, n_cells) > best_fit:
+            best_fit, best = (count, n_cells), (delimiter, place, records, head)
     delimiter, place, records, head = best
     if not records:
         raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
     row, record = records[place]
     if isinstance(record, csv.Error):
         raise InputError(f"{source}: {_broken(row, record, 0)}")
-    return delimiter, place, row, head
+    below = [record for _, record in records[place + 1 : place + 2] if isinstance(record, list)]
+    return delimiter, place, row, head, next(iter(below), [])
 
 
 def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:
     """The index of the record with the names: the first, unless a later one is clearer."""
-    counts = [len(name_places(record, choice)) for record in names]
+    counts = [n_chosen(record, choice) for record in names]
     if not counts or counts[0] > 1:
         return 0
     largest_count = max(counts)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -268,7 +269,8 @@ def _read(path: StrPath, required: Sequence[str], optional: Sequence[str] = ()) 
         if count > 1
     ]
     table.require([*missing, *twice])
-    return table
+    columns = {name: column for name, column in table.columns.items() if name in counts}
+    return replace(table, columns=columns)
 
 
 def _numbers(table: TextTable, name: str, count: bool = False, gaps: bool = False) -> FloatArray:

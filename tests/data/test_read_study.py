@@ -474,12 +474,80 @@ a,0.3,0,0,,
 def test_missed_trials_that_are_scored_wrong_are_no_responses():
     study = read(MISSED, correct="correct")
     assert content(study) == BOTH_ORDERS
-    assert "no response where column key, rt is empty" in study.notes
-    assert "2 trials without a response dropped: a 2" in study.notes
-    # No sign: an empty cell beside a right response, a reaction time of 999 ms, no such column.
-    without_signs = "subject,s1,s2,correct\na,0,0.3,1\na,0,0.3,0\na,0.3,0,1\na,0.3,0,0\n"
-    for text in (MISSED.replace("0,,", "1,,"), MISSED.replace("0,,", "0,f,999"), without_signs):
-        assert read(text, correct="correct").subjects[0].total_trials == 4
+    cells = "empty in column key, empty in column rt"
+    assert f"2 trials without a response dropped ({cells}): a 2" in study.notes
+
+
+#: Columns beside `correct`, and what they say of trials that are answered and missed.
+SIGNS = [
+    *(("key", "j|l", text) for text in ("-1", "-99", "-999", "0", "[]", "timeout", "no response")),
+    *(("rt", ".6|.7", text) for text in ("-1", "-1.0", "0", "999", "inf", "None", "NA")),
+    *(("key_resp_2.rt", "743|820", text) for text in ("9999", "-1", "")),
+    *((name, "0|0", "1") for name in ("timed_out", "timeout", "missed", "noResponse", "too_late")),
+    ("Timed out", "no|no", "yes"),
+]
+#: The same where nothing shows a missed trial.
+NO_SIGNS = [
+    ("key", "1|1", "0"),
+    ("rt", "1400|1500", "999"),
+    ("rt", "2999|2998", "3000"),
+    ("start", "7|8", "0"),
+    ("timeout", "0|0", "3000"),
+]
+
+
+def scored(column, answered, missed, scores="00"):
+    """Trials that are scored right or wrong, the last ones with another cell in a column."""
+    first, second = answered.split("|")
+    rows = [f"subject,s1,s2,correct,{column}"]
+    for score in "1101":
+        rows += [f"a,0,0.3,{score},{first}", f"a,0.3,0,{score},{second}"]
+    for score in scores:
+        rows += [f"a,0,0.3,{score},{missed}", f"a,0.3,0,{score},{missed}"]
+    return "\n".join([*rows, ""])
+
+
+@pytest.mark.parametrize("column, answered, missed", SIGNS)
+def test_a_missed_trial_is_shown_by_any_usual_sign(column, answered, missed):
+    study = read(scored(column, answered, missed), correct="correct")
+    assert study["a"].total_trials == 8
+    (note,) = (note for note in study.notes if "dropped" in note)
+    shown = repr(missed) if missed else "empty"
+    assert note == f"4 trials without a response dropped ({shown} in column {column}): a 4"
+    # No response beside a sign is right.
+    right = read(scored(column, answered, missed, scores="11"), correct="correct")
+    assert right["a"].total_trials == 12
+
+
+@pytest.mark.parametrize("column, answered, missed", NO_SIGNS)
+def test_other_cells_beside_wrong_responses_show_no_missed_trial(column, answered, missed):
+    assert read(scored(column, answered, missed, "0"), correct="correct")["a"].total_trials == 10
+
+
+THREE_CODES = TRIALS + "a,0,0.3,39\na,0.3,0,37\na,0,0.3,{0}\na,0.3,0,{0}\n"
+
+
+def test_minus_one_beside_two_named_codes_is_a_missed_trial():
+    study = read(THREE_CODES.format("-1"), second_code="39", first_code="37")
+    assert content(study) == BOTH_ORDERS
+    assert "2 trials without a response dropped ('-1' in column response): a 2" in study.notes
+    assert content(read(TRIALS + "a,0,0.3,second\na,0.3,0,first\na,0,0.3,-1\n")) == BOTH_ORDERS
+    # It is an answer beside one code, and may be one beside others whose meaning is not known.
+    two_codes = TRIALS + "a,0,0.3,1\na,0.3,0,-1\n"
+    assert content(read(two_codes, second_code="1")) == BOTH_ORDERS
+    with pytest.raises(InputError):
+        read(two_codes + "a,0.3,0,0\n", second_code="1")
+
+
+def test_another_third_code_is_asked_for_and_may_be_declared():
+    codes = {"second_code": "39", "first_code": "37"}
+    text = THREE_CODES.format("0")
+    assert typed_remedies(text, **codes) == ["--missed 0"]
+    study = read(text, missed="0", **codes)
+    assert content(study) == BOTH_ORDERS
+    assert "2 trials without a response dropped ('0' in column response): a 2" in study.notes
+    keys = scored("key", "j|l", "x")
+    assert read(keys, correct="correct", missed=["y", "x"])["a"].total_trials == 8
 
 
 POINTS = "subject;i1;i2;response\na;850;1.050;second\na;1.050;850;first\n"

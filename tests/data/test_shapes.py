@@ -92,11 +92,7 @@ def excel(**sheets):
 
 def with_empty_texts(workbook):
     """A workbook as Excel saves it if all formulas give an empty text."""
-    data = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(workbook)) as book, zipfile.ZipFile(data, "w") as saved:
-        for name in book.namelist():
-            saved.writestr(name, re.sub(rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"', book.read(name)))
-    return data.getvalue()
+    return with_part(workbook, rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"')
 
 
 def matlab(variables):
@@ -193,6 +189,51 @@ WIDE = (
 )
 NO_RESPONSES = "NA|n/a||none|null|-99|999|.|timeout|no response"
 PRACTICE = [["P03", 0, 0.3, "second"]] * 8
+
+
+def marked(column, practice, main):
+    """Trials after eight rows of practice, which a column marks."""
+    return csv(with_rows(IN_LOGS, PRACTICE).assign(**{column: [practice] * 8 + [main] * 80}))
+
+
+def padded(table, **zeros):
+    """Trials of a session that was stopped, in a matrix of zeros."""
+    rows = pd.DataFrame({name: [0] * 20 for name in table.columns}).assign(**zeros)
+    return csv(pd.concat([table, rows]))
+
+
+def with_part(workbook, pattern, replacement):
+    """A workbook in which something is replaced."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(workbook)) as book, zipfile.ZipFile(data, "w") as saved:
+        for name in book.namelist():
+            saved.writestr(name, re.sub(pattern, replacement, book.read(name)))
+    return data.getvalue()
+
+
+NUMBERS = answered(IN_LOGS, 0, 1)
+#: Columns that mark practice, catch trials or instructions: texts of these and of other rows.
+PRACTICE_MARKS = [
+    ("test_part", "practice", "test"),
+    ("Procedure", "PracProc", "TrialProc"),
+    ("Running", "PracticeList", "TrialList"),
+    ("training", 1, 0),
+    ("is_training", "true", "false"),
+    ("PracticeMode", "yes", "no"),
+    ("exp_stage", "Training", "main"),
+    ("sender", "Practice trial", "Trial"),
+    ("blockcode", "practiceblock", "test"),
+    ("display", "Instructions", "Trial"),
+    ("mode", "demo", "real"),
+    ("catch", 1, 0),
+    ("trial_kind", "catch", "normal"),
+    ("Teil", "Übung", "Versuch"),
+    ("warm_up", "TRUE", "FALSE"),
+]
+JATOS = "\n".join(
+    json.dumps(json.loads(part.to_json(orient="records"))) for _, part in IN_LOGS.groupby("subject")
+)
+ROW_NAMES = IN_LOGS.set_axis(range(1, 81)).to_csv().removeprefix(",")
 
 #: Name, content, options, and the trials that are meant where these are not all.
 READ = {
@@ -297,6 +338,50 @@ READ = {
         csv(UNEQUAL[["subject", "s1", "s2", "correct"]]), {"correct": "correct"}, UNEQUAL,
     ),
     "missed_trials.csv": (csv(MISSED), {"correct": "correct"}, UNEQUAL),
+    **{
+        f"practice_{column}.csv": (marked(column, *texts), {})
+        for column, *texts in PRACTICE_MARKS
+    },
+    "trained.csv": (csv(IN_LOGS.assign(training=1)), {}),
+    "trained_group.csv": (csv(IN_LOGS.assign(training=[1] * 40 + [0] * 40)), {}),
+    "trained_groups.csv": (csv(IN_LOGS.assign(group=["training"] * 40 + ["control"] * 40)), {}),
+    "unfilled.csv": (padded(NUMBERS, subject="P12"), {"second_code": "1"}),
+    "unfilled_subject.csv": (
+        padded(NUMBERS.replace({"P03": "3", "P12": "12"})), {"second_code": "1"},
+    ),
+    "unfilled_grams.csv": (
+        padded(answered(IN_GRAMS, 37, 39).assign(rt=512), subject="P12"),
+        {**WEIGHTS, "second_code": "39", "first_code": "37"},
+    ),
+    "arrays_line_by_line.txt": (JATOS.encode(), {}),
+    "arrays_line_by_line.json": (JATOS.encode(), {}),
+    "separators.jsonl": (
+        "\n".join(
+            json.dumps({**record, "note": "a\u2028b\u0085c"}, ensure_ascii=False)
+            for record in RECORDS
+        ).encode(),
+        {},
+    ),
+    "row_names.csv": (ROW_NAMES.encode(), {}),
+    "row_names.txt": (ROW_NAMES.replace(",", " ").encode(), {}),
+    **{
+        f"size_{size.replace(':', '_')}.xlsx": (
+            with_part(excel(T=IN_LOGS), rb'(?<=<dimension ref=")[^"]*', size.encode()), {},
+        )
+        for size in ("A1", "A1:D21", "A1:C81", "D1:D81", "A50:D81", "A1:XFD1048576")
+    },
+    "formats.xlsx": (
+        with_part(
+            excel(T=IN_LOGS),
+            b"</sheetData>",
+            b"".join(
+                b'<row r="%d" s="1"><c r="A%d" s="1"/><c r="XFD%d" s="1"/></row>' % (row, row, row)
+                for row in range(100, 50_000)
+            )
+            + b"</sheetData>",
+        ),
+        {},
+    ),
     "more_columns.csv": (csv(IN_LOGS.assign(rt=0.5, confidence=3, index=range(80))), {}),
 }  # fmt: skip
 
@@ -307,16 +392,43 @@ NOTES = {
     "encoding.csv": "trial rows, comma-separated, mac_roman, ",
     "lines_above.csv": "rows above row 4 left out",
     "participant.csv": "column Participant ID read as subject",
+    **{
+        f"practice_{column}.csv": f"8 rows left out as practice (column {column}: '{text}')"
+        for column, text, _ in PRACTICE_MARKS
+    },
+    "unfilled.csv": "20 rows left out as unfilled (stimuli and response are 0 in the last rows): ",
     "lines.jsonl": "trial rows, JSON, UTF-8, ",
     "table.xlsx": "trial rows, Excel, ",
     "german.xlsx": "sheet Daten read, not Info",
     "title.xlsx": "rows above row 2 left out",
-    "missing_words.csv": "10 trials without a response dropped: P03 10",
+    "missing_words.csv": "10 trials without a response dropped ('-99', '999', '.', 'timeout', ",
 }
 
 #: Name, content, and parts of what is said, with the option that helps.
 REFUSED = {
-    "no_names.csv": (csv(IN_LOGS, header=False), ["--columns subject=NAME"]),
+    "no_names.csv": (csv(IN_LOGS, header=False), ["no_names.csv: has no header: row 1 holds 'P0"]),
+    "row_names_of_a_part.csv": (
+        IN_LOGS.set_axis(range(3, 83)).to_csv().removeprefix(",").encode(),
+        ["row 1: found 4 names above rows of 5 cells, allowed: a name for each column"],
+    ),
+    "one_name_too_few.csv": (
+        csv(IN_LOGS.assign(subject=1, trial=1)[["subject", "trial", "s1", "s2", "response"]])
+        .replace(b",trial", b"", 1),
+        ["row 1: found 4 names above rows of 5 cells, allowed: a name for each column"],
+    ),
+    "a_key_twice.json": (
+        b'[{"subject": "a", "s1": 0, "s2": 1, "response": "second", " response": "first"}]',
+        ["found the key 'response' twice in a record, allowed: once"],
+    ),
+    "half_a_character.json": (
+        json.dumps([*RECORDS[:2], {**RECORDS[2], "subject": "A\ud800"}]).encode(),
+        ["row 3, column subject: found 'A\\ud800' of type str"],
+    ),
+    "third_code.csv": (
+        csv(with_rows(answered(IN_LOGS, 37, 39), [["P03", 0, 0.3, 0]] * 3)),
+        ["--missed 0", "if nobody responded in these 3 trials"],
+        {"second_code": "39", "first_code": "37"},
+    ),
     "missing_cell.txt": (
         IN_LOGS.replace({"subject": {"P03": ""}}).to_string(index=False).encode(),
         ["row 2: found 3 cells, allowed: 4 cells as in the header"],
@@ -442,6 +554,9 @@ WARNED = {
         csv(STANDARD[STANDARD.w1 == 905][["subject", "s1", "s2", "response"]]),
         "in one order only",
     ),
+    "subject_na.csv": (
+        csv(IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70)), "10 rows of subject 'NA'",
+    ),
 }  # fmt: skip
 
 
@@ -489,6 +604,37 @@ def test_a_shape_that_needs_a_word_is_refused_with_it(name, tmp_path):
 def test_a_sheet_is_one_of_an_excel_file(tmp_path):
     result = check(tmp_path, "a.csv", csv(IN_LOGS), {"sheet": "A"})
     assert result.stderr == "error: a.csv: found --sheet A, allowed: with an Excel file\n"
+
+
+def test_practice_is_read_where_it_is_asked_for(tmp_path):
+    for name in ("practice_test_part.csv", "practice_catch.csv"):
+        content, _ = READ[name]
+        (tmp_path / name).write_bytes(content)
+        study = bt.read_study(tmp_path / name, bt.ReadOptions(ignore="practice"))
+        assert study["P03"].total_trials == 48
+
+
+def test_pairs_of_zeros_that_are_trials_stay():
+    rng = np.random.default_rng(1)
+    difference = np.repeat([1, 0], 30)
+    rows = {"subject": "a", "s1": difference, "s2": 0, "response": difference}
+    sorted_by_pair = bt.read_study(pd.DataFrame(rows), bt.ReadOptions(equal_code="0"))
+    few_zeros = pd.concat([NUMBERS, NUMBERS[:3].assign(subject="P12", s1=0, s2=0, response=0)])
+    assert sorted_by_pair["a"].total_trials == 60
+    study = bt.read_study(few_zeros, bt.ReadOptions(second_code="1"))
+    assert study["P12"].total_trials == 43
+    # A reaction time shows that a row is a trial.
+    timed = pd.concat([NUMBERS, NUMBERS[:20].assign(subject="P12", s1=0, s2=0, response=0)])
+    timed["rt"] = rng.integers(300, 900, len(timed))
+    study = bt.read_study(timed, bt.ReadOptions(second_code="1"))
+    assert study["P12"].total_trials == 60
+
+
+def test_both_columns_of_several_files_are_noted():
+    part = IN_GRAMS.rename(columns={"w1": "ms1", "w2": "ms2"})
+    options = bt.ReadOptions(intensity=500.0, columns={"i1": "ms1", "i2": "ms2"})
+    study = bt.read_study([part[:40], part[40:]], options)
+    assert {"column ms1 read as i1", "column ms2 read as i2"} <= {*study.notes}
 
 
 @pytest.mark.parametrize("name", WARNED)

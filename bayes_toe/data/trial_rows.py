@@ -1,0 +1,154 @@
+"""Rows of a table that are trials: those that options choose, without practice and unfilled rows.
+
+What is left out is counted in the notes of the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bayes_toe.arrays import BoolArray, IntArray
+from bayes_toe.data.column_roles import is_response_sign, practice_texts
+from bayes_toe.data.messages import display_name, join_names, plural, quoted
+from bayes_toe.data.options import ReadOptions
+from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.validation import is_no_response, number
+from bayes_toe.errors import InputError
+
+#: How probable a run of equal pairs of zeros is at most, if it is left out as unfilled.
+_RUN_BY_CHANCE = 1e-4
+
+
+def trial_rows(table: TextTable, options: ReadOptions, roles_read: Sequence[str]) -> TextTable:
+    """The table of the rows that are trials, or counts of trials.
+
+    `roles_read` are our names of the columns that are read.
+
+    Raises
+    ------
+    InputError
+        If no row has what `options.where` asks for.
+    """
+    table = _chosen_rows(table, options)
+    if "practice" not in options.ignore:
+        table = _without_practice(table, options, roles_read)
+    for answer in ("response", "correct"):
+        if answer in roles_read:
+            table = _without_unfilled(table, options, answer)
+    return table
+
+
+def _chosen_rows(table: TextTable, options: ReadOptions) -> TextTable:
+    """The rows that have in all of these columns the text that is asked for."""
+    if not options.where:
+        return table
+    is_chosen_row = np.ones(len(table.rows), np.bool_)
+    for name, asked in options.where.items():
+        column = table.columns[name]
+        if asked not in column.texts:
+            location = f"{table.source}: column {display_name(name)}"
+            finding = f"found {join_names([*map(quoted, column.texts)])}"
+            rule = f"{quoted(asked)}, as --where has it, in some row"
+            raise InputError(f"{location}: {finding}, allowed: {rule}")
+        is_chosen_row &= column.codes == column.texts.index(asked)
+    if not is_chosen_row.any():
+        asked_names = ", ".join(options.where)
+        raise InputError(
+            f"{table.source}: found no row that is as --where has it in all of {asked_names}"
+        )
+    return table.only(is_chosen_row)
+
+
+def _without_practice(
+    table: TextTable, options: ReadOptions, roles_read: Sequence[str]
+) -> TextTable:
+    """The table without rows that a column marks as practice.
+
+    Columns of subjects, stimuli, responses and conditions mark none. Nor does a column that says
+    the same of all rows of each subject: it names groups, such as trained subjects.
+    """
+    roles = {*roles_read} - {"session", "block", "trial"}
+    names_to_skip = {*options.where, *map(options.name, (*roles, "condition"))}
+    for name in table.columns:
+        if name in names_to_skip:
+            continue
+        column, subject = table.columns[name], _subject_codes(table, options)
+        practice = practice_texts(name, column.texts)
+        is_marked = column.map(practice.__contains__, np.bool_)
+        n_marked = np.bincount(subject, is_marked)
+        if np.isin(n_marked * (np.bincount(subject) - n_marked), 0).all():
+            continue
+        rows = plural(int(is_marked.sum()), "row")
+        marks = join_names([*map(quoted, practice)])
+        column_name = display_name(name)
+        note = f"{rows} left out as practice (column {column_name}: {marks})"
+        if not table.is_frame:
+            note += "; --ignore practice reads them"
+        table = replace(table.only(~is_marked), notes=(*table.notes, note))
+    return table
+
+
+def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> TextTable:
+    """The table without the last rows of a subject that are zero in stimuli and response.
+
+    A session that was stopped leaves such rows in a matrix of zeros that was made before it.
+    """
+    stimuli = [table.columns[options.name(ours)] for ours in options.stimuli]
+    is_zero = _is_zero(table, [*stimuli, table.columns[options.name(answer)]])
+    for name, column in table.columns.items():
+        if is_response_sign(name):  # a key or a reaction time shows a trial
+            is_zero &= _is_zero(table, [column]) | column.map(is_no_response, np.bool_)
+    subject = _subject_codes(table, options)
+    name = options.name("subject")
+    if name in table.columns:
+        # In a matrix the subject is zero, too: such rows are those of the subject before.
+        is_nobody = is_zero & _is_zero(table, [table.columns[name]])
+        if not np.isin(subject[~is_nobody], subject[is_nobody]).any():
+            rows = np.arange(len(subject))
+            subject = subject[np.maximum.accumulate(np.where(is_nobody, 0, rows))]
+    pair = np.column_stack([column.codes for column in stimuli])
+    is_unfilled, counts = np.zeros(len(subject), np.bool_), []
+    for code in np.unique(subject[is_zero]).tolist():
+        rows = np.flatnonzero(subject == code)
+        n_unfilled = _count_unfilled(is_zero[rows], pair[rows])
+        if n_unfilled:
+            is_unfilled[rows[-n_unfilled:]] = True
+            counts.append(f"{table.columns[name].text(rows[0])} {n_unfilled}")
+    if not counts:
+        return table
+    rows_left_out = plural(int(is_unfilled.sum()), "row")
+    reason = "as unfilled (stimuli and response are 0 in the last rows)"
+    note = f"{rows_left_out} left out {reason}: {join_names(counts)}"
+    return replace(table.only(~is_unfilled), notes=(*table.notes, note))
+
+
+def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
+    """How many of the last rows of a subject are zeros that are no trials.
+
+    Two stimuli of zero may be a pair like others. Their run at the end is unfilled if it is
+    improbable by how often a pair follows itself in the rows before. Rows that are sorted by pair
+    stay.
+    """
+    n_filled = int(np.flatnonzero(~is_zero).max(initial=-1)) + 1
+    n_zero = len(is_zero) - n_filled
+    is_repeat = (np.diff(pair[:n_filled], axis=0) == 0).all(axis=1)
+    share_repeated = (is_repeat.sum() + 1) / (n_filled + 1)
+    return n_zero if share_repeated ** (n_zero - 1.0) < _RUN_BY_CHANCE else 0
+
+
+def _subject_codes(table: TextTable, options: ReadOptions) -> IntArray:
+    """The code of the subject of each row; one subject where the file's name tells it."""
+    if options.subject_from is not None:
+        return np.zeros(len(table.rows), np.int64)
+    return table.columns[options.name("subject")].codes
+
+
+def _is_zero(table: TextTable, columns: Sequence[Column]) -> BoolArray:
+    """Whether the number in all of these columns is 0."""
+    is_zero = np.ones(len(table.rows), np.bool_)
+    for column in columns:
+        is_zero &= column.map(lambda text: number(text, table.decimal_comma) == 0, np.bool_)
+    return is_zero
