@@ -40,7 +40,6 @@ def test_the_trials_that_were_made_are_those_that_are_read(tmp_path):
     assert "trial" in study.reading.read
 
 
-@pytest.mark.xfail(strict=True, reason="micrometres in s1 and s2 are read as natural logs")
 def test_raw_micrometres_are_refused_with_a_unit(tmp_path):
     refusals, _ = first_hour.first_hour(tmp_path, first_hour.logs_by_mistake(tmp_path))
     (_, message), *_ = refusals

@@ -186,8 +186,8 @@ def require_logs(
     if pair is not None:
         row = int(table.rows[rows[pair]])
         location = f"row {row}, {location}"
-    table.problems.add([(row, f"{location}: found {sign}, allowed: natural logs")])
-    table.problems.remedies += intensity_remedies(np.append(first, second))
+    problem = f"{location}: found {sign}, allowed: natural logs"
+    table.problems.ask(problem, intensity_remedies(np.append(first, second)))
 
 
 # --- Pairs in the names of columns ----------------------------------------------------------------
