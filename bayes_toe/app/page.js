@@ -249,7 +249,7 @@ function showMeanings(responses, stimuli) {
 
 function collect() {
   const { automatic } = job.reading.table;
-  const options = {};
+  const options = job.options.missed ? { missed: job.options.missed } : {};
   const columns = {};
   const ignore = [];
   const name = (role, value) => {
@@ -364,6 +364,7 @@ function remedyText({ option, value, meaning }) {
   const texts = {
     sheet: `sheet ${value}`,
     correct: `column ${value} says right or wrong`,
+    missed: `${value} means: nobody responded`,
     intensity: "they are intensities, not logarithms",
     standard_interval: `column ${value} says whether the standard was first (1) or second (2)`,
     standard_first: "the standard was first in all trials",
@@ -391,6 +392,7 @@ function apply({ option, value }) {
   if (option === "columns") options.columns = { ...options.columns, ...Object.fromEntries(value.filter(isNamed)) };
   else if (option === "standard_first") options.standard_first = true;
   else if (option === "intensity") toIntensities(options);
+  else if (option === "missed") options.missed = [...(options.missed ?? []), value];
   else options[option] = value;
   if (option === "correct" || option === "intensity" || option.startsWith("standard")) kinds = {};
   if (option === "correct") for (const meaning of Object.keys(MEANINGS)) delete options[`${meaning}_code`];
