@@ -414,13 +414,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     else:
         columns["subject"] = bare_names(table, columns["subject"])
     signs = _response_signs(table, columns) if options.correct is not None else []
-    missed = list[str]()
-    for answer in columns.keys() & {"response", "correct"}:
-        column = columns[answer]
-        texts = missed_texts(column, options)
-        missed += cells_of(column, [text for text in texts if text.lower() not in MISSING_WORDS])
-        texts_left = ["" if text in texts else text for text in column.texts]
-        columns[answer] = Column.from_texts(column.name, texts_left, column.codes)
+    missed = _blank_missed(columns, options)
     columns = with_units(table, columns, options.categorical)
     stimuli = [columns[ours] for ours in options.stimuli]
     if table.grouping_sign and options.decimal is None:
@@ -434,6 +428,18 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
     return _Rows(table, columns, keys, options, signs, missed, values, order)
+
+
+def _blank_missed(columns: dict[str, Column], options: ReadOptions) -> list[str]:
+    """Make responses empty that say that nobody responded, and return what they say."""
+    cells = list[str]()
+    for answer in columns.keys() & {"response", "correct"}:
+        column = columns[answer]
+        texts = missed_texts(column, options)
+        cells += cells_of(column, [text for text in texts if text.lower() not in MISSING_WORDS])
+        other_texts = ["" if text in texts else text for text in column.texts]
+        columns[answer] = Column.from_texts(column.name, other_texts, column.codes)
+    return cells
 
 
 def _require_header(table: TextTable, options: ReadOptions) -> None:
