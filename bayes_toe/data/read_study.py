@@ -60,10 +60,9 @@ from bayes_toe.data.text_table import (
     TextTable,
 )
 from bayes_toe.data.trial_order import answers_in_order
-from bayes_toe.data.trial_rows import trial_rows
+from bayes_toe.data.trial_rows import nameless_doubts, trial_rows
 from bayes_toe.data.units import follows_from_pairs, with_conditions, with_units
 from bayes_toe.data.validation import (
-    CONDITION_SEPARATOR,
     MISSING_WORDS,
     ambiguous_number,
     bare_names,
@@ -453,18 +452,6 @@ def _require_header(table: TextTable, options: ReadOptions) -> None:
         )
 
 
-def _nameless_doubts(subject: Column) -> list[str]:
-    """A doubt for each subject whose name may say that there is none."""
-    doubts = []
-    for code, text in enumerate(subject.texts):
-        name = text.partition(CONDITION_SEPARATOR)[0]
-        if name and name.lower() in MISSING_WORDS:
-            rows = plural(int(np.count_nonzero(subject.codes == code)), "row")
-            finding = f"{rows} of subject {quoted(text)}, which may mean that the name is missing"
-            doubts.append(f"{finding}; if so, --exclude {text}")
-    return doubts
-
-
 def _marks(table: TextTable) -> dict[str, Column]:
     """The columns that tell something of the whole file."""
     columns = {mark: table.columns[mark] for mark in _MARKS if mark in table.columns}
@@ -571,7 +558,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     if not is_trials:
         notes += _merged_note(parts, subjects)
         doubts += _percentage_doubts(n)
-    doubts += _nameless_doubts(rows.subject)
+    doubts += nameless_doubts(rows.subject)
     if "isi" in rows.columns:
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
         column = display_name(rows.columns["isi"].name)
