@@ -72,6 +72,12 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     return alternatives
 
 
+def log_bayes_factor(changed: Subject, subject: Subject) -> float:
+    """The log Bayes factor of changed responses against the responses as they are, in nats."""
+    evidences = _log_evidence([changed, subject])
+    return float(evidences[0] - evidences[1])
+
+
 def _is_doubtful(subject: Subject) -> bool:
     """Whether the responses do not clearly change with s2 - s1 as the task expects."""
     difference = subject.s2 - subject.s1

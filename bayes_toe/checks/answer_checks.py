@@ -28,7 +28,11 @@ from scipy.special import logit, logsumexp
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.checks.alarm_rate import flag_limit, refusal_limit, simulated_p_value
-from bayes_toe.checks.alternative_models import Alternatives, compare_alternatives
+from bayes_toe.checks.alternative_models import (
+    Alternatives,
+    compare_alternatives,
+    log_bayes_factor,
+)
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.messages import cli_argument, describe_p_value, display_name, join_words, plural
 from bayes_toe.data.study import Study, Subject, require_study
@@ -73,6 +77,7 @@ _REPEAT_NATS = 12.0  # of equal answers that cannot be a coincidence in one subj
 _SELDOM = 0.15  # share of a response that a large constant error leaves, whatever the pair
 #: Logits by which a block's answers may differ from those of the others, with Laplace's prior.
 _MOVES = np.linspace(-6.0, 6.0, 25)
+_SURELY_SWAPPED = 5.0  # nats by which a block agrees with the others only if it is swapped
 _LIKELY_SWAPPED = 2.0  # nats, of a block where another one is surely swapped
 _TILT_SCALE = 0.75  # of such moves at the largest s2 - s1
 _TILTS = _TILT_SCALE * _MOVES
@@ -152,11 +157,7 @@ def check_answers(study: Study) -> tuple[Finding, ...]:
     for subject in study:
         if subject.name in other_task:
             findings.append(other_task[subject.name])
-        of_subject = [*_subject_findings(subject, len(study))]
-        findings += of_subject
-        has_swapped_blocks = any(finding.code == "swapped_blocks" for finding in of_subject)
-        if subject.name in alternatives and not has_swapped_blocks:
-            findings += _explained_otherwise(subject, alternatives[subject.name], len(study))
+        findings += subject_findings(subject, len(study), alternatives.get(subject.name))
     return tuple(findings)
 
 
@@ -165,7 +166,22 @@ def uninterpretable_findings(study: Study) -> list[Finding]:
     return [finding for finding in check_answers(study) if not finding.is_interpretable]
 
 
-def _subject_findings(subject: Subject, n_subjects: int) -> Iterator[Finding]:
+def subject_findings(
+    subject: Subject, n_subjects: int, alternatives: Alternatives | None
+) -> list[Finding]:
+    """Findings about the responses of one subject in a study of so many.
+
+    `alternatives` are other explanations of the responses; None where there is no doubt.
+    """
+    findings = [*_findings_by_trial(subject, n_subjects)]
+    # Swapped blocks explain what else may be found.
+    has_swapped_blocks = any(finding.code == "swapped_blocks" for finding in findings)
+    if alternatives is not None and not has_swapped_blocks:
+        findings += _explained_otherwise(subject, alternatives, n_subjects)
+    return findings
+
+
+def _findings_by_trial(subject: Subject, n_subjects: int) -> Iterator[Finding]:
     answers = None if subject.answers is None else subject.answers.answered
     if answers is not None and answers.has_trial_rows:
         yield from _repeated_trials(subject, answers, n_subjects)
@@ -182,7 +198,7 @@ def _subject_findings(subject: Subject, n_subjects: int) -> Iterator[Finding]:
     swapped_blocks = _swapped_blocks(subject, answers, n_subjects)
     if swapped_blocks is not None:
         yield swapped_blocks
-        return  # which explains what else may be found
+        return
     level = 0.5 * flag_limit(n_subjects)  # of each of two tests
     yield from _unlike_blocks(subject, answers, level)
     if answers.has_trial_rows:
@@ -280,16 +296,18 @@ def _explained_otherwise(
         yield Finding(subject.name, "independent_answers", message)
 
 
+def has_other_task(alternatives: Alternatives, task: Task) -> bool:
+    """Whether the other task explains the responses of a subject best, and far better."""
+    return max(alternatives) == alternatives.other_task > OTHER_TASK[task]
+
+
 def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[str, Finding]:
     """Findings by subject, if more than half of the subjects seem to answer the other task.
 
     In 'same or different?', a large constant error that all subjects share looks like 2AFC. So
     there it is a flag of these subjects, and in 2AFC every subject is refused.
     """
-    names = []
-    for name, log_bayes_factors in alternatives.items():
-        if max(log_bayes_factors) == log_bayes_factors.other_task > OTHER_TASK[study.task]:
-            names.append(name)
+    names = [name for name in alternatives if has_other_task(alternatives[name], study.task)]
     if len(names) <= 0.5 * len(study):
         return {}
     subjects = f"{len(names)} of {plural(len(study), 'subject')}"
@@ -392,12 +410,16 @@ def _swapped_blocks(subject: Subject, answers: Answers, n_subjects: int) -> Find
     informative = table.informative()
     if informative.freedom == 0:
         return None
-    difference = pairs[:, 1] - pairs[:, 0]
-    limit = refusal_limit(n_subjects * table.n.shape[1])
-    swapped = _find_swapped(table, subject.task, difference, limit)
+    swapped = _find_swapped(table, subject.task, pairs[:, 1] - pairs[:, 0])
+    if not swapped.any() or swapped.all():  # all blocks alike are no matter of blocks
+        return None
     after = _turned(table, swapped).informative()
     # Turning swapped blocks removes most of what blocks differ by.
-    if not swapped.any() or after.ratio - 1.0 >= 0.5 * max(0.0, informative.ratio - 1.0):
+    if after.ratio - 1.0 >= 0.5 * max(0.0, informative.ratio - 1.0):
+        return None
+    rows = np.isin(answers.block, np.flatnonzero(swapped))
+    changed = Subject.from_answers(subject.name, answers.swapped(rows), subject.task)
+    if log_bayes_factor(changed, subject) <= refusal_limit(n_subjects * len(swapped)):
         return None
     blocks = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
     noun = "block" if len(blocks) == 1 else "blocks"
@@ -430,9 +452,7 @@ def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
     return AnswerTable(table.n, np.where(is_turned, table.n - table.k, table.k))
 
 
-def _find_swapped(
-    table: AnswerTable, task: Task, difference: FloatArray, limit: float
-) -> BoolArray:
+def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> BoolArray:
     """Blocks whose answers agree with those of the others only if they are swapped.
 
     A block is first turned if its counted answers are rarer where the task expects them more
@@ -444,7 +464,7 @@ def _find_swapped(
     candidates = _camp_that_leans_wrongly(table, lean)
     # Another point of subjective equality tilts the answers 'equal'.
     tilt = difference if task == SAME_DIFFERENT else np.zeros(len(difference))
-    return _surely_swapped(table, candidates, tilt, limit)
+    return _surely_swapped(table, candidates, tilt)
 
 
 def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
@@ -462,16 +482,14 @@ def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
     return ~is_turned if leans_wrongly else is_turned
 
 
-def _surely_swapped(
-    table: AnswerTable, candidates: BoolArray, tilt: FloatArray, limit: float
-) -> BoolArray:
-    """The candidates that are likely swapped; none if no candidate is beyond the limit, nats."""
+def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray) -> BoolArray:
+    """The candidates that are likely swapped; none if no candidate is surely swapped."""
     none = np.zeros_like(candidates)
     while candidates.any():
         gain = _swap_gain(_turned(table, candidates), tilt)
         likely: BoolArray = candidates & (gain > _LIKELY_SWAPPED)
         if np.array_equal(likely, candidates):
-            return candidates if gain[candidates].max() > limit else none
+            return candidates if gain[candidates].max() > _SURELY_SWAPPED else none
         candidates = likely
     return none
 
