@@ -24,6 +24,7 @@ ENTRIES = {
     "Report it": ("docs/report_it.md",),
     "Validation": (
         "docs/validation.md",
+        "docs/alarms.md",
         "docs/calibration.md",
         "docs/calibration_order.md",
         "docs/error_bars.md",
@@ -42,6 +43,7 @@ ENTRIES = {
 }
 #: Pages whose tables scripts make.
 MADE_TABLES = (
+    "docs/alarms.md",
     "docs/calibration.md",
     "docs/calibration_order.md",
     "docs/error_bars.md",

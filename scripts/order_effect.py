@@ -27,8 +27,9 @@ from scipy.special import expit, log_ndtr, logit, ndtr, ndtri
 from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
 from bayes_toe.answers.order_effect import QUESTIONS, order_effect
 from bayes_toe.answers.words import Word
+from bayes_toe.checks.answer_checks import answer_flags
 from bayes_toe.checks.identification import Identification
-from bayes_toe.data.study import Subject
+from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.inference.order_evidence import Precision, order_evidence
 from bayes_toe.model.observer import JND_OVER_NOISE
@@ -141,10 +142,12 @@ def repelled(design: Design, seed: int) -> Iterator[tuple[Subject, Truth]]:
 def judged(design: Design, made: list[tuple[Subject, Truth]], seed: int) -> pd.DataFrame:
     """A row for every observer: truth, probabilities, words, intervals."""
     everything = Identification(True, True, True, {})
-    evidences = order_evidence([subject for subject, _ in made], seed)
+    subjects = [subject for subject, _ in made]
+    evidences = order_evidence(subjects, seed)
+    all_flags = answer_flags(Study(tuple(subjects)))
     rows = []
-    for (subject, truth), evidence in zip(made, evidences, strict=True):
-        answer = order_effect(evidence, everything)
+    for (subject, truth), evidence, flags in zip(made, evidences, all_flags, strict=True):
+        answer = order_effect(evidence, everything, flags)
         row: dict[str, object] = {
             "design": design.name,
             "observer": subject.name,
@@ -181,7 +184,8 @@ def has_effect(table: pd.DataFrame, question: str) -> pd.Series:
 def words_table(table: pd.DataFrame) -> pd.DataFrame:
     """How often each word was given, and how often it was right."""
     rows = []
-    for word in (Word.YES, Word.PROBABLY, Word.NO, Word.PROBABLY_NOT, Word.UNDECIDED):
+    undecided = (Word.UNDECIDED, Word.NOT_INTERPRETABLE)
+    for word in (Word.YES, Word.PROBABLY, Word.NO, Word.PROBABLY_NOT, *undecided):
         row: dict[str, object] = {"word": word.value}
         for question in QUESTIONS:
             given = table[table[f"word_{question}"] == word.value]
@@ -189,7 +193,7 @@ def words_table(table: pd.DataFrame) -> pd.DataFrame:
             if not word.is_positive:
                 is_right = ~is_right
             row[question] = f"{len(given)}"
-            if word is not Word.UNDECIDED:
+            if word not in undecided:
                 row[question] = f"{int(is_right.sum())}/{len(given)}"
         rows.append(row)
     return pd.DataFrame(rows)

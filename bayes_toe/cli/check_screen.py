@@ -82,6 +82,12 @@ def answer_of_check(
     lines = _limits_of_design(study, findings)
     if common_scales(*study) is None:
         return lines, []
+    if any(finding.code == "other_task" for finding in findings):
+        codes = [f"--equal-code {cli_argument(code)}" for code in study.reading.codes]
+        decision = "All subjects need a decision: was the task 'same or different?'"
+        if codes:
+            decision += f" If so, type {' or '.join(codes)} in place of the present codes."
+        return [*lines, decision], []
     options = []
     for of_subject in by_subject.values():
         options += [finding.option for finding in of_subject if finding.option][:1]

@@ -264,6 +264,19 @@ def test_a_decision_that_was_made_stays(answer_of_check):
     assert "bayes-toe run s.toml --prior paper --swap D" in text
 
 
+def test_where_the_task_is_another_one_nobody_is_analysed(tmp_path):
+    rng = np.random.default_rng(3)
+    rows = ["subject,s1,s2,response"]
+    for subject, pair in product("AB", product(range(4), repeat=2)):
+        p_equal = 0.9 * np.exp(-((pair[1] - pair[0]) ** 2))
+        for is_equal in rng.random(30) < p_equal:
+            rows.append(f"{subject},{0.2 * pair[0]:.1f},{0.2 * pair[1]:.1f},{is_equal:d}")
+    (tmp_path / "study.csv").write_text("\n".join(rows), encoding="utf-8")
+    screen = " ".join(good("check study.csv --second-code 1", cwd=tmp_path).split())
+    assert "All subjects need a decision: was the task 'same or different?'" in screen
+    assert "No subject needs a decision" in good("check study.csv --equal-code 1", cwd=tmp_path)
+
+
 def test_where_nothing_can_be_analysed_no_command_is_proposed(answer_of_check):
     sentence = "Without the subjects that need a decision, no subject is left."
     assert answer_of_check("A,0,0.3,1,1").endswith(sentence)

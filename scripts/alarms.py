@@ -1,0 +1,457 @@
+"""How often each alarm is raised: in sound studies, for faults, and for observers of ten kinds.
+
+    python scripts/alarms.py -o docs --seed 2611
+
+It writes alarms.md. Sound observers follow the four models: 10 to 28 neighbouring pairs, 12 or 40
+trials each in five blocks, noise of .6, 1.8 or 4 steps of a pair, constant errors of up to 2.5
+steps, contractions of -.4 to .65, lapses of up to 8 %. The observers of the ten kinds answer in
+studies of 12, whose limits are those of a user's study.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import binom
+
+from bayes_toe.answers.order_effect import OrderEffect, best_model_fit, order_effect
+from bayes_toe.answers.serial_screen import serial_screen
+from bayes_toe.arrays import FloatArray, IntArray, Rng
+from bayes_toe.checks.alarm_rate import flag_limit
+from bayes_toe.checks.alternative_models import Alternatives, compare_alternatives
+from bayes_toe.checks.answer_checks import has_other_task, subject_findings
+from bayes_toe.checks.identification import identify
+from bayes_toe.data.answers import Answers
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from bayes_toe.design.observers import Observer, parameter_names
+from bayes_toe.inference.order_evidence import MODEL_NAMES, Precision, order_evidence
+from bayes_toe.model.observer import OrderModel
+
+STEP = 0.25
+N_BLOCKS = 5
+STUDIES = (1, 12, 40, 200)  # subjects
+STUDY_OF_KINDS = 12
+TASKS = (WHICH_STRONGER, SAME_DIFFERENT)
+DESIGNS = tuple(product((6, 10), (12, 40), (0.6, 1.8, 4.0)))  # levels, trials, noise
+KINDS = (
+    *("clean", "lapses of 8 %", "lapses to one response", "heavy tails", "noise by intensity"),
+    *("learning", "previous response", "wandering criterion", "recent stimuli"),
+    "scatter between pairs",
+)
+#: Constant error in steps and contraction of the observers of a kind, which take turns.
+EFFECTS = ((0.0, 0.0), (0.0, 0.0), (0.6, 0.0), (0.0, 0.3), (0.0, 0.65), (0.0, -0.4))
+FAULTS = ("guesses", "swapped keys", "one swapped block", "other task", "repeated trials")
+#: Names of the alarms of the page, and how they act.
+ALARMS = {
+    "reversed_answers": ("keys look swapped", "refuses the subject; `--swap`"),
+    "swapped_blocks": ("keys look swapped in blocks", "refuses the subject; `--swap`"),
+    "repeated_trials": ("trials are repeated", "refuses the subject; remove the copies"),
+    "other_task": ("another task than 2AFC", "refuses the study"),
+    "like_2afc": ("2AFC, or a large constant error", "marks these subjects"),
+    "independent_answers": ("responses say little about the stimuli", "marks the subject"),
+    "time": ("blocks differ, responses drift", "marks the subject"),
+    "fit_p": ("the model does not fit", "marks the subject"),
+    "history_p": ("depends on the previous trial", "marks the subject"),
+    "moving_criterion_p": ("the criterion wanders", "marks the subject"),
+}
+P_VALUES = ("fit_p", "history_p", "moving_criterion_p")
+_SHORT_NAMES = {
+    "time": "blocks, drift",
+    "moving_criterion_p": "criterion",
+    "history_p": "previous trial",
+    "fit_p": "fit",
+}
+_TIME = ("block_dispersion", "drift")
+_PRECISION = Precision(standard_error=0.2, effective_draws=100.0, most_draws=1000)
+
+
+# --- Observers -----------------------------------------------------------------------------------
+
+
+def pairs(task: Task, n_levels: int) -> FloatArray:
+    """Neighbouring levels in both orders, of 'same or different' the equal pairs too."""
+    levels = STEP * np.arange(n_levels)
+    low, high = levels[:-1], levels[1:]
+    rows = [np.column_stack([low, high]), np.column_stack([high, low])]
+    if task == SAME_DIFFERENT:
+        rows.append(np.column_stack([levels, levels]))
+    return np.concatenate(rows)
+
+
+def sound_parameters(task: Task, noise: float, rng: Rng) -> dict[str, Any]:
+    """An observer of one of the four models."""
+    values: dict[str, Any] = dict.fromkeys(parameter_names(task), 0.0)
+    values["noise"] = noise * STEP * np.exp(rng.normal(0.0, 0.25))
+    values["lapse_rate"] = rng.choice([0.0, 0.03, 0.08])
+    values["noise_slope"] = rng.choice([0.0, 0.15]) * rng.normal()
+    if rng.random() < 0.5:
+        values["constant_error"] = rng.choice([-2.5, -1.0, 0.3, 1.6]) * STEP
+    if rng.random() < 0.5:
+        values["contraction"] = rng.choice([-0.4, 0.15, 0.3, 0.65])
+    if task == SAME_DIFFERENT:
+        values["q0"] = rng.uniform(0.7, 0.97)
+    return values
+
+
+def kind_parameters(kind: str, task: Task, effects: tuple[float, float], rng: Rng) -> Any:
+    """An observer of one of the ten kinds, with a constant error in steps and a contraction."""
+    values: dict[str, Any] = dict.fromkeys(parameter_names(task), 0.0)
+    values["noise"] = 0.8 * STEP * np.exp(rng.normal(0.0, 0.2))
+    values["lapse_rate"] = 0.08 if kind == "lapses of 8 %" else 0.02
+    values["noise_slope"] = 0.55 if kind == "noise by intensity" else 0.0
+    values["constant_error"] = effects[0] * STEP * rng.choice([-1.0, 1.0])
+    values["contraction"] = effects[1]
+    if task == SAME_DIFFERENT:
+        values["q0"] = 0.85
+    return values
+
+
+def shifts(kind: str, pair: IntArray, keys: FloatArray, rng: Rng) -> FloatArray:
+    """By how much s2 seems stronger in every trial, in units of noise."""
+    n_trials = len(pair)
+    steps = rng.normal(size=n_trials)
+    if kind == "scatter between pairs":
+        return 0.4 * steps[pair]
+    if kind == "heavy tails":
+        return rng.standard_t(2.0, size=n_trials)
+    if kind == "recent stimuli":
+        recent = np.roll(keys.mean(axis=1) - keys.mean(), 1)
+        return -0.3 * recent / STEP
+    if kind == "wandering criterion":
+        criterion = steps.copy()
+        for trial in range(1, n_trials):
+            criterion[trial] = 0.98 * criterion[trial - 1] + 0.2 * steps[trial]
+        return 0.5 * criterion
+    return np.zeros(n_trials)
+
+
+def simulate(
+    kind: str, task: Task, parameters: dict[str, Any], n_levels: int, repeats: int, rng: Rng
+) -> Subject:
+    """The trials of one observer, in random order and five blocks."""
+    distinct = pairs(task, n_levels)
+    pair = rng.permutation(np.repeat(np.arange(len(distinct)), repeats))
+    n_trials = len(pair)
+    keys = distinct[pair]
+    noise = parameters["noise"]
+    if kind == "learning":
+        parameters = parameters | {"noise": noise * np.linspace(1.6, 0.6, n_trials)}
+    shift = noise * shifts(kind, pair, keys, rng)
+    observer = Observer("observer", kind, parameters, task)
+
+    uniform = rng.random(n_trials)
+    sbar = float(keys[:, 0].mean())
+    is_yes = uniform < observer.p_yes(keys[:, 0], keys[:, 1] + shift, sbar)
+    if kind == "lapses to one response":
+        is_yes |= rng.random(n_trials) < 0.08
+    if kind == "previous response":
+        above = observer.p_yes(keys[:, 0], keys[:, 1] + 0.3 * noise, sbar)
+        below = observer.p_yes(keys[:, 0], keys[:, 1] - 0.3 * noise, sbar)
+        for trial in range(1, n_trials):
+            p_yes = above if is_yes[trial - 1] else below
+            is_yes[trial] = uniform[trial] < p_yes[trial]
+
+    block = np.arange(n_trials) * N_BLOCKS // n_trials
+    if kind == "guesses":
+        is_yes = uniform < 0.5
+    elif kind == "swapped keys":
+        is_yes = ~is_yes
+    elif kind == "one swapped block":
+        is_yes = is_yes ^ (block == 1)
+    if kind == "repeated trials":
+        n_copied = n_trials // 3
+        keys[-n_copied:], is_yes[-n_copied:] = keys[:n_copied], is_yes[:n_copied]
+    answers = Answers(
+        keys,
+        is_yes.astype(int),
+        np.ones(n_trials, int),
+        block,
+        tuple("12345"),
+        has_trial_rows=True,
+        place=np.arange(n_trials),
+    )
+    return Subject.from_answers("observer", answers, task)
+
+
+def sound_observers(task: Task, n_observers: int, seed: int, kind: str = "sound") -> list[Subject]:
+    """Observers of the four models, so many of each design; or with a fault, in easy tasks."""
+    subjects = []
+    for i, (n_levels, repeats, noise) in enumerate(DESIGNS):
+        if kind != "sound" and noise > 1.0:
+            continue
+        for j in range(n_observers):
+            rng = np.random.default_rng([seed, TASKS.index(task), len(kind), i, j])
+            parameters = sound_parameters(task, noise, rng)
+            subject = simulate(kind, task, parameters, n_levels, repeats, rng)
+            subjects.append(replace(subject, name=f"{kind} {i} {j}"))
+    return subjects
+
+
+def kind_observers(kind: str, task: Task, n_observers: int, seed: int) -> list[Subject]:
+    """Observers of one of the ten kinds."""
+    subjects = []
+    for i in range(n_observers):
+        rng = np.random.default_rng([seed, TASKS.index(task), KINDS.index(kind), i])
+        parameters = kind_parameters(kind, task, EFFECTS[i % len(EFFECTS)], rng)
+        repeats = 40 if task == WHICH_STRONGER else 30
+        subject = simulate(kind, task, parameters, 6, repeats, rng)
+        subjects.append(replace(subject, name=f"{kind} {i}"))
+    return subjects
+
+
+# --- Alarms --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Judged:
+    """An observer with what the program finds."""
+
+    subject: Subject
+    alternatives: Alternatives | None
+    answer: OrderEffect
+
+    def alarms(self, n_subjects: int) -> set[str]:
+        """The alarms in a study of so many subjects, without those that concern the whole study."""
+        codes = set[str]()
+        for finding in subject_findings(self.subject, n_subjects, self.alternatives):
+            codes.add("time" if finding.code in _TIME else finding.code)
+        for name in P_VALUES:
+            p_value = getattr(self.answer, name)
+            if p_value is not None and p_value < flag_limit(n_subjects):
+                codes.add(name)
+        return codes
+
+
+def judge(subjects: list[Subject], seed: int) -> list[Judged]:
+    """What the program finds for observers of one task."""
+    alternatives = compare_alternatives(Study(tuple(subjects)))
+    judged = []
+    for evidence in order_evidence(subjects, seed, precision=_PRECISION):
+        subject, mode = evidence.subject, evidence.modes[MODEL_NAMES.index("both")]
+        posterior = OrderModel("both").posterior(subject, evidence.prior)
+        screen = serial_screen(subject, posterior, mode)
+        fit = best_model_fit(evidence, seed)
+        answer = order_effect(evidence, identify(subject), fit=fit, screen=screen)
+        judged.append(Judged(subject, alternatives.get(subject.name), answer))
+    return judged
+
+
+def study_rates(observers: list[Judged], task: Task) -> pd.DataFrame:
+    """Share of studies in which an alarm is raised at all, %, by alarm and number of subjects."""
+    columns = {}
+    for n_subjects in STUDIES:
+        counts = dict.fromkeys(ALARMS, 0)
+        for observer in observers:
+            for code in observer.alarms(n_subjects) & ALARMS.keys():
+                counts[code] += 1
+        shares = pd.Series(counts) / len(observers)
+        rates = 1.0 - (1.0 - shares) ** n_subjects
+        own = "other_task" if task == WHICH_STRONGER else "like_2afc"
+        rates = rates.drop(["other_task", "like_2afc"])
+        is_other = [has_other(observer, task) for observer in observers]
+        rates[own] = binom.sf(n_subjects // 2, n_subjects, np.mean(is_other))
+        columns[n_subjects] = rates
+    return pd.DataFrame(columns)
+
+
+def has_other(observer: Judged, task: Task) -> bool:
+    """Whether the other task explains the responses of an observer."""
+    return observer.alternatives is not None and has_other_task(observer.alternatives, task)
+
+
+def found_faults(fault: str, n_observers: int, seed: int) -> dict[str, str]:
+    """How many observers with a fault get its alarm in a study of 12, by task."""
+    row = {"fault": fault}
+    for task in TASKS:
+        made = task
+        if fault == "other task":
+            (made,) = (other for other in TASKS if other != task)
+        subjects = sound_observers(made, n_observers, seed, fault)
+        if fault == "other task":
+            subjects = [replace(subject, task=task, answers=None) for subject in subjects]
+        alternatives = compare_alternatives(Study(tuple(subjects)))
+        n_found = 0
+        for subject in subjects:
+            of_subject = alternatives.get(subject.name)
+            codes = {found.code for found in subject_findings(subject, 12, of_subject)}
+            if fault == "other task":
+                n_found += of_subject is not None and has_other_task(of_subject, task)
+            else:
+                n_found += ALARM_OF_FAULT[fault] in codes
+        row[task.name] = f"{n_found} of {len(subjects)}"
+    return row
+
+
+ALARM_OF_FAULT = {
+    "guesses": "independent_answers",
+    "swapped keys": "reversed_answers",
+    "one swapped block": "swapped_blocks",
+    "repeated trials": "repeated_trials",
+}
+
+
+# --- The ten kinds -------------------------------------------------------------------------------
+
+
+def kind_row(kind: str, task: Task, observers: list[Judged]) -> dict[str, str]:
+    """Refusals, flags, words and coverage of the observers of one kind."""
+    alarms = [observer.alarms(STUDY_OF_KINDS) for observer in observers]
+    effects = [EFFECTS[i % len(EFFECTS)] for i in range(len(observers))]
+    refusing = {"reversed_answers", "swapped_blocks", "repeated_trials"}
+    row = {"observers": kind, "task": "2AFC" if task == WHICH_STRONGER else "same"}
+    row["refused"] = f"{sum(bool(codes & refusing) for codes in alarms)}"
+    for code, name in _SHORT_NAMES.items():
+        row[name] = f"{sum(code in codes for codes in alarms)}"
+    for index, (question, symbol) in enumerate((("constant_error", "c"), ("contraction", "p"))):
+        has_effect = [effect[index] != 0.0 for effect in effects]
+        is_yes = [str(observer.answer.words[question]) == "yes" for observer in observers]
+        row[f"false {symbol}"] = count(is_yes, [not present for present in has_effect])
+        row[f"found {symbol}"] = count(is_yes, has_effect)
+    is_covered = []
+    for observer, (_, contraction) in zip(observers, effects, strict=True):
+        size = observer.answer.sizes["contraction_p"]
+        is_covered.append(size.q025 <= contraction <= size.q975)
+    row["p covered"] = count(is_covered, [effect[1] != 0.0 for effect in effects])
+    return row
+
+
+def count(is_there: Iterable[bool], chosen: Iterable[bool]) -> str:
+    """How many of the chosen ones are there."""
+    values = [there for there, is_chosen in zip(is_there, chosen, strict=True) if is_chosen]
+    return f"{sum(values)} of {len(values)}"
+
+
+# --- The page ------------------------------------------------------------------------------------
+
+PAGE = """# Alarms: how often they are false, and what they find
+
+<!-- generated by {command} -->
+
+An alarm that refuses is meant to be false in at most 2 % of sound studies, and any other one in at
+most 5 %, whatever the number of subjects. So a p-value must be below .05 divided by this number,
+and a Bayes factor above this number divided by .02. No limit was chosen with these seeds.
+
+## Sound studies
+
+Share of studies, in per cent, in which any subject has the alarm: 2AFC, then 'same or different'.
+It comes from {n_sound} observers of each task who follow the four models: noise of .6, 1.8 and 4
+times the difference of a pair, constant errors of up to 2.5 times this difference, contractions of
+-.4 to .65, lapses of up to 8 %, 12 or 40 trials a pair. One flagged observer of {n_sound} makes
+{one} % of the studies of 200.
+
+{sound}
+
+'Responses say little about the stimuli' is no fault: {clear} of {n_clear} observers with a noise of
+up to 1.8 times the difference have this mark, and {hard} of {n_hard} with a noise of 4 times.
+Nobody can distinguish the latter from guesses.
+
+## What they find
+
+Observers with a fault and a noise of .6 times the difference, in a study of 12, with the alarm:
+
+{faults}
+
+Constant errors of 2.5 times the difference are among them, which hide such a fault. The alarm of
+another task is raised where more than half of the subjects have it.
+
+## Observers whom no model describes
+
+{n_kind} observers of each kind and task, 400 or 480 trials, in studies of 12. A third have no
+effect. The others have a constant error (c) of .6 times the difference of a pair, or p = .3, .65 or
+-.4. 'False' and 'found' count the word `yes` without and with the effect; 'covered' counts 95 %
+intervals with the true p.
+
+{kinds}
+
+If a criterion wanders or pairs scatter, a `yes` is less certain than its probability says. The
+marks name most of these observers. If a contraction is strong, the intervals of p are too narrow.
+"""
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """A table in Markdown."""
+    lines = ["| " + " | ".join(map(str, table.columns)) + " |"]
+    lines.append("|---" * len(table.columns) + "|")
+    for row in table.itertuples(index=False):
+        lines.append("| " + " | ".join(map(str, row)) + " |")
+    return "\n".join(lines)
+
+
+def sound_table(rates: dict[Task, pd.DataFrame]) -> pd.DataFrame:
+    """Rates of both tasks in per cent, an alarm a row."""
+    rows = []
+    for code, (name, action) in ALARMS.items():
+        row = {"alarm": name, "what it does": action}
+        for n_subjects in STUDIES:
+            cells = []
+            for task in TASKS:
+                if code in rates[task].index:
+                    cells.append(f"{100.0 * rates[task].loc[code, n_subjects]:.1f}")
+                else:
+                    cells.append("-")
+            row[f"{n_subjects}"] = ", ".join(cells)
+        rows.append(row)
+    return pd.DataFrame(rows).rename(columns={"1": "1 subject"})
+
+
+def main() -> None:
+    """Simulate, print, and write the page."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--observers", type=int, default=400, help="sound ones of each design")
+    parser.add_argument("--kinds", type=int, default=120, help="observers of each kind and task")
+    parser.add_argument("--faults", type=int, default=30, help="observers of each fault and design")
+    parser.add_argument("--seed", type=int, default=2611)
+    parser.add_argument("-o", "--output", type=Path)
+    options = parser.parse_args()
+
+    rates, marked = {}, {True: [0, 0], False: [0, 0]}
+    for task in TASKS:
+        observers = judge(sound_observers(task, options.observers, options.seed), options.seed)
+        rates[task] = study_rates(observers, task)
+        for i, observer in enumerate(observers):
+            is_hard = DESIGNS[i // options.observers][2] > 2.0
+            marked[is_hard][0] += "independent_answers" in observer.alarms(1)
+            marked[is_hard][1] += 1
+        print(task.name, rates[task].round(4).to_string(), sep="\n", flush=True)
+    faults = pd.DataFrame(
+        [found_faults(fault, options.faults, options.seed + 1) for fault in FAULTS]
+    )
+    print(faults.to_string(), flush=True)
+    rows = []
+    for kind, task in product(KINDS, TASKS):
+        observers = judge(kind_observers(kind, task, options.kinds, options.seed + 2), options.seed)
+        rows.append(kind_row(kind, task, observers))
+        print(rows[-1], flush=True)
+    kinds = pd.DataFrame(rows)
+
+    n_sound = options.observers * len(DESIGNS)
+    output = "" if options.output is None else f" -o {options.output}"
+    page = PAGE.format(
+        command=f"scripts/alarms.py{output} --observers {options.observers} --seed {options.seed}",
+        n_sound=f"{n_sound:,}",
+        one=f"{100.0 * (1.0 - (1.0 - 1.0 / n_sound) ** 200):.1f}",
+        sound=markdown(sound_table(rates)),
+        clear=marked[False][0],
+        n_clear=f"{marked[False][1]:,}",
+        hard=marked[True][0],
+        n_hard=f"{marked[True][1]:,}",
+        faults=markdown(faults),
+        n_kind=options.kinds,
+        kinds=markdown(kinds),
+    )
+    if options.output is not None:
+        (options.output / "alarms.md").write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
