@@ -1,7 +1,7 @@
 """Limits of alarms, which give a sound study the same rate of false alarms whatever its size.
 
-`flag_limit` has the limit of p-values that flag a subject, `refusal_limit` that of log Bayes
-factors that refuse one. `simulated_p_value` resolves p-values in studies of up to 500 subjects.
+`flag_limit` has the limit of p-values that flag a subject, `evidence_limit` that of log
+Bayes factors. `simulated_p_value` resolves p-values in studies of up to 500 subjects.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ def flag_limit(n_subjects: int) -> float:
     return FALSE_ALARM_SHARE / n_subjects
 
 
-def refusal_limit(n_tests: int) -> float:
-    """The log Bayes factor, nats, at which `n_tests` refuse anyone in 2 % of sound studies.
+def evidence_limit(n_tests: int, share: float) -> float:
+    """The log Bayes factor, nats, at which `n_tests` raise an alarm in this share of sound studies.
 
     Where the other explanation is wrong, its Bayes factor exceeds K with a probability of at most
     1/K (Markov's inequality).
 
     Examples
     --------
-    >>> round(refusal_limit(1), 2), round(refusal_limit(200), 2)
+    >>> round(evidence_limit(1, REFUSAL_SHARE), 2), round(evidence_limit(200, REFUSAL_SHARE), 2)
     (3.91, 9.21)
     """
-    return math.log(n_tests / REFUSAL_SHARE)
+    return math.log(n_tests / share)
 
 
 def simulated_p_value(observed: float, simulate: Callable[[int], FloatArray]) -> float:

@@ -4,7 +4,7 @@
 an observer with a strong contraction, a repulsion or roved stimuli is no surprise.
 
 Each explanation has a marginal likelihood, so that
-:func:`~bayes_toe.checks.alarm_rate.refusal_limit` holds for its Bayes factor.
+:func:`~bayes_toe.checks.alarm_rate.evidence_limit` holds for its Bayes factor.
 """
 
 from __future__ import annotations

@@ -27,7 +27,13 @@ import numpy as np
 from scipy.special import logit, logsumexp
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, run_starts
-from bayes_toe.checks.alarm_rate import flag_limit, refusal_limit, simulated_p_value
+from bayes_toe.checks.alarm_rate import (
+    FALSE_ALARM_SHARE,
+    REFUSAL_SHARE,
+    evidence_limit,
+    flag_limit,
+    simulated_p_value,
+)
 from bayes_toe.checks.alternative_models import (
     Alternatives,
     compare_alternatives,
@@ -39,9 +45,7 @@ from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.seeds import generator
 
-#: Log Bayes factor beyond which a subject cannot be told from one who guesses.
-GUESSES = 3.0
-#: The same for another task, in more than half of the subjects. In 2AFC, a constant error of
+#: Log Bayes factor of another task, in more than half of the subjects. In 2AFC, a constant error of
 #: 3 times the difference of a pair reaches 4.7, in 'same or different?' one of 1.6 times 3.8.
 OTHER_TASK = {WHICH_STRONGER: 5.0, SAME_DIFFERENT: 4.0}
 #: A change of an answer's share from the first trial to the last that matters for pooled counts.
@@ -284,11 +288,13 @@ def _explained_otherwise(
 ) -> Iterator[Finding]:
     """Swapped keys, or responses that say little about the stimuli."""
     best, share = max(alternatives), subject.fraction_yes
-    if best == alternatives.swapped > refusal_limit(n_subjects):
+    if best == alternatives.swapped > evidence_limit(n_subjects, REFUSAL_SHARE):
         option = f"--swap {cli_argument(subject.name)}"
         message = f"Responses look reversed. Check which code means {subject.task.yes!r}."
         yield Finding(subject.name, "reversed_answers", message, option)
-    elif best == alternatives.guesses > GUESSES and _SELDOM < share < 1.0 - _SELDOM:
+    elif best == alternatives.guesses > evidence_limit(n_subjects, FALSE_ALARM_SHARE):
+        if not _SELDOM < share < 1.0 - _SELDOM:
+            return
         message = (
             "The responses say little about the stimuli. The subject guesses, or hardly "
             "distinguishes them."
@@ -419,7 +425,9 @@ def _swapped_blocks(subject: Subject, answers: Answers, n_subjects: int) -> Find
         return None
     rows = np.isin(answers.block, np.flatnonzero(swapped))
     changed = Subject.from_answers(subject.name, answers.swapped(rows), subject.task)
-    if log_bayes_factor(changed, subject) <= refusal_limit(n_subjects * len(swapped)):
+    if log_bayes_factor(changed, subject) <= evidence_limit(
+        n_subjects * len(swapped), REFUSAL_SHARE
+    ):
         return None
     blocks = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
     noun = "block" if len(blocks) == 1 else "blocks"
