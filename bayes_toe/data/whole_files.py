@@ -106,11 +106,10 @@ def whole_folder(
         if os.path.lexists(target):
             _publish(new, target, files, overwrite)
             for name in set(names).difference(files) if overwrite else ():
-                _remove(target / name)
+                _remove(target, name)
         else:
-            with reporting(target):
-                os.replace(new, target)
-    _finish(target)
+            _put_in_place(new, target)
+            _finish(target)
 
 
 def require_folder(path: StrPath, names: Sequence[str], *, overwrite: bool) -> None:
@@ -198,13 +197,15 @@ def _finish(target: Path) -> None:
         finished.append(target)
 
 
-def _remove(file: Path) -> None:
-    """Remove what an earlier run produced, and its folder where nothing else is in it."""
-    if file.is_symlink() or not file.is_file():
-        return
-    with reporting(file):
-        file.unlink()
-    remove_empty(file.parent)
+def _remove(folder: Path, name: str) -> None:
+    """Remove what an earlier run produced, and its subfolder where nothing else is in it."""
+    file = folder / name
+    # Not through a link into another folder.
+    is_inside = file.parent.resolve().is_relative_to(folder.resolve())
+    if is_inside and file.is_file() and not file.is_symlink():
+        with reporting(file):
+            file.unlink()
+        remove_empty(file.parent)
 
 
 # --- Places to write to ---------------------------------------------------------------------------

@@ -327,6 +327,17 @@ def test_what_is_named_and_no_longer_produced_goes_and_all_else_stays(tmp_path):
     assert tree(tmp_path) == {"folder.csv/": "", "table.csv": "2"}  # without the empty folder
 
 
+@POSIX
+def test_what_is_no_longer_produced_is_not_sought_through_links(tmp_path):
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    names = ("table.csv", "corner/a.png")
+    produce(out, {"corner/a.png": "1"}, names=names)
+    (out / "corner").rename(elsewhere)
+    (out / "corner").symlink_to(elsewhere)
+    produce(out, {"table.csv": "2"}, names=names, overwrite=True)
+    assert (elsewhere / "a.png").exists()
+
+
 def test_two_commands_may_share_a_folder(tmp_path):
     produce(tmp_path, {"corner/a.png": "1"})
     produce(tmp_path, {"evidence.csv": "1"}, names=["evidence.csv"])
