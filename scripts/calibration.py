@@ -49,7 +49,7 @@ PRODUCTS = (
 
 
 def write_calibration(found: Calibration, folder: str | Path, *, overwrite: bool = False) -> None:
-    """Write tables, figures (PNG and PDF) and calibration.md into `folder`, all or none."""
+    """Write tables, figures (PNG and PDF) and calibration.md into `folder`."""
     tables, figures = {}, {}
     if len(found.ranks):
         tables |= {"calibration": found.rank_verdicts, "calibration_ranks": found.ranks}

@@ -430,8 +430,8 @@ def simulate(
         missed=observers.missed,
         differences=read_differences(observers.conditions, observers.differ),
     )
-    for file, frame in zip(files, (trial_frame(trials), truth_frame(trials)), strict=False):
-        write_table(frame, file, overwrite=context.overwrite)
+    frames = zip(files, (trial_frame(trials), truth_frame(trials)), strict=False)
+    context.write({file: partial(write_table, frame) for file, frame in frames})
     total = sum(len(answered.yes) for answered in trials)
     context.print_written(
         f"{plural(len(simulated), 'synthetic subject')}, {plural(total, 'trial')} in {output}", seed

@@ -1,4 +1,4 @@
-"""The results folder of an analysis: draws, tables, figures and report, all of them or none."""
+"""The results folder of an analysis: draws, tables, figures and report."""
 
 from __future__ import annotations
 
@@ -89,11 +89,12 @@ def write_results(
     check: PredictiveCheck | None = None,
     study_file: str = "",
 ) -> Path:
-    """Write draws, tables, figures, report and methods of an analysis: all of them, or none.
+    """Write draws, tables, figures, report and methods of an analysis.
 
-    Other files of the folder stay. If the folder holds products that may not be replaced, or cannot
-    be written, nothing is changed. `progress` is called with each subject whose figures are drawn,
-    `check` is the one of the group, if it was made before, `study_file` the content of study.toml.
+    All are complete before the first one replaces a file. With `overwrite`, what an earlier
+    analysis of these subjects has left and this one does not write is removed; other files of the
+    folder stay. `progress` is called with each subject whose figures are drawn, `check` is the one
+    of the group, if it was made before, `study_file` the content of study.toml.
     """
     draws = analysis.draws
     if analysis.group is not None and check is None:
@@ -103,8 +104,11 @@ def write_results(
     stems = file_stems(draws.names)
     corner_files = [f"corner/{stems[name]}.png" for name in names]
     required = [*_required_products(analysis, figures), *corner_files]
+    products = [*PRODUCTS]
+    for stem in file_stems(analysis.study.names).values():
+        products += [f"corner/{stem}.png", f"subjects/{stem}.html"]
     with (
-        whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new,
+        whole_folder(folder, products, required=required, overwrite=overwrite) as new,
         TemporaryDirectory(dir=new.absolute()) as pictures,
     ):
         # Absolute, since a worker may be in another folder than this process.

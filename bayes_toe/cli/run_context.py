@@ -11,6 +11,7 @@ import inspect
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, wraps
 from pathlib import Path
@@ -198,12 +199,12 @@ class RunContext:
                 )
 
     def write(self, writers: Mapping[Path, Callable[[Path], object]]) -> str:
-        """Write files of one folder, which appear all together or not at all; say which."""
-        from bayes_toe.data.whole_files import whole_together
+        """Write files and say which; if one cannot be written, none is replaced."""
+        from bayes_toe.data.whole_files import whole_file
 
-        with whole_together(*writers, overwrite=self.overwrite) as folder:
+        with ExitStack() as files:
             for file, write in writers.items():
-                write(folder / file.name)
+                write(files.enter_context(whole_file(file, overwrite=self.overwrite)))
         return f"Written: {', '.join(map(str, writers))}."
 
     def saving_of(self, study: Study) -> dict[str, Any]:

@@ -44,7 +44,6 @@ from bayes_toe.data.text_table import (
     read_csv,
     value_text,
 )
-from bayes_toe.data.whole_files import require_settled
 from bayes_toe.errors import InputError, Remedy
 
 #: Bytes. A study of 10^7 trials has some 300 million, pairs and covariates of 10^5 subjects some 5
@@ -123,7 +122,6 @@ def read_table(
         )
     path = Path(source)
     require_parquet(path)
-    require_settled(path)
     try:
         data = input_bytes(path, largest)
     except (OSError, ValueError) as error:  # a value where there is a NUL character in the path

@@ -1,18 +1,16 @@
-"""Writing of results: each file appears whole or not at all, and so do the files of a set.
+"""Writing of results: each file appears whole or not at all, and is complete by itself.
 
-`whole_file` writes one file, `whole_together` a set, and `whole_folder` a folder.
-`under_way` says how much of a stopped command is saved.
+`whole_file` writes one file, and `whole_folder` the files of a folder. `under_way` says how much of
+a stopped command is saved.
 
-Files are written in a hidden folder beside their places and then take their names. An existing
-file is replaced only if the caller allows it, and no other file is touched. A set of files is
-complete in its hidden folder before the first file moves; that folder is then marked as ready. If
-the process is killed while files move, the rest stays there: reading a file of the set is refused
-(:func:`require_settled`), and the next command that writes to the folder finishes the moves.
+Files are written in a hidden folder beside their places, are flushed to the disk, and then take
+their names one by one. An existing file is replaced only if the caller allows it, and no other file
+is touched. If the process is killed while files take their names, files of two runs stand side by
+side; no command reads two of them.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import re
@@ -26,13 +24,11 @@ from pathlib import Path
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import format_path, join_names
-from bayes_toe.errors import InputError, OutputError, OutputExistsError
+from bayes_toe.errors import OutputError, OutputExistsError
 
-#: Beginning of the name of a folder whose files are not finished, and of one whose files are
-#: complete and about to move; the machine and the process follow.
-HIDDEN, READY = ".bayes_toe-", ".bayes_toe_ready-"
-#: In a folder of results, the list of the files that are ours.
-MANIFEST = ".bayes_toe_files.json"
+#: Beginning of the name of a folder whose files are not finished; the machine and the process
+#: follow.
+HIDDEN = ".bayes_toe-"
 #: Files and folders that this process has finished; a signal handler reports them.
 finished: list[Path] = []
 
@@ -48,27 +44,16 @@ def whole_file(path: StrPath, *, overwrite: bool = False) -> Iterator[Path]:
     OutputError
         If the file exists and may not be replaced, is no regular file, or cannot be written.
     """
-    with whole_together(Path(path), overwrite=overwrite) as folder:
-        yield folder / Path(path).name
-
-
-@contextmanager
-def whole_together(*files: Path, overwrite: bool = False) -> Iterator[Path]:
-    """A temporary folder for files of one folder, which take their places when all are there.
-
-    Raises
-    ------
-    OutputError
-        As :func:`whole_file`, and if one of the files was not written.
-    """
-    home, names = files[0].parent, [file.name for file in files]
-    for file in files:
-        _refuse_taken(file, overwrite)
-    with unfinished(home) as new:
-        with reporting(home, hidden=new), reporting(files[0] if len(files) == 1 else home):
-            yield new
-        _publish(new, home, names, overwrite)
-    _finish(*files)
+    target = Path(path)
+    _refuse_taken(target, overwrite)
+    with unfinished(target.parent) as new:
+        temporary = new / target.name
+        with reporting(target.parent, hidden=new), reporting(target):
+            yield temporary
+            _flush(temporary)
+        _refuse_taken(target, overwrite)
+        _put_in_place(temporary, target)
+    _finish(target)
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -91,14 +76,14 @@ def whole_folder(
     """A temporary folder, whose files move into `path` if the block ends well and vanish otherwise.
 
     A folder that does not exist yet takes its name in one rename; into one that exists, files move
-    one by one, the manifest last. Files of the user in `path` are never touched. The manifest lists
-    what was produced, so that a later run that may overwrite can remove what it no longer produces.
+    one by one. Files of the user in `path` are never touched.
 
     Parameters
     ----------
     path : str or Path
     names : sequence of str
-        Files and subfolders that may be produced at the top of the folder.
+        Files and subfolders that may be produced. A file of these that is there and is not produced
+        is removed if the caller may overwrite.
     required : sequence of str
         Files that must be produced, also below subfolders.
     overwrite : bool
@@ -107,8 +92,6 @@ def whole_folder(
     ------
     OutputError
         As :func:`whole_file`, and if a required file is missing.
-    ValueError
-        If a file was produced that `names` does not hold.
     """
     target = Path(path)
     _refuse_taken_folder(target, names, overwrite)
@@ -116,24 +99,17 @@ def whole_folder(
         with reporting(target, hidden=new):
             yield new
             _require_there(new, target, required)
-            files = [path for path in sorted(new.rglob("*")) if not path.is_dir()]
-            produced = [file.relative_to(new).as_posix() for file in files]
-            unknown = sorted({file.split("/")[0] for file in produced}.difference(names))
-            if unknown:
-                raise ValueError(f"produced without being named: {', '.join(unknown)}")
-            earlier = _listed_files(target)
-            # Other commands may share the folder: what they produced stays listed.
-            ours = {*produced, *(file for file in earlier if file.split("/")[0] not in names)}
-            (new / MANIFEST).write_text(
-                json.dumps({"files": sorted(ours)}, indent=1) + "\n", encoding="utf-8"
-            )
-        if not os.path.lexists(target):
-            _put_in_place(new, target)
+            produced = [file for file in sorted(new.rglob("*")) if file.is_file()]
+            for file in produced:
+                _flush(file)
+        files = [file.relative_to(new).as_posix() for file in produced]
+        if os.path.lexists(target):
+            _publish(new, target, files, overwrite)
+            for name in set(names).difference(files) if overwrite else ():
+                _remove(target, name)
         else:
-            _publish(new, target, produced, overwrite, last=MANIFEST)
-            for file in set(earlier) - ours if overwrite else ():
-                _remove(target, file)
-    _finish(target)
+            _put_in_place(new, target)
+            _finish(target)
 
 
 def require_folder(path: StrPath, names: Sequence[str], *, overwrite: bool) -> None:
@@ -187,56 +163,19 @@ def _require_there(new: Path, target: Path, files: Sequence[str]) -> None:
             )
 
 
-def _publish(
-    new: Path, target: Path, files: Sequence[str], overwrite: bool, last: str | None = None
-) -> None:
-    """Move files into a folder that exists, `last` after all others.
+def _publish(new: Path, target: Path, files: Sequence[str], overwrite: bool) -> None:
+    """Move files into a folder that exists.
 
     What cannot be placed is refused before the first file moves.
     """
-    _require_there(new, target / files[0] if len(files) == 1 else target, files)
     for file in files:
         _refuse_taken(target / file, overwrite)
-    if last is not None:
-        files = [*files, last]
-    if len(files) == 1:
-        _put_in_place(new / files[0], target / files[0])
-        return
-    ready = new.with_name(new.name.replace(HIDDEN, READY))
-    with reporting(target):
-        (new / _ORDER).write_text(json.dumps(list(files)), encoding="utf-8")
-        os.rename(new, ready)
-    try:
-        _move_all(ready, target)
-    except OutputError:
-        raise
-    except BaseException:
-        # A signal that arrives while files move must not leave a set half replaced.
-        _move_all(ready, target)
-        raise
-    finally:
-        shutil.rmtree(ready, ignore_errors=True)
-
-
-#: In a ready folder, the list of its files in the order in which they move.
-_ORDER = ".order.json"
-
-
-def _files_of(ready: Path) -> list[str]:
-    """The files of a ready folder in their order; none if its removal has begun."""
-    try:
-        return json.loads((ready / _ORDER).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return []
-
-
-def _move_all(ready: Path, target: Path) -> None:
-    """Give the files of a ready folder their names, as far as they have not moved yet."""
-    for file in _files_of(ready):
-        if os.path.lexists(ready / file):
-            with reporting(target / file):
-                (target / file).parent.mkdir(parents=True, exist_ok=True)
-            _put_in_place(ready / file, target / file)
+    # A signal that arrives while files move must not be told that nothing is written.
+    _finish(target)
+    for file in files:
+        with reporting(target / file):
+            (target / file).parent.mkdir(parents=True, exist_ok=True)
+        _put_in_place(new / file, target / file)
 
 
 def _put_in_place(new: Path, final: Path) -> None:
@@ -247,50 +186,26 @@ def _put_in_place(new: Path, final: Path) -> None:
         os.replace(new, final)
 
 
-def require_settled(path: StrPath) -> None:
-    """Refuse a file of a set that a killed command has replaced only in part.
-
-    Raises
-    ------
-    InputError
-        If a command that wrote to the folder of the file was killed while its files moved.
-    """
-    file = Path(path)
-    for folder in file.parent.glob(f"{READY}*"):
-        if file.name in _files_of(folder) and not _is_of_living_process(folder.name, READY):
-            raise InputError(
-                f"{format_path(file)}: a command was stopped while it replaced the files of "
-                "this folder, and they may be of two runs; run that command again"
-            )
+def _flush(file: Path) -> None:
+    """Wait until the content of a file is on the disk."""
+    with open(file, "rb+") as content:
+        os.fsync(content.fileno())
 
 
-def _finish(*targets: Path) -> None:
-    for target in targets:
-        if not any(part.startswith(HIDDEN) for part in target.parts):
-            finished.append(target)
+def _finish(target: Path) -> None:
+    if not any(part.startswith(HIDDEN) for part in target.parts):
+        finished.append(target)
 
 
-def _listed_files(folder: Path) -> list[str]:
-    """Files in a folder that its manifest lists; none if the manifest is missing or damaged."""
-    inside = []
-    try:
-        for name in json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["files"]:
-            file = folder / str(name)
-            # Not through links, nor by `..`, into another folder.
-            if file.is_file() and file.parent.resolve().is_relative_to(folder.resolve()):
-                inside.append(str(name))
-    except (OSError, ValueError, LookupError, TypeError):
-        return []
-    return inside
-
-
-def _remove(folder: Path, file: str) -> None:
-    """Remove what an earlier run produced, and subfolders where nothing else is in them."""
-    path = folder / file
-    with reporting(path):
-        path.unlink()
-    for part in path.relative_to(folder).parents[:-1]:
-        remove_empty(folder / part)
+def _remove(folder: Path, name: str) -> None:
+    """Remove what an earlier run produced, and its subfolder where nothing else is in it."""
+    file = folder / name
+    # Not through a link into another folder.
+    is_inside = file.parent.resolve().is_relative_to(folder.resolve())
+    if is_inside and file.is_file() and not file.is_symlink():
+        with reporting(file):
+            file.unlink()
+        remove_empty(file.parent)
 
 
 # --- Places to write to ---------------------------------------------------------------------------
@@ -347,25 +262,20 @@ def unfinished(home: Path) -> Iterator[Path]:
 
 
 def sweep(home: Path) -> None:
-    """Clean up after killed processes of this machine: finish what is ready, remove the rest."""
+    """Remove what killed processes of this machine have left unfinished."""
     with suppress(OSError):
         for path in list(home.iterdir()):
-            if path.is_symlink() or not path.is_dir():
-                continue
-            if path.name.startswith(READY) and not _is_of_living_process(path.name, READY):
-                with suppress(OSError):
-                    _move_all(path, home)
-                    shutil.rmtree(path, ignore_errors=True)
-            elif path.name.startswith(HIDDEN) and not _is_of_living_process(path.name, HIDDEN):
+            is_folder = path.is_dir() and not path.is_symlink()
+            if is_folder and path.name.startswith(HIDDEN) and not _is_of_living_process(path.name):
                 shutil.rmtree(path, ignore_errors=True)
 
 
-def _is_of_living_process(name: str, beginning: str) -> bool:
+def _is_of_living_process(name: str) -> bool:
     """Whether a hidden folder belongs to a process that may still run.
 
     Folders of other machines, and folders whose names are not ours, count as such.
     """
-    pattern = rf"{re.escape(beginning + _machine())}-([0-9]{{1,9}})-[0-9a-f]{{16}}"
+    pattern = rf"{re.escape(HIDDEN + _machine())}-([0-9]{{1,9}})-[0-9a-f]{{16}}"
     match = re.fullmatch(pattern, name)
     return match is None or _alive(int(match[1]))
 

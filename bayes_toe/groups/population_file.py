@@ -19,7 +19,7 @@ from bayes_toe.data.messages import format_path
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study, Subject, with_shared_scales
 from bayes_toe.data.tasks import task_of
-from bayes_toe.data.whole_files import require_settled, whole_file
+from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.regressors import Regressor, Regressors
@@ -143,7 +143,6 @@ def load_group(path: StrPath) -> tuple[Study, Regressors, GroupDraws, Record]:
     if not Path(path).is_file():
         problem = "not a file" if Path(path).exists() else "no such file"
         raise InputError(f"{name}: {problem}; {_READABLE}")
-    require_settled(path)
     try:
         require_no_links(Path(path))
         with closing(xr.open_datatree(path, engine="h5netcdf", decode_times=False)) as tree:

@@ -30,7 +30,6 @@ from bayes_toe.data.messages import format_path, quoted
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
-from bayes_toe.data.whole_files import require_settled
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.model.models import describe_prior, stored_model
@@ -241,7 +240,6 @@ def read_tree(path: StrPath) -> xr.DataTree:
         If the file is missing or damaged, or is no file of draws.
     """
     path = Path(path)
-    require_settled(path)
     # A Path refuses names that are too long with an error of its own.
     if not os.path.isfile(path):
         problem = "not a file" if os.path.exists(path) else "no such file"

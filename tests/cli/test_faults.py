@@ -15,7 +15,7 @@ from processes import members, needs_proc, start, until, until_gone, workers
 
 import bayes_toe as bt
 from bayes_toe.cli.entry_point import say_stopped
-from bayes_toe.data.whole_files import HIDDEN, finished, unfinished, write_whole
+from bayes_toe.data.whole_files import HIDDEN, finished, unfinished, whole_folder, write_whole
 from bayes_toe.workers import Failed
 
 pytestmark = needs_proc
@@ -225,5 +225,8 @@ def test_finished_files_are_named_and_those_of_an_unfinished_folder_are_not(tmp_
     with unfinished(tmp_path) as folder:
         write_whole(folder / "a.csv", b"")
     write_whole(tmp_path / "b.csv", b"")
+    with whole_folder(tmp_path, ["c.csv"]) as folder:
+        (folder / "c.csv").touch()
     say_stopped(signal.SIGTERM)
-    assert capsys.readouterr().err == f"stopped by SIGTERM: written: {tmp_path / 'b.csv'}\n"
+    written = f"{tmp_path / 'b.csv'}, {tmp_path}"
+    assert capsys.readouterr().err == f"stopped by SIGTERM: written: {written}\n"

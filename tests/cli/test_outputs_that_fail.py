@@ -3,6 +3,7 @@
 One line, exit code 2, what was there before is there; no traceback, no crash.
 """
 
+import errno
 import os
 import resource
 import shutil
@@ -53,6 +54,22 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(study_folder, tmp_pat
     assert "out.partial: cannot be written (File too large)" in one_line(finished)
     assert ".bayes_toe" not in finished.stderr
     assert (file.read_text(), list(file.parent.iterdir())) == ("old", [file])
+
+
+def test_if_one_of_two_files_cannot_be_written_none_is_replaced(tmp_path, monkeypatch):
+    def full(frame, path):
+        if path.name == "b.csv":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        path.write_text("new")
+
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for file in files:
+        file.write_text("old")
+    monkeypatch.setattr("bayes_toe.data.tables.write_table", full)
+    finished = inside("simulate -o a.csv --truth b.csv --overwrite", cwd=tmp_path)
+    assert "error: b.csv: cannot be written (No space left on device)" in one_line(finished)
+    assert [file.read_text() for file in files] == ["old", "old"]
+    assert sorted(tmp_path.iterdir()) == files
 
 
 def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(

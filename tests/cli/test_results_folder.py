@@ -57,8 +57,7 @@ def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
     figures = re.findall(r"<svg.*?</svg>", text)
     # With the figure of a poor fit.
     assert (len(figures), max(map(len, figures)) < 90_000) == (4, True)
-    products = {path.name for path in out.iterdir()}
-    assert products <= {*results_folder.PRODUCTS, ".bayes_toe_files.json"}
+    assert {path.name for path in out.iterdir()} <= {*results_folder.PRODUCTS}
     summary = pd.read_csv(out / "summary.csv", keep_default_na=False)
     pd.testing.assert_frame_equal(summary, marked.draws.summary(), rtol=1e-5)
 
@@ -82,6 +81,9 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     assert "<code>--swap C:2</code>" in pages[2]
     assert all('href="../report.html#read"' in text for text in pages)
     assert 'href="../corner/A.png"' in pages[0]
+    monkeypatch.setattr(report, "MAX_SUBJECTS", 3)
+    write_results(marked, out, overwrite=True, **NO_FIGURES)
+    assert not [*out.glob("corner*"), *out.glob("subjects*")]
 
 
 def test_a_group_stands_in_the_report_and_goes_if_there_is_none(marked, tmp_path):

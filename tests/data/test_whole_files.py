@@ -1,12 +1,8 @@
-"""A file appears whole or not at all.
+"""A file appears whole or not at all, and nobody else's files are touched."""
 
-So do the files of a folder, together, and nobody else's files are touched.
-"""
-
-import json
 import os
 import re
-import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -15,36 +11,25 @@ import pytest
 
 from bayes_toe.data.whole_files import (
     HIDDEN,
-    MANIFEST,
-    READY,
     require_folder,
-    require_settled,
     require_writable,
     unfinished,
     whole_file,
     whole_folder,
-    whole_together,
 )
-from bayes_toe.errors import InputError, OutputError
+from bayes_toe.errors import OutputError
 
 
 def tree(folder):
-    """Every file below a folder with its text, every empty folder with none.
-
-    The manifest left out.
-    """
+    """Every file below a folder with its text, every empty folder with none."""
     observed = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
-        if path.is_file() and path.name != MANIFEST:
+        if path.is_file():
             observed[name] = path.read_text(encoding="utf-8")
         elif path.is_dir() and not any(path.iterdir()):
             observed[name + "/"] = ""
     return observed
-
-
-def manifest(folder):
-    return json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["files"]
 
 
 def failing(error):
@@ -238,58 +223,45 @@ def test_only_regular_files_are_replaced_and_their_permissions_stay(tmp_path):
     assert (private.read_text(), private.stat().st_mode & 0o777) == ("new", 0o600)
 
 
-KILLED_WHILE_FILES_MOVE = """
+KILLED_BETWEEN_REPLACEMENTS = """
 import os, signal, sys
 from pathlib import Path
 from bayes_toe.data import whole_files
 place = whole_files._put_in_place
 def killed(new, final):
-    if final.name == sys.argv[3]:
-        whole_files._put_in_place = place
-        os.kill(os.getpid(), getattr(signal, sys.argv[4]))
+    if final.name == "b.csv":
+        os.kill(os.getpid(), signal.SIGKILL)
     place(new, final)
 whole_files._put_in_place = killed
-files = [Path(sys.argv[1]), Path(sys.argv[2])]
-with whole_files.whole_together(*files, overwrite=True) as folder:
-    for file in files:
-        (folder / file.name).write_text("new")
+with whole_files.whole_folder(sys.argv[1], ["a.csv", "b.csv"], overwrite=True) as folder:
+    for name in ("a.csv", "b.csv"):
+        (folder / name).write_text("new")
 """
 
 
-def end_while_files_move(folder, signal):
-    """Two files of a process that a signal ends while it replaces them."""
-    files = [folder / "a.csv", folder / "b.csv"]
-    for file in files:
-        file.write_text("old")
-    words = [sys.executable, "-c", KILLED_WHILE_FILES_MOVE, *map(str, files), "b.csv", signal]
-    subprocess.run(words, check=False, capture_output=True)
-    return files
-
-
 @POSIX
-@pytest.mark.parametrize("digits", ["", "0123456789abcdef"])
-def test_a_set_that_a_killed_process_replaced_in_part_is_refused_and_then_finished(
-    tmp_path, digits
-):
-    first, second = end_while_files_move(tmp_path, "SIGKILL")
-    assert (first.read_text(), second.read_text()) == ("new", "old")
-    (ready,) = tmp_path.glob(f"{READY}*")
-    for digit in digits:  # folders whose removal began
-        ready.with_name(ready.name[:-1] + digit).mkdir(exist_ok=True)
-    for file in (first, second):
-        with pytest.raises(InputError, match="may be of two runs"):
-            require_settled(file)
-    require_settled(tmp_path / "c.csv")
-    require_writable(tmp_path / "c.csv", overwrite=False)
-    assert tree(tmp_path) == {"a.csv": "new", "b.csv": "new"}
-    assert not list(tmp_path.glob(f"{READY}*"))
-    require_settled(first)
+def test_each_file_is_whole_after_a_kill_between_two_replacements(tmp_path):
+    names = ("a.csv", "b.csv")
+    produce(tmp_path, dict.fromkeys(names, "old"), names=names)
+    words = [sys.executable, "-c", KILLED_BETWEEN_REPLACEMENTS, str(tmp_path)]
+    assert subprocess.run(words, check=False).returncode == -signal.SIGKILL
+    assert [(tmp_path / name).read_text() for name in names] == ["new", "old"]
+    produce(tmp_path, dict.fromkeys(names, "next"), names=names, overwrite=True)
+    assert tree(tmp_path) == dict.fromkeys(names, "next")
 
 
-@POSIX
-def test_a_signal_while_files_move_leaves_the_whole_set(tmp_path):
-    end_while_files_move(tmp_path, "SIGINT")
-    assert tree(tmp_path) == {"a.csv": "new", "b.csv": "new"}
+def test_content_is_on_the_disk_before_a_file_takes_its_name(tmp_path, monkeypatch):
+    steps = []
+
+    def replace(new, final):
+        steps.append("replace")
+        new.rename(final)
+
+    monkeypatch.setattr(os, "fsync", lambda _: steps.append("fsync"))
+    monkeypatch.setattr(os, "replace", replace)
+    write(tmp_path / "a.csv", "1")
+    produce(tmp_path / "out", {"table.csv": "1", "corner/a.png": "1"})
+    assert steps == ["fsync", "replace", "fsync", "fsync", "replace"]
 
 
 # --- A folder -------------------------------------------------------------------------------------
@@ -303,10 +275,9 @@ def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
         meanwhile=lambda: None if not out.exists() else pytest.fail("too early"),
     )
     assert tree(tmp_path) == {"new/out/table.csv": "t", "new/out/corner/a.png": "a"}
-    assert manifest(out) == ["corner/a.png", "table.csv"]
     (out / "corner" / "mine.png").write_text("mine")
     produce(out, {"corner/a.png": "b"}, overwrite=True)
-    assert tree(out) == {"corner/a.png": "b", "corner/mine.png": "mine"}
+    assert tree(out) == {"corner/a.png": "b", "corner/mine.png": "mine"}  # no longer table.csv
 
 
 @pytest.mark.parametrize(
@@ -343,17 +314,28 @@ def test_a_file_in_place_of_the_folder(tmp_path):
     assert tree(tmp_path) == {"out": "x"}
 
 
-def test_stale_files_of_an_earlier_run_go_as_far_as_the_manifest_tells(tmp_path):
-    produce(
-        tmp_path,
-        {"table.csv": "1", "corner/a.png": "1", "corner/b.png": "1", "corner/deep/c.png": "1"},
-    )
-    produce(tmp_path, {"table.csv": "2", "corner/b.png": "2"}, overwrite=True)
-    assert tree(tmp_path) == {"table.csv": "2", "corner/b.png": "2"}
-    assert manifest(tmp_path) == ["corner/b.png", "table.csv"]
-    (tmp_path / MANIFEST).unlink()
-    produce(tmp_path, {"table.csv": "3"}, overwrite=True)
-    assert tree(tmp_path) == {"table.csv": "3", "corner/b.png": "2"}
+def test_what_is_named_and_no_longer_produced_goes_and_all_else_stays(tmp_path):
+    names = ("table.csv", "corner", "corner/a.png", "link.csv", "folder.csv")
+    produce(tmp_path, {"table.csv": "1", "corner/a.png": "1", "corner/b.png": "1"}, names=names)
+    (tmp_path / "link.csv").symlink_to(tmp_path / "corner" / "b.png")
+    (tmp_path / "folder.csv").mkdir()
+    produce(tmp_path, {}, names=names, overwrite=True)
+    left = {"corner/b.png": "1", "folder.csv/": "", "link.csv": "1"}
+    assert tree(tmp_path) == left
+    (tmp_path / "link.csv").unlink()
+    produce(tmp_path, {"table.csv": "2"}, names=["corner/b.png", "table.csv"], overwrite=True)
+    assert tree(tmp_path) == {"folder.csv/": "", "table.csv": "2"}  # without the empty folder
+
+
+@POSIX
+def test_what_is_no_longer_produced_is_not_sought_through_links(tmp_path):
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    names = ("table.csv", "corner/a.png")
+    produce(out, {"corner/a.png": "1"}, names=names)
+    (out / "corner").rename(elsewhere)
+    (out / "corner").symlink_to(elsewhere)
+    produce(out, {"table.csv": "2"}, names=names, overwrite=True)
+    assert (elsewhere / "a.png").exists()
 
 
 def test_two_commands_may_share_a_folder(tmp_path):
@@ -361,54 +343,6 @@ def test_two_commands_may_share_a_folder(tmp_path):
     produce(tmp_path, {"evidence.csv": "1"}, names=["evidence.csv"])
     produce(tmp_path, {"evidence.csv": "2"}, names=["evidence.csv"], overwrite=True)
     assert tree(tmp_path) == {"corner/a.png": "1", "evidence.csv": "2"}
-    assert manifest(tmp_path) == ["corner/a.png", "evidence.csv"]
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        *(
-            "",
-            "[]",
-            '{"files": 7}',
-            '{"files": "table.csv"}',
-            "\udcff",
-            '{"files": [7, null, ["corner/a.png"]]}',
-        ),
-        *(
-            json.dumps({"files": [name]})
-            for name in (
-                "../victim",
-                "/victim",
-                "corner/../../victim",
-                "",
-                ".",
-                "corner",
-                "corner/gone.png",
-            )
-        ),
-    ],
-)
-def test_damaged_manifests_remove_nothing(tmp_path, text):
-    out = tmp_path / "out"
-    produce(out, {"table.csv": "1", "corner/a.png": "1", "corner/deep/b.png": "1"})
-    (tmp_path / "victim").write_text("v")
-    (out / MANIFEST).write_bytes(
-        text.replace("/victim", f"{tmp_path}/victim").encode("utf-8", "surrogateescape")
-    )
-    produce(out, {"table.csv": "2"}, overwrite=True)
-    stored = {"out/corner/a.png": "1", "out/corner/deep/b.png": "1"}
-    assert tree(tmp_path) == {"victim": "v", "out/table.csv": "2", **stored}
-
-
-@POSIX
-def test_stale_files_are_not_sought_through_links(tmp_path):
-    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
-    produce(out, {"corner/a.png": "1"})
-    shutil.move(out / "corner", elsewhere)
-    (out / "corner").symlink_to(elsewhere)
-    produce(out, {"table.csv": "2"}, overwrite=True)
-    assert (elsewhere / "a.png").exists()
 
 
 def test_what_others_put_there_meanwhile_is_kept(tmp_path):
@@ -434,22 +368,15 @@ def test_a_folder_in_place_of_a_file_and_a_file_in_place_of_a_folder_stay(tmp_pa
     assert tree(tmp_path) == {occupied: "mine"}
 
 
-def test_what_is_required_must_be_there_and_only_what_was_named(tmp_path):
-    def written(*required, names=NAMES):
-        with whole_folder(tmp_path / "out", names, required=required) as folder:
+def test_what_is_required_must_be_there(tmp_path):
+    def written(*required):
+        with whole_folder(tmp_path / "out", NAMES, required=required) as folder:
             (folder / "table.csv").write_text("t")
 
     with pytest.raises(OutputError, match=r"out: cannot be written \(corner/a\.png is missing"):
         written("table.csv", "corner/a.png")
-    with pytest.raises(ValueError, match=r"produced without being named: table\.csv$"):
-        written(names=["other.csv"])
     assert tree(tmp_path) == {}
     written("table.csv")
-    with (
-        pytest.raises(OutputError, match=r"b\.csv is missing"),
-        whole_together(tmp_path / "a.csv", tmp_path / "b.csv") as folder,
-    ):
-        (folder / "a.csv").write_text("a")
     with pytest.raises(OutputError, match=r"a\.csv: cannot be written"):
         write(tmp_path / "a.csv", None, overwrite=True)
     assert tree(tmp_path) == {"out/table.csv": "t"}

@@ -92,7 +92,7 @@ def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monk
     monkeypatch.setattr(calibration_script, "calibrate", lambda **_: table)
     monkeypatch.setattr(sys, "argv", ["calibration.py", "-o", str(tmp_path), "--seed", "3"])
     assert calibration_script.main() == 0
-    assert {path.name for path in tmp_path.iterdir()} - {".bayes_toe_files.json"} == set(PRODUCTS)
+    assert {path.name for path in tmp_path.iterdir()} == set(PRODUCTS)
     assert {path.read_bytes()[:4] for path in tmp_path.glob("*.png")} == {b"\x89PNG"}
     verdicts = set(pd.read_csv(tmp_path / "calibration.csv").verdict)
     sets = pd.read_csv(tmp_path / "evidence_data_sets.csv")
