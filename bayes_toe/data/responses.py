@@ -206,7 +206,8 @@ def missed_texts(column: Column, options: ReadOptions) -> list[str]:
     known_words = _RIGHT_WRONG if options.correct is not None else _ALL_WORDS
     known = codes.union(*known_words)
     if len(other_texts) > 1 and all(_english(text.lower()) in known for text in other_texts):
-        texts += [text for text in column.texts if _plain(text) == "-1" and text not in other_texts]
+        named_texts = {*texts, *other_texts}
+        texts += [text for text in column.texts if _plain(text) == "-1" and text not in named_texts]
     return texts
 
 

@@ -528,9 +528,10 @@ THREE_CODES = TRIALS + "a,0,0.3,39\na,0.3,0,37\na,0,0.3,{0}\na,0.3,0,{0}\n"
 
 
 def test_minus_one_beside_two_named_codes_is_a_missed_trial():
-    study = read(THREE_CODES.format("-1"), second_code="39", first_code="37")
-    assert content(study) == BOTH_ORDERS
-    assert "2 trials without a response dropped ('-1' in column response): a 2" in study.notes
+    for missed in ((), "-1"):
+        study = read(THREE_CODES.format("-1"), second_code="39", first_code="37", missed=missed)
+        assert content(study) == BOTH_ORDERS
+        assert "2 trials without a response dropped ('-1' in column response): a 2" in study.notes
     assert content(read(TRIALS + "a,0,0.3,second\na,0.3,0,first\na,0,0.3,-1\n")) == BOTH_ORDERS
     # It is an answer beside one code, and may be one beside others whose meaning is not known.
     two_codes = TRIALS + "a,0,0.3,1\na,0.3,0,-1\n"
