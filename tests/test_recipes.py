@@ -223,6 +223,17 @@ def test_a_file_without_a_subject_in_its_name_is_refused(tmp_path):
     assert message in refused(line, cwd=tmp_path)
 
 
+@pytest.mark.parametrize("name", ["7.csv", "7.txt", "7.xlsx"])
+def test_the_name_of_a_file_of_any_kind_may_be_the_subject(tmp_path, name):
+    trials = pd.DataFrame({"s1": [0, 0.3], "s2": [0.3, 0], "response": ["second", "first"]})
+    if name.endswith("xlsx"):
+        trials.to_excel(tmp_path / name, index=False)
+    else:
+        trials.to_csv(tmp_path / name, index=False)
+    assert "--subject-from '{}.*'" in refused(f"check {name}", cwd=tmp_path)
+    assert "1 subject, 2 trials" in good("check", name, "--subject-from", "{}.*", cwd=tmp_path)
+
+
 def test_problems_of_all_files_come_together(tmp_path):
     names = ["a/s.csv", "b/s.csv"]
     write(tmp_path, dict.fromkeys(names, "subject,s1,s2,response\na,0,x,same\n"))

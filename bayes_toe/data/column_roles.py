@@ -491,7 +491,7 @@ def _remedies(
     yield from _stimulus_remedies(names, missing, options)
     yield from _answer_remedies(names, missing)
     if "subject" in missing:
-        yield Remedy("subject_from", "{}.csv", "if the name of the file is the subject")
+        yield Remedy("subject_from", "{}.*", "if the name of the file is the subject")
 
 
 def _stimulus_remedies(

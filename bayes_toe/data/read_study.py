@@ -702,9 +702,13 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
     table.problems.refuse()
     require_task(table, answers.task, rows.columns.get("task"))
     if not answers.is_answered.any():
+        elsewhere = Remedy(
+            "columns", (("response", "NAME"),), "if another column has the responses"
+        )
         raise InputError(
-            f"{table.source}: found no response in any of {len(answers.is_answered)} rows, "
-            "allowed: at least one answered trial"
+            f"{table.source}: column {display_name(column.name)}: found no response in any of "
+            f"{len(answers.is_answered)} rows, allowed: at least one answered trial",
+            [elsewhere] if rows.options.correct is None else [],
         )
     notes = rows.layout("trial", answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable

@@ -458,6 +458,12 @@ def typed_remedies(data, **options):
     return [remedy.typed for remedy in caught.value.remedies]
 
 
+def test_a_column_of_responses_without_any_is_named():
+    rows = "subject,s1,s2,response,judgement\na,0,0.3,,second\na,0.3,0,,first\n"
+    assert typed_remedies(rows) == ["--columns response=NAME"]
+    assert content(read(rows, columns={"response": "judgement"})) == BOTH_ORDERS
+
+
 def test_the_code_proposed_for_second_is_commoner_with_a_stronger_second_stimulus():
     rows = TRIALS + "a,0,0.3,z\na,0.3,0,m\n" * 3 + "a,0,0.3,m\n"
     assert typed_remedies(rows) == ["--second-code z", "--equal-code z"]
@@ -528,9 +534,10 @@ THREE_CODES = TRIALS + "a,0,0.3,39\na,0.3,0,37\na,0,0.3,{0}\na,0.3,0,{0}\n"
 
 
 def test_minus_one_beside_two_named_codes_is_a_missed_trial():
-    study = read(THREE_CODES.format("-1"), second_code="39", first_code="37")
-    assert content(study) == BOTH_ORDERS
-    assert "2 trials without a response dropped ('-1' in column response): a 2" in study.notes
+    for missed in ((), "-1"):
+        study = read(THREE_CODES.format("-1"), second_code="39", first_code="37", missed=missed)
+        assert content(study) == BOTH_ORDERS
+        assert "2 trials without a response dropped ('-1' in column response): a 2" in study.notes
     assert content(read(TRIALS + "a,0,0.3,second\na,0.3,0,first\na,0,0.3,-1\n")) == BOTH_ORDERS
     # It is an answer beside one code, and may be one beside others whose meaning is not known.
     two_codes = TRIALS + "a,0,0.3,1\na,0.3,0,-1\n"
@@ -806,7 +813,7 @@ TRIAL_ROWS = {
         "row 3, column subject: found '', allowed: a text that is not empty"
     ),
     "a,0,0,NA\nb,0,0,\n": (
-        "found no response in any of 2 rows, allowed: at least one answered trial"
+        "column response: found no response in any of 2 rows, allowed: at least one answered trial"
     ),
     "a,x,0,equal\n,0,0,equal\na,0,y,maybe\na,0\na,0,0,equal\nb,,z,\n": (
         "row 2, column s1: found 'x', allowed: a finite number\n"
