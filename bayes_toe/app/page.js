@@ -430,6 +430,7 @@ function remedyText({ option, value, meaning }) {
   const texts = {
     sheet: `sheet ${value}`,
     correct: `column ${value} says right or wrong`,
+    missed: `${value} means: nobody responded`,
     intensity: "they are intensities, not logarithms",
     unit: LOG_UNITS.includes(value) ? meaning.replace(/^if /, "") : `they are intensities in ${value}`,
     standard_interval: `column ${value} says when the standard came`,
@@ -462,7 +463,8 @@ function isComplete({ option, value }) {
 function apply({ option, value }) {
   const options = job.reading.table ? collect() : { ...job.options };
   if (option === "correct" || option.includes("standard") || option.endsWith("interval")) kinds = {};
-  if (Array.isArray(value)) options[option] = { ...options[option], ...Object.fromEntries(value.filter(isNamed)) };
+  if (option === "missed") options.missed = [...(options.missed ?? []), value];
+  else if (Array.isArray(value)) options[option] = { ...options[option], ...Object.fromEntries(value.filter(isNamed)) };
   else if (option === "intensity") toIntensities(options, "");
   else if (option === "unit" && !LOG_UNITS.includes(value)) toIntensities(options, value);
   else options[option] = value || true;

@@ -67,10 +67,9 @@ from bayes_toe.data.text_table import (
     TextTable,
 )
 from bayes_toe.data.trial_order import answers_in_order
-from bayes_toe.data.trial_rows import trial_rows
+from bayes_toe.data.trial_rows import nameless_doubts, trial_rows
 from bayes_toe.data.units import REPEATED, follows_from_pairs, with_conditions, with_units
 from bayes_toe.data.validation import (
-    CONDITION_SEPARATOR,
     MISSING_WORDS,
     ambiguous_number,
     bare_names,
@@ -481,13 +480,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     else:
         columns["subject"] = bare_names(table, columns["subject"])
     signs = _response_signs(table, columns) if options.correct is not None else []
-    missed = list[str]()
-    for answer in columns.keys() & {"response", "correct"}:
-        column = columns[answer]
-        texts = missed_texts(column, options)
-        missed += cells_of(column, [text for text in texts if text.lower() not in MISSING_WORDS])
-        texts_left = ["" if text in texts else text for text in column.texts]
-        columns[answer] = Column.from_texts(column.name, texts_left, column.codes)
+    missed = _blank_missed(columns, options)
     columns = with_units(table, columns, options.categorical)
     stimuli = [columns[ours] for ours in options.stimuli]
     if table.grouping_sign and options.decimal is None:
@@ -504,6 +497,18 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     return _Rows(table, columns, keys, options, signs, missed, values, order, rounding)
 
 
+def _blank_missed(columns: dict[str, Column], options: ReadOptions) -> list[str]:
+    """Make responses empty that say that nobody responded, and return what they say."""
+    cells = list[str]()
+    for answer in columns.keys() & {"response", "correct"}:
+        column = columns[answer]
+        texts = missed_texts(column, options)
+        cells += cells_of(column, [text for text in texts if text.lower() not in MISSING_WORDS])
+        other_texts = ["" if text in texts else text for text in column.texts]
+        columns[answer] = Column.from_texts(column.name, other_texts, column.codes)
+    return cells
+
+
 def _require_header(table: TextTable, options: ReadOptions) -> None:
     """Refuse a table whose names are a row of it: numbers, and no columns of stimuli."""
     numbers_in_head = [name for name in table.names if math.isfinite(number(name, True))]
@@ -513,18 +518,6 @@ def _require_header(table: TextTable, options: ReadOptions) -> None:
         raise InputError(
             f"{table.source}: has no header: {table.head} holds {cells}; allowed: {rule}"
         )
-
-
-def _nameless_doubts(subject: Column) -> list[str]:
-    """A doubt for each subject whose name may say that there is none."""
-    doubts = []
-    for code, text in enumerate(subject.texts):
-        name = text.partition(CONDITION_SEPARATOR)[0]
-        if name and name.lower() in MISSING_WORDS:
-            rows = plural(int(np.count_nonzero(subject.codes == code)), "row")
-            finding = f"{rows} of subject {quoted(text)}, which may mean that the name is missing"
-            doubts.append(f"{finding}; if so, --exclude {text}")
-    return doubts
 
 
 def _order_columns(table: TextTable) -> list[str]:
@@ -644,7 +637,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     if not is_trials:
         notes += _merged_note(parts, subjects)
         doubts += _percentage_doubts(n)
-    doubts += _nameless_doubts(rows.subject)
+    doubts += nameless_doubts(rows.subject)
     if "isi" in rows.columns:
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
         column = display_name(rows.columns["isi"].name)

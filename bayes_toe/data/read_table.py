@@ -140,13 +140,19 @@ def read_table(
         raise InputError(f"{name}: found --sheet {sheet}, allowed: with an Excel file")
     if suffix in _EXCEL_SUFFIXES:
         return _read_excel(name, data, choice, sheet)
-    if suffix in _JSON_SUFFIXES or (suffix in _TEXT_SUFFIXES and _JSON_START.match(data)):
+    if _is_json(suffix, data):
         return _read_json(name, data, choice, encoding)
     if suffix == ".parquet":
         return _read_parquet(name, data, choice)
     if suffix == ".mat":
         return _read_matlab(name, data, choice)
     return read_csv(name, data, choice, encoding)
+
+
+def _is_json(suffix: str, data: bytes) -> bool:
+    """Whether a file is JSON by its suffix, or a text that begins like it."""
+    is_text = suffix in _TEXT_SUFFIXES
+    return suffix in _JSON_SUFFIXES or (is_text and _JSON_START.match(data) is not None)
 
 
 def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:

@@ -193,20 +193,20 @@ def missed_texts(column: Column, options: ReadOptions) -> list[str]:
 
     -1 is one, as jsPsych has it, beside two texts that are words or given codes.
     """
-    given = [*chain.from_iterable(map(options.codes, TASKS)), options.comparison_code]
-    codes = {_plain(code) for code in given if code is not None}
+    codes_by_task = chain.from_iterable(map(options.codes, TASKS))
+    codes = {_plain(code or "") for code in (*codes_by_task, options.comparison_code)} - {""}
     declared = {_plain(code) for code in options.missed}
     texts, other_texts = [], []
     for text in column.texts:
         plain = _plain(text)
         if plain in declared or (plain not in codes and is_no_response(plain)):
             texts.append(text)
-        elif plain != "-1" or plain in codes:
+        elif plain != "-1":
             other_texts.append(plain)
-    known_words = _RIGHT_WRONG if options.correct is not None else _ALL_WORDS
-    known = codes.union(*known_words)
-    if len(other_texts) > 1 and all(_english(text.lower()) in known for text in other_texts):
-        texts += [text for text in column.texts if _plain(text) == "-1" and text not in other_texts]
+    words = _RIGHT_WRONG if options.correct is not None else _ALL_WORDS
+    english_words = set(map(_english, map(str.lower, {*other_texts} - codes)))
+    if len(other_texts) > 1 and "-1" not in codes and english_words <= set().union(*words):
+        texts += [text for text in {*column.texts} - {*texts} if _plain(text) == "-1"]
     return texts
 
 

@@ -312,9 +312,8 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     n_names = len(head)
     is_one_short = len(cells_below) == n_names + 1
     has_row_names = is_one_short and cells_below[0].strip() == "1"
-    if has_row_names:  # as R writes them, without a name of their own
-        head = ["", *head]
-    problems, chosen = Problems(source), choice(head)
+    head = [""] * has_row_names + head  # R writes row names without a name of their own
+    problems, chosen = Problems(source), {*choice(head), ""}
     places = name_places(head)
     rows, codes = array("q"), {name: array("q") for name in places}
     # Most texts are there many times.
@@ -324,11 +323,13 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     records = itertools.islice(_records(text, delimiter), place + 1, None)
     whole_records = _whole_records(records, len(head), problems)
     while batch := list(itertools.islice(whole_records, _BATCH)):
-        rows.extend(row for row, _ in batch)
-        cells = list(zip(*(record for _, record in batch), strict=True))
-        for name, column in [*places.items()]:
+        row_numbers, batch_records = zip(*batch, strict=True)
+        rows.extend(row_numbers)
+        cells = list(zip(*batch_records, strict=True))
+        for name, column in places.items():
             codes[name].extend(map(texts[name].__getitem__, cells[column]))
-            if name and len(texts[name]) > _MOST_TEXTS and name not in chosen:
+        for name in {*places} - chosen:
+            if len(texts[name]) > _MOST_TEXTS:
                 del places[name]
     is_counted = not has_row_names or [*texts[""]] == [*map(str, range(1, len(rows) + 1))]
     if not is_counted or (is_one_short and not rows and problems.count > 1):
@@ -336,9 +337,8 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         raise InputError(f"{source}: row {first_row}: {finding}, allowed: a name for each column")
     columns = {name: Column.from_texts(name, texts[name], codes[name]) for name in places}
     notes = (f"rows above row {first_row} left out",) if place else ()
-    row_numbers = np.array(rows, np.int64)
-    head_name = f"row {first_row}"
-    return TextTable(label, delimiter, head_name, head, columns, row_numbers, problems, notes)
+    head_name, record_rows = f"row {first_row}", np.array(rows, np.int64)
+    return TextTable(label, delimiter, head_name, head, columns, record_rows, problems, notes)
 
 
 def _whole_records(

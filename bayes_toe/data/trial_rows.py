@@ -15,7 +15,7 @@ from bayes_toe.data.column_roles import is_response_sign, practice_texts
 from bayes_toe.data.messages import display_name, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import is_no_response, number
+from bayes_toe.data.validation import CONDITION_SEPARATOR, MISSING_WORDS, is_no_response, number
 from bayes_toe.errors import InputError
 
 #: How probable a run of equal pairs of zeros is at most, if it is left out as unfilled.
@@ -137,6 +137,18 @@ def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
     is_repeat = (np.diff(pair[:n_filled], axis=0) == 0).all(axis=1)
     share_repeated = (is_repeat.sum() + 1) / (n_filled + 1)
     return n_zero if share_repeated ** (n_zero - 1.0) < _RUN_BY_CHANCE else 0
+
+
+def nameless_doubts(subject: Column) -> list[str]:
+    """A doubt for each subject whose name may say that there is none."""
+    doubts = []
+    for code, text in enumerate(subject.texts):
+        name = text.partition(CONDITION_SEPARATOR)[0]
+        if name and name.lower() in MISSING_WORDS:
+            rows = plural(int(np.count_nonzero(subject.codes == code)), "row")
+            finding = f"{rows} of subject {quoted(text)}, which may mean that the name is missing"
+            doubts.append(f"{finding}; if so, --exclude {text}")
+    return doubts
 
 
 def _subject_codes(table: TextTable, options: ReadOptions) -> IntArray:

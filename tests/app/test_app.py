@@ -620,7 +620,7 @@ def test_an_answer_that_is_given_while_another_is_on_its_way_is_kept(browser, se
     page = opened.page
     opened.add(tmp_path / "queue.csv")
     sent, release = opened.hold_answers()
-    page.locator("[data-field=stimuli] button", has_text="order").click()
+    page.locator("[data-field=stimuli] button", has_text="order says when the standard").click()
     columns = page.locator("#standard-order option").evaluate_all("all => all.map(o => o.value)")
     assert columns == ["", "*always", "vp", "order", "response"]
     page.select_option("select[data-role=subject]", "order")
