@@ -32,8 +32,6 @@ GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png",
 CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
 #: What each results folder has beside the draws.
 ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
-#: How the files of the study were read.
-STUDY_FILE = "study.toml"
 #: What a results folder may hold: draws, the group, corner plots, an explorer, pages of very many
 #: subjects.
 PRODUCTS = (
@@ -44,7 +42,6 @@ PRODUCTS = (
     "corner",
     "explorer.html",
     "subjects",
-    STUDY_FILE,
 )
 #: What `--figures` can be.
 _FIGURES = ("all", "flagged", "none")
@@ -87,13 +84,12 @@ def write_results(
     workers: Workers = None,
     progress: Progress | None = None,
     check: PredictiveCheck | None = None,
-    study_file: str = "",
 ) -> Path:
     """Write draws, tables, figures, report and methods of an analysis: all of them, or none.
 
     Other files of the folder stay. If the folder holds products that may not be replaced, or cannot
     be written, nothing is changed. `progress` is called with each subject whose figures are drawn,
-    `check` is the one of the group, if it was made before, `study_file` the content of study.toml.
+    and `check` is the one of the group, if it was made before.
     """
     draws = analysis.draws
     if analysis.group is not None and check is None:
@@ -110,8 +106,6 @@ def write_results(
         # Absolute, since a worker may be in another folder than this process.
         target = new.absolute()
         draws.save(target / "posterior.nc")
-        if study_file:
-            (target / STUDY_FILE).write_text(study_file, encoding="utf-8")
         _write_tables(analysis, target)
         _write_group(analysis, check, target)
         write_methods(analysis, target / "methods.md")

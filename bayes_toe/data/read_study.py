@@ -39,7 +39,7 @@ from bayes_toe.data.layouts import (
     with_pairs,
 )
 from bayes_toe.data.messages import describe_intervals, display_name, join_names, plural, quoted
-from bayes_toe.data.options import COLUMNS, ReadOptions, changed, subject_in
+from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
     cells_of,
@@ -51,7 +51,7 @@ from bayes_toe.data.responses import (
 )
 from bayes_toe.data.stimulus_unit import LOG_UNITS, merge_rounded
 from bayes_toe.data.study import Study, Subject, units_by_subject
-from bayes_toe.data.study_file import read_together, study_source, table_files
+from bayes_toe.data.study_files import read_together, table_files
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     WHICH_STRONGER,
@@ -141,8 +141,7 @@ def read_study(
         numbers; its rows count from 1. Or MATLAB trials by their suffix, .mat, see
         :mod:`bayes_toe.data.text_table`. Rows of a frame count from 0. Several files or frames in a
         list make one study: the answers of a subject who is in more than one of them are put
-        together, file by file a block. A folder stands for the tables in it. Or a study file by its
-        suffix, .toml, which names files and options; `bayes-toe check` writes one.
+        together, file by file a block. A folder stands for the tables in it.
     options : ReadOptions, optional
         For raw amplitudes, other answer codes or other column names.
 
@@ -177,10 +176,6 @@ def read_study(
         "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})",
     )
     paths = list(path) if isinstance(path, list | tuple) else [path]
-    source = study_source(paths, options)
-    if source is not None:
-        study = read_study(source.files, source.options)
-        return changed(study, source.swap, source.exclude)
     paths, folder_notes = table_files(paths)
 
     def read(with_options: ReadOptions) -> Study:
