@@ -2,27 +2,34 @@
 
 `responses` reads words or codes. Known words tell the task too; codes such as 1 and 2 need an
 option. A column of right and wrong becomes answers by the sign of s2 - s1. `without_missed` drops
-trials that nobody answered. `direction` finds a study whose answers mean the opposite.
+trials that nobody answered. `require_direction` refuses a study whose answers mean the opposite.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from itertools import chain
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from itertools import chain, permutations
 from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.data.column_roles import TRUE_WORDS, VOCABULARY, is_missed_flag, without_accents
+from bayes_toe.data.column_roles import (
+    TRUE_WORDS,
+    VOCABULARY,
+    is_missed_flag,
+    is_no_response,
+    without_accents,
+)
 from bayes_toe.data.messages import display_name, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import is_no_response, number
-from bayes_toe.errors import InputError, Remedy
+from bayes_toe.data.validation import number
+from bayes_toe.errors import InputError, Remedy, option_values, with_values
 
 if TYPE_CHECKING:
     from bayes_toe.data.layouts import StandardOrder
@@ -65,7 +72,7 @@ def responses(
     keys: Sequence[FloatArray],
     order: StandardOrder,
 ) -> Responses:
-    """The responses in a column, of trials with these stimuli.
+    """The responses in a column, of trials with these stimuli; missed ones are empty.
 
     What cannot be read is noted in the table. Where no word is known, one line says so of the
     column, and another task than the one of the result may have been meant.
@@ -250,13 +257,13 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     if is_missed_flag(sign):
         is_sign = word in TRUE_WORDS
     else:
-        is_sign = is_no_response(word) or word in VOCABULARY["signs"]["missed"]
+        is_sign = is_no_response(word) or word in VOCABULARY["missed"]["signs"]
     is_chosen = sign.codes == sign.texts.index(text)
     if not is_sign or is_chosen.all() or (is_chosen & is_right).any():
         return False
     if word == "0":
         return len(sign.texts) > 2  # of two keys it is one
-    if word not in VOCABULARY["signs"]["unclear"]:
+    if word not in VOCABULARY["missed"]["unclear"]:
         return True
     # A reaction time may be 999 ms: it is no sign beside others of its size, unless so many
     # responses would not be wrong by chance.
@@ -272,7 +279,7 @@ def _both_codes(
     """The codes of both responses; of two codes in a column the one not given is the other."""
     yes, no = given
     known = _plain(yes or no or "")
-    texts = {_plain(text) for text in column.texts if not is_no_response(text)}
+    texts = {*map(_plain, column.texts)} - {""}
     other = "".join(texts - {known})
     has_words = known not in texts and any(_words_of(task, column) for task in TASKS)
     if None not in given or not known or len(texts - {known}) != 1 or has_words:
@@ -287,7 +294,7 @@ def _unknown_meaning(column: Column, trends: Mapping[str, FloatArray]) -> tuple[
 
     `trends` are what makes an answer likelier, by the option that names its code.
     """
-    texts = [text for text in column.texts if not is_no_response(text)]
+    texts = [*filter(None, column.texts)]
     words_by_task = [_words_of(task, column) for task in TASKS]
     if all(words_by_task):
         words_of_both = " and ".join(quoted(words[0]) for words in words_by_task)
@@ -373,7 +380,7 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
     if plain == no_code:
         return _NO
     word = plain.lower()
-    if is_no_response(word):
+    if not word:
         return _MISSING
     return _answer_by_word(word, yes_code, no_code, words)
 
@@ -433,3 +440,31 @@ def direction(study: Study) -> int:
         if sign * total > _STUDY_LIMIT and is_shared and (sign * z > _OPPOSITE_LIMIT).all():
             return sign
     return 0
+
+
+def require_direction(
+    study: Study, options: ReadOptions, read: Callable[[ReadOptions], Study]
+) -> None:
+    """Refuse reversed answers, with the options under which `read` finds none."""
+    if direction(study) >= 0:
+        return
+    finding = "found 'second' less often the larger s2 - s1 is"
+    rule = "allowed: 'second' where the second stimulus was called the stronger"
+    if options.correct:
+        rule += f"; column {display_name(options.correct)} says right of those"
+    elif "n_trials" in study.reading.read:
+        rule += f"; {display_name(options.name('n_second'))} counts those"
+    candidates = list[list[Remedy]]()
+    for code, other in permutations(study.reading.codes, 2):
+        second = Remedy("second_code", code, f"if {code} is 'second'", 0)
+        comparison = Remedy("comparison_code", code, f"if {code} is 'comparison'", 0)
+        candidates += [[second, Remedy("first_code", other, "", 1)], [comparison]]
+    if options.standard_interval is not None:
+        meaning = "if it says the interval of the comparison"
+        candidates.append([Remedy("comparison_interval", options.standard_interval, meaning, 0)])
+    remedies = []
+    for candidate in candidates:
+        with suppress(InputError):
+            if direction(read(with_values(options, option_values(candidate)))) > 0:
+                remedies += candidate
+    raise InputError(f"{study.source}: {finding}, {rule}.", remedies)

@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, IntArray
-from bayes_toe.data.column_roles import is_response_sign, practice_texts
+from bayes_toe.data.column_roles import is_no_response, is_response_sign, practice_texts
 from bayes_toe.data.messages import display_name, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import CONDITION_SEPARATOR, MISSING_WORDS, is_no_response, number
+from bayes_toe.data.validation import CONDITION_SEPARATOR, MISSING_WORDS, number
 from bayes_toe.errors import InputError
 
 #: How probable a run of equal pairs of zeros is at most, if it is left out as unfilled.
