@@ -43,8 +43,7 @@ from bayes_toe.data.messages import describe_intervals, display_name, join_names
 from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
-    cells_of,
-    missed_texts,
+    blank_missed,
     require_direction,
     require_task,
     responses,
@@ -76,7 +75,6 @@ from bayes_toe.data.units import (
     with_units,
 )
 from bayes_toe.data.validation import (
-    MISSING_WORDS,
     bare_names,
     column_counts,
     counts_of_shares,
@@ -281,18 +279,14 @@ class _Rows:
     Columns by our names, and the keys of each row's pair, NaN where a cell cannot be read.
 
     The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a
-    column. `signs` are columns of keys and reaction times, where responses are scored right or
-    wrong. `missed` says which texts of the response are none. `stimuli` are the numbers in the
-    columns of stimuli: s1 and s2, or the standard and the comparison. `rounding` says which of them
-    differed by rounding only.
+    column. `stimuli` are the numbers in the columns of stimuli: s1 and s2, or the standard and the
+    comparison. `rounding` says which of them differed by rounding only.
     """
 
     table: TextTable
     columns: dict[str, Column]
     keys: list[FloatArray]
     options: ReadOptions
-    signs: list[Column]
-    missed: list[str]
     stimuli: list[FloatArray]
     order: StandardOrder
     rounding: list[str]
@@ -311,9 +305,23 @@ class _Rows:
 
     @property
     def codes(self) -> list[str]:
-        """The responses in the file, which `columns` may have in words."""
-        column = self.table.columns.get(self.options.name("response"))
-        return [] if column is None else [*filterfalse(is_no_response, column.texts)]
+        """The responses in the file."""
+        if "response" not in self.columns:
+            return []
+        return [*filterfalse(is_no_response, self.columns["response"].texts)]
+
+    @property
+    def signs(self) -> list[Column]:
+        """Columns that are not read and may show that nobody responded to a scored trial."""
+        if self.options.correct is None:
+            return []
+        names_read = {column.name for column in self.columns.values()}
+        signs = []
+        for name, column in self.table.columns.items():
+            may_show = is_response_sign(name) or is_missed_flag(column)
+            if may_show and name not in names_read:
+                signs.append(column)
+        return signs
 
     @property
     def names_not_read(self) -> list[str]:
@@ -407,31 +415,15 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
         columns["subject"] = _subject_of_file(table, path, options.subject_from)
     else:
         columns["subject"] = bare_names(table, columns["subject"])
-    signs = _response_signs(table, columns) if options.correct is not None else []
-    missed = _blank_missed(columns, options)
     columns = with_units(table, columns, options.categorical)
     values = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
     rounding = merge_rounded(values, columns["subject"].codes, options.stimulus_unit)
     order = StandardOrder(table, columns.get("standard_interval"), options)
     keys = order.in_order(*values)
-    if options.has_standard and "response" in columns:
-        columns["response"] = order.by_interval(table, columns["response"], options)
     if "isi" in columns:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
-    return _Rows(table, columns, keys, options, signs, missed, values, order, rounding)
-
-
-def _blank_missed(columns: dict[str, Column], options: ReadOptions) -> list[str]:
-    """Make responses empty that say that nobody responded, and return what they say."""
-    cells = list[str]()
-    for answer in columns.keys() & {"response", "correct"}:
-        column = columns[answer]
-        texts = missed_texts(column, options)
-        cells += cells_of(column, [text for text in texts if text.lower() not in MISSING_WORDS])
-        other_texts = ["" if text in texts else text for text in column.texts]
-        columns[answer] = Column.from_texts(column.name, other_texts, column.codes)
-    return cells
+    return _Rows(table, columns, keys, options, values, order, rounding)
 
 
 def _require_header(table: TextTable, options: ReadOptions) -> None:
@@ -461,17 +453,6 @@ def _marks(table: TextTable) -> dict[str, Column]:
     if "task" in columns and not any(map(task_named, columns["task"].texts)):
         del columns["task"]  # another kind of task, such as the name of a part of the experiment
     return columns
-
-
-def _response_signs(table: TextTable, columns: Mapping[str, Column]) -> list[Column]:
-    """Columns that are not read and may show that nobody responded."""
-    names_read = {column.name for column in columns.values()}
-    other_columns = [column for name, column in table.columns.items() if name not in names_read]
-    return [
-        column
-        for column in other_columns
-        if is_response_sign(column.name) or is_missed_flag(column)
-    ]
 
 
 def _known_names(names: Sequence[str], options: ReadOptions) -> set[str]:
@@ -595,6 +576,9 @@ def _percentage_doubts(n: IntArray) -> list[str]:
 
 def _trial_study(rows: _Rows, column: Column) -> Study:
     table = rows.table
+    column, missed = blank_missed(column, rows.options)
+    if rows.options.has_standard and "response" in rows.columns:
+        column = rows.order.by_interval(table, column, rows.options)
     answers = responses(table, column, rows.options, rows.keys, rows.order)
     answers, signs = without_missed(answers, column, rows.signs, rows.options.missed)
     # Rows without an answer, such as instruction screens, may hold anything else.
@@ -608,7 +592,7 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
         )
     notes = rows.layout("trial", answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable
-    notes += _dropped_note(rows, unanswered, "without a response", [*rows.missed, *signs])
+    notes += _dropped_note(rows, unanswered, "without a response", [*missed, *signs])
     equal_stimuli = "with equal stimuli, of which no answer is right,"
     notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
     n_answered = np.bincount(rows.subject.codes, answers.is_answered, len(rows.subject.texts))

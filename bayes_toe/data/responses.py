@@ -28,7 +28,7 @@ from bayes_toe.data.messages import display_name, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import number
+from bayes_toe.data.validation import MISSING_WORDS, number
 from bayes_toe.errors import InputError, Remedy, option_values, with_values
 
 if TYPE_CHECKING:
@@ -91,8 +91,8 @@ def responses(
         if options.has_standard:
             trends["comparison_code"] = np.where(order.is_first, difference, -difference)
         problem, remedies = _unknown_meaning(column, trends)
-    elif not has_scores:
-        problem, remedies = _other_code(column, answer, codes, names)
+    if not problem:
+        problem, remedies = _unknown_texts(column, answer, codes, names)
     if problem:
         table.problems.ask(f"column {display_name(column.name)}: {problem}", remedies)
     else:
@@ -100,7 +100,7 @@ def responses(
         if not has_scores:
             rule += f"; other codes by {_code_options(names, table.is_frame)}"
         table.fault(column, answer == _UNKNOWN, rule)
-        table.problems.remedies += _missed_remedies(column, answer)
+        table.problems.remedies += remedies
     yes_texts = _as_answered(column, answer == _YES, names[0])
     no_texts = _as_answered(column, answer == _NO, names[1])
     note = f"responses {yes_texts} / {no_texts}"
@@ -112,16 +112,6 @@ def responses(
         is_yes = is_yes == (task.right(difference) > 0)
     is_answered &= ~is_unscorable
     return Responses(task, is_yes & is_answered, is_answered, is_unscorable, note)
-
-
-def _missed_remedies(column: Column, answer: IntArray) -> list[Remedy]:
-    """What to type if the only text that is no answer, beside both answers, is a missed trial."""
-    is_unknown = answer == _UNKNOWN
-    texts = column.only(is_unknown).texts
-    if len(texts) != 1 or not {_YES, _NO}.issubset(answer.tolist()):
-        return []
-    trials = plural(int(is_unknown.sum()), "trial")
-    return [Remedy("missed", texts[0], f"if nobody responded in these {trials}")]
 
 
 def _task_of_words(column: Column) -> Task:
@@ -195,26 +185,27 @@ def _english(word: str) -> str:
     return word
 
 
-def missed_texts(column: Column, options: ReadOptions) -> list[str]:
-    """The texts in a column of responses that say that nobody responded.
+def blank_missed(column: Column, options: ReadOptions) -> tuple[Column, list[str]]:
+    """A column of responses whose missed trials are empty, and the texts that say so.
 
     -1 is one, as jsPsych has it, beside two texts that are words or given codes.
     """
     codes_by_task = chain.from_iterable(map(options.codes, TASKS))
     codes = {_plain(code or "") for code in (*codes_by_task, options.comparison_code)} - {""}
     declared = {_plain(code) for code in options.missed}
-    texts, other_texts = [], []
-    for text in column.texts:
-        plain = _plain(text)
+    plain_texts = {text: _plain(text) for text in column.texts}
+    missed = []
+    for text, plain in plain_texts.items():
         if plain in declared or (plain not in codes and is_no_response(plain)):
-            texts.append(text)
-        elif plain != "-1":
-            other_texts.append(plain)
+            missed.append(text)
+    others = {plain for text, plain in plain_texts.items() if text not in missed} - {"-1"}
     words = _RIGHT_WRONG if options.correct is not None else _ALL_WORDS
-    english_words = set(map(_english, map(str.lower, {*other_texts} - codes)))
-    if len(other_texts) > 1 and "-1" not in codes and english_words <= set().union(*words):
-        texts += [text for text in {*column.texts} - {*texts} if _plain(text) == "-1"]
-    return texts
+    english_words = {_english(other.lower()) for other in others - codes}
+    if len(others) > 1 and "-1" not in codes and english_words <= set().union(*words):
+        missed += [text for text, plain in plain_texts.items() if plain == "-1"]
+    texts = ["" if text in missed else text for text in column.texts]
+    said = [text for text in missed if text.lower() not in MISSING_WORDS]
+    return Column.from_texts(column.name, texts, column.codes), cells_of(column, said)
 
 
 def without_missed(
@@ -312,17 +303,23 @@ def _unknown_meaning(column: Column, trends: Mapping[str, FloatArray]) -> tuple[
     return problem, _code_remedies(column, texts, trends)
 
 
-def _other_code(
+def _unknown_texts(
     column: Column, answer: IntArray, codes: Sequence[str | None], names: Sequence[str]
 ) -> tuple[str, list[Remedy]]:
-    """The problem of several codes of which one is known, with what to type for the other."""
+    """The problem of several codes of which one is known; what to type for texts of no answer.
+
+    One text beside both answers has no problem of its own: it may be a missed trial.
+    """
     unknown = column.only(answer == _UNKNOWN)
-    has_other = {_YES, _NO} <= {*answer.tolist()}
-    if has_other or len(unknown.texts) < 2 or codes.count(None) != 1:
+    answers = {_YES, _NO} & {*answer.tolist()}
+    if len(answers) == 2 and len(unknown.texts) == 1:
+        trials = plural(len(unknown.codes), "trial")
+        return "", [Remedy("missed", unknown.texts[0], f"if nobody responded in these {trials}")]
+    if len(answers) == 2 or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
     other = names[codes.index(None)]
     shares = join_names(unknown.counts(unknown.texts), 4)
-    if not {_YES, _NO} & {*answer.tolist()}:
+    if not answers:
         return f"the codes are {shares}. None of them is the code that was given.", []
     commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
     problem = f"the other codes are {shares}. Which of them is '{other}'?"

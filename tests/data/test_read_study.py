@@ -741,9 +741,7 @@ FILES = {
     "subject,s1,s2,n_trials\na,0,1,5\n": (
         "row 1: there is no column n_equal. The columns are subject, s1, s2, n_trials."
     ),
-    "subject,i1,i2,response\na,1,2,equal\n": (
-        "row 1: there is no column s1 and no column s2. The columns are subject, i1, i2, response."
-    ),
+    "subject,i1,i2,response\na,1,2,equal\n": "row 1, columns i1 and i2 seem to be intensities.",
     "subject,s1,s2,response,n_equal\n": (
         f"row 1, column response: found together with n_equal, {ALONE}"
     ),
