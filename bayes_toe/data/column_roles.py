@@ -289,8 +289,6 @@ def columns_to_read(
     names: Sequence[str],
     options: ReadOptions,
     orders: Sequence[str] = (),
-    *,
-    is_frame: bool = False,
 ) -> tuple[list[str], list[str], list[Remedy]]:
     """Our names of the columns that are read, what is wrong with the names, and what to type.
 
@@ -303,11 +301,16 @@ def columns_to_read(
     """
     roles_read = _roles_read(names, options)
     problems = [
-        *_answer_problems(names, roles_read, options, is_frame),
+        *_answer_problems(roles_read, options),
         *_meaning_problems(names, roles_read, options),
     ]
     if options.subject_from is not None:
         roles_read.remove("subject")
+    response = options.name("response")
+    if "response" in roles_read and response in names and looks_like(response, "correct"):
+        finding = "found as response, though it seems to say right or wrong."
+        problems.append(f"column {display_name(response)}: {finding}")
+        return roles_read, problems, _score_remedies([response])
     unordered = _unordered_stimuli(names, options)
     if unordered:
         problems.append(
@@ -421,10 +424,8 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
             yield ours
 
 
-def _answer_problems(
-    names: Sequence[str], roles_read: Sequence[str], options: ReadOptions, is_frame: bool
-) -> Iterator[str]:
-    """Problems of responses that are there twice, belong to two tasks, or are missing."""
+def _answer_problems(roles_read: Sequence[str], options: ReadOptions) -> Iterator[str]:
+    """Problems of responses that are there twice or belong to two tasks."""
     counts = [display_name(options.name(ours)) for ours in _COUNTS if ours in roles_read]
     response = options.name("response")
     if "response" in roles_read and counts:
@@ -437,13 +438,6 @@ def _answer_problems(
     elif len(counts) > 2:
         finding = f"found together with {counts[0]}"
         yield f"column {counts[1]}: {finding}, allowed: one of them, since a study has one task"
-    if "response" in roles_read and response in names and looks_like(response, "correct"):
-        option = f"--correct {display_name(response)}"
-        if is_frame:
-            option = f"ReadOptions(correct={response!r})"
-        finding = "found as response, though it seems to say right or wrong"
-        rule = f"{option} (which is stronger), or a column that has the answers"
-        yield f"column {display_name(response)}: {finding}, allowed: {rule}"
 
 
 def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
@@ -518,10 +512,18 @@ def _answer_remedies(names: Sequence[str], missing: Sequence[str]) -> Iterator[R
     """Options to type if the column of responses, or of right and wrong, is missing."""
     scores = [name for name in names if looks_like(name, "correct")]
     if "response" in missing:
-        for name in scores:
-            yield Remedy("correct", name, f"if {display_name(name)} says right or wrong (2AFC)")
+        yield from _score_remedies(scores)
     if "correct" in missing:
         yield Remedy("correct", (scores or ["NAME"])[0], "with the name in your file")
+
+
+def _score_remedies(names: Sequence[str]) -> list[Remedy]:
+    """Options to type if these columns say right or wrong."""
+    remedies = []
+    for name in names:
+        meaning = f"if {display_name(name)} says right or wrong (2AFC)"
+        remedies.append(Remedy("correct", name, meaning))
+    return remedies
 
 
 def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOptions) -> Remedy:

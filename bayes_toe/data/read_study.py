@@ -404,9 +404,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
         table = with_pairs(table, options)
     _require_header(table, options)
     options = with_likely_columns(table.names, options)
-    roles_read, problems, remedies = columns_to_read(
-        table.names, options, _order_columns(table), is_frame=table.is_frame
-    )
+    roles_read, problems, remedies = columns_to_read(table.names, options, _order_columns(table))
     table.require(problems, remedies)
     table = trial_rows(table, options, roles_read)
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}

@@ -615,6 +615,15 @@ def test_practice_is_read_where_it_is_asked_for(tmp_path):
         assert study["P03"].total_trials == 48
 
 
+def test_unfilled_rows_of_a_file_that_names_the_subject(tmp_path):
+    trials = NUMBERS[NUMBERS.subject == "P12"].drop(columns="subject")
+    (tmp_path / "P12.csv").write_bytes(padded(trials))
+    options = bt.ReadOptions(second_code="1", subject_from="{}.csv")
+    study = bt.read_study(tmp_path / "P12.csv", options)
+    assert study["P12"].total_trials == len(trials)
+    assert study.notes[1].endswith("(stimuli and response are 0 in the last rows): P12.csv 20")
+
+
 def test_pairs_of_zeros_that_are_trials_stay():
     rng = np.random.default_rng(1)
     difference = np.repeat([1, 0], 30)
