@@ -29,7 +29,7 @@ from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import MISSING_WORDS, number
-from bayes_toe.errors import InputError, Remedy, option_values, with_values
+from bayes_toe.errors import InputError, Remedy, with_remedies
 
 if TYPE_CHECKING:
     from bayes_toe.data.layouts import StandardOrder
@@ -462,6 +462,6 @@ def require_direction(
     remedies = []
     for candidate in candidates:
         with suppress(InputError):
-            if direction(read(with_values(options, option_values(candidate)))) > 0:
+            if direction(read(with_remedies(options, candidate))) > 0:
                 remedies += candidate
     raise InputError(f"{study.source}: {finding}, {rule}.", remedies)

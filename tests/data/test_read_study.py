@@ -19,7 +19,7 @@ import bayes_toe as bt
 from bayes_toe.data.options import ReadOptions, parse_pairs
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.data.validation import number, whole_number
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, python_options
 
 TRIALS = "subject,s1,s2,response\n"
 COUNTS = "subject,s1,s2,n_equal,n_trials\n"
@@ -46,7 +46,9 @@ def refused(data, **options):
         read(data, **options)
     lines = caught.value.problems
     assert all(line.isprintable() for line in lines)
-    remedies = [f"use {remedy.python} {remedy.meaning}" for remedy in caught.value.remedies]
+    remedies = [
+        f"use {python_options([remedy])} {remedy.meaning}" for remedy in caught.value.remedies
+    ]
     assert str(caught.value).splitlines() == [*lines, *remedies]
     assert all(line.startswith(("study.csv: ", "... and ")) for line in lines)
     return [line.removeprefix("study.csv: ") for line in lines]
