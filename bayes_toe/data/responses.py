@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import chain, permutations
 from operator import itemgetter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -186,26 +186,38 @@ def _english(word: str) -> str:
 
 
 def blank_missed(column: Column, options: ReadOptions) -> tuple[Column, list[str]]:
-    """A column of responses whose missed trials are empty, and the texts that say so.
+    """A column of responses whose missed trials are empty, and the texts that say so."""
+    missed = _missed_texts(column, options)
+    texts = ["" if text in missed else text for text in column.texts]
+    said = [text for text in missed if text.lower() not in MISSING_WORDS]
+    return Column.from_texts(column.name, texts, column.codes), cells_of(column, said)
+
+
+def _missed_texts(column: Column, options: ReadOptions) -> list[str]:
+    """The texts that say that nobody responded.
 
     -1 is one, as jsPsych has it, beside two texts that are words or given codes.
     """
     codes_by_task = chain.from_iterable(map(options.codes, TASKS))
     codes = {_plain(code or "") for code in (*codes_by_task, options.comparison_code)} - {""}
     declared = {_plain(code) for code in options.missed}
-    plain_texts = {text: _plain(text) for text in column.texts}
-    missed = []
-    for text, plain in plain_texts.items():
+    missed, answers = [], set[str]()
+    for text in column.texts:
+        plain = _plain(text)
         if plain in declared or (plain not in codes and is_no_response(plain)):
             missed.append(text)
-    others = {plain for text, plain in plain_texts.items() if text not in missed} - {"-1"}
+        else:
+            answers.add(plain)
     words = _RIGHT_WRONG if options.correct is not None else _ALL_WORDS
-    english_words = {_english(other.lower()) for other in others - codes}
-    if len(others) > 1 and "-1" not in codes and english_words <= set().union(*words):
-        missed += [text for text, plain in plain_texts.items() if plain == "-1"]
-    texts = ["" if text in missed else text for text in column.texts]
-    said = [text for text in missed if text.lower() not in MISSING_WORDS]
-    return Column.from_texts(column.name, texts, column.codes), cells_of(column, said)
+    if "-1" not in codes and _are_known(answers - {"-1"}, codes, words):
+        missed += [text for text in column.texts if _plain(text) == "-1"]
+    return missed
+
+
+def _are_known(answers: set[str], codes: set[str], words: Sequence[Any]) -> bool:
+    """Whether there are two answers and more, and each is a given code or a word."""
+    english_words = {_english(answer.lower()) for answer in answers - codes}
+    return len(answers) > 1 and english_words <= set().union(*words)
 
 
 def without_missed(
