@@ -58,11 +58,6 @@ class Remedy(NamedTuple):
         return f"{option} {shlex.quote(text)}"
 
     @property
-    def python(self) -> str:
-        """The name in Python."""
-        return python_options([self])
-
-    @property
     def is_complete(self) -> bool:
         """Whether it can be typed as it is: no name or number is left open."""
         texts = [self.value]
@@ -173,7 +168,7 @@ def with_next_questions(
         if not all(remedy.is_complete for remedy in chosen):
             break
         try:
-            options = with_values(options, option_values(chosen))
+            options = with_remedies(options, chosen)
             read(options)
             break
         except InputError as next_error:
@@ -186,10 +181,10 @@ def with_next_questions(
     return InputError(problems, remedies)
 
 
-def with_values(options: Any, values: Mapping[str, Any]) -> Any:
-    """Options with other values; names and lists are added to those that there are."""
-    new_values = dict(values)
-    for name, value in values.items():
+def with_remedies(options: Any, remedies: Iterable[Remedy]) -> Any:
+    """Options with those that remedies name; names and lists are added to those that there are."""
+    new_values = option_values(remedies)
+    for name, value in list(new_values.items()):
         earlier = getattr(options, name)
         if isinstance(earlier, Mapping):
             new_values[name] = {**earlier, **value}

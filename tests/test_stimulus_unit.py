@@ -15,6 +15,7 @@ from bayes_toe.answers.order_effect import Size, format_difference
 from bayes_toe.checks.answer_checks import check_answers
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.errors import option_values
 from bayes_toe.plots.report_figure import is_by_first
 
 DECIBELS_OF_E = 20.0 / np.log(10.0)
@@ -139,6 +140,27 @@ def test_what_cannot_be_a_natural_log_is_refused_with_units_that_work(pairs, nam
         (subject,) = bt.read_study(table, options)
         expected = np.asarray(pairs, float) if remedy.value == "ln" else np.log(pairs)
         assert sorted(subject.stimuli) == pytest.approx(sorted(expected.ravel()))
+
+
+@pytest.mark.parametrize(
+    "names, typed",
+    [
+        (("s1", "s2"), "--second-code j --unit a.u."),
+        (("i1", "i2"), "--unit a.u. --second-code j"),
+        (("a1 \u00b5m", "a2 \u00b5m"), "--columns 's1=a1 \u00b5m,s2=a2 \u00b5m' --unit '\u00b5m' "
+         "--second-code j"),
+        (("a1 \u03bcm", "a2 \u03bcm"), "--columns 's1=a1 \u03bcm,s2=a2 \u03bcm' --unit '\u00b5m' "
+         "--second-code j"),
+    ],
+)  # fmt: skip
+def test_the_first_choice_has_unit_and_code_and_works(names, typed):
+    table = trials(GRAMS, names).replace({"response": {"second": "j", "first": "k"}})
+    with pytest.raises(bt.InputError) as refusal:
+        bt.read_study(table)
+    remedies, _ = refusal.value.choices[0]
+    assert " ".join(remedy.typed for remedy in remedies) == typed
+    study = bt.read_study(table, bt.ReadOptions(**option_values(remedies)))
+    assert sorted(study["A"].stimuli) == pytest.approx(sorted(np.log(GRAMS).ravel()))
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.01])

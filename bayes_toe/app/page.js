@@ -431,7 +431,6 @@ function remedyText({ option, value, meaning }) {
     sheet: `sheet ${value}`,
     correct: `column ${value} says right or wrong`,
     missed: `${value} means: nobody responded`,
-    intensity: "they are intensities, not logarithms",
     unit: LOG_UNITS.includes(value) ? meaning.replace(/^if /, "") : `they are intensities in ${value}`,
     standard_interval: `column ${value} says when the standard came`,
     comparison_interval: `column ${value} says when the comparison came`,
@@ -445,8 +444,7 @@ function remedyText({ option, value, meaning }) {
 function toIntensities(options, unit) {
   const isStandard = hasStandard(stimuliKind(options));
   kinds = { ...kinds, stimuli: isStandard ? "standard_intensity" : "intensity" };
-  if (unit) options.unit = unit;
-  else options.intensity = "1";
+  options.unit = unit;
   if (isStandard) return;
   const { s1, s2, ...others } = options.columns ?? {};
   const { roles } = job.reading.table;
@@ -465,7 +463,6 @@ function apply({ option, value }) {
   if (option === "correct" || option.includes("standard") || option.endsWith("interval")) kinds = {};
   if (option === "missed") options.missed = [...(options.missed ?? []), value];
   else if (Array.isArray(value)) options[option] = { ...options[option], ...Object.fromEntries(value.filter(isNamed)) };
-  else if (option === "intensity") toIntensities(options, "");
   else if (option === "unit" && !LOG_UNITS.includes(value)) toIntensities(options, value);
   else options[option] = value || true;
   if (option === "correct") for (const meaning of Object.keys(MEANINGS)) delete options[`${meaning}_code`];
@@ -482,7 +479,7 @@ function question(text, remedies, lines = []) {
     const button = element("button", remedyText(remedy), { type: "button" });
     button.addEventListener("click", () => {
       apply(remedy);
-      if (["unit", "intensity"].includes(remedy.option) && hasIntensities(stimuliKind(job.options))) $("#unit").focus();
+      if (remedy.option === "unit" && hasIntensities(stimuliKind(job.options))) $("#unit").focus();
     });
     box.append(button);
   }
@@ -514,12 +511,8 @@ function showQuestions() {
     boxes[field].push(question(text, remedies.filter(isComplete), isList ? lines : lines.slice(1)));
     if (field === "others") $("#others").open = true;
   }
-  const raw = rawStimuli();
-  if (raw) boxes.stimuli.push(question(raw.message, [{ option: "intensity", value: "1" }]));
   for (const box of $$(".questions")) box.replaceChildren(...boxes[box.dataset.field]);
 }
-
-function rawStimuli() { return job.reading?.study?.findings.find(({ code }) => code === "raw_stimuli"); }
 
 function showTable() {
   const table = job.reading.table;
@@ -572,7 +565,7 @@ function showStudy() {
   $("#notes").parentElement.hidden = study.notes.length < 2;
   $("#notes").replaceChildren(...study.notes.slice(1).map((note) => element("li", plainWords(note))));
   const open = study.findings.filter((finding) => finding.target);
-  const plain = study.findings.filter((finding) => !finding.target && finding.code !== "raw_stimuli");
+  const plain = study.findings.filter((finding) => !finding.target);
   const subjectsOf = new Map();
   for (const { subject, message } of plain) subjectsOf.set(message, [...(subjectsOf.get(message) ?? []), subject]);
   $("#findings").replaceChildren(...[...subjectsOf].map(([message, subjects]) => {
@@ -619,7 +612,7 @@ function showRun() {
   $("#go").hidden = isRunning || run === "done";
   $("#stop").hidden = !isRunning;
   $("#go").textContent = run === "stopped" ? "Go on" : "Analyse";
-  $("#go").disabled = !study || isSending || Boolean(rawStimuli());
+  $("#go").disabled = !study || isSending;
   $("#progress").hidden = ["new", "changed"].includes(run) || !study;
   if (study) {
     $("#progress").max = study.units;
@@ -649,7 +642,7 @@ function showRun() {
 function hasFailed() { return job.run === "stopped" && job.log !== "" && !job.log.includes("stopped by"); }
 
 function progressText(run, done, study) {
-  if (!study || rawStimuli()) return isSending ? "" : "Answer the questions above first.";
+  if (!study) return isSending ? "" : "Answer the questions above first.";
   const parts = study.units > study.subjects ? "subjects in conditions" : "subjects";
   const of = `${done} of ${study.units} ${parts} ${done === 1 ? "is" : "are"} finished.`;
   if (run === "done") return "The analysis is finished. After a change above, you can analyse again.";

@@ -82,7 +82,6 @@ def run(
             workers=context.workers,
             progress=tick,
             overwrite=context.overwrite,
-            study_file="" if study.example else study.source.text(output),
         )
     failed = analysis.draws.failed
     context.finish(keep, failed)

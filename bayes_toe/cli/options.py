@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import partial
 from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from bayes_toe.data.options import ReadOptions
     from bayes_toe.data.read_study import Truth
     from bayes_toe.data.study import Study
-    from bayes_toe.data.study_file import StudySource
 
 
 #: Options that may be absent.
@@ -210,37 +208,22 @@ class StudyFile:
         if not self.example and not self.files:
             raise InputError(NO_FILE)
         task = None if self.question is None else task_of(self.question)
-        swap, exclude = tuple(self.swap or ()), tuple(self.exclude or ())
         if self.example:
             study = example_study(task or WHICH_STRONGER)
         else:
-            study = read_study(self.source.files, self.source.options)
-            swap, exclude = self.source.swap, self.source.exclude
+            study = read_study(self._paths(), self._read_options())
         if task not in (None, study.task):
             raise InputError(
                 f"--task is {self.question!r}, but the responses in {study.source} are of the task "
                 f"{study.task.name!r}."
             )
-        return changed(study, swap, exclude)
-
-    @cached_property
-    def source(self) -> StudySource:
-        """The files and how they are read, as a study file has them."""
-        from bayes_toe.data.study_file import StudySource, study_source
-
-        paths, options = self._paths(), self._read_options()
-        source = study_source(paths, options) or StudySource(tuple(paths), options)
-        swap = (*source.swap, *(self.swap or ()))
-        return replace(source, swap=swap, exclude=(*source.exclude, *(self.exclude or ())))
+        return changed(study, self.swap or (), self.exclude or ())
 
     def data_files(self) -> tuple[Path, ...]:
-        """The files that a study file names or a folder has, and all others."""
-        from bayes_toe.data.study_file import SUFFIX, read_study_file, table_files
+        """The files of the study, with the tables of a folder in place of the folder."""
+        from bayes_toe.data.study_files import table_files
 
-        files: Sequence[Path] = self.files or ()
-        if files and files[0].suffix.lower() == SUFFIX:
-            files = read_study_file(files[0]).files
-        return tuple(table_files(files)[0])
+        return tuple(table_files(self.files or ())[0])
 
     def _paths(self) -> list[Path]:
         """The files; some shells leave a name with * to the program."""

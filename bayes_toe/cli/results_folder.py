@@ -32,8 +32,6 @@ GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png",
 CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
 #: What each results folder has beside the draws.
 ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
-#: How the files of the study were read.
-STUDY_FILE = "study.toml"
 #: What a results folder may hold: draws, the group, corner plots, an explorer, pages of very many
 #: subjects.
 PRODUCTS = (
@@ -44,7 +42,6 @@ PRODUCTS = (
     "corner",
     "explorer.html",
     "subjects",
-    STUDY_FILE,
 )
 #: What `--figures` can be.
 _FIGURES = ("all", "flagged", "none")
@@ -87,14 +84,13 @@ def write_results(
     workers: Workers = None,
     progress: Progress | None = None,
     check: PredictiveCheck | None = None,
-    study_file: str = "",
 ) -> Path:
     """Write draws, tables, figures, report and methods of an analysis.
 
     All are complete before the first one replaces a file. With `overwrite`, what an earlier
     analysis of these subjects has left and this one does not write is removed; other files of the
-    folder stay. `progress` is called with each subject whose figures are drawn, `check` is the one
-    of the group, if it was made before, `study_file` the content of study.toml.
+    folder stay. `progress` is called with each subject whose figures are drawn, and `check` is the
+    one of the group, if it was made before.
     """
     draws = analysis.draws
     if analysis.group is not None and check is None:
@@ -114,8 +110,6 @@ def write_results(
         # Absolute, since a worker may be in another folder than this process.
         target = new.absolute()
         draws.save(target / "posterior.nc")
-        if study_file:
-            (target / STUDY_FILE).write_text(study_file, encoding="utf-8")
         _write_tables(analysis, target)
         _write_group(analysis, check, target)
         write_methods(analysis, target / "methods.md")

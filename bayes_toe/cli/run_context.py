@@ -303,8 +303,7 @@ def print_error(error: BayesToeError, command: str) -> None:
             choices.append((" ".join(remedy.typed for remedy in chosen), meaning))
     elif isinstance(error, OutputExistsError):
         problems = error.problem
-        other = "--save NAME" if command == "check" else "-o NAME"
-        choices = [("--overwrite", "to replace it"), (other, "to write elsewhere")]
+        choices = [("--overwrite", "to replace it"), ("-o NAME", "to write elsewhere")]
     if problems == NO_FILE:
         choices = [(f"bayes-toe {command} {study}", "") for study in ("STUDY.csv", "--example")]
     stored = describe_stored()

@@ -21,7 +21,7 @@ from bayes_toe.cli.options import (
     writes,
 )
 from bayes_toe.cli.run_context import MODEL, RunContext
-from bayes_toe.cli.terminal import TYPED, Terminal, notes_of, number, without_zeros
+from bayes_toe.cli.terminal import Terminal, notes_of, number, without_zeros
 from bayes_toe.data.messages import format_p_value
 
 if TYPE_CHECKING:
@@ -32,35 +32,18 @@ if TYPE_CHECKING:
 def check(
     *,
     study: StudyFile,
-    study_output: Annotated[
-        File,
-        option("--save", "STUDY.toml", "Save how the files are read.", parser=file_name),
-    ] = None,
-    context: Annotated[RunContext, "prior", "overwrite"],
+    context: Annotated[RunContext, "prior"],
 ) -> None:
     """Check a study: what was read, its design, and its responses.
 
     [bold]Example[/bold]: bayes-toe check study.csv
     """
     from bayes_toe.cli.check_screen import print_check
-    from bayes_toe.data.study_file import SUFFIX
     from bayes_toe.model.prior_file import preset_or_file
 
-    if study_output is not None:
-        if study.example or study_output.suffix.lower() != SUFFIX:
-            raise bt.InputError(
-                f"--save is '{study_output}'. Use a name that ends in {SUFFIX}, and your files."
-            )
-        context.require_files(study_output)
     prior = preset_or_file(context.prior)
     # No validation here, because `check` also reports studies that cannot be analysed.
-    read = study.read()
-    if study_output is not None:
-        text = study.source.text(study_output.parent)
-        context.write({study_output: lambda path: path.write_text(text, encoding="utf-8")})
-        prior_words = [] if context.prior is None else ["--prior", context.prior]
-        TYPED[1:] = [str(study_output), *prior_words]  # The next command reads that file.
-    print_check(context.out, read, prior, shows_prior=context.prior is not None)
+    print_check(context.out, study.read(), prior, shows_prior=context.prior is not None)
 
 
 def fit(

@@ -24,6 +24,7 @@ from bayes_toe.data.messages import display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT
 from bayes_toe.data.text_table import Column
+from bayes_toe.data.validation import MISSING_WORDS
 from bayes_toe.errors import Remedy
 
 #: Words of other labs by section and key.
@@ -71,7 +72,8 @@ def looks_like(name: str, ours: str) -> bool:
         return True
     _, dot, ending = name.rpartition(".")
     if dot and ending in VOCABULARY["psychopy"].get(ours, ()):
-        return not plain.startswith(tuple(VOCABULARY["psychopy"]["other_parts"]))
+        parts = (*VOCABULARY["psychopy"]["other_parts"], *VOCABULARY["practice"]["texts"])
+        return not plain.startswith(parts)
     stimuli, places, other_words = named_places(name)
     return [ours] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
 
@@ -102,6 +104,12 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     return stimuli, places, {*words} - _MEANINGS.keys()
 
 
+def is_no_response(text: str) -> bool:
+    """Whether a cell of responses says that nobody responded."""
+    word = text.lower()
+    return word in MISSING_WORDS or word in VOCABULARY["missed"]["responses"]
+
+
 def is_response_sign(name: str) -> bool:
     """Whether a column has keys or reaction times.
 
@@ -112,13 +120,13 @@ def is_response_sign(name: str) -> bool:
     """
     words = re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
     names = {plain_name(name), *map(str.lower, words)}
-    return not names.isdisjoint(VOCABULARY["signs"]["response"])
+    return not names.isdisjoint(VOCABULARY["missed"]["columns"])
 
 
 def is_missed_flag(column: Column) -> bool:
     """Whether a column says yes where nobody responded."""
     plain = plain_name(column.name)
-    return is_flag(column.texts) and any(word in plain for word in VOCABULARY["signs"]["flags"])
+    return is_flag(column.texts) and any(word in plain for word in VOCABULARY["missed"]["flags"])
 
 
 def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
@@ -158,10 +166,10 @@ def unit_in(name: str) -> str:
     --------
     >>> unit_in("level1 (dB SPL)"), unit_in("dB2"), unit_in("log10_s1"), unit_in("feedback")
     ('dB', 'dB', 'log10', '')
-    >>> unit_in("amp1_um"), unit_in("hz1"), unit_in("force_1 [N]"), unit_in("mass_g"), unit_in("s1")
-    ('um', 'Hz', 'N', 'g', '')
+    >>> unit_in("amp1_\u00b5m"), unit_in("hz1"), unit_in("force_1 [N]"), unit_in("s1")
+    ('\u00b5m', 'Hz', 'N', '')
     """
-    plain = unicodedata.normalize("NFKC", name).lower().replace("log10", "decadic")
+    plain = _plain_sign(name).replace("log10", "decadic")
     words = re.findall(r"[^\W\d_]+", plain)
     if "decadic" in words:
         return "log10"
@@ -171,9 +179,14 @@ def unit_in(name: str) -> str:
         return ""
     last_letters = re.findall(r"(?<=[\W_])[^\W\d_](?=[\W_]*[12]?$|\W)", plain)
     for unit in VOCABULARY["units"]["intensity"]:
-        if unit.lower() in (words if len(unit) > 1 else last_letters):
+        if _plain_sign(unit) in (words if len(unit) > 1 else last_letters):
             return unit
     return ""
+
+
+def _plain_sign(text: str) -> str:
+    """A text in small letters, in which both signs of micro are one."""
+    return unicodedata.normalize("NFKC", text).lower()
 
 
 def is_percentage(name: str) -> bool:
@@ -195,6 +208,7 @@ _UNIT_MEANINGS = {
     "dB-power": "10 dB are a factor of ten",
     "log10": "they are decadic logs",
     "ln": "they are natural logs all the same",
+    ANY_UNIT: "they are intensities; better with the name of their unit, such as Hz",
 }
 _COUNTS = ("n_equal", "n_second", "n_trials")
 _STIMULI = ("s1", "s2", "i1", "i2")
@@ -275,8 +289,6 @@ def columns_to_read(
     names: Sequence[str],
     options: ReadOptions,
     orders: Sequence[str] = (),
-    *,
-    is_frame: bool = False,
 ) -> tuple[list[str], list[str], list[Remedy]]:
     """Our names of the columns that are read, what is wrong with the names, and what to type.
 
@@ -289,11 +301,16 @@ def columns_to_read(
     """
     roles_read = _roles_read(names, options)
     problems = [
-        *_answer_problems(names, roles_read, options, is_frame),
+        *_answer_problems(roles_read, options),
         *_meaning_problems(names, roles_read, options),
     ]
     if options.subject_from is not None:
         roles_read.remove("subject")
+    response = options.name("response")
+    if "response" in roles_read and response in names and looks_like(response, "correct"):
+        finding = "found as response, though it seems to say right or wrong."
+        problems.append(f"column {display_name(response)}: {finding}")
+        return roles_read, problems, _score_remedies([response])
     unordered = _unordered_stimuli(names, options)
     if unordered:
         problems.append(
@@ -301,11 +318,9 @@ def columns_to_read(
             "would cancel out."
         )
         return roles_read, problems, [*_order_remedies(orders)]
-    stimulus_in_unit = _stimulus_in_unit(names, options)
-    if stimulus_in_unit:
-        unit = unit_in(stimulus_in_unit)
-        problems.append(f"column {display_name(stimulus_in_unit)} seems to be in {unit}.")
-        return roles_read, problems, _unit_remedies(unit)
+    finding, unit = _unit_by_name(names, options)
+    if finding:
+        return roles_read, [*problems, finding], _unit_remedies(unit)
     missing, repeated = _missing_and_repeated(names, roles_read, options)
     for name in repeated:
         finding = f"found {names.count(name)} columns of this name"
@@ -333,15 +348,24 @@ def _meaning_problems(
         yield f"column {display_name(subject)}: {finding}, allowed: one of them"
 
 
-def _stimulus_in_unit(names: Sequence[str], options: ReadOptions) -> str:
-    """A column of stimuli whose name tells a unit that no option tells; else empty."""
-    if options.unit is None:
-        for name in map(options.name, options.stimuli):
-            unit = unit_in(name)
-            is_intensity = options.has_intensities and unit not in _UNIT_MEANINGS
-            if name in names and unit and not is_intensity:
-                return name
-    return ""
+def _unit_by_name(names: Sequence[str], options: ReadOptions) -> tuple[str, str]:
+    """The problem of stimuli that have a unit by their names, where no option tells it; the unit.
+
+    Both are empty where there is no problem.
+    """
+    if options.unit is not None:
+        return "", ""
+    theirs = [*map(options.name, options.stimuli)]
+    for name in theirs:
+        unit = unit_in(name)
+        is_intensity = options.has_intensities and unit not in _UNIT_MEANINGS
+        if name in names and unit and not is_intensity:
+            return f"column {display_name(name)} seems to be in {unit}.", unit
+    first, second = options.name("i1"), options.name("i2")
+    if {*theirs}.isdisjoint(names) and not options.has_standard and {first, second} <= {*names}:
+        columns = f"columns {display_name(first)} and {display_name(second)}"
+        return f"{columns} seem to be intensities.", unit_in(first) or ANY_UNIT
+    return "", ""
 
 
 def _missing_and_repeated(
@@ -400,10 +424,8 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
             yield ours
 
 
-def _answer_problems(
-    names: Sequence[str], roles_read: Sequence[str], options: ReadOptions, is_frame: bool
-) -> Iterator[str]:
-    """Problems of responses that are there twice, belong to two tasks, or are missing."""
+def _answer_problems(roles_read: Sequence[str], options: ReadOptions) -> Iterator[str]:
+    """Problems of responses that are there twice or belong to two tasks."""
     counts = [display_name(options.name(ours)) for ours in _COUNTS if ours in roles_read]
     response = options.name("response")
     if "response" in roles_read and counts:
@@ -416,13 +438,6 @@ def _answer_problems(
     elif len(counts) > 2:
         finding = f"found together with {counts[0]}"
         yield f"column {counts[1]}: {finding}, allowed: one of them, since a study has one task"
-    if "response" in roles_read and response in names and looks_like(response, "correct"):
-        option = f"--correct {display_name(response)}"
-        if is_frame:
-            option = f"ReadOptions(correct={response!r})"
-        finding = "found as response, though it seems to say right or wrong"
-        rule = f"{option} (which is stronger), or a column that has the answers"
-        yield f"column {display_name(response)}: {finding}, allowed: {rule}"
 
 
 def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
@@ -460,12 +475,9 @@ def _unit_remedies(unit: str) -> list[Remedy]:
 
 
 def intensity_remedies(stimuli: FloatArray) -> list[Remedy]:
-    """Options to type if stimuli are no natural logs; intensities are positive."""
-    remedies = []
-    if (stimuli > 0.0).all():
-        meaning = "if they are intensities; better with the name of their unit, such as Hz"
-        remedies.append(Remedy("unit", ANY_UNIT, meaning))
-    return [*remedies, *_unit_remedies("ln")[1:]]
+    """Options to type if stimuli are no natural logs; intensities are not negative."""
+    remedies = _unit_remedies(ANY_UNIT)
+    return remedies if (stimuli >= 0.0).all() else remedies[1:]
 
 
 def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:
@@ -488,33 +500,30 @@ def _remedies(
     if to_name:
         other_names = {options.name(ours) for ours in roles_read}
         yield _columns_remedy([name for name in names if name not in other_names], to_name, options)
-    yield from _stimulus_remedies(names, missing, options)
-    yield from _answer_remedies(names, missing)
-    if "subject" in missing:
-        yield Remedy("subject_from", "{}.*", "if the name of the file is the subject")
-
-
-def _stimulus_remedies(
-    names: Sequence[str], missing: Sequence[str], options: ReadOptions
-) -> Iterator[Remedy]:
-    """Options to type if counts of 'second' or intensities may replace missing columns."""
     if missing == ["n_equal"] and options.name("n_trials") in names:
         count = (("n_second", "NAME"),)
         yield Remedy("columns", count, "if it counts 'the second was stronger' (2AFC)")
-    first, second = options.name("i1"), options.name("i2")
-    if {"s1", "s2"} & set(missing) and first in names and second in names:
-        meaning = f"if {display_name(first)} and {display_name(second)} are intensities"
-        yield Remedy("unit", unit_in(first) or ANY_UNIT, meaning)
+    yield from _answer_remedies(names, missing)
+    if "subject" in missing:
+        yield Remedy("subject_from", "{}.*", "if the name of the file is the subject")
 
 
 def _answer_remedies(names: Sequence[str], missing: Sequence[str]) -> Iterator[Remedy]:
     """Options to type if the column of responses, or of right and wrong, is missing."""
     scores = [name for name in names if looks_like(name, "correct")]
     if "response" in missing:
-        for name in scores:
-            yield Remedy("correct", name, f"if {display_name(name)} says right or wrong (2AFC)")
+        yield from _score_remedies(scores)
     if "correct" in missing:
         yield Remedy("correct", (scores or ["NAME"])[0], "with the name in your file")
+
+
+def _score_remedies(names: Sequence[str]) -> list[Remedy]:
+    """Options to type if these columns say right or wrong."""
+    remedies = []
+    for name in names:
+        meaning = f"if {display_name(name)} says right or wrong (2AFC)"
+        remedies.append(Remedy("correct", name, meaning))
+    return remedies
 
 
 def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOptions) -> Remedy:
@@ -527,9 +536,6 @@ def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOp
             alike += [name for name in free if looks_like(name, "key")]
         pairs.append((ours, stimuli.get(ours) or (alike or ["NAME"])[0]))
     meaning = "with the names in your file"
-    unit = unit_in(stimuli.get("s1", ""))
-    if unit:
-        meaning = f"and --unit {unit}, if they are in {unit}"
-    elif stimuli.get("s1"):
+    if stimuli.get("s1") and not unit_in(stimuli["s1"]):
         meaning = f"if they are natural logs; for intensities add --unit {ANY_UNIT}"
     return Remedy("columns", tuple(pairs), meaning)

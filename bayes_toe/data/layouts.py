@@ -1,7 +1,8 @@
 """Stimuli in another layout: a standard and a comparison, or pairs in the names of columns.
 
 `StandardOrder` puts a standard and a comparison in order, `with_pairs` reads wide tables.
-`require_logs` refuses stimuli that cannot be natural logs.
+`stimulus_logs` reads the numbers of stimuli, and `require_logs` refuses those that cannot be
+natural logs.
 
 The order of presentation is what an order effect is about. A table that has a standard and a
 comparison must therefore say which of them came first: a column names the interval of the standard
@@ -11,6 +12,7 @@ both stimuli by a pattern, such as '100_112'.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -23,15 +25,22 @@ from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     VOCABULARY,
     intensity_remedies,
+    is_no_response,
     named_places,
 )
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
-from bayes_toe.data.stimulus_unit import sign_of_intensities
+from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import is_no_response
+from bayes_toe.data.validation import (
+    ambiguous_number,
+    number,
+    number_by_sign,
+)
 from bayes_toe.errors import InputError, Remedy
 
+#: No natural log of an intensity is as large.
+_NO_LOG_INTENSITY = 100.0
 #: What the column of the interval may hold.
 ALLOWED_INTERVALS = (
     "1 or 2, the interval of the standard (also first or second, standard_first or "
@@ -81,7 +90,7 @@ class StandardOrder:
         refused if no response has the code, or there are three codes.
         """
         comparison_code = options.comparison_code
-        texts = [text for text in column.texts if not is_no_response(text)]
+        texts = [*filter(None, column.texts)]
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
             table.problems.ask(
                 f"column {display_name(column.name)}: found {join_names(column.counts(texts))}, "
@@ -96,12 +105,14 @@ class StandardOrder:
                 is_comparison[text] = text == comparison_code
             elif named_places(text) in ((["standard"], [], set()), (["comparison"], [], set())):
                 is_comparison[text] = named_places(text)[0] == ["comparison"]
-        is_word = column.map(is_comparison.__contains__, np.bool_)
-        is_second = column.map(is_comparison.get, np.bool_) == self.is_first
-        n_texts = len(column.texts)
-        by_row = np.where(is_word, np.where(is_second, n_texts, n_texts + 1), column.codes)
-        in_words = Column.from_texts(column.name, [*column.texts, "second", "first"], by_row)
-        return in_words.only(np.ones(len(by_row), np.bool_))
+        in_words = []
+        for is_standard_first in (True, False):
+            for text in column.texts:
+                word = "second" if is_comparison.get(text) == is_standard_first else "first"
+                in_words.append(word if text in is_comparison else text)
+        codes = np.where(self.is_first, column.codes, column.codes + len(column.texts))
+        by_interval = Column.from_texts(column.name, in_words, codes)
+        return by_interval.only(np.ones(len(codes), np.bool_))
 
 
 def _standard_first_by_text(
@@ -168,6 +179,62 @@ def _is_standard_first(text: str, owner: str, places_of_name: Sequence[str]) -> 
         places = places or list(places_of_name)
     is_standard, is_first = [*stimuli, owner][0] == "standard", [*places, "first"][0] == "first"
     return is_standard == is_first
+
+
+# --- Numbers of stimuli ---------------------------------------------------------------------------
+
+
+def stimulus_logs(
+    table: TextTable, columns: Sequence[Column], options: ReadOptions
+) -> list[FloatArray]:
+    """Natural-log intensities in columns of stimuli, NaN where a cell holds none.
+
+    Raises
+    ------
+    InputError
+        If nothing shows whether a sign, as in '1.050', is decimal.
+    """
+    if options.decimal is None and table.grouping_sign:
+        _require_decimal_sign(table, columns, options)
+    return [_stimulus_logs(table, column, options) for column in columns]
+
+
+def _require_decimal_sign(
+    table: TextTable, stimuli: Sequence[Column], options: ReadOptions
+) -> None:
+    """Refuse stimuli such as '1.050' where nothing shows whether the sign is decimal."""
+    sign = table.grouping_sign
+    text = ambiguous_number(stimuli, sign)
+    if not text:
+        return
+    other_texts = [text for column in stimuli for text in column.texts if sign not in text]
+    has_large = any(abs(number(text)) >= _NO_LOG_INTENSITY for text in other_texts)
+    if not options.has_intensities and not has_large:
+        # Logarithms of intensities are no thousands.
+        return
+    digits, decimal = text.replace(sign, ""), text.replace(sign, ".")
+    other_sign = "," if sign == "." else "."
+    remedies = [
+        Remedy("decimal", sign, f"if it is {decimal}"),
+        Remedy("decimal", other_sign, f"if it is {digits}"),
+    ]
+    table.problems.ask(f"the stimulus '{text}' can be {digits} or {decimal}.", remedies)
+    table.problems.refuse()
+
+
+def _stimulus_logs(table: TextTable, column: Column, options: ReadOptions) -> FloatArray:
+    """Natural-log intensities of every row."""
+    if options.decimal is None:
+        values = [number(text, table.decimal_comma) for text in column.texts]
+    else:
+        values = [number_by_sign(text, options.decimal) for text in column.texts]
+    if options.unit in LOG_UNITS:
+        values = [value * LOG_UNITS[options.unit] for value in values]
+    if options.has_intensities:
+        # The difference of logs, because the ratio itself may overflow.
+        log_reference = options.stimulus_unit.log_reference
+        values = [math.log(value) - log_reference if value > 0 else math.nan for value in values]
+    return np.array(values, np.float64)[column.codes]
 
 
 def require_logs(

@@ -9,12 +9,11 @@ what cannot be used is refused with all problems of the file at once.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
-from itertools import chain, filterfalse, permutations
+from itertools import chain, filterfalse
 from pathlib import Path
 from typing import TypeAlias
 
@@ -26,6 +25,7 @@ from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     columns_to_read,
     is_missed_flag,
+    is_no_response,
     is_percentage,
     is_response_sign,
     looks_like,
@@ -36,22 +36,22 @@ from bayes_toe.data.layouts import (
     StandardOrder,
     pair_regex,
     require_logs,
+    stimulus_logs,
     with_pairs,
 )
 from bayes_toe.data.messages import describe_intervals, display_name, join_names, plural, quoted
-from bayes_toe.data.options import COLUMNS, ReadOptions, changed, subject_in
+from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
-    cells_of,
-    direction,
-    missed_texts,
+    blank_missed,
+    require_direction,
     require_task,
     responses,
     without_missed,
 )
-from bayes_toe.data.stimulus_unit import LOG_UNITS, merge_rounded
+from bayes_toe.data.stimulus_unit import merge_rounded
 from bayes_toe.data.study import Study, Subject, units_by_subject
-from bayes_toe.data.study_file import read_together, study_source, table_files
+from bayes_toe.data.study_files import read_together, table_files
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     WHICH_STRONGER,
@@ -68,18 +68,19 @@ from bayes_toe.data.text_table import (
 )
 from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.trial_rows import nameless_doubts, trial_rows
-from bayes_toe.data.units import REPEATED, follows_from_pairs, with_conditions, with_units
+from bayes_toe.data.units import (
+    follows_from_pairs,
+    pooled_conditions,
+    with_conditions,
+    with_units,
+)
 from bayes_toe.data.validation import (
-    MISSING_WORDS,
-    ambiguous_number,
     bare_names,
     column_counts,
     counts_of_shares,
     empty,
     has_shares,
-    is_no_response,
     number,
-    number_by_sign,
     numbers,
     read_numbers,
     require_numbers,
@@ -87,11 +88,8 @@ from bayes_toe.data.validation import (
 )
 from bayes_toe.errors import (
     InputError,
-    Remedy,
-    option_values,
     require_kind,
     with_next_questions,
-    with_values,
 )
 
 #: What made the bundled files: the default example, and the study in the paper's design.
@@ -109,11 +107,8 @@ _TRUE_PARAMETERS = {
 #: True parameters by subject.
 Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 
-#: No natural log of an intensity is as large.
-_NO_LOG_INTENSITY = 100.0
 #: Columns that tell something of the whole file.
 _MARKS = ("synthetic", "task")
-_MOST_LEVELS = 0.5  # of a condition, as a share of the trials
 _FEWEST_PERCENTAGES = 4  # rows with 100 trials that may be a table of percentages
 
 
@@ -141,8 +136,7 @@ def read_study(
         numbers; its rows count from 1. Or MATLAB trials by their suffix, .mat, see
         :mod:`bayes_toe.data.text_table`. Rows of a frame count from 0. Several files or frames in a
         list make one study: the answers of a subject who is in more than one of them are put
-        together, file by file a block. A folder stands for the tables in it. Or a study file by its
-        suffix, .toml, which names files and options; `bayes-toe check` writes one.
+        together, file by file a block. A folder stands for the tables in it.
     options : ReadOptions, optional
         For raw amplitudes, other answer codes or other column names.
 
@@ -177,10 +171,6 @@ def read_study(
         "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})",
     )
     paths = list(path) if isinstance(path, list | tuple) else [path]
-    source = study_source(paths, options)
-    if source is not None:
-        study = read_study(source.files, source.options)
-        return changed(study, source.swap, source.exclude)
     paths, folder_notes = table_files(paths)
 
     def read(with_options: ReadOptions) -> Study:
@@ -195,8 +185,7 @@ def read_study(
     condition = None if is_chosen else study.conditions
     if condition is not None and follows_from_pairs(units_by_subject(study).values()):
         return _without_condition(path, options, condition.name)
-    if direction(study) < 0:
-        raise _reversed(study, options, read)
+    require_direction(study, options, read)
     return study
 
 
@@ -218,32 +207,6 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> Study:
     rows = _rows(path, options)
     answers = rows.columns.get("response", rows.columns.get("correct"))
     return _count_study(rows) if answers is None else _trial_study(rows, answers)
-
-
-def _reversed(
-    study: Study, options: ReadOptions, read: Callable[[ReadOptions], Study]
-) -> InputError:
-    """The refusal of reversed answers, with the options under which they are not reversed."""
-    finding = "found 'second' less often the larger s2 - s1 is"
-    rule = "allowed: 'second' where the second stimulus was called the stronger"
-    if options.correct:
-        rule += f"; column {display_name(options.correct)} says right of those"
-    elif "n_trials" in study.reading.read:
-        rule += f"; {display_name(options.name('n_second'))} counts those"
-    candidates = list[list[Remedy]]()
-    for code, other in permutations(study.reading.codes, 2):
-        second = Remedy("second_code", code, f"if {code} is 'second'", 0)
-        comparison = Remedy("comparison_code", code, f"if {code} is 'comparison'", 0)
-        candidates += [[second, Remedy("first_code", other, "", 1)], [comparison]]
-    if options.standard_interval is not None:
-        meaning = "if it says the interval of the comparison"
-        candidates.append([Remedy("comparison_interval", options.standard_interval, meaning, 0)])
-    remedies = []
-    for candidate in candidates:
-        with suppress(InputError):
-            if direction(read(with_values(options, option_values(candidate)))) > 0:
-                remedies += candidate
-    return InputError(f"{study.source}: {finding}, {rule}.", remedies)
 
 
 def example_study(task: Task | str = WHICH_STRONGER) -> Study:
@@ -316,18 +279,14 @@ class _Rows:
     Columns by our names, and the keys of each row's pair, NaN where a cell cannot be read.
 
     The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a
-    column. `signs` are columns of keys and reaction times, where responses are scored right or
-    wrong. `missed` says which texts of the response are none. `stimuli` are the numbers in the
-    columns of stimuli: s1 and s2, or the standard and the comparison. `rounding` says which of them
-    differed by rounding only.
+    column. `stimuli` are the numbers in the columns of stimuli: s1 and s2, or the standard and the
+    comparison. `rounding` says which of them differed by rounding only.
     """
 
     table: TextTable
     columns: dict[str, Column]
     keys: list[FloatArray]
     options: ReadOptions
-    signs: list[Column]
-    missed: list[str]
     stimuli: list[FloatArray]
     order: StandardOrder
     rounding: list[str]
@@ -346,9 +305,23 @@ class _Rows:
 
     @property
     def codes(self) -> list[str]:
-        """The responses in the file, which `columns` may have in words."""
-        column = self.table.columns.get(self.options.name("response"))
-        return [] if column is None else [*filterfalse(is_no_response, column.texts)]
+        """The responses in the file."""
+        if "response" not in self.columns:
+            return []
+        return [*filterfalse(is_no_response, self.columns["response"].texts)]
+
+    @property
+    def signs(self) -> list[Column]:
+        """Columns that are not read and may show that nobody responded to a scored trial."""
+        if self.options.correct is None:
+            return []
+        names_read = {column.name for column in self.columns.values()}
+        signs = []
+        for name, column in self.table.columns.items():
+            may_show = is_response_sign(name) or is_missed_flag(column)
+            if may_show and name not in names_read:
+                signs.append(column)
+        return signs
 
     @property
     def names_not_read(self) -> list[str]:
@@ -361,32 +334,6 @@ class _Rows:
         return [
             name for name in dict.fromkeys(self.table.names) if name and name not in names_to_skip
         ]
-
-    def pooled_conditions(self, k: IntArray, n: IntArray) -> list[str]:
-        """Columns that are not read and look like a condition with several levels of a subject.
-
-        None of them follows from the stimuli and answers, or has about as many texts as trials.
-        """
-        names = list[str]()
-        if "condition" in self.columns:
-            return names
-        counted = np.flatnonzero(n > 0)
-        difference = self.keys[1] - self.keys[0]
-        answers = [self.subject.codes, k == n]
-        outcomes = np.column_stack([*answers, np.sign(difference)])[counted]
-        pairs = np.column_stack([*answers, *self.keys])[counted]
-        is_scored = difference[counted] != 0.0
-        subjects = outcomes[:, :1]
-        for name in filter(partial(looks_like, ours="condition"), self.names_not_read):
-            levels = self.table.columns[name].codes[counted]
-            n_levels = _n_distinct(subjects, levels)
-            is_varied = _n_distinct(subjects) < n_levels <= _MOST_LEVELS * len(counted)
-            follows = any(
-                _follows(levels[is_scored], rows[is_scored]) for rows in (outcomes, pairs)
-            )
-            if is_varied and not follows:
-                names.append(name)
-        return names
 
     def require_pairs(self, asked: BoolArray) -> None:
         """Note subjects without a name, stimuli and intervals without a number, in these rows."""
@@ -444,17 +391,6 @@ class _Rows:
         return notes
 
 
-def _n_distinct(*columns: FloatArray | IntArray) -> int:
-    """How many rows of these columns differ."""
-    return len(np.unique(np.column_stack(columns), axis=0))
-
-
-def _follows(levels: IntArray, rows: FloatArray) -> bool:
-    """Whether levels are the same in all rows with the same values, and not by chance."""
-    n_groups = _n_distinct(rows)
-    return len(rows) - n_groups >= REPEATED and _n_distinct(rows, levels) == n_groups
-
-
 def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
     table = read_table(
@@ -468,9 +404,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
         table = with_pairs(table, options)
     _require_header(table, options)
     options = with_likely_columns(table.names, options)
-    roles_read, problems, remedies = columns_to_read(
-        table.names, options, _order_columns(table), is_frame=table.is_frame
-    )
+    roles_read, problems, remedies = columns_to_read(table.names, options, _order_columns(table))
     table.require(problems, remedies)
     table = trial_rows(table, options, roles_read)
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
@@ -479,34 +413,15 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
         columns["subject"] = _subject_of_file(table, path, options.subject_from)
     else:
         columns["subject"] = bare_names(table, columns["subject"])
-    signs = _response_signs(table, columns) if options.correct is not None else []
-    missed = _blank_missed(columns, options)
     columns = with_units(table, columns, options.categorical)
-    stimuli = [columns[ours] for ours in options.stimuli]
-    if table.grouping_sign and options.decimal is None:
-        _require_decimal_sign(table, stimuli, options)
-    values = [_stimulus(table, column, options) for column in stimuli]
+    values = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
     rounding = merge_rounded(values, columns["subject"].codes, options.stimulus_unit)
     order = StandardOrder(table, columns.get("standard_interval"), options)
     keys = order.in_order(*values)
-    if options.has_standard and "response" in columns:
-        columns["response"] = order.by_interval(table, columns["response"], options)
     if "isi" in columns:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
-    return _Rows(table, columns, keys, options, signs, missed, values, order, rounding)
-
-
-def _blank_missed(columns: dict[str, Column], options: ReadOptions) -> list[str]:
-    """Make responses empty that say that nobody responded, and return what they say."""
-    cells = list[str]()
-    for answer in columns.keys() & {"response", "correct"}:
-        column = columns[answer]
-        texts = missed_texts(column, options)
-        cells += cells_of(column, [text for text in texts if text.lower() not in MISSING_WORDS])
-        other_texts = ["" if text in texts else text for text in column.texts]
-        columns[answer] = Column.from_texts(column.name, other_texts, column.codes)
-    return cells
+    return _Rows(table, columns, keys, options, values, order, rounding)
 
 
 def _require_header(table: TextTable, options: ReadOptions) -> None:
@@ -538,17 +453,6 @@ def _marks(table: TextTable) -> dict[str, Column]:
     return columns
 
 
-def _response_signs(table: TextTable, columns: Mapping[str, Column]) -> list[Column]:
-    """Columns that are not read and may show that nobody responded."""
-    names_read = {column.name for column in columns.values()}
-    other_columns = [column for name, column in table.columns.items() if name not in names_read]
-    return [
-        column
-        for column in other_columns
-        if is_response_sign(column.name) or is_missed_flag(column)
-    ]
-
-
 def _known_names(names: Sequence[str], options: ReadOptions) -> set[str]:
     """The columns that are read or choose rows, of the names in a table."""
     pairs = []
@@ -568,44 +472,6 @@ def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> C
         rule = f"a file named as --subject-from {pattern}"
         raise InputError(f"{table.source}: found no subject in its name, allowed: {rule}")
     return Column("subject", [subject], np.zeros(len(table.rows), np.int64))
-
-
-def _require_decimal_sign(
-    table: TextTable, stimuli: Sequence[Column], options: ReadOptions
-) -> None:
-    """Refuse stimuli such as '1.050' where nothing shows whether the sign is decimal."""
-    sign = table.grouping_sign
-    text = ambiguous_number(stimuli, sign)
-    if not text:
-        return
-    other_texts = [text for column in stimuli for text in column.texts if sign not in text]
-    has_large = any(abs(number(text)) >= _NO_LOG_INTENSITY for text in other_texts)
-    if not options.has_intensities and not has_large:
-        # Logarithms of intensities are no thousands.
-        return
-    digits, decimal = text.replace(sign, ""), text.replace(sign, ".")
-    other_sign = "," if sign == "." else "."
-    remedies = [
-        Remedy("decimal", sign, f"if it is {decimal}"),
-        Remedy("decimal", other_sign, f"if it is {digits}"),
-    ]
-    table.problems.ask(f"the stimulus '{text}' can be {digits} or {decimal}.", remedies)
-    table.problems.refuse()
-
-
-def _stimulus(table: TextTable, column: Column, options: ReadOptions) -> FloatArray:
-    """Natural-log intensities, NaN where a cell holds none."""
-    if options.decimal is None:
-        values = [number(text, table.decimal_comma) for text in column.texts]
-    else:
-        values = [number_by_sign(text, options.decimal) for text in column.texts]
-    if options.unit in LOG_UNITS:
-        values = [value * LOG_UNITS[options.unit] for value in values]
-    if options.has_intensities:
-        # The difference of logs, because the ratio itself may overflow.
-        log_reference = options.stimulus_unit.log_reference
-        values = [math.log(value) - log_reference if value > 0 else math.nan for value in values]
-    return np.array(values, np.float64)[column.codes]
 
 
 def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) -> Study:
@@ -653,10 +519,23 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         tuple(rows.columns),
         tuple(rows.names_not_read),
         tuple(f"{source}: {doubt}" for doubt in doubts),
-        tuple(rows.pooled_conditions(k, n)),
+        tuple(_pooled_conditions(rows, k, n)),
         tuple(rows.codes),
     )
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
+
+
+def _pooled_conditions(rows: _Rows, k: IntArray, n: IntArray) -> list[str]:
+    """Columns that are not read and look like a condition within subjects."""
+    if "condition" in rows.columns:
+        return []
+    is_counted = n > 0
+    columns = []
+    for name in rows.names_not_read:
+        if looks_like(name, "condition"):
+            columns.append(rows.table.columns[name].only(is_counted))
+    keys = [values[is_counted] for values in rows.keys]
+    return pooled_conditions(columns, rows.subject.codes[is_counted], (k == n)[is_counted], keys)
 
 
 def _synthetic(columns: Mapping[str, Column]) -> tuple[bool, list[str]]:
@@ -695,6 +574,9 @@ def _percentage_doubts(n: IntArray) -> list[str]:
 
 def _trial_study(rows: _Rows, column: Column) -> Study:
     table = rows.table
+    column, missed = blank_missed(column, rows.options)
+    if rows.options.has_standard and "response" in rows.columns:
+        column = rows.order.by_interval(table, column, rows.options)
     answers = responses(table, column, rows.options, rows.keys, rows.order)
     answers, signs = without_missed(answers, column, rows.signs, rows.options.missed)
     # Rows without an answer, such as instruction screens, may hold anything else.
@@ -712,7 +594,7 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
         )
     notes = rows.layout("trial", answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable
-    notes += _dropped_note(rows, unanswered, "without a response", [*rows.missed, *signs])
+    notes += _dropped_note(rows, unanswered, "without a response", [*missed, *signs])
     equal_stimuli = "with equal stimuli, of which no answer is right,"
     notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
     n_answered = np.bincount(rows.subject.codes, answers.is_answered, len(rows.subject.texts))

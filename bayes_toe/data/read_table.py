@@ -82,6 +82,7 @@ _NOT_READ = {
         (".sav", ".dta", ".por", ".psydat", ".edat2", ".edat3"),
         ("data of another program", "its copy as CSV"),
     ),
+    ".toml": ("settings", "a table of trials or counts"),
 }
 
 

@@ -2,27 +2,34 @@
 
 `responses` reads words or codes. Known words tell the task too; codes such as 1 and 2 need an
 option. A column of right and wrong becomes answers by the sign of s2 - s1. `without_missed` drops
-trials that nobody answered. `direction` finds a study whose answers mean the opposite.
+trials that nobody answered. `require_direction` refuses a study whose answers mean the opposite.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from itertools import chain
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from itertools import chain, permutations
 from operator import itemgetter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.data.column_roles import TRUE_WORDS, VOCABULARY, is_missed_flag, without_accents
+from bayes_toe.data.column_roles import (
+    TRUE_WORDS,
+    VOCABULARY,
+    is_missed_flag,
+    is_no_response,
+    without_accents,
+)
 from bayes_toe.data.messages import display_name, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import is_no_response, number
-from bayes_toe.errors import InputError, Remedy
+from bayes_toe.data.validation import MISSING_WORDS, number
+from bayes_toe.errors import InputError, Remedy, with_remedies
 
 if TYPE_CHECKING:
     from bayes_toe.data.layouts import StandardOrder
@@ -65,7 +72,7 @@ def responses(
     keys: Sequence[FloatArray],
     order: StandardOrder,
 ) -> Responses:
-    """The responses in a column, of trials with these stimuli.
+    """The responses in a column, of trials with these stimuli; missed ones are empty.
 
     What cannot be read is noted in the table. Where no word is known, one line says so of the
     column, and another task than the one of the result may have been meant.
@@ -84,8 +91,8 @@ def responses(
         if options.has_standard:
             trends["comparison_code"] = np.where(order.is_first, difference, -difference)
         problem, remedies = _unknown_meaning(column, trends)
-    elif not has_scores:
-        problem, remedies = _other_code(column, answer, codes, names)
+    if not problem:
+        problem, remedies = _unknown_texts(column, answer, codes, names)
     if problem:
         table.problems.ask(f"column {display_name(column.name)}: {problem}", remedies)
     else:
@@ -93,7 +100,7 @@ def responses(
         if not has_scores:
             rule += f"; other codes by {_code_options(names, table.is_frame)}"
         table.fault(column, answer == _UNKNOWN, rule)
-        table.problems.remedies += _missed_remedies(column, answer)
+        table.problems.remedies += remedies
     yes_texts = _as_answered(column, answer == _YES, names[0])
     no_texts = _as_answered(column, answer == _NO, names[1])
     note = f"responses {yes_texts} / {no_texts}"
@@ -105,16 +112,6 @@ def responses(
         is_yes = is_yes == (task.right(difference) > 0)
     is_answered &= ~is_unscorable
     return Responses(task, is_yes & is_answered, is_answered, is_unscorable, note)
-
-
-def _missed_remedies(column: Column, answer: IntArray) -> list[Remedy]:
-    """What to type if the only text that is no answer, beside both answers, is a missed trial."""
-    is_unknown = answer == _UNKNOWN
-    texts = column.only(is_unknown).texts
-    if len(texts) != 1 or not {_YES, _NO}.issubset(answer.tolist()):
-        return []
-    trials = plural(int(is_unknown.sum()), "trial")
-    return [Remedy("missed", texts[0], f"if nobody responded in these {trials}")]
 
 
 def _task_of_words(column: Column) -> Task:
@@ -188,26 +185,39 @@ def _english(word: str) -> str:
     return word
 
 
-def missed_texts(column: Column, options: ReadOptions) -> list[str]:
-    """The texts in a column of responses that say that nobody responded.
+def blank_missed(column: Column, options: ReadOptions) -> tuple[Column, list[str]]:
+    """A column of responses whose missed trials are empty, and the texts that say so."""
+    missed = _missed_texts(column, options)
+    texts = ["" if text in missed else text for text in column.texts]
+    said = [text for text in missed if text.lower() not in MISSING_WORDS]
+    return Column.from_texts(column.name, texts, column.codes), cells_of(column, said)
+
+
+def _missed_texts(column: Column, options: ReadOptions) -> list[str]:
+    """The texts that say that nobody responded.
 
     -1 is one, as jsPsych has it, beside two texts that are words or given codes.
     """
     codes_by_task = chain.from_iterable(map(options.codes, TASKS))
     codes = {_plain(code or "") for code in (*codes_by_task, options.comparison_code)} - {""}
     declared = {_plain(code) for code in options.missed}
-    texts, other_texts = [], []
+    missed, answers = [], set[str]()
     for text in column.texts:
         plain = _plain(text)
         if plain in declared or (plain not in codes and is_no_response(plain)):
-            texts.append(text)
-        elif plain != "-1":
-            other_texts.append(plain)
+            missed.append(text)
+        else:
+            answers.add(plain)
     words = _RIGHT_WRONG if options.correct is not None else _ALL_WORDS
-    english_words = set(map(_english, map(str.lower, {*other_texts} - codes)))
-    if len(other_texts) > 1 and "-1" not in codes and english_words <= set().union(*words):
-        texts += [text for text in {*column.texts} - {*texts} if _plain(text) == "-1"]
-    return texts
+    if "-1" not in codes and _are_known(answers - {"-1"}, codes, words):
+        missed += [text for text in column.texts if _plain(text) == "-1"]
+    return missed
+
+
+def _are_known(answers: set[str], codes: set[str], words: Sequence[Any]) -> bool:
+    """Whether there are two answers and more, and each is a given code or a word."""
+    english_words = {_english(answer.lower()) for answer in answers - codes}
+    return len(answers) > 1 and english_words <= set().union(*words)
 
 
 def without_missed(
@@ -250,13 +260,13 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     if is_missed_flag(sign):
         is_sign = word in TRUE_WORDS
     else:
-        is_sign = is_no_response(word) or word in VOCABULARY["signs"]["missed"]
+        is_sign = is_no_response(word) or word in VOCABULARY["missed"]["signs"]
     is_chosen = sign.codes == sign.texts.index(text)
     if not is_sign or is_chosen.all() or (is_chosen & is_right).any():
         return False
     if word == "0":
         return len(sign.texts) > 2  # of two keys it is one
-    if word not in VOCABULARY["signs"]["unclear"]:
+    if word not in VOCABULARY["missed"]["unclear"]:
         return True
     # A reaction time may be 999 ms: it is no sign beside others of its size, unless so many
     # responses would not be wrong by chance.
@@ -272,7 +282,7 @@ def _both_codes(
     """The codes of both responses; of two codes in a column the one not given is the other."""
     yes, no = given
     known = _plain(yes or no or "")
-    texts = {_plain(text) for text in column.texts if not is_no_response(text)}
+    texts = {*map(_plain, column.texts)} - {""}
     other = "".join(texts - {known})
     has_words = known not in texts and any(_words_of(task, column) for task in TASKS)
     if None not in given or not known or len(texts - {known}) != 1 or has_words:
@@ -287,7 +297,7 @@ def _unknown_meaning(column: Column, trends: Mapping[str, FloatArray]) -> tuple[
 
     `trends` are what makes an answer likelier, by the option that names its code.
     """
-    texts = [text for text in column.texts if not is_no_response(text)]
+    texts = [*filter(None, column.texts)]
     words_by_task = [_words_of(task, column) for task in TASKS]
     if all(words_by_task):
         words_of_both = " and ".join(quoted(words[0]) for words in words_by_task)
@@ -305,17 +315,23 @@ def _unknown_meaning(column: Column, trends: Mapping[str, FloatArray]) -> tuple[
     return problem, _code_remedies(column, texts, trends)
 
 
-def _other_code(
+def _unknown_texts(
     column: Column, answer: IntArray, codes: Sequence[str | None], names: Sequence[str]
 ) -> tuple[str, list[Remedy]]:
-    """The problem of several codes of which one is known, with what to type for the other."""
+    """The problem of several codes of which one is known; what to type for texts of no answer.
+
+    One text beside both answers has no problem of its own: it may be a missed trial.
+    """
     unknown = column.only(answer == _UNKNOWN)
-    has_other = {_YES, _NO} <= {*answer.tolist()}
-    if has_other or len(unknown.texts) < 2 or codes.count(None) != 1:
+    answers = {_YES, _NO} & {*answer.tolist()}
+    if len(answers) == 2 and len(unknown.texts) == 1:
+        trials = plural(len(unknown.codes), "trial")
+        return "", [Remedy("missed", unknown.texts[0], f"if nobody responded in these {trials}")]
+    if len(answers) == 2 or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
     other = names[codes.index(None)]
     shares = join_names(unknown.counts(unknown.texts), 4)
-    if not {_YES, _NO} & {*answer.tolist()}:
+    if not answers:
         return f"the codes are {shares}. None of them is the code that was given.", []
     commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
     problem = f"the other codes are {shares}. Which of them is '{other}'?"
@@ -373,7 +389,7 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
     if plain == no_code:
         return _NO
     word = plain.lower()
-    if is_no_response(word):
+    if not word:
         return _MISSING
     return _answer_by_word(word, yes_code, no_code, words)
 
@@ -433,3 +449,31 @@ def direction(study: Study) -> int:
         if sign * total > _STUDY_LIMIT and is_shared and (sign * z > _OPPOSITE_LIMIT).all():
             return sign
     return 0
+
+
+def require_direction(
+    study: Study, options: ReadOptions, read: Callable[[ReadOptions], Study]
+) -> None:
+    """Refuse reversed answers, with the options under which `read` finds none."""
+    if direction(study) >= 0:
+        return
+    finding = "found 'second' less often the larger s2 - s1 is"
+    rule = "allowed: 'second' where the second stimulus was called the stronger"
+    if options.correct:
+        rule += f"; column {display_name(options.correct)} says right of those"
+    elif "n_trials" in study.reading.read:
+        rule += f"; {display_name(options.name('n_second'))} counts those"
+    candidates = list[list[Remedy]]()
+    for code, other in permutations(study.reading.codes, 2):
+        second = Remedy("second_code", code, f"if {code} is 'second'", 0)
+        comparison = Remedy("comparison_code", code, f"if {code} is 'comparison'", 0)
+        candidates += [[second, Remedy("first_code", other, "", 1)], [comparison]]
+    if options.standard_interval is not None:
+        meaning = "if it says the interval of the comparison"
+        candidates.append([Remedy("comparison_interval", options.standard_interval, meaning, 0)])
+    remedies = []
+    for candidate in candidates:
+        with suppress(InputError):
+            if direction(read(with_remedies(options, candidate))) > 0:
+                remedies += candidate
+    raise InputError(f"{study.source}: {finding}, {rule}.", remedies)

@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, IntArray
-from bayes_toe.data.column_roles import is_response_sign, practice_texts
+from bayes_toe.data.column_roles import is_no_response, is_response_sign, practice_texts
 from bayes_toe.data.messages import display_name, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import CONDITION_SEPARATOR, MISSING_WORDS, is_no_response, number
+from bayes_toe.data.validation import CONDITION_SEPARATOR, MISSING_WORDS, number
 from bayes_toe.errors import InputError
 
 #: How probable a run of equal pairs of zeros is at most, if it is left out as unfilled.
@@ -75,7 +75,7 @@ def _without_practice(
     for name in table.columns:
         if name in names_to_skip:
             continue
-        column, subject = table.columns[name], _subject_codes(table, options)
+        column, subject = table.columns[name], _subjects(table, options).codes
         practice = practice_texts(name, column.texts)
         is_marked = column.map(practice.__contains__, np.bool_)
         n_marked = np.bincount(subject, is_marked)
@@ -101,22 +101,18 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
     for name, column in table.columns.items():
         if is_response_sign(name):  # a key or a reaction time shows a trial
             is_zero &= _is_zero(table, [column]) | column.map(is_no_response, np.bool_)
-    subject = _subject_codes(table, options)
-    name = options.name("subject")
-    if name in table.columns:
-        # In a matrix the subject is zero, too: such rows are those of the subject before.
-        is_nobody = is_zero & _is_zero(table, [table.columns[name]])
-        if not np.isin(subject[~is_nobody], subject[is_nobody]).any():
-            rows = np.arange(len(subject))
-            subject = subject[np.maximum.accumulate(np.where(is_nobody, 0, rows))]
+    subject = _subjects(table, options)
     pair = np.column_stack([column.codes for column in stimuli])
-    is_unfilled, counts = np.zeros(len(subject), np.bool_), []
-    for code in np.unique(subject[is_zero]).tolist():
-        rows = np.flatnonzero(subject == code)
+    is_unfilled, counts = np.zeros(len(is_zero), np.bool_), []
+    for code in np.unique(subject.codes[is_zero]).tolist():
+        rows = np.flatnonzero(subject.codes == code)
         n_unfilled = _count_unfilled(is_zero[rows], pair[rows])
+        name = subject.texts[code]
+        if is_zero[rows].all() and number(name) == 0 and not is_zero.all():
+            n_unfilled = len(rows)  # in a matrix the subject is zero, too
         if n_unfilled:
             is_unfilled[rows[-n_unfilled:]] = True
-            counts.append(f"{table.columns[name].text(rows[0])} {n_unfilled}")
+            counts.append(f"{name or table.source} {n_unfilled}")
     if not counts:
         return table
     rows_left_out = plural(int(is_unfilled.sum()), "row")
@@ -151,11 +147,11 @@ def nameless_doubts(subject: Column) -> list[str]:
     return doubts
 
 
-def _subject_codes(table: TextTable, options: ReadOptions) -> IntArray:
-    """The code of the subject of each row; one subject where the file's name tells it."""
+def _subjects(table: TextTable, options: ReadOptions) -> Column:
+    """The subject of each row; one without a name where the name of the file tells it."""
     if options.subject_from is not None:
-        return np.zeros(len(table.rows), np.int64)
-    return table.columns[options.name("subject")].codes
+        return Column("", [""], np.zeros(len(table.rows), np.int64))
+    return table.columns[options.name("subject")]
 
 
 def _is_zero(table: TextTable, columns: Sequence[Column]) -> BoolArray:

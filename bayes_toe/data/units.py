@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words, levels
 from bayes_toe.data.messages import display_name, join_names, quoted
@@ -22,7 +23,8 @@ from bayes_toe.data.validation import CONDITION_SEPARATOR, number
 from bayes_toe.errors import InputError
 
 #: From so many trials with a repeated pair on, it is no chance that each pair keeps its level.
-REPEATED = 10
+_REPEATED = 10
+_MOST_LEVELS = 0.5  # of a condition, as a share of the trials
 
 
 def with_units(
@@ -149,4 +151,37 @@ def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
         if n_distinct < len(outcomes):
             return False
         n_repeated += sum(unit.total_trials for unit in units) - n_distinct
-    return n_repeated >= REPEATED
+    return n_repeated >= _REPEATED
+
+
+def pooled_conditions(
+    columns: Sequence[Column], subject: IntArray, answer: BoolArray, keys: Sequence[FloatArray]
+) -> list[str]:
+    """The columns that may be a condition, with several levels of a subject.
+
+    None of them follows from the stimuli and answers, or has about as many texts as trials.
+    """
+    difference = keys[1] - keys[0]
+    is_scored = difference != 0.0
+    outcomes = np.column_stack([subject, answer, np.sign(difference)])
+    pairs = np.column_stack([subject, answer, *keys])
+    names = list[str]()
+    for column in columns:
+        n_levels = _n_distinct(subject, column.codes)
+        is_varied = _n_distinct(subject) < n_levels <= _MOST_LEVELS * len(subject)
+        scored_levels = column.codes[is_scored]
+        follows = any(_follows(scored_levels, rows[is_scored]) for rows in (outcomes, pairs))
+        if is_varied and not follows:
+            names.append(column.name)
+    return names
+
+
+def _n_distinct(*columns: FloatArray | IntArray) -> int:
+    """How many rows of these columns differ."""
+    return len(np.unique(np.column_stack(columns), axis=0))
+
+
+def _follows(levels: IntArray, rows: FloatArray) -> bool:
+    """Whether levels are the same in all rows with the same values, and not by chance."""
+    n_groups = _n_distinct(rows)
+    return len(rows) - n_groups >= _REPEATED and _n_distinct(rows, levels) == n_groups

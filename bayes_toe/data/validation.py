@@ -23,11 +23,6 @@ LARGEST_COUNT = 2**53
 CONDITION_SEPARATOR = "@"
 #: What a cell may say, in any case, where there is nothing to say.
 MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null"})
-#: What a response may say besides, where nobody responded.
-_NO_RESPONSE_WORDS = MISSING_WORDS | {
-    *(".", "-", "-99", "-999", "999", "timeout", "time out", "no response", "noresponse"),
-    *("missing", "missed"),
-}
 # Alternatives never overlap, so that a cell of 100,000 digits costs linear time.
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 # '5.0' is how pandas writes a 5 beside missing cells; '5.000' may be a German five thousand, so it
@@ -39,11 +34,6 @@ _GROUPED_BY_SPACE = re.compile(rf"[+-]?\d{{1,3}}(?:{_SPACES}\d{{3}})+(?![\d' ])"
 _MOST_DECIMALS = 16
 _ROUNDING = 1e-6  # of a number of trials in double precision
 _RUN = ("=", "+", "-", "@", "\t", "\r")
-
-
-def is_no_response(text: str) -> bool:
-    """Whether a cell of responses says that nobody responded."""
-    return text.lower() in _NO_RESPONSE_WORDS
 
 
 def number(text: str, decimal_comma: bool = False) -> float:

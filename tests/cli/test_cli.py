@@ -50,7 +50,7 @@ def read(folder, name="report.html"):
 def test_run_writes_everything(out, printed):
     files = {path.name for path in out.iterdir() if not path.name.startswith(".")}
     tables = {"posterior.nc", "summary.csv", "evidence.csv"}
-    assert files == tables | {"corner", "report.html", "methods.md", "methods.bib", "study.toml"}
+    assert files == tables | {"corner", "report.html", "methods.md", "methods.bib"}
     corners = {path.name: path.read_bytes()[:4] for path in (out / "corner").iterdir()}
     assert corners == dict.fromkeys(["A.png", "B.png"], b"\x89PNG")
     summary = pd.read_csv(out / "summary.csv")

@@ -165,7 +165,6 @@ def test_python_without_docstrings_is_refused_in_one_line():
     [
         *("fit --example -o -", "fit --example -o new/", "run --example -o -"),
         *("fit --example --asymmetry -", "fit --example --asymmetry new/"),
-        *("check --example --save -", "check --example --save new/"),
         *("simulate -o a.csv --truth -", "simulate -o a.csv --truth new/"),
     ],
 )

@@ -260,8 +260,6 @@ def test_a_decision_that_was_made_stays(answer_of_check):
     proposed = "1 of 4 subjects needs a decision. Type one of these: "
     proposed += f"{command} --swap D {command} --exclude D"
     assert answer_of_check(rows, "--swap C").endswith(proposed)
-    text = answer_of_check(rows, "--swap C --prior paper --save s.toml")
-    assert "bayes-toe run s.toml --prior paper --swap D" in text
 
 
 def test_where_the_task_is_another_one_nobody_is_analysed(tmp_path):

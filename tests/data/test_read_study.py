@@ -19,7 +19,7 @@ import bayes_toe as bt
 from bayes_toe.data.options import ReadOptions, parse_pairs
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.data.validation import number, whole_number
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, python_options
 
 TRIALS = "subject,s1,s2,response\n"
 COUNTS = "subject,s1,s2,n_equal,n_trials\n"
@@ -46,7 +46,9 @@ def refused(data, **options):
         read(data, **options)
     lines = caught.value.problems
     assert all(line.isprintable() for line in lines)
-    remedies = [f"use {remedy.python} {remedy.meaning}" for remedy in caught.value.remedies]
+    remedies = [
+        f"use {python_options([remedy])} {remedy.meaning}" for remedy in caught.value.remedies
+    ]
     assert str(caught.value).splitlines() == [*lines, *remedies]
     assert all(line.startswith(("study.csv: ", "... and ")) for line in lines)
     return [line.removeprefix("study.csv: ") for line in lines]
@@ -748,9 +750,7 @@ FILES = {
     "subject,s1,s2,n_trials\na,0,1,5\n": (
         "row 1: there is no column n_equal. The columns are subject, s1, s2, n_trials."
     ),
-    "subject,i1,i2,response\na,1,2,equal\n": (
-        "row 1: there is no column s1 and no column s2. The columns are subject, i1, i2, response."
-    ),
+    "subject,i1,i2,response\na,1,2,equal\n": "row 1, columns i1 and i2 seem to be intensities.",
     "subject,s1,s2,response,n_equal\n": (
         f"row 1, column response: found together with n_equal, {ALONE}"
     ),

@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, inside, refused
+from commands import inside, refused
 from scipy.io import savemat
 
 import bayes_toe as bt
@@ -518,6 +518,7 @@ REFUSED = {
     "data.RData": (b"RDX3", ["R data"]),
     "1_stairs.psydat": (b"\x80\x04", ["data of another program, allowed: its copy as CSV"]),
     "data.sav": (b"$FL2", ["its copy as CSV"]),
+    "study.toml": (b'files = ["a.csv"]', ["settings, allowed: a table of trials or counts"]),
     "cut_73.mat": (matlab_73(LISTS)[:2000], ["found a damaged MATLAB file"]),
     "link_73.mat": (linked_73(), ["damaged MATLAB file (subject is a link)"]),
     "table_73.mat": (
@@ -614,6 +615,15 @@ def test_practice_is_read_where_it_is_asked_for(tmp_path):
         assert study["P03"].total_trials == 48
 
 
+def test_unfilled_rows_of_a_file_that_names_the_subject(tmp_path):
+    trials = NUMBERS[NUMBERS.subject == "P12"].drop(columns="subject")
+    (tmp_path / "P12.csv").write_bytes(padded(trials))
+    options = bt.ReadOptions(second_code="1", subject_from="{}.csv")
+    study = bt.read_study(tmp_path / "P12.csv", options)
+    assert study["P12"].total_trials == len(trials)
+    assert study.notes[1].endswith("(stimuli and response are 0 in the last rows): P12.csv 20")
+
+
 def test_pairs_of_zeros_that_are_trials_stay():
     rng = np.random.default_rng(1)
     difference = np.repeat([1, 0], 30)
@@ -643,47 +653,6 @@ def test_a_shape_that_may_mislead_is_warned_of(name, tmp_path):
     result = check(tmp_path, name, content, {})
     assert result.returncode == 0
     assert part in " ".join(result.stdout.split())
-
-
-@pytest.mark.parametrize("name", ["german.csv", "grams.csv", "where.csv", "two_sheets.xlsx"])
-def test_a_study_file_reads_a_study_again(name, tmp_path):
-    content, options = READ[name]
-    (tmp_path / "data").mkdir()
-    check(tmp_path / "data", name, content, options)
-    words = typed(options)
-    decisions = ["--exclude", "P12"]
-    result = inside(
-        "check", f"data/{name}", *words, *decisions, "--save", "study.toml", cwd=tmp_path
-    )
-    assert (result.returncode, result.stderr) == (0, "")
-    assert "bayes-toe run study.toml" in result.stdout
-    study = bt.read_study(tmp_path / "study.toml")
-    intended = bt.read_study(tmp_path / "data" / name, bt.ReadOptions(**options)).exclude("P12")
-    assert (study.names, study.notes) == (intended.names, intended.notes)
-    assert counts_read(study, ["P03"]) == counts_read(intended, ["P03"])
-
-
-@pytest.mark.parametrize(
-    "lines, words, message",
-    [
-        ("", (), "found no files, allowed: files ="),
-        ('files = ["a.csv"]\nunit2 = "dB"', (), "key 'unit2': unknown, allowed: files, ignore"),
-        ('files = ["a.csv"]\nsecond_code = 1', (), "key second_code: found '1', allowed: a text"),
-        ("files = 3", (), "key files: found '3', allowed: a list of texts"),
-        ('files = "a.csv"', (), "key files: found 'a.csv', allowed: a list of texts"),
-        ('files = ["a.csv"]\n[columns]\ns1 = 1', (), "allowed: a section of lines NAME = TEXT"),
-        ('files = ["a.csv"]', ("--sheet", "A"), "found with options for files in another layout"),
-        ('files = ["a.csv"]', ("b.csv",), "found with other files, allowed: a study file alone"),
-        ('files = ["b.csv"]', (), "b.csv: cannot be read"),
-        ('files = ["study.toml"]', (), "key files: found 'study.toml', allowed: data files"),
-        ('files = ["a.csv"]', ("--save", "b.csv"), "Use a name that ends in .toml"),
-    ],
-)
-def test_a_study_file_that_is_wrong_is_refused(lines, words, message, tmp_path):
-    (tmp_path / "study.toml").write_text(lines, encoding="utf-8")
-    result = inside("check", "study.toml", *words, cwd=tmp_path)
-    assert result.returncode == 2
-    assert message in result.stderr
 
 
 def mutated(text, rng):
@@ -746,13 +715,6 @@ def test_a_changed_table_is_read_as_it_stands_or_refused(tmp_path):
     assert n_equal > 50
 
 
-def test_a_file_that_a_study_file_names_is_not_replaced(tmp_path):
-    check(tmp_path, "a.csv", csv(IN_LOGS), {})
-    good("check a.csv --save study.toml", cwd=tmp_path)
-    line = "fit study.toml -o a.csv --overwrite --replicates 2"
-    assert "this command reads that file and must not replace it" in refused(line, cwd=tmp_path)
-
-
 def write_folder(folder, *names):
     (folder / "data").mkdir()
     for name in names:
@@ -764,8 +726,6 @@ def test_a_folder_stands_for_its_tables(tmp_path):
     study = bt.read_study(tmp_path / "data")
     assert study.source == "2 files, 1.csv to 2.CSV"
     assert study.notes[0] == f"folder {display_name(str(tmp_path / 'data'))}: 2 .csv files read"
-    good("check data --save study.toml", cwd=tmp_path)
-    assert 'files = ["data/1.csv", "data/2.CSV"]' in (tmp_path / "study.toml").read_text("utf-8")
     line = "fit data -o data/1.csv --overwrite --replicates 2"
     assert "this command reads that file and must not replace it" in refused(line, cwd=tmp_path)
 

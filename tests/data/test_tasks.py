@@ -171,7 +171,7 @@ REFUSED = [
         RIGHT,
         "a,0,1,1",
         "--columns response=acc",
-        "column acc: found as response, though it seems to say right or wrong, allowed: --correct",
+        "column acc: found as response, though it seems to say right or wrong.",
     ),
     (
         RIGHT,
