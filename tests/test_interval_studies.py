@@ -1,7 +1,5 @@
 """Studies with a column isi, from the file to the report, and what is refused of them."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from conftest import counts, few_replicates, made_subject
@@ -10,7 +8,6 @@ from scipy.special import betaln
 
 import bayes_toe as bt
 from bayes_toe.cli.results_folder import write_results
-from bayes_toe.cli.view_commands import read_truth
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.design.simulate import (
     PaperObserver,
@@ -242,19 +239,3 @@ def test_a_results_folder_has_everything_but_what_knows_one_interval(
     assert "does not pool asymmetries over inter-stimulus intervals" in text
     assert "maximum likelihood at an edge" not in text
     assert len(list((tmp_path / "results" / "corner").iterdir())) == 2
-
-
-def test_a_true_sigma_p_per_root_second_is_marked_over_the_reference_interval(analysis, tmp_path):
-    (tmp_path / "truth.csv").write_text("subject,mu1,sigma_p\nS01,0.5,0.25\nS02,,\n")
-    draws = analysis.draws
-    over_four = SimpleNamespace(
-        names=draws.names,
-        posterior=draws.posterior,
-        intervals=draws.intervals,
-        prior=bt.Prior(reference_interval=4.0),
-    )
-    truths = read_truth(tmp_path / "truth.csv", [over_four], ["S01"])
-    assert truths == {"S01": {"mu1": 0.5, "sigma_p": 0.5}, "S02": {}}
-    over_four.intervals = ()
-    truths = read_truth(tmp_path / "truth.csv", [over_four], ["S01"])
-    assert truths["S01"]["sigma_p"] == 0.25

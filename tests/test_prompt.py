@@ -91,12 +91,3 @@ def test_an_option_of_a_wrong_kind_is_refused(small_study, verb, option, value, 
 def test_what_is_of_a_wrong_kind_is_refused(verb, argument, message):
     with pytest.raises(bt.InputError, match=message):
         verb(*argument)
-
-
-def test_the_file_of_a_prior_is_taken_where_a_prior_is(small_study, tmp_path):
-    file = tmp_path / "prior.toml"
-    file.write_text("[paper]\nmu1_sd = 2.5", encoding="utf-8")
-    prior = bt.Prior(mu1_sd=2.5)
-    study = small_study.select(["A"])
-    assert bt.sample(study, draws=100, prior=str(file), seed=1, workers=1).prior == prior
-    assert bt.check(study, prior=str(file)) == bt.check(study, prior=prior)

@@ -46,12 +46,6 @@ def test_an_unknown_name_is_refused():
             import_module(face).cornr  # noqa: B018
 
 
-def test_star_import_gives_the_names():
-    names = {}
-    exec("from bayes_toe.model import *", names)
-    assert set(bt.model.__all__) <= set(names)
-
-
 def test_a_figure_keeps_its_name_where_its_file_has_the_same():
     code = "import bayes_toe.plots.corner, bayes_toe as bt\nfor _ in 'ab': print(bt.plots.corner)"
     words = [sys.executable, "-c", code]

@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, inside, refused
+from commands import good, refused
 from scipy.io import savemat
-
-import bayes_toe as bt
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "how_to.md"
 PAIRS = [(0.087, 0.087), (0.087, 0.12), (0.12, 0.087), (0.12, 0.12)]
@@ -197,25 +195,6 @@ def test_every_recipe_is_run():
     assert list(sections()) == list(FILES)
 
 
-@pytest.mark.parametrize(
-    "words, message",
-    [
-        ("--where task", "--where: found 'task', allowed: COLUMN=TEXT, each name once"),
-        (
-            "--where task=compare",
-            "column task: found 'instructions', 'comparison', allowed: 'compare', as --where has "
-            "it",
-        ),
-        ("jspsych.csv", "jspsych.csv: found twice, allowed: each file once"),
-        ("none*.csv", "none*.csv: cannot be read (No such file or directory)"),
-    ],
-)
-def test_a_wrong_option_is_one_line(words, message, tmp_path):
-    write(tmp_path, {"jspsych.csv": JSPSYCH})
-    options = "--columns subject=participant_id --equal-code s --different-code d"
-    assert message in refused(f"check jspsych.csv {words} {options}", cwd=tmp_path)
-
-
 def test_a_file_without_a_subject_in_its_name_is_refused(tmp_path):
     write(tmp_path, {"session.csv": SESSION})
     line = "check session.csv --subject-from sub-{}.csv"
@@ -232,14 +211,6 @@ def test_the_name_of_a_file_of_any_kind_may_be_the_subject(tmp_path, name):
         trials.to_csv(tmp_path / name, index=False)
     assert "--subject-from '{}.*'" in refused(f"check {name}", cwd=tmp_path)
     assert "1 subject, 2 trials" in good("check", name, "--subject-from", "{}.*", cwd=tmp_path)
-
-
-def test_problems_of_all_files_come_together(tmp_path):
-    names = ["a/s.csv", "b/s.csv"]
-    write(tmp_path, dict.fromkeys(names, "subject,s1,s2,response\na,0,x,same\n"))
-    errors = inside("check", *names, cwd=tmp_path).stderr.splitlines()
-    problem = "row 2, column s2: found 'x', allowed: a finite number"
-    assert errors == [f"error: {name}: {problem}" for name in names]
 
 
 @pytest.mark.parametrize(
@@ -260,15 +231,3 @@ def test_problems_of_all_files_come_together(tmp_path):
 def test_other_matlab_files_are_refused(content, message, tmp_path):
     savemat(tmp_path / "t.mat", content)
     assert message in refused("check", "t.mat", cwd=tmp_path)
-
-
-def test_blocks_of_a_subject_are_the_files(tmp_path):
-    write(tmp_path, SESSIONS)
-    paths = [tmp_path / name for name in SESSIONS]
-    study = bt.read_study(paths, bt.ReadOptions(subject_from="{}_session*.csv"))
-    assert study["A"].answers.blocks == ("A_session1.csv", "A_session2.csv")
-    assert study["A"].answers.block.tolist() == [0] * 3 + [1] * 3
-    assert study.source == "3 files, A_session1.csv to B_session1.csv"
-    frames = [pd.read_csv(path, sep=";", decimal=",") for path in paths]
-    frames = [frame.assign(subject=path.name[0]) for frame, path in zip(frames, paths, strict=True)]
-    pd.testing.assert_frame_equal(bt.read_study(frames).frame(), study.frame())

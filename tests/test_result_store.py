@@ -10,32 +10,25 @@ import sys
 from dataclasses import replace
 from functools import partial
 from io import BytesIO
-from itertools import product
-from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from conftest import known_observers, made_subject
+from conftest import known_observers
 
 import bayes_toe as bt
 from bayes_toe import result_store
-from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError, OutputError
-from bayes_toe.model.models import MODEL_NAMES
 from bayes_toe.result_store import (
     count_stored,
     discard,
-    fingerprint,
     open_store,
     packed,
     unpacked,
 )
-from bayes_toe.seeds import LARGEST_SEED, generator, root_seed
+from bayes_toe.seeds import generator
 from bayes_toe.workers import Failed, run_jobs
-
-SUBJECT = made_subject("0 0.3 20 50, 0.3 0 15 50", "S01")
 
 
 def packed_text(text):
@@ -54,27 +47,6 @@ def test_everything_comes_back_to_the_bit():
     assert again["a", 1][3].dtype == np.int32
 
 
-def test_a_record_is_made_again_from_what_it_is_made_from():
-    subject, failed = unpacked(packed((SUBJECT, Failed("why"))))
-    assert isinstance(subject, Subject)
-    assert subject.n_yes.tolist() == [20, 15]
-    assert failed == Failed("why")
-
-
-@pytest.mark.parametrize("value", [object(), {1, 2}, max, lambda: 0, np.array([object()])])
-def test_what_is_neither_record_nor_plain_is_refused(value):
-    with pytest.raises((TypeError, ValueError)):
-        packed(value)
-
-
-def test_damage_is_noticed():
-    content = packed(SUBJECT)
-    middle = content.index(np.array([20, 15]).tobytes())
-    for damaged in (content[:-30], content[:middle] + b"\x15" + content[middle + 1 :]):
-        with pytest.raises(BadZipFile):
-            unpacked(damaged)
-
-
 @pytest.mark.parametrize(
     "name", ["subprocess:Popen", "bayes_toe.workers:run_jobs", "bayes_toe.workers:os", "os:system"]
 )
@@ -82,25 +54,6 @@ def test_only_records_of_this_package_are_made(name):
     text = json.dumps({"record": name, "fields": {"args": "true"}})
     with pytest.raises(InputError, match=f"{name} is not a record of this package"):
         unpacked(packed_text(text))
-
-
-def test_a_fingerprint_tells_every_argument_apart():
-    other = replace(SUBJECT, n_yes=[20, 16])
-    first = MODEL_NAMES[0]
-    calls = [
-        partial(min, SUBJECT, seed=1, model=first),
-        partial(max, SUBJECT, seed=1.0, model=first),
-    ]
-    for subject, seed, model in product((SUBJECT, other), (1, 2), MODEL_NAMES):
-        calls.append(partial(max, subject, seed=seed, model=model))
-    assert len(set(map(fingerprint, calls))) == len(calls)
-    identical = replace(SUBJECT, n_yes=[20, 15])
-    assert fingerprint(partial(max, identical, seed=1, model=first)) == fingerprint(calls[2])
-
-
-def test_what_has_no_name_has_no_fingerprint():
-    with pytest.raises(TypeError):
-        fingerprint(partial(lambda: 0))
 
 
 @pytest.mark.parametrize("seed", [-1, 2**63, 1.5, "1", np.float64(3.0)])
@@ -113,15 +66,6 @@ def test_what_is_no_seed_is_refused_in_one_line(small_study, seed):
         message = r"^seed=.*: allowed is a whole number from 0 to 2.*$"
         with pytest.raises(InputError, match=message):
             call()
-
-
-def test_integers_of_numpy_are_seeds_and_none_is_fresh():
-    assert root_seed(np.int64(7)) == 7
-    assert type(root_seed(np.uint8(7))) is int
-    assert root_seed(LARGEST_SEED) == LARGEST_SEED
-    assert generator(np.int32(7), "a").random() == generator(7, "a").random()
-    assert 0 <= root_seed(None) < 2**32
-    assert len({root_seed(None) for _ in range(5)}) > 1
 
 
 @pytest.fixture

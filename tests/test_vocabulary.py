@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 import typer.main
 
-import bayes_toe as bt
 from bayes_toe.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -55,8 +54,3 @@ def test_public_docstrings(face):
         if words:
             observed[name] = words
     assert observed == {}
-
-
-def test_the_example_speaks_plainly():
-    study = bt.example_study()
-    assert forbidden(repr(study)) == []

@@ -88,6 +88,7 @@ from bayes_toe.data.validation import (
 )
 from bayes_toe.errors import (
     InputError,
+    Remedy,
     require_kind,
     with_next_questions,
 )

@@ -161,9 +161,6 @@ def test_the_forest_shows_every_subject(table):
     assert (low, high) == pytest.approx(
         (row.interval(table.unit).q025, row.interval(table.unit).q975)
     )
-    rows = tuple(row for row in table if row.quantity != "contraction")
-    panels = bt.plots.contrast(replace(table, rows=rows)).axes
-    assert [len(ax.collections[0].get_segments()) for ax in panels] == [2, 0, 2]
 
 
 def test_the_commands(tmp_path):
@@ -182,13 +179,10 @@ def test_the_mean_differences_of_the_group_are_bands(table):
     study = two_conditions(1, n_subjects=3)
     group = made_result(study)
     of_group = replace(table, conditions=study.conditions)
-    errors, contractions, jnds = bt.plots.contrast(of_group, group).axes
+    errors, _, jnds = bt.plots.contrast(of_group, group).axes
     draws, _, _ = group.difference("constant_error", ("right", "left"))
     low, high = np.quantile(group.shift_percent(draws), [0.025, 0.975])
     [band] = errors.patches
     assert (band.get_x(), band.get_width()) == pytest.approx((low, high - low))
-    draws, _, _ = group.difference("contraction", ("right", "left"))
-    [band] = contractions.patches
-    assert band.get_x() == pytest.approx(np.quantile(draws, 0.025))
     # The group has the ratio of JNDs, and subjects their difference.
     assert not jnds.patches

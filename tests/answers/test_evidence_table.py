@@ -23,10 +23,7 @@ from bayes_toe.errors import NumericalError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import (
     importance_evidence,
-    laplace_evidence,
-    laplace_evidence_natural,
 )
-from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.inference.subject import AnalysisRequest, fitted_result
 from bayes_toe.model.paper_model import paper_posterior
@@ -55,17 +52,6 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
     assert row.log_evidence_h1 is not None
     assert any("Laplace" in note for note in row.footnotes)
     assert EvidenceTable((row,)).frame()["log_evidence_h1_laplace"].isna().all()
-
-
-def test_laplace_in_either_coordinates_stands_in_its_own_column():
-    posterior = paper_posterior(bt.example_study("same/different")["S01"], bt.Prior())
-    request = AnalysisRequest(evidence_draws=20_000)
-    row = subject_evidence(*fitted_result(posterior, 1, request), None)
-    maxima = find_maxima(posterior)
-    natural, _ = laplace_evidence_natural(posterior, maxima)
-    assert row.log_evidence_h1_laplace == pytest.approx(laplace_evidence(maxima)[0], abs=1e-6)
-    assert row.log_evidence_h1_laplace_natural == pytest.approx(natural, abs=1e-6)
-    assert abs(row.log_evidence_h1_laplace - row.log_evidence_h1_laplace_natural) > 0.01
 
 
 def test_untrusted_weights_give_no_number():

@@ -1,7 +1,6 @@
 """The answer of one subject: words, sizes, prior sensitivity, what stands against it, files."""
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,7 @@ from bayes_toe.answers.order_effect import (
     order_effect,
     rescaled_evidences,
 )
-from bayes_toe.answers.words import Word, remains, word_for
+from bayes_toe.answers.words import Word, word_for
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.checks.identification import IMITATION, ONE_FIRST_STIMULUS, Identification
 from bayes_toe.data.options import changed
@@ -134,19 +133,6 @@ def test_reweighting_is_a_fresh_run_with_another_scale():
         assert np.abs(fresh.log_evidence - values).max() < 0.15
 
 
-def test_only_a_yes_or_a_no_that_becomes_undecided_depends_on_the_prior():
-    changes = {
-        (Word.YES, Word.UNDECIDED),
-        (Word.YES, Word.PROBABLY_NOT),
-        (Word.YES, Word.NO),
-        (Word.NO, Word.UNDECIDED),
-        (Word.NO, Word.PROBABLY),
-        (Word.NO, Word.YES),
-    }
-    words = (Word.YES, Word.PROBABLY, Word.UNDECIDED, Word.PROBABLY_NOT, Word.NO)
-    assert {pair for pair in product(words, words) if not remains(*pair)} == changes
-
-
 def test_a_yes_that_another_prior_leaves_undecided_is_marked(evidence, monkeypatch):
     no_effect = np.array([0.0, -5.0, -5.0, -5.0])
     rescaled = [evidence.log_evidence, no_effect, evidence.log_evidence, evidence.log_evidence]
@@ -245,14 +231,6 @@ def test_the_file_has_what_the_answer_has(answers):
         "zone_percent_q50": None,
     }
     assert {name: cells[name] for name in expected} == expected
-
-
-def test_weighted_quantiles_are_those_of_repeated_values():
-    rng = np.random.default_rng(1)
-    values, repeats = rng.normal(size=500), rng.integers(1, 40, 500)
-    levels = [0.025, 0.5, 0.975]
-    weighted = weighted_quantiles(values, repeats / repeats.sum(), levels)
-    assert weighted == pytest.approx(np.quantile(np.repeat(values, repeats), levels), abs=0.03)
 
 
 # --- Public studies: what they must show ----------------------------------------------------------

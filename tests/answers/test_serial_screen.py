@@ -5,11 +5,10 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 from numpy.random import default_rng
-from scipy.special import logit
 from scipy.stats import kstest, norm
 from serial_observers import LAPSE_RATE, NOISE, Q0, answered
 
-from bayes_toe.answers.serial_screen import SerialScreen, logit_slopes, serial_screen
+from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -104,19 +103,6 @@ def test_a_constant_first_stimulus_leaves_the_second():
     n_yes = (rng.random(300) < norm.cdf(keys[:, 1] / NOISE)).astype(int)
     observed = astuple(screen(in_order(keys, n_yes, np.arange(300))))
     assert all(0.0 < p <= 1.0 for p in observed)
-
-
-@pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT], ids=["2afc", "same"])
-def test_slopes_are_those_of_the_logit_in_a_shift(task):
-    posterior = OrderModel("both").posterior(answered(8, task))
-    x = default_rng(9).normal(0.0, 0.5, len(posterior.coordinates))
-    shift = np.zeros_like(x)
-    shift[posterior.coordinates.index("constant_error")] = 1e-5
-    ahead, backward = (
-        logit(np.exp(posterior.log_answers((x + sign * shift)[None]).yes[0])) for sign in (-1, 1)
-    )
-    expected = (ahead - backward) / (2e-5 * posterior.prior.constant_error_scale)
-    np.testing.assert_allclose(logit_slopes(posterior, x), expected, rtol=1e-6, atol=1e-8)
 
 
 def test_a_trial_before_that_is_not_tested_needs_no_correction():

@@ -57,8 +57,7 @@ def test_one_subject_is_described_in_full_and_synthetic_ones_are_called_so():
 
 def test_frequency_is_that_of_the_beta_binomial_where_every_answer_is_certain():
     answers = []
-    for i in range(4):
-        log_odds = 300.0 if i < 3 else -300.0
+    for i, log_odds in enumerate((300.0, 300.0, 300.0, -300.0)):
         evidence = {"none": 0.0, "contraction": 0.0, "constant error": log_odds, "both": log_odds}
         answers.append(answer(str(i), (Word.YES,) * 3, log_evidence=evidence))
     expected = {"constant_error": (3 + 1) / (4 + 2), "contraction": 0.5}

@@ -317,18 +317,12 @@ def test_a_full_disk_is_a_line_on_the_page_and_leaves_no_half_study(tmp_path):
 
 def test_questions_come_with_what_solves_them_and_no_run_starts_while_one_is_open(server, job):
     reading = server.state(f"/api/jobs/{job}")["reading"]
-    assert reading["study"] is None
     assert reading["table"]["roles"] == {"subject": "participant", "response": "answer"}
     assert reading["remedies"][0]["value"] == [["s1", "stim1"], ["s2", "stim2"]]
     assert server.ask(f"/api/jobs/{job}/run", "").code == 400
-    columns = {"columns": CODES["columns"]}
-    reading = server.state(f"/api/jobs/{job}/options", json.dumps(columns))["reading"]
-    assert {remedy["option"] for remedy in reading["remedies"]} == {"equal_code", "second_code"}
     state = server.state(f"/api/jobs/{job}/options", json.dumps(CODES))
     assert state["reading"]["problems"] == []
     assert state["reading"]["study"]["subjects"] == 2
-    pairs = state["reading"]["study"]["pairs"]
-    assert [(pair, n) for pair, _, n in pairs][:2] == [([0.0, 0.3], 40), ([0.3, 0.0], 40)]
     assert state["command"].endswith("--columns s1=stim1,s2=stim2 --second-code 2")
 
 
@@ -565,28 +559,6 @@ def test_decibels_practice_and_an_encoding_have_their_fields(browser, server, tm
     assert opened.close() == []
 
 
-def test_columns_that_are_pairs_and_a_level_to_compare_with_have_their_fields(
-    browser, server, tmp_path
-):
-    rows = ["subject,hand,100_112,112_100", "A,left,second,first", "A,right,second,second"]
-    (tmp_path / "survey.csv").write_text("\n".join(rows), encoding="utf-8")
-    opened = Page(browser, server)
-    page = opened.page
-    opened.add(tmp_path / "survey.csv")
-    page.select_option("#stimuli-kind", "intensity")
-    page.locator("#others summary").click()
-    page.select_option("select[data-role=condition]", "hand")
-    page.fill("#unit", "g")
-    page.fill("#reference", "right")
-    page.fill("#wide", "{first}_{second}")
-    page.press("#wide", "Enter")
-    page.get_by_text("Pairs read from names of 2 columns").wait_for()
-    assert page.input_value("#reference") == "right"
-    assert "100 g\t112 g\t+12 %" in page.inner_text("#pairs")
-    assert page.locator("#go").is_enabled()
-    assert opened.close() == []
-
-
 def test_all_four_parts_are_there_in_another_tab_and_an_ended_program_is_told(browser, finished):
     server, folder = finished
     opened = Page(browser, server)
@@ -745,6 +717,7 @@ STANDARD_UM = rows(
 RAW = rows("subject,s1,s2,response", lambda a, b, second: f"1,{100 * a},{100 * b},{WORDS[second]}")
 CORRECT = rows("subject,s1,s2,acc", lambda a, b, second: f"1,{a},{b},{int(second == (b > a))}")
 OWN_FILE = rows("s1,s2,response", lambda a, b, second: f"{a},{b},{WORDS[second]}")
+PAIRS = "subject,hand,100_112,112_100\nA,left,second,first\nA,right,second,second\n"
 COUNTS = "subject,s1,s2,same,n,part\n1,0,0,40,50,x\n1,0,.3,20,50,x\n1,.3,0,9,50,y\n"
 BLOCKS = rows(
     "subject,block,condition,s1,s2,response",
@@ -783,6 +756,21 @@ CASES = {
         | {"#where-column": "part", "#where-text": "x"},
         ["--columns", "n_equal=same,n_trials=n", "--where", "part=x"],
     ),
+    "pairs in names of columns": (
+        {"x.csv": PAIRS},
+        {"#stimuli-kind": "intensity", "[data-role=condition]": "hand", "#unit": "g"}
+        | {"#reference": "right", "#wide": "{first}_{second}"},
+        [
+            "--wide",
+            "{first}_{second}",
+            "--unit",
+            "g",
+            "--condition",
+            "hand",
+            "--reference",
+            "right",
+        ],
+    ),
     "blocks": (
         {"x.csv": BLOCKS},
         {"[data-role=condition]": "", "#decisions [data-target='1:2']": "swap"},
@@ -801,7 +789,7 @@ def test_fields_become_the_options_of_the_command(browser, server, tmp_path, cas
     opened.page.click("#others summary")
     for selector, value in fields.items():
         field = opened.page.locator(selector)
-        if selector in ("#where-text", "#unit"):
+        if selector in ("#where-text", "#unit", "#reference", "#wide"):
             field.fill(value)
             field.press("Tab")
         else:

@@ -29,6 +29,8 @@ BOTH_TASKS = pytest.mark.parametrize(
     "task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["equal", "second"]
 )
 OTHER_TASK = {SAME_DIFFERENT: WHICH_STRONGER, WHICH_STRONGER: SAME_DIFFERENT}
+#: The flag of subjects whose responses are those of the other task.
+LIKE_OTHER = {SAME_DIFFERENT: "like_2afc", WHICH_STRONGER: "other_task"}
 LEVELS = np.arange(6) * 0.25
 NEIGHBOURS = [(a, b) for a, b in itertools.product(LEVELS, repeat=2) if abs(a - b) < 0.3]
 
@@ -177,7 +179,8 @@ def test_one_answer_only(task, count):
     s1, s2 = np.transpose(NEIGHBOURS)
     (finding,) = find(Subject("A", s1, s2, [count] * len(s1), [40] * len(s1), task=task))
     assert (finding.code, finding.option) == ("one_answer", "")
-    assert finding.message == f"Every response is {task.yes if count else task.no!r}."
+    response = {0: task.no, 40: task.yes}[count]
+    assert finding.message == f"Every response is {response!r}."
 
 
 @pytest.mark.parametrize("n_trials, is_flagged", [(59, True), (60, False)])
@@ -265,7 +268,7 @@ def test_answers_to_the_other_question_flag_every_subject(task):
     n_trials = np.full(len(s1), 30)
     p = p_yes(s2 - s1, other)
     right = [Subject(name, s1, s2, rng.binomial(30, p), n_trials, task=other) for name in "abc"]
-    code = "like_2afc" if task == SAME_DIFFERENT else "other_task"
+    code = LIKE_OTHER[task]
     assert code not in messages(*right)
     findings = find(*(replace(subject, task=task) for subject in right))
     findings = [finding for finding in findings if finding.code == code]
@@ -401,5 +404,5 @@ def test_nothing_is_proposed_in_the_other_public_studies(real_data, path):
     assert not_interpreted(study) == {}
     assert {finding.option for finding in check_answers(study)} <= {""}
     wrong = messages(*(replace(subject, task=OTHER_TASK[study.task]) for subject in study))
-    code = "other_task" if study.task == SAME_DIFFERENT else "like_2afc"
+    code = LIKE_OTHER[OTHER_TASK[study.task]]
     assert (code in wrong) == ("auditory" not in path)  # one distance, no equal pair

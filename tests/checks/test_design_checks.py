@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import settings
 
 import bayes_toe as bt
 from bayes_toe.checks.answer_checks import Finding
@@ -16,7 +15,6 @@ from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 
-FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
 GRID = list(itertools.product([-0.3, 0.0, 0.4], repeat=2))
 
 

@@ -22,6 +22,12 @@ from bayes_toe.classical.asymmetry import (
     holm,
     probability_greater,
 )
+from bayes_toe.classical.frequencies import (
+    accuracy,
+    laplace_error,
+    laplace_estimate,
+    presentation_order,
+)
 from bayes_toe.errors import InputError
 
 
@@ -184,7 +190,27 @@ def test_holm_is_the_closed_test_of_bonferroni():
     assert holm([]).shape == (0,)
 
 
-def test_of_equal_asymmetries_the_one_with_the_smaller_p_value_is_maximal():
-    subject = made_subject("0 0.1 5 20, 0.1 0 0 20, 0 0.2 7 20, 0.2 0 2 20")
-    (row,) = bt.asymmetry(bt.Study([subject]))
-    assert row.maximal.p_value == min(comparison.p_value for comparison in row.comparisons)
+# --- Frequencies ----------------------------------------------------------------------------------
+
+
+counts = st.integers(0, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
+
+
+@given(counts)
+def test_the_papers_formula_in_exact_fractions(count):
+    k, n = count
+    q = Fraction(k + 1, n + 2)
+    variance = q * (
+        Fraction(k + 2, n + 3) - q
+    )  # Eq. e:2b as printed; this difference is what floats would lose
+    assert float(laplace_estimate(k, n)) == pytest.approx(float(q), rel=1e-15)
+    assert float(laplace_error(k, n)) ** 2 == pytest.approx(float(variance), rel=1e-14)
+
+
+def test_one_subject():
+    subject = made_subject("0 0 8 10, 0 0.4 3 20, 0.4 0 5 30, 0.4 0.4 9 10")
+    assert presentation_order(subject).tolist() == [0, -1, 1, 0]
+    assert laplace_estimate(subject.n_yes, subject.n_trials) == pytest.approx(
+        [9 / 12, 4 / 22, 6 / 32, 10 / 12]
+    )
+    assert accuracy(subject) == pytest.approx((8 + 17 + 25 + 9) / 70)

@@ -127,18 +127,6 @@ def test_a_fit_outside_its_interval_is_said_to_be_so(mu1):
     assert remark.startswith("outside the 95 % interval: mu1, because")
 
 
-def test_a_covariance_that_is_singular_gives_no_evidence():
-    identical = default_rng(1).normal(size=(50, 4)) * [1, 0, 0.1, 0.1] + [
-        0,
-        0.3,
-        0.5,
-        0.5,
-    ]
-    value, note = bootstrap_evidence(make_bootstrap(identical), Prior())
-    assert value is None
-    assert note.endswith("singular")
-
-
 def test_posterior_and_bootstrap_side_by_side(analysis):
     table = bt.fit(analysis.study, replicates=200, level=0.8, seed=1, workers=1)
     frame = table.compare_with(analysis.draws).set_index(["subject", "parameter"])

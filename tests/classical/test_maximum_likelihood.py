@@ -17,12 +17,11 @@ STRONGER = {subject.name: subject for subject in bt.example_study(WHICH_STRONGER
 #: Random starts of the general optimiser in a routine run, one of each of its methods; 50 were run
 #: once for every subject of both studies.
 STARTS = 3
-EQUAL = [SUBJECTS[name] for name in (*CASES, "S01", "S02", "S06", "S07")]
-SECOND = [STRONGER[name] for name in ("S01", "S03", "S08", "S12")]
 
 
 PAPER, NARROW = Prior(), Prior(mu1_mean=0.8, mu1_sd=0.3)
-FITTED = [(subject, PAPER) for subject in EQUAL + SECOND]
+FITTED = [(SUBJECTS[name], PAPER) for name in (*CASES, "S01", "S02", "S06", "S07")]
+FITTED += [(STRONGER[name], PAPER) for name in ("S01", "S03", "S08", "S12")]
 FITTED += [(SUBJECTS[name], NARROW) for name in ("S02", "S07", "one batch")]
 
 

@@ -14,8 +14,7 @@ from conftest import few_pairs, grouped_csv, known_observers
 from processes import members, needs_proc, start, until, until_gone, workers
 
 import bayes_toe as bt
-from bayes_toe.cli.entry_point import say_stopped
-from bayes_toe.data.whole_files import HIDDEN, finished, unfinished, whole_folder, write_whole
+from bayes_toe.data.whole_files import HIDDEN
 from bayes_toe.workers import Failed
 
 pytestmark = needs_proc
@@ -218,15 +217,3 @@ def test_a_thread_that_fails_after_a_signal_prints_nothing():
 
 def test_a_signal_that_is_ignored_on_purpose_goes_on_being_ignored():
     assert subprocess.run([sys.executable, "-c", UNDER_NOHUP], timeout=60).returncode == 0
-
-
-def test_finished_files_are_named_and_those_of_an_unfinished_folder_are_not(tmp_path, capsys):
-    del finished[:]
-    with unfinished(tmp_path) as folder:
-        write_whole(folder / "a.csv", b"")
-    write_whole(tmp_path / "b.csv", b"")
-    with whole_folder(tmp_path, ["c.csv"]) as folder:
-        (folder / "c.csv").touch()
-    say_stopped(signal.SIGTERM)
-    written = f"{tmp_path / 'b.csv'}, {tmp_path}"
-    assert capsys.readouterr().err == f"stopped by SIGTERM: written: {written}\n"

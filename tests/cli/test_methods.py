@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 from populations import made_result
@@ -11,16 +10,12 @@ import bayes_toe as bt
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.answers.order_effect import PRIOR_FLAG
 from bayes_toe.answers.words import Word
-from bayes_toe.cli.methods import _limits, write_methods
+from bayes_toe.cli.methods import write_methods
 
 
 def text_of(analysis, folder, group=None):
     write_methods(replace(analysis, group=group), folder / "methods.md")
     return " ".join((folder / "methods.md").read_text(encoding="utf-8").split())
-
-
-def limits_of(answers):
-    return _limits(SimpleNamespace(answers=answers, draws=SimpleNamespace(failed={})))
 
 
 def with_answers(analysis, *changes):
@@ -132,15 +127,6 @@ def test_a_group_that_is_not_reliable_is_said_to_be_so(analysis, small_study, tm
     assert "The draws of the group are NOT RELIABLE: " in text_of(analysis, tmp_path, diverged)
 
 
-def test_conditions_are_described_where_there_are_some(analysis, tmp_path):
-    sentence = "Conditions were compared within participants by joint fits"
-    assert sentence not in text_of(analysis, tmp_path)
-    contrast = SimpleNamespace(sentences=lambda: ["Condition hand: left.", "JND differs: 3 no."])
-    text = text_of(replace(analysis, contrast=contrast), tmp_path)
-    assert sentence in text
-    assert "JND differs: 3 no." in text
-
-
 def test_a_mean_that_no_pairs_can_show_is_not_reported(analysis, small_study, tmp_path):
     group = made_result(small_study)
     assert group.identified == {"constant_error", "noise", "q0"}
@@ -154,12 +140,6 @@ def test_names_are_no_markup(analysis, tmp_path):
     assert r"| \*\[x\](y)\\u202e |" in text_of(changed, tmp_path)
 
 
-def test_names_are_given_where_as_many_are_excluded_as_interpreted(analysis):
-    interpreted = [replace(analysis.answers[i % 3], subject=name) for i, name in enumerate("ABCD")]
-    answers = [*interpreted[:2], *(replace(a, is_interpretable=False) for a in interpreted[2:])]
-    assert "Not interpreted: C, D." in limits_of(answers)
-
-
 def test_answers_that_depend_on_the_prior_are_counted_and_marked(analysis, tmp_path):
     sentence = "a prior half or twice as wide leaves a 'yes' or a 'no' undecided."
     plain, dependent = {"flags": ()}, {"flags": (f"{PRIOR_FLAG}: order effect",)}
@@ -168,14 +148,3 @@ def test_answers_that_depend_on_the_prior_are_counted_and_marked(analysis, tmp_p
     text = text_of(with_dependent, tmp_path)
     assert f"For 1 of 3, {sentence}" in text
     assert " ?: undecided with a prior half or twice as wide." in text
-    # A single participant has the mark alone.
-    assert limits_of(with_dependent.answers[:1]) == []
-
-
-def test_a_doubt_about_all_participants_names_none(analysis):
-    poor = {"fit_p": 0.001, "flags": (), "history_p": None}
-    answers = with_answers(analysis, poor, poor).answers
-    assert limits_of(answers[:2]) == ["The model does not fit any participant."]
-    assert limits_of(answers[:1]) == [
-        f"The model does not fit {answers[0].subject} with fit p .0010."
-    ]

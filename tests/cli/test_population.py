@@ -13,7 +13,6 @@ from populations import independent_draws, made_result, simulated_group, two_con
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import (
     Size,
-    format_bayes_factor,
     format_share,
     format_signed,
 )
@@ -125,25 +124,13 @@ def test_conditions_have_a_line_and_a_table():
     lines = group_answer(built)
     assert lines[1].startswith("Difference right - left in the group: PSE shift ")
     assert lines[1].count("BF") == 3
-    (title, _, differences), (group, headings, rows) = group_tables(built)
+    (title, _, differences), (group, _, rows) = group_tables(built)
     assert title == "Differences between conditions"
     assert group == "4 subjects, median [95 % interval]"
-    assert differences[0][:2] == ["right - left", "PSE shift"]
-    assert {len(row) for row in rows} == {len(headings)}
     assert [row[0] for row in rows] == ["constant error", "contraction p", "JND"]
-    assert " %" in rows[0][1]
     [ratio] = built.table.select("difference", "noise")
     low, median, high = np.exp([ratio.q025, ratio.q50, ratio.q975])
     assert differences[2][2] == f"{median:.2f} [{low:.2f}, {high:.2f}]"
-
-
-def test_bayes_factors_are_those_of_a_mean_that_is_not_0():
-    built = made_result(simulated_group(1, n_subjects=6))
-    [line] = group_answer(built)
-    for name in ("constant_error", "contraction"):
-        [row] = built.table.select("mean", name)
-        assert abs(row.ln_bf_zero) > 0.1
-        assert f"(BF {format_bayes_factor(-row.ln_bf_zero)})" in line
 
 
 def test_means_whose_word_changes_without_poor_fits_are_named(monkeypatch):
@@ -160,13 +147,3 @@ def test_means_whose_word_changes_without_poor_fits_are_named(monkeypatch):
         "yes (BF 55)."
     ]
     assert good_fits_answer(group, None) == []
-
-
-def test_effective_draws_are_the_fewest_of_bulk_and_tail():
-    built = made_result(simulated_group(1, n_subjects=4))
-    [(_, _, rows)] = group_tables(built)
-    for name, row in zip(built.names, rows, strict=True):
-        summaries = [*built.table.select("mean", name), *built.table.select("sd", name)]
-        fewest = min(min(summary.ess_bulk, summary.ess_tail) for summary in summaries)
-        largest = max(summary.r_hat for summary in summaries)
-        assert row[-2:] == [f"{fewest:,.0f}", f"{largest:.3f}"]

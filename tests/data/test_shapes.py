@@ -640,13 +640,6 @@ def test_pairs_of_zeros_that_are_trials_stay():
     assert study["P12"].total_trials == 60
 
 
-def test_both_columns_of_several_files_are_noted():
-    part = IN_GRAMS.rename(columns={"w1": "ms1", "w2": "ms2"})
-    options = bt.ReadOptions(intensity=500.0, columns={"i1": "ms1", "i2": "ms2"})
-    study = bt.read_study([part[:40], part[40:]], options)
-    assert {"column ms1 read as i1", "column ms2 read as i2"} <= {*study.notes}
-
-
 @pytest.mark.parametrize("name", WARNED)
 def test_a_shape_that_may_mislead_is_warned_of(name, tmp_path):
     content, part = WARNED[name]

@@ -3,13 +3,9 @@
 The small files beside a study, all read by the study's strict reader.
 """
 
-import csv
-from importlib.resources import files
-
 import pytest
 from conftest import problems
 
-import bayes_toe as bt
 from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.validation import read_numbers
@@ -132,15 +128,6 @@ def test_a_subject_without_a_name_or_named_twice_is_refused(written, kind):
         "row 4, column subject: found '01', allowed: each name once, and row 2 has it",
         "row 5, column subject: found '', allowed: a text that is not empty",
     ]
-
-
-def test_the_bundled_truth_is_read_to_the_last_bit():
-    text = (files("bayes_toe.data") / "example_same_different_truth.csv").read_text()
-    truth = {}
-    for row in csv.DictReader(text.splitlines()):
-        subject = row.pop("subject")
-        truth[subject] = {name: float(cell) for name, cell in row.items()}
-    assert bt.example_truth("same/different") == truth
 
 
 # --- Covariates -----------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 import math
 import re
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -11,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bayes_toe.data.read_study import read_study
-from bayes_toe.data.tables import SubjectTable, file_stems, write_table
-from bayes_toe.errors import InputError, OutputError
+from bayes_toe.data.tables import file_stems, write_table
+from bayes_toe.errors import OutputError
 
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
 
@@ -77,34 +76,6 @@ def test_a_full_disk_is_reported_in_one_line(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match=r"t\.csv: cannot be written \(No space left on device\)"):
         write_table(pd.DataFrame({"x": [1]}), tmp_path / "t.csv")
     assert list(tmp_path.iterdir()) == []
-
-
-@dataclass(frozen=True)
-class Weight:
-    subject: str
-    kilograms: float
-
-
-@dataclass(frozen=True, eq=False)
-class Weights(SubjectTable[Weight]):
-    unit: str = "kg"
-
-    def frame(self):
-        return pd.DataFrame(
-            {"subject": [row.subject for row in self], self.unit: [row.kilograms for row in self]}
-        )
-
-
-def test_a_table_is_gone_through_looked_up_and_saved(tmp_path):
-    table = Weights((Weight("01", 70.5), Weight("NA", 60.0)))
-    assert [row.subject for row in table] == ["01", "NA"]
-    assert len(table) == 2
-    assert table["NA"].kilograms == 60.0
-    assert table.save(tmp_path / "w.csv").read_text() == "subject,kg\n01,70.5\nNA,60.0\n"
-    with pytest.raises(OutputError, match="exists"):
-        table.save(tmp_path / "w.csv")
-    with pytest.raises(InputError, match=r"^no subject '1' in the table; there are: '01', 'NA'$"):
-        table["1"]
 
 
 def test_parquet_tables_keep_every_bit_and_no_apostrophe_is_put(tmp_path):

@@ -9,11 +9,9 @@ import pytest
 from numpy.random import default_rng
 from scipy.special import entr
 
-import bayes_toe as bt
 from bayes_toe.answers.words import Word
-from bayes_toe.data.study import pooled
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.design.adaptive import Adaptive, Particles
+from bayes_toe.design.adaptive import Adaptive
 from bayes_toe.design.observers import make_observer
 from bayes_toe.design.study_design import each_once
 from bayes_toe.errors import InputError
@@ -119,21 +117,6 @@ def test_sessions_of_which_is_stronger_take_true_for_second(tmp_path):
     again = Adaptive.resume(session.save(tmp_path / "s.json"))
     assert again.subject.task == WHICH_STRONGER
     assert again.probabilities == session.probabilities
-
-
-def test_draws_made_anew_weigh_what_all_answers_say(session):
-    rule = OrderModel("both").posterior(DESIGN.unanswered)
-    particles = Particles.from_prior(rule, 2000, default_rng(1))
-    new_trial = bt.Subject.from_trials("one", [0.0], [0.1], [True])
-    particles.add(session.subject)
-    particles.renew(session.subject, default_rng(2))
-    particles.add(new_trial)
-    posterior = rule.for_subject(pooled((session.subject, new_trial)))
-    expected = posterior.log_density(particles.x)
-    assert particles.log_posterior == pytest.approx(expected, rel=1e-12, abs=1e-9)
-    assert not np.isnan(particles.log_weight).any()
-    assert (len(particles.x), particles.generation) == (2000, 1)
-    assert particles.remaining_share > 0.5
 
 
 REFUSED = [

@@ -45,11 +45,6 @@ def test_an_observer_is_the_same_whoever_else_there_is():
         assert 0.15 <= observer.parameters["noise"] <= 0.25
         for name, (low, high) in KINDS[observer.kind].items():
             assert low <= observer.parameters[name] <= high
-    has_effect = {observer.kind: list(observer.has_effect.values()) for observer in few}
-    assert has_effect["none"] == [False, False, False]
-    assert has_effect["large constant error"] == [True, True, False]
-    assert has_effect["repulsion"] == [True, False, True]
-    assert has_effect["both"] == [True, True, True]
 
 
 def test_ranges_of_a_file(tmp_path):

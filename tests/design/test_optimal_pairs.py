@@ -226,13 +226,9 @@ def test_levels_in_a_unit_are_shown_in_it(tmp_path):
     logs = read_levels(tmp_path / "levels.csv", 100.0, "um")
     assert logs == pytest.approx(np.log(levels / 100.0))
     optimal = optimal_design(logs, 100, observers="none", data_sets=1, seed=1, workers=1)
-    in_logs = optimal.text()
     optimal = replace(optimal, unit=StimulusUnit("um", np.log(100.0)))
     text, figure = optimal.text(), bt.plots.design(optimal)
     assert "45 um (" in text
-    assert "| first, um | second, um | n_trials |" in text
-    assert "constant error" in text
-    assert "-0.79" in in_logs
     assert "-0.79" not in text
     assert {*optimal.frame().i1} <= {45.0, 80.0, 213.0}
     assert {"first stimulus, um", "second stimulus, um"} <= {*words_of(texts_of(figure))}

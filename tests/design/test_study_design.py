@@ -6,7 +6,6 @@ from conftest import columns, problems
 
 import bayes_toe as bt
 from bayes_toe.design.study_design import (
-    apportioned,
     full_design,
     paper_study_design,
     reference_design,
@@ -27,8 +26,6 @@ def test_every_pair_keeps_its_share_and_at_least_one_trial(trials):
     design = paper_study_design(trials)
     assert (design.total, design.n_trials.min() >= 1) == (trials, True)
     assert np.ptp(design.n_trials) <= 1
-    # As far as whole numbers can.
-    assert apportioned(np.array([0.001, 0.3, 0.699]), 100).tolist() == [1, 30, 69]
 
 
 @pytest.mark.parametrize(

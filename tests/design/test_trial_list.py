@@ -23,7 +23,7 @@ DESIGNS = {
 
 
 def longest_run_of_equals(trials):
-    is_equal = "".join("=" if identical else " " for identical in trials.s1 == trials.s2)
+    is_equal = "".join(np.where(trials.s1 == trials.s2, "=", " "))
     return max(map(len, is_equal.split()), default=0)
 
 

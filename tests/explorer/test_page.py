@@ -12,15 +12,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
-from conftest import made_subject
 from numpy.random import default_rng
 from scipy.stats import norm
 
 import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
-from bayes_toe.explorer.entry import Entry, badges, outlined, slices
+from bayes_toe.explorer.entry import Entry, slices
 from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
-from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
 from bayes_toe.inference.prediction import Predictor
 
 
@@ -77,8 +75,6 @@ def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
     assert first["truth"]["sigma_p"] == 0.25
     ratio = bt.model.variance_ratio((0.17 / 0.25) ** 2)
     assert first["truth"]["gain"] == pytest.approx(1.0 / ratio)
-    assert held["entry-2"]["truth"] == {}
-    assert held["entry-6"]["label"] == "model 'none'"
     assert held["entry-6"]["truth"] == {"q0": 0.92}  # of a model that has no more
 
 
@@ -108,19 +104,6 @@ def test_draws_of_the_four_models_open_with_shift_contraction_and_jnd(small_stud
     np.testing.assert_allclose(np.diagonal(distance), 0.0, atol=1e-5)
 
 
-def test_contours_are_of_the_draws_that_have_both_quantities():
-    x, y = default_rng(1).normal(size=(2, 40_000))
-    spans = [(-4.0, 4.0)] * 2
-    half = np.where(np.arange(x.size) % 2, np.nan, y)
-    [lines] = outlined({"x": x, "y": half}, spans)
-    inner, outer = (np.hypot(*numbers(text).reshape(2, -1)) for text in lines)
-    assert np.nanmean(inner) == pytest.approx(1.177, rel=0.02)  # sqrt(-2 log(1 - share))
-    assert np.nanmean(outer) == pytest.approx(2.448, rel=0.02)
-    assert np.nanstd(outer) < 0.04  # 0.05 where counts are smoothed by one bin
-    half[99:] = np.nan
-    assert outlined({"x": x, "y": half}, spans) == [[]]
-
-
 def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
     rng = default_rng(1)
     block = np.repeat(np.arange(1, 5), 100)
@@ -135,41 +118,6 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
     loaded = bt.load(draws.save(tmp_path / "posterior.nc"))
     [entry] = entries(loaded)
     assert entry.words == (("not interpreted:", "responses look swapped"),)
-
-
-def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval(monkeypatch):
-    element = made_subject("0 0.2 1 50 1, 0 0.2 1 40 2, 0.1 0.2 1 9 1, 0.2 0.2 1 50 1, 0 0 1 50 1")
-    monkeypatch.setattr("bayes_toe.explorer.entry.MOST_SLICES", 2)
-    observed = slices(element)
-    assert [(panel.weaker, panel.isi, panel.orders) for panel in observed] == [
-        (0.0, 1.0, (-1, 0)),
-        (0.0, 2.0, (-1,)),
-    ]
-    monkeypatch.undo()
-    assert len(slices(element)) == 3
-    assert sorted(
-        (element.s1[pair], element.s2[pair], element.isi[pair]) for pair in observed[0].pairs
-    ) == [
-        (0, 0, 1),
-        (0, 0.2, 1),
-        (0.2, 0.2, 1),
-    ]
-
-
-@pytest.mark.parametrize(
-    "missed, fit_p, freedom, message",
-    [
-        ({"A": "R-hat"}, 0.4, 3, [("unconverged", "R-hat"), ("fine", "fit: good, p .40")]),
-        ({}, 0.02, 3, [("fine", "converged"), ("misfit", "fit p .020, below .05/2")]),
-        ({}, 0.03, 3, [("fine", "converged"), ("fine", "fit: good, p .030")]),
-        ({}, np.nan, 3, [("fine", "converged")]),
-        ({}, np.nan, 0, [("fine", "converged"), ("untold", "fit: not testable")]),
-    ],
-)
-def test_badges_say_what_is_wrong(missed, fit_p, freedom, message):
-    fit = GoodnessOfFit(9.0, freedom, fit_p)
-    draws = SimpleNamespace(fit=lambda name: fit, not_converged=missed, names=["A", "B"])
-    assert list(badges(draws, "A")) == message
 
 
 def test_a_name_cannot_end_the_page(small_study):

@@ -1,7 +1,5 @@
 """The joint posterior of a group against its definition, written down without its coordinates."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from conftest import made_subject
@@ -11,9 +9,8 @@ from scipy import stats
 from scipy.special import ndtr
 
 import bayes_toe as bt
-from bayes_toe.groups.group_posterior import GroupPosterior
 from bayes_toe.groups.hyperprior import Hyperprior
-from bayes_toe.groups.population import group_posterior, study_scales, subject_rows
+from bayes_toe.groups.population import group_posterior, study_scales
 
 X = np.array([[1.0, -0.5], [0.0, 1.2], [1.0, 0.3]])
 
@@ -93,39 +90,6 @@ def test_gradient_is_the_derivative(kind, study):
     for j, step in enumerate(1e-5 * np.eye(posterior.n_coordinates)):
         rise = posterior(theta + step)[0] - posterior(theta - step)[0]
         assert gradient[:, j] == pytest.approx(rise / 2e-5, rel=1e-4, abs=1e-3)
-
-
-def test_without_precision_coordinates_are_non_centred(study):
-    posterior = posterior_of(study, X)
-    fits = posterior.fits
-    plain = fits._replace(information=0.0 * fits.information, precision=0.0 * fits.precision)
-    posterior = GroupPosterior(posterior.rows, posterior.numbers, X, plain)
-    theta = posterior.start(3, default_rng(1))
-    point = posterior.points(theta)
-    xi = theta[:, posterior.n_shared :].reshape(3, 3, -1)[..., :3].swapaxes(0, 1)
-    expected = point.mean + np.einsum("nr,prq->npq", X, point.effects) + point.sd * xi
-    assert point.w[..., :3] == pytest.approx(expected, rel=1e-12)
-
-
-def test_a_condition_moves_a_subject_by_half_of_the_difference_to_either_side():
-    study = two_conditions(1, n_subjects=2)
-    rows = subject_rows(study, study_scales(study))
-    assert (rows.n_subjects, rows.n_coefficients, rows.n_coordinates) == (2, 6, 8)
-    w = np.zeros((2, 1, 8))
-    w[:, :, 0], w[:, :, 3] = 0.2, 1.0
-    constant_error = rows.row_points(w)[:, 0, 3]
-    assert constant_error.tolist() == pytest.approx([-0.3, 0.7, -0.3, 0.7])
-
-
-def test_stimuli_count_from_the_subjects_own_mean_in_steps_of_the_whole_study():
-    near, far = simulated_group(1, n_subjects=2)
-    study = bt.Study([near, replace(far, s1=far.s1 + 3.0, s2=far.s2 + 3.0)])
-    scales = study_scales(study)
-    rows = subject_rows(study, scales)
-    assert scales.step == pytest.approx(0.25)
-    assert rows.batch.first[0] == pytest.approx(rows.batch.first[1])
-    assert rows.batch.slope_unit.ravel().tolist() == pytest.approx([0.25 / scales.spread] * 2)
-    assert scales.roving_share == 1.0
 
 
 def test_roved_first_stimuli_narrow_the_prior_of_the_contraction():

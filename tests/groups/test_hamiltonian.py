@@ -82,14 +82,3 @@ def test_twice_the_draws_where_the_first_are_not_reliable(monkeypatch):
     longer = drawn()
     assert longer.mean.shape == (4, 20, 3)
     assert (longer.mean[:, :10] == first.mean).all()
-    # Where the first trajectories diverge their draws are not part of the result.
-    advance = Hamiltonian.advance
-
-    def diverging_at_first(self, n_draws):
-        trace = advance(self, n_draws)
-        return trace._replace(is_divergent=trace.is_divergent | (n_draws == 10))
-
-    monkeypatch.setattr(Hamiltonian, "advance", diverging_at_first)
-    other = drawn()
-    assert (other.mean.shape, other.n_divergent) == ((4, 20, 3), 0)
-    assert (other.mean[:, :10] != first.mean).any()

@@ -5,27 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from populations import made_result, simulated_group, two_conditions
-from scipy import stats
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
-from bayes_toe.groups import population as module
-from bayes_toe.groups.predictive_check import CONTRADICTED, _statistics, predictive_check
+from bayes_toe.groups.predictive_check import CONTRADICTED, predictive_check
 
 
 @pytest.fixture(scope="module")
 def result():
     study = simulated_group(7, n_subjects=10, n_each=60, mean_c=0.6, sd_c=0.2, mean_p=0.25)
     return bt.population(study, seed=1)
-
-
-def test_statistics_of_a_group_are_those_of_its_values():
-    values = np.random.default_rng(1).gamma(2.0, size=(9, 3))
-    spread, skewness, farthest = _statistics("x", values, ("spread", "skewness", "farthest"))
-    group = values[:, 0]
-    assert spread.observed == pytest.approx(group.std(ddof=1))
-    assert skewness.observed == pytest.approx(stats.skew(group) * (8 / 9) ** 1.5)
-    assert farthest.observed == pytest.approx(abs(group - group.mean()).max() / group.std(ddof=1))
 
 
 def test_a_group_of_known_observers(result):
@@ -115,16 +104,6 @@ def test_conditions_differ_by_what_they_differ():
     assert row.ln_bf_zero < contraction.ln_bf_zero
     # The limits of the interval depend on the processor; at one of them lies 0.2.
     assert result.effect("constant_error").mean.median == pytest.approx(0.2, abs=0.15)
-
-
-def test_delays_are_taken_together():
-    study = bt.simulate(2, isi=(0.5, 2.0), batches=3, seed=1).study
-    pooled = module._without_intervals(study)
-    assert pooled.intervals == ()
-    for subject in study:
-        parts = [subject.at_isi(isi) for isi in (0.5, 2.0)]
-        assert pooled[subject.name].n_yes.tolist() == sum(part.n_yes for part in parts).tolist()
-        assert set(pooled[subject.name].n_trials) == {6}
 
 
 AGES = {"age": {"P000": 20.0, "P001": 30.0}}

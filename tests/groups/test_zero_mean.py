@@ -1,7 +1,5 @@
 """Bayes factors of 0 against integrals of a model in which everything is normal."""
 
-import itertools
-
 import numpy as np
 import pytest
 from numpy.random import default_rng
@@ -10,7 +8,6 @@ from scipy import integrate, stats
 from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.hyperprior import HyperpriorNumbers, ParameterHyperprior
 from bayes_toe.groups.zero_mean import (
-    _log_average_prior,
     zero_difference,
     zero_effect,
     zero_mean,
@@ -76,21 +73,3 @@ def test_of_a_difference_of_several_columns():
     expected = posterior.logpdf(0.0) - prior.logpdf(0.0)
     result = zero_difference(known_draws(y), numbers, [0, 1], weights)
     assert result.log_bf == pytest.approx(expected, abs=1e-9)
-
-
-@pytest.mark.parametrize("width", [0.01, 0.5, 2.0, 1000.0])
-def test_a_prior_of_any_width_is_averaged(width):
-    """Student's t about 0.1 with the scale 0.4, over normal likelihoods near and far."""
-    numbers = HyperpriorNumbers.from_rows([ParameterHyperprior(0.1, 0.4, 0.3, True)])
-    scale = np.array([0.4 * width])
-    for centre in (0.1, 0.5, 0.1 + 10.0 * 0.4):
-        observed = _log_average_prior(np.array([centre]), scale, numbers, 0)
-
-        def product(m, centre=centre):
-            return stats.t.pdf(m, 3, 0.1, 0.4) * stats.norm.pdf(centre, m, scale[0])
-
-        steps = np.array([-1.0, 0.0, 1.0])
-        edges = np.unique([0.1 + 4.0 * steps, centre + 8.0 * scale[0] * steps])
-        parts = itertools.pairwise([-np.inf, *edges, np.inf])
-        expected = sum(integrate.quad(product, low, high, limit=400)[0] for low, high in parts)
-        assert observed == pytest.approx(np.log(expected), abs=2e-3)

@@ -1,7 +1,5 @@
 """Fitted proposals: every hard case, and draws that are independent of the fit."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.random import default_rng
@@ -9,7 +7,6 @@ from reference.hard_cases import hard_cases
 
 from bayes_toe.data.study import Subject
 from bayes_toe.design.study_design import reference_design
-from bayes_toe.inference import adaptation
 from bayes_toe.inference.adaptation import adapt_proposal, fit_proposal, with_fresh_draws
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.paper_model import paper_posterior
@@ -51,21 +48,3 @@ def test_draws_that_chose_the_proposal_give_no_evidence():
     assert again.independent
     assert len(again.draws.x) == 2 * len(chosen.draws.x)
     assert not set(again.draws.log_posterior) & set(chosen.draws.log_posterior)
-
-
-def test_a_fit_that_begins_with_another_one_needs_no_maxima_and_finds_the_same_evidence(
-    monkeypatch,
-):
-    posterior = paper_posterior(CASES["one order missing"])
-    subject = posterior.subject
-    fitted = fit_proposal(posterior, default_rng(5))
-    fewer = posterior.for_subject(
-        Subject("fewer", subject.s1, subject.s2, subject.n_yes // 2, subject.n_trials // 2)
-    )
-    plain = importance_evidence(fit_proposal(fewer, default_rng(6)))
-    moved = replace(fitted.draws, log_posterior=fewer.log_density(fitted.draws.x))
-    start = replace(fitted, proposal=replace(fitted.proposal, posterior=fewer), draws=moved)
-    monkeypatch.setattr(adaptation, "find_maxima", None)
-    again = importance_evidence(fit_proposal(fewer, default_rng(6), start=start))
-    assert again.value == pytest.approx(plain.value, abs=5 * np.hypot(plain.se, again.se))
-    assert again.se < 0.01

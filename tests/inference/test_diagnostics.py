@@ -16,7 +16,6 @@ from bayes_toe.inference.diagnostics import (
     convergence_of,
     errors,
     errors_of,
-    quantile_errors,
     smoothed_weights,
 )
 
@@ -80,14 +79,6 @@ def test_many_quantities_have_the_numbers_of_each_and_constants_have_none():
         np.testing.assert_array_equal(errors_of(observed)[name], errors(draws))
     assert np.isnan([*convergence(observed["constant"]), *errors(observed["constant"])]).all()
     assert convergence(observed["one step"]).r_hat > 1e10
-
-
-def test_errors_of_quantiles_of_so_many_independent_draws_are_those_of_the_textbook():
-    """sqrt(p (1 - p)) over the density at the quantile and the root of the number."""
-    draws, tail = default_rng(1).normal(size=(4, 10_000)), np.sqrt(0.0475) / 0.1031 / 200
-    expected = [tail, np.sqrt(np.pi / 2) / 200, tail]
-    assert quantile_errors(draws, [0.05, 0.5, 0.95], 40_000) == pytest.approx(expected, rel=0.2)
-    assert np.isnan(quantile_errors(draws, [0.5], np.nan)).all()
 
 
 WEIGHTS = {

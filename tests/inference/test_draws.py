@@ -3,7 +3,6 @@
 The same container, its summary, what ArviZ finds in it, and whose draws they are.
 """
 
-import json
 from itertools import chain
 
 import arviz as az
@@ -34,12 +33,12 @@ def draws(small_study, request):
     first, second = small_study["A"], small_study["B"]
     columns = (column[2:] for column in (second.s1, second.s2, second.n_yes, second.n_trials))
     study = bt.Study([first, bt.Subject("fewer", *columns)])
-    return bt.sample(study, model=request.param, draws=500, seed=3, workers=1)
+    return bt.sample(study, model=request.param, draws=500, seed=np.int64(2**62), workers=1)
 
 
 def test_a_file_says_which_model_and_which_prior_and_comes_back(draws, tmp_path):
     loaded = bt.load(draws.save(tmp_path / "posterior.nc"))
-    assert (loaded.model, loaded.seed, loaded.prior) == (draws.model, 3, DEFAULT)
+    assert (loaded.model, loaded.seed, loaded.prior) == (draws.model, 2**62, DEFAULT)
     assert loaded.attrs["prior"] == loaded.described_prior() == draws.described_prior()
     for name in loaded.parameters:
         assert np.array_equal(loaded.values("A", name), draws.values("A", name), equal_nan=True)
@@ -94,17 +93,6 @@ def test_the_command_samples_any_model(tmp_path, small_study):
 # --- of the paper's: contents, summary, ArviZ -----------------------------------------------------
 
 
-def test_seed_prior_settings_and_versions_come_back_as_they_went_in(small_study, tmp_path):
-    prior = bt.Prior(mu1_mean=-0.25, mu1_sd=1.5, sigma_p_scale=0.1 + 0.2)
-    seed = np.int64(2**62)
-    study = small_study.select(["A"])
-    draws = bt.sample(study, draws=100, seed=seed, prior=prior, workers=1)
-    loaded = bt.load(draws.save(tmp_path / "posterior.nc"))
-    assert (loaded.seed, loaded.prior, loaded.attrs["prior"]) == (seed, prior, prior.describe())
-    assert json.loads(loaded.attrs["settings"])["sampler"]["draws"] == 100
-    assert {"python", "emcee", "arviz", "bayes_toe"} <= json.loads(loaded.attrs["versions"]).keys()
-
-
 def test_summary_has_the_columns_and_the_numbers(analysis):
     frame = analysis.draws.summary()
     assert tuple(frame.columns) == SUMMARY_COLUMNS
@@ -129,23 +117,6 @@ def test_summary_has_the_columns_and_the_numbers(analysis):
 def data(analysis):
     """For the ArviZ that is installed: an InferenceData or a DataTree."""
     return analysis.draws.to_arviz()
-
-
-def test_arviz_has_all_groups_and_their_dimensions(data, analysis):
-    for name in PARAMETERS:
-        assert data["posterior"][name].dims == ("chain", "draw", "subject")
-    assert data["posterior"]["sigma1"].attrs["units"] == "ln intensity"
-    for group in ("log_likelihood", "posterior_predictive"):
-        assert data[group]["n_equal"].dims == ("chain", "draw", "obs")
-    for group in ("observed_data", "constant_data", "log_likelihood"):
-        assert {"subject", "s1", "s2"} <= set(data[group].coords)
-    assert data["sample_stats"]["lp"].dims == ("chain", "draw", "subject")
-    assert data["sample_stats"]["acceptance_rate"].dims == ("chain", "subject")
-    assert data.attrs["model"] == "predictive update"
-    for name in "ABC":
-        assert np.array_equal(
-            data["posterior"]["gain"].sel(subject=name), analysis.draws.values(name, "gain")
-        )
 
 
 @pytest.mark.filterwarnings("ignore")  # of ArviZ's pictures

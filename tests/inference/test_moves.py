@@ -1,23 +1,18 @@
 """Moves: known moments stay, weights, and the ratio of densities of the global one."""
 
-from dataclasses import replace
-
 import emcee
 import numpy as np
 import pytest
-from reference.hard_cases import hard_cases
 from scipy.special import digamma, polygamma
 
-from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.proposal import (
     FittedProposal,
     Proposal,
     StudentMixture,
     importance_draws,
 )
-from bayes_toe.inference.sampling import GlobalMove, moves
-from bayes_toe.model.paper_model import paper_posterior
-from bayes_toe.seeds import generator, stream
+from bayes_toe.inference.sampling import moves
+from bayes_toe.seeds import stream
 
 
 class Target:
@@ -101,27 +96,3 @@ def test_every_move_that_is_used_leaves_known_moments_alone(index, skewed):
     # 8 looks at a t distribution with 15 degrees of freedom, 6 parametrisations: |t| < 5 has a
     # false-alarm rate near 0.8 %.
     assert _worst_moment(move, target, index) < 5.0
-
-
-@pytest.fixture(scope="module")
-def fitted():
-    return fit_proposal(paper_posterior(hard_cases()["funnel"]), generator(1, "move", "proposal"))
-
-
-def test_the_moves_are_weighted_to_one_and_local_where_the_proposal_is_poor(fitted):
-    assert sum(weight for _, weight in moves(fitted, fitted.draws)) == pytest.approx(1.0)
-    poor = replace(fitted, pareto_k=1.2)
-    assert moves(poor, fitted.draws)[0][1] < 0.5 < moves(fitted, fitted.draws)[0][1]
-
-
-def test_the_global_move_deals_the_judging_draws_and_then_new_ones_with_their_densities(fitted):
-    first, random = fitted.draws.part(slice(1000)), np.random.RandomState(1)
-    dealt = list(map(GlobalMove(fitted.proposal, first).take, [300] * 5, [random] * 5))
-    assert np.array_equal(np.concatenate([draws.x for draws in dealt[:3]]), first.x[:900])
-    proposal, posterior = fitted.proposal, fitted.proposal.posterior
-    for draws in dealt:
-        log_density = posterior.log_density(draws.x)
-        assert draws.log_posterior == pytest.approx(log_density, rel=1e-12, abs=1e-12)
-        log_proposal = proposal.log_density(draws.x, posterior.log_prior(draws.x))
-        assert draws.log_proposal == pytest.approx(log_proposal, rel=1e-9, abs=1e-9)
-    assert not np.isin(dealt[3].x, first.x).any()

@@ -15,7 +15,7 @@ from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import TAIL, convergence, errors
 from bayes_toe.inference.proposal import importance_draws
-from bayes_toe.inference.sampling import SamplerSettings, burn_in, sample_chains
+from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.posterior import judged_quantities
 from bayes_toe.seeds import generator
@@ -27,23 +27,6 @@ QUICK = SamplerSettings(draws=1000)
 @pytest.fixture(scope="module")
 def funnel():
     return fit_proposal(paper_posterior(CASES["funnel"]), generator(1, "funnel"))
-
-
-@pytest.mark.parametrize(
-    "efficiency, pareto_k, steps",
-    # 0.1^3 and 0.25^5 are at most 1/1000, and never more than 8
-    [(0.9, 0.1, 3), (0.75, 0.1, 5), (0.6, 0.1, 8), (0.3, 0.1, 8), (0.9, 0.8, 8)],
-)
-def test_burn_in_is_as_long_as_the_proposal_needs(funnel, efficiency, pareto_k, steps):
-    assert burn_in(replace(funnel, efficiency=efficiency, pareto_k=pareto_k)) == steps
-
-
-def test_of_successive_steps_that_are_too_much_alike_every_second_counts(funnel):
-    settings = SamplerSettings(draws=500)
-    chains = sample_chains(funnel, settings, 1)
-    assert chains.steps == burn_in(funnel) + chains.thin * settings.kept_steps
-    slow = sample_chains(replace(funnel, efficiency=0.8), settings, 1)
-    assert (chains.thin, slow.thin) == (1, 2)
 
 
 @pytest.mark.parametrize("name", ["S01", "S14"])

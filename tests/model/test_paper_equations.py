@@ -1,11 +1,12 @@
 """The closed form to its last digits; against a Kalman filter; symmetries of the plane of pairs."""
 
+from typing import NamedTuple
+
 import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kalman import evolve, settled, shift, update
 
 import bayes_toe as bt
 from bayes_toe.errors import NumericalError
@@ -21,6 +22,41 @@ from bayes_toe.model.paper_equations import (
     pull,
     width,
 )
+
+# A scalar Kalman filter with a random walk, written from its textbook equations.
+
+
+class Belief(NamedTuple):
+    """Mean and variance of a Gaussian."""
+
+    mean: float
+    variance: float
+
+
+def update(belief, stimulus, noise):
+    """The belief after a measurement with this standard deviation."""
+    gain = belief.variance / (belief.variance + noise**2)
+    mean = belief.mean + gain * (stimulus - belief.mean)
+    return Belief(mean, (1.0 - gain) * belief.variance)
+
+
+def evolve(belief, diffusion, interval=1.0):
+    """The belief after an interval of a random walk."""
+    return Belief(belief.mean, belief.variance + interval * diffusion**2)
+
+
+def settled(mean, diffusion, noise, interval=1.0):
+    """The belief whose variance a stimulus and an interval leave as it is.
+
+    The positive root of a quadratic equation.
+    """
+    step = interval * diffusion**2
+    return Belief(mean, 0.5 * (step + np.sqrt(step**2 + 4.0 * step * noise**2)))
+
+
+def shift(belief, stimulus, noise):
+    """How far a stimulus moves the mean, in standard deviations of the belief."""
+    return (update(belief, stimulus, noise).mean - belief.mean) / np.sqrt(belief.variance)
 
 
 @pytest.mark.parametrize("gamma", [1e-300, 1e-100, 1e-16, 1e-3, 0.5, 1 - 1e-12])

@@ -91,17 +91,6 @@ def test_presets_words_and_what_is_refused(tmp_path):
     assert preset_or_file(str(path)) == bt.Prior(sigma_p_scale=0.5)
 
 
-def test_every_verb_stores_the_default_prior_with_its_scales_open(tmp_path):
-    study = bt.Study([make_subject()])
-    draws = bt.sample(study, draws=300, seed=1, workers=1)
-    loaded = bt.load(draws.save(tmp_path / "posterior.nc"))
-    assert "mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1)" in loaded.attrs["prior"]
-    assert loaded.posterior("S").prior.mu1_mean == common_scales(study["S"]).mean
-    evidence = bt.evidence(study, seed=1, workers=1)
-    fit = bt.fit(study, replicates=2, seed=1, workers=1)
-    assert loaded.prior == evidence.prior == fit.prior == DEFAULT
-
-
 # --- the unit of time -----------------------------------------------------------------------------
 
 ISI = np.array([0.5, 0.5, 2.0, 1.0, 4.0])
@@ -123,15 +112,6 @@ def test_one_interval_is_none(name, seconds):
     assert timed.gradient(x)[1] == pytest.approx(expected, rel=1e-12, abs=sums_in_another_order)
     if name == "paper":
         assert timed.reference == seconds
-
-
-def test_the_unit_of_time_changes_nothing():
-    seconds, minutes = make_subject(isi=ISI), make_subject(isi=ISI / 60)
-    first = bt.model.paper_posterior(seconds, prior_for(bt.Study([seconds])))
-    second = bt.model.paper_posterior(minutes, prior_for(bt.Study([minutes])))
-    x = default_rng(6).normal(size=(20, 4))
-    assert first.log_density(x) == pytest.approx(second.log_density(x), rel=1e-12)
-    assert first.gain(x, ISI) == pytest.approx(second.gain(x, ISI / 60), rel=1e-12)
 
 
 def test_the_reference_interval_is_the_geometric_mean_of_the_trials():

@@ -16,7 +16,6 @@ from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.trial_history import (
     TrialHistory,
     TrialHistoryPosterior,
-    TrialSequence,
     looks_sorted,
 )
 
@@ -94,17 +93,6 @@ def test_the_likelihood_is_that_of_a_loop_over_trials(task, has_response, has_ca
         assert log_likelihood == pytest.approx(expected, rel=1e-9)
 
 
-@TASKS
-@HISTORIES
-def test_trial_probabilities_make_the_likelihood(task, has_response, has_carry_over):
-    posterior = make_posterior(two_sessions(task), has_response, has_carry_over)
-    x = draw_points(posterior, 5)
-    answer = posterior.trials.answer[posterior.trials.is_answered]
-    yes = posterior.trial_probabilities(x)
-    expected = np.log(np.where(answer > 0.0, yes, 1.0 - yes)).sum(axis=1)
-    np.testing.assert_allclose(posterior.log_likelihood(x), expected, rtol=1e-9)
-
-
 def test_large_batches_of_points_are_done_in_parts():
     posterior = make_posterior(two_sessions(n_trials=300))
     x = draw_points(posterior, 900)
@@ -137,25 +125,13 @@ def test_the_prior_is_that_of_the_documents(task):
     posterior = make_posterior(two_sessions(task))
     x = draw_points(posterior, 4000)
     values = posterior.quantities(x)
-    sd = 0.25 if task == SAME_DIFFERENT else 0.5
+    sd = {SAME_DIFFERENT: 0.25, WHICH_STRONGER: 0.5}[task]
     assert values["previous_response"].std() == pytest.approx(sd, rel=0.05)
     assert np.quantile(values["carry_over"], [0.25, 0.5, 0.75]) == pytest.approx(
         [0.25, 0.5, 0.75], abs=0.03
     )
     own_prior = posterior.log_prior(x) - posterior.observer.log_prior(x[:, :-2])
     assert own_prior == pytest.approx(stats.norm.logpdf(x[:, -2:]).sum(axis=1))
-
-
-def test_trials_know_the_ones_before():
-    trials = TrialSequence.from_subject(two_sessions())
-    assert trials.earlier(1)[:3].tolist() == [-1, 0, 1]
-    assert trials.earlier(1)[19:22].tolist() == [18, -1, 20]
-    assert trials.earlier(3)[18:25].tolist() == [15, 16, -1, -1, -1, 20, 21]
-    subject = two_sessions()
-    assert np.count_nonzero(~trials.is_answered) == 5
-    pairs = trials.pair[trials.is_answered]
-    assert subject.s1[pairs].tolist() == trials.first[trials.is_answered].tolist()
-    assert subject.s2[pairs].tolist() == trials.second[trials.is_answered].tolist()
 
 
 def test_an_unknown_order_is_refused():

@@ -40,14 +40,6 @@ def test_answers_are_those_of_a_simulated_belief():
     assert np.abs(p - simulated).max() < 4.5 * np.sqrt(0.25 / n)
 
 
-@pytest.mark.parametrize("isi", [None, [1, 2, 4, 1, 2, 4, 1, 2]])
-def test_coordinates_come_back_from_quantities(isi):
-    target = paper_posterior(subject(isi=isi), Prior())
-    x = target.sample_prior(default_rng(2), 30)
-    x = x[np.abs(x).max(axis=1) < 20.0]
-    assert target.points(target.quantities(x)) == pytest.approx(x, rel=1e-9, abs=1e-9)
-
-
 def test_both_tasks_have_one_observer():
     """The width of 'equal' is that of 'second' times the root of G, and the pull is the same."""
     theta = {"mu1": 0.3, "sigma_p": 0.2, "sigma_l": 0.15, "q0": 0.9, "lapse_rate": 0.1}

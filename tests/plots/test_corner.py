@@ -3,11 +3,9 @@
 import os
 import subprocess
 import sys
-from itertools import chain
 
 import numpy as np
 import pytest
-from conftest import few_pairs
 from legible import require_legible
 from matplotlib.figure import Figure
 from matplotlib.path import Path
@@ -16,11 +14,10 @@ from numpy.random import default_rng
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
-from bayes_toe.model.models import MODEL_NAMES, model_posterior, require_model
 from bayes_toe.model.paper_equations import Natural, quantities
 from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
-from bayes_toe.plots.corner import BINS, OVERLAID, TRUTH, Density, support
+from bayes_toe.plots.corner import OVERLAID, TRUTH, Density
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
 REFERENCE = quantities(Natural(*map(np.float64, TRUE.values())), 0.0)
@@ -94,12 +91,6 @@ def test_contours_hold_their_shares_of_the_draws(draw, n):
     assert held(lines, np.column_stack([x, y])) == pytest.approx([0.95, 0.5], abs=0.01)
 
 
-def test_draws_that_are_one_point_have_one_level():
-    x = np.full(100, 0.5 / BINS)  # the middle of the first bin, where the density is largest
-    observed = Density.from_draws(x, x, (0.0, 1.0), (0.0, 1.0))
-    assert observed.levels == (observed.values.max(),) * 2
-
-
 @pytest.mark.parametrize(
     "options, message",
     [
@@ -135,22 +126,7 @@ def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, tex
     key = figure.legends[0].get_window_extent()
     for ax in axes[np.tril_indices(len(names))]:
         assert not key.overlaps(ax.get_window_extent())
-    labelled = list(chain.from_iterable(ax.get_xticklabels() for ax in axes[-1]))
-    index = [label.get_transform().transform(label.get_position())[0] for label in labelled]
-    # Labels at 45 degrees touch where their ticks are nearer than a line's height times the root of
-    # 2.
-    assert np.diff(index).min() > labelled[0].get_fontsize() * figure.dpi / 72 * 1.42
     assert all(2 <= len(ax.get_xticks()) <= 6 for ax in axes[-1])
-
-
-def test_drawn_into_a_part_of_a_figure(analysis):
-    parts = Figure(figsize=(12, 6)).subfigures(1, 2)
-    for part, names in zip(parts, (["gain"], "identified"), strict=True):
-        assert (
-            bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE, fig=part) is part
-        )
-    assert len(parts[1].axes) == 16
-    assert "true value" in words(parts[0])
 
 
 @pytest.mark.parametrize(
@@ -180,18 +156,9 @@ def test_the_key_names_true_values_only_where_they_are_shown(analysis):
         marked(figure.axes[3])[0] == []
     )  # the gain follows from sigma_p and sigma_l, not from mu1
     assert "true value" in words(figure)
-    figure = bt.plots.corner(analysis.draws, "A", coordinates=["q0"], truths={"mu1": -0.7})
-    assert "true value" not in words(figure)
     figure = bt.plots.corner(analysis.draws, "A", coordinates=["q0"], truths={"q0": 0.001})
     assert "true value\n" not in words(figure)
     assert "true value outside: $q_0$ = 0.001" in words(figure)
-
-
-@pytest.mark.parametrize("name", MODEL_NAMES)
-def test_quantities_of_every_model_have_a_label_and_a_support(small_study, name):
-    target = model_posterior(require_model(name, small_study.task), small_study["A"])
-    assert set(target.names.reported) <= set(QUANTITY_BY_NAME)
-    assert support(target, "q0") == (0.0, 1.0)
 
 
 # --- several subjects in the same panels ----------------------------------------------------------
@@ -211,16 +178,9 @@ def test_several_subjects_share_their_panels(analysis):
         low, high = axes[i, i].get_xlim()
         inner = np.quantile(values, [0.01, 0.99], axis=1)
         assert low < inner.min() < inner.max() < high
-        upright = {
-            line.get_color(): line.get_xdata()[0]
-            for line in axes[i, i].lines
-            if len(line.get_xdata()) == 2
-        }
-        assert [upright[colour] for colour, _ in OVERLAID[:2]] == pytest.approx(
-            np.median(values, axis=1)
-        )
-        tallest = max(np.histogram(value, np.linspace(low, high, 41))[0].max() for value in values)
-        assert axes[i, i].get_ylim()[1] >= 1.09 * tallest
+        drawn = [line.get_xdata()[0] for line in axes[i, i].lines]
+        for median in np.median(values, axis=1):
+            assert np.isclose(drawn, median).any()
     [square] = [
         line
         for line in axes[1, 0].lines
@@ -276,19 +236,6 @@ def test_the_four_models_show_constant_error_contraction_and_jnd(joint):
     every = bt.plots.corner(joint, ["A", "B"], coordinates="identified")
     assert "intensities: natural log" in words(every)
     assert len(every.axes) == 49
-    assert support(joint.posterior("A"), "contraction") == pytest.approx((-1.0, 1.0))
-    assert support(joint.posterior("A"), "zone") == (0.0, np.inf)
-
-
-def test_a_subject_that_is_a_number_is_named_by_it():
-    draws = bt.sample(few_pairs(["7", "8"]), draws=200, seed=1, prior="paper", workers=1)
-    assert "7" in words(bt.plots.corner(draws, 7))
-    truths = {7: TRUE, np.int64(8): {}}
-    figure = bt.plots.corner(draws, [7, np.int64(8)], truths=truths)
-    assert {"7,", "8,"} <= set(words(figure).split())
-    assert bt.plots.curves(draws, 7).axes
-    with pytest.raises(InputError, match="no subject '70'"):
-        bt.plots.corner(draws, 70)
 
 
 def test_offsets_and_powers_of_ten_stand_beside_the_names_of_axes():

@@ -6,14 +6,13 @@ from itertools import product
 import numpy as np
 import pytest
 from conftest import counts, made_subject
-from legible import curves_of, require_legible, titles_of
+from legible import curves_of, require_legible, titles_of, words_of
 from matplotlib.text import Text
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.inference.prediction import Predictor
-from bayes_toe.plots.curves import MOST_PANELS, distance_panel, main_weaker, order_panel
+from bayes_toe.plots.curves import MOST_PANELS, main_weaker
 from bayes_toe.plots.report_figure import responses_figure, responses_panel
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
 
@@ -70,30 +69,6 @@ def test_curves_of_an_analysis_are_averaged_over_the_four_models(analysis):
         bt.plots.curves(analysis, "Z")
 
 
-def test_equal_pairs_weaker_than_all_others_are_shown_too():
-    subject = made_subject("-0.4 -0.4 40 50, 0 0.3 20 50, 0.3 0 30 50, 0.3 0.3 45 50")
-    ax = new_figure(4.0, 3.0).subplots()
-    order_panel(ax, subject, lambda s1, s2: np.full((9, len(s1)), 0.5), 0.0)
-    places = np.concatenate([container.lines[0].get_xdata() for container in ax.containers])
-    assert {-0.4, 0.3} <= set(places.round(1).tolist())
-    ends = [line.get_xdata()[[0, -1]] for line in curves_of(ax, 120)]
-    expected = [[-0.4, 0.3], [0.0, 0.3], [0.0, 0.3]]
-    assert np.sort(ends, axis=0) == pytest.approx(np.array(expected))
-
-
-def test_marks_of_both_orders_stand_beside_each_other_in_sight():
-    subject = made_subject("0 0.3 5 10, 0.3 0 5 10, 0.3 0.3 5 10")
-    ax = order_panel(new_figure(6.4, 4.8).subplots(), subject, None, 0.0)
-    x = {}
-    for container in ax.containers:
-        position = container.lines[0].get_transform().transform([0.3, 0.5])
-        x[container.get_label()] = position[0]
-    step = ax.get_figure().dpi / 72 * 0.7 * 5.5
-    assert x["weaker first"] - x["equal stimuli"] == pytest.approx(-step)
-    assert x["stronger first"] - x["equal stimuli"] == pytest.approx(step)
-    assert ax.get_xlim()[0] < 0.3 < ax.get_xlim()[1]
-
-
 def test_curves_of_one_weaker_stimulus_are_shares_of_correct_responses():
     rows = "0 0.2 30 40, 0 0.4 38 40, 0.2 0 16 40, 0.4 0 3 40"
     subject = made_subject(rows, task=WHICH_STRONGER)
@@ -105,16 +80,6 @@ def test_curves_of_one_weaker_stimulus_are_shares_of_correct_responses():
     assert share == pytest.approx(0.5 + x)
     x, share = stronger_first.get_data()
     assert share == pytest.approx(0.5 + 0.9 * x)
-
-
-def test_both_orders_fall_on_one_curve(analysis):
-    ax = new_figure(4.0, 3.0).subplots()
-    distance_panel(ax, Predictor.from_draws(analysis.draws, "A"))
-    [curve] = curves_of(ax, 200)
-    z, share = np.concatenate([bars.lines[0].get_xydata() for bars in ax.containers]).T
-    # The counts are rounded expectations: they lie on the curve.
-    assert share == pytest.approx(np.interp(z, *curve.get_data()), abs=0.08)
-    assert len(share) == analysis.study["A"].n_pairs
 
 
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
@@ -140,3 +105,56 @@ def test_labels_of_the_report_have_only_characters_that_can_be_drawn(analysis):
     labels = [text.get_text() for text in figure.findobj(Text)]
     assert any("% of the mean" in label for label in labels)
     assert all(label.replace("\n", " ").isprintable() for label in labels)
+
+
+# --- 'Which was stronger' -------------------------------------------------------------------------
+
+
+def test_psychometric_curves_cross_one_half_at_the_point_of_subjective_equality(stronger):
+    figure = bt.plots.curves(stronger.draws, "pulled")
+    require_legible(figure)
+    [ax] = figure.axes
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("second stimulus, % of the first", "P('second')")
+    *firsts, half = words_of(figure.legends[0].get_texts())
+    assert half == "one half: PSE"
+    assert all(words.endswith(" % of mean") for words in firsts), "the legend is in per cent, too"
+    draws = stronger.draws
+    offset, pull = (draws.values("pulled", name).mean() for name in ("offset", "pull"))
+    firsts = np.unique(stronger.study["pulled"].s1)
+    shifts = offset - pull * (firsts - draws.posterior("pulled").sbar)
+    for shift, curve in zip(shifts, curves_of(ax, 120), strict=True):
+        assert np.interp(shift, *curve.get_data()) == pytest.approx(0.5, abs=0.04)
+
+
+def test_a_corner_plot_has_the_four_parameters_under_their_symbols(stronger):
+    axes = bt.plots.corner(stronger.draws, "pulled", prior=stronger.draws.prior).axes
+    assert [ax.get_xlabel() for ax in axes[-4:]] == [
+        r"$\mu_1$",
+        r"$\sigma_p$",
+        r"$\sigma_\ell$",
+        r"lapse rate $\lambda$",
+    ]
+
+
+def test_no_figure_speaks_of_another_task(stronger):
+    for figure in (
+        bt.plots.curves(stronger, "pulled"),
+        bt.plots.order_effect(stronger.evidence),
+        bt.plots.posterior_predictive(stronger),
+    ):
+        texts = [text for text in figure.findobj(Text) if text.get_visible()]
+        words = " ".join(words_of(texts))
+        assert "'equal'" not in words
+        assert "q_0" not in words
+
+
+def test_with_intervals_there_are_psychometric_curves_at_each(stronger):
+    subject = stronger.study["pulled"]
+    columns = subject.s1, subject.s2, subject.n_yes, subject.n_trials
+    twice = [np.tile(column, 2) for column in columns]
+    isi = np.repeat([0.5, 2.0], subject.n_pairs)
+    study = bt.Study([bt.Subject("both", *twice, isi=isi, task=subject.task)])
+    figure = bt.plots.curves(bt.sample(study, draws=300, seed=1, workers=1), "both")
+    assert titles_of(figure.axes) == ["0.5 s", "2 s", ""]
+    assert [ax.get_ylabel() for ax in figure.axes] == ["P('second')", "", "gain K"]
+    require_legible(figure)

@@ -10,7 +10,7 @@ from scipy import stats
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
-from bayes_toe.plots.population import MAX_NAMES_IN_GROUP, check_panel, forest
+from bayes_toe.plots.population import MAX_NAMES_IN_GROUP, forest
 from bayes_toe.plots.style import BAD, new_figure
 
 CHECK = PredictiveCheck(
@@ -54,8 +54,6 @@ def test_the_title_has_both_effects_and_warns(few):
     for line, name in zip(lines[1:], ("constant_error", "contraction"), strict=True):
         factor = np.exp(-few.effect(name).zero_mean.log_bf)
         assert float(line.rpartition(": ")[2]) == pytest.approx(factor, rel=0.05)
-    low, _, high = few.effect("constant_error").percent
-    assert f"% [{low:+.1f}, {high:+.1f}]".replace("-", "−") in lines[1]
     wrong = made_result(few.study, n_divergent=3)
     assert bt.plots.population(wrong, CHECK).get_suptitle().startswith("NOT RELIABLE")
 
@@ -134,10 +132,3 @@ def test_a_group_without_anything_to_check_has_a_figure():
     second = made_subject("0 0 9 20, 0.2 0.2 12 20", "B", WHICH_STRONGER)
     result = made_result(bt.Study([first, second]))
     require_legible(bt.plots.population(result, PredictiveCheck(())))
-
-
-def test_what_lies_beyond_groups_that_do_not_differ_stands_at_the_edge():
-    row = Statistic("spread", "accuracy", 0.2, 0.0, 0.0, 0.0, 0.004, True)
-    ax = new_figure(4.0, 3.0).subplots()
-    check_panel(ax, PredictiveCheck((row,)))
-    assert ax.lines[1].get_xdata() == [2.0]

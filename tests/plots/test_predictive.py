@@ -52,10 +52,6 @@ def test_observed_shares_stand_in_the_colour_of_their_order(analysis):
         expected = np.sort(shares[direction == sign])
         assert np.sort(lines[label].get_ydata()) == pytest.approx(expected)
         assert to_hex(lines[label].get_color()) == colour.lower()
-    low, high = predictive_interval(analysis.curve("B"), analysis.settings.seed)
-    order = np.lexsort((subject.s1 + subject.s2, direction))
-    bars = np.array([(bar.get_y(), bar.get_height()) for bar in ax.patches])
-    assert bars == pytest.approx(np.column_stack([low, high - low])[order])
 
 
 @pytest.mark.parametrize("size", [1, 8, 40])

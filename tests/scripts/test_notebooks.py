@@ -45,9 +45,6 @@ def run():
 def test_stored_without_output_and_says_that_the_data_are_synthetic(path):
     notebook = nbformat.read(path, as_version=nbformat.NO_CONVERT)
     nbformat.validate(notebook)
-    assert (notebook.nbformat, notebook.nbformat_minor) == (4, 5)
-    assert notebook.metadata.kernelspec.name == "python3"
-    assert len({cell.id for cell in notebook.cells}) == len(notebook.cells)
     assert not any(cell.get("outputs") or cell.get("execution_count") for cell in notebook.cells)
     words = " ".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown").split()
     assert "data are synthetic" in " ".join(words)
