@@ -83,11 +83,7 @@ def answer_of_check(
     if common_scales(*study) is None:
         return lines, []
     if any(finding.code == "other_task" for finding in findings):
-        codes = [f"--equal-code {cli_argument(code)}" for code in study.reading.codes]
-        decision = "All subjects need a decision: was the task 'same or different?'"
-        if codes:
-            decision += f" If so, type {' or '.join(codes)} in place of the present codes."
-        return [*lines, decision], []
+        return [*lines, _question_of_task(study)], []
     options = []
     for of_subject in by_subject.values():
         options += [finding.option for finding in of_subject if finding.option][:1]
@@ -110,6 +106,15 @@ def answer_of_check(
         return lines, []
     choice = "one of these" if len(commands) > 1 else "this"
     return [*lines, f"{decision} Type {choice}:"], commands
+
+
+def _question_of_task(study: Study) -> str:
+    """What to decide where responses look like those of 'same or different?'."""
+    question = "All subjects need a decision: was the task 'same or different?'"
+    codes = [f"--equal-code {cli_argument(code)}" for code in study.reading.codes]
+    if codes:
+        question += f" If so, type {' or '.join(codes)} in place of the present codes."
+    return question
 
 
 def _limits_of_design(study: Study, findings: Sequence[Finding]) -> list[str]:
