@@ -139,17 +139,38 @@ def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
     --------
     >>> practice_texts("phase", ["Practice 1", "1"]), practice_texts("practice", ["TRUE", "FALSE"])
     (['Practice 1'], ['TRUE'])
-    >>> practice_texts("practice", ["1", "2", "3"])
-    []
+    >>> practice_texts("practice", ["1", "2", "3"]), practice_texts("part", ["0_training", "TRAIN"])
+    ([], ['0_training', 'TRAIN'])
     """
-    beginnings = tuple(VOCABULARY["practice"]["texts"])
+    beginnings, whole_words = (
+        tuple(VOCABULARY["practice"]["texts"]),
+        VOCABULARY["practice"]["whole"],
+    )
     has_flags = is_flag(texts) and any(word in plain_name(name) for word in beginnings)
     marks = []
     for text in texts:
         is_true = has_flags and text.lower() in TRUE_WORDS
-        if is_true or (text[:1].isalpha() and plain_name(text).startswith(beginnings)):
+        word = re.sub("^(block|[0-9])+", "", plain_name(text))
+        is_word = word.startswith(beginnings) or word.rstrip("0123456789") in whole_words
+        if is_true or (text[:1].isalnum() and is_word):
             marks.append(text)
     return marks
+
+
+def taken_out_texts(name: str, texts: Sequence[str]) -> list[str]:
+    """The texts of a column that say that somebody took a trial out of the analysis.
+
+    Examples
+    --------
+    >>> taken_out_texts("exclude", ["0", "1"]), taken_out_texts("valid", ["yes", "no"])
+    (['1'], ['no'])
+    """
+    words = set[str]()
+    if is_flag(texts) and plain_name(name) in VOCABULARY["taken_out"]["by_1"]:
+        words = {*TRUE_WORDS}
+    elif is_flag(texts) and plain_name(name) in VOCABULARY["taken_out"]["by_0"]:
+        words = {*FALSE_WORDS} - {""}
+    return [text for text in texts if text.lower() in words]
 
 
 def is_flag(texts: Iterable[str]) -> bool:

@@ -67,7 +67,7 @@ from bayes_toe.data.text_table import (
     TextTable,
 )
 from bayes_toe.data.trial_order import answers_in_order
-from bayes_toe.data.trial_rows import nameless_doubts, trial_rows
+from bayes_toe.data.trial_rows import nameless_doubts, taken_out_doubts, trial_rows
 from bayes_toe.data.units import (
     follows_from_pairs,
     pooled_conditions,
@@ -505,6 +505,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         notes += _merged_note(parts, subjects)
         doubts += _percentage_doubts(n)
     doubts += nameless_doubts(rows.subject)
+    doubts += taken_out_doubts(rows.table, rows.names_not_read)
     if "isi" in rows.columns:
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
         column = display_name(rows.columns["isi"].name)

@@ -11,7 +11,12 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, IntArray
-from bayes_toe.data.column_roles import is_no_response, is_response_sign, practice_texts
+from bayes_toe.data.column_roles import (
+    is_no_response,
+    is_response_sign,
+    practice_texts,
+    taken_out_texts,
+)
 from bayes_toe.data.messages import display_name, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
@@ -144,6 +149,26 @@ def nameless_doubts(subject: Column) -> list[str]:
             rows = plural(int(np.count_nonzero(subject.codes == code)), "row")
             finding = f"{rows} of subject {quoted(text)}, which may mean that the name is missing"
             doubts.append(f"{finding}; if so, --exclude {text}")
+    return doubts
+
+
+def taken_out_doubts(table: TextTable, names_not_read: Sequence[str]) -> list[str]:
+    """A doubt for each column that is not read and says that some rows are no good trials."""
+    doubts = []
+    for name in names_not_read:
+        if name not in table.columns:
+            continue
+        column = table.columns[name]
+        texts = taken_out_texts(name, column.texts)
+        other_texts = [text for text in column.texts if text not in texts]
+        if not texts or not other_texts:
+            continue
+        n_rows = int(column.map(texts.__contains__, np.bool_).sum())
+        marks = join_names([*map(quoted, texts)])
+        doubt = f"{plural(n_rows, 'row')} with {marks} in column {display_name(name)} count"
+        if len(other_texts) == 1 and not table.is_frame:
+            doubt += f"; --where {display_name(name)}={other_texts[0]} leaves them out"
+        doubts.append(doubt)
     return doubts
 
 

@@ -223,6 +223,8 @@ PRACTICE_MARKS = [
     ("exp_stage", "Training", "main"),
     ("sender", "Practice trial", "Trial"),
     ("blockcode", "practiceblock", "test"),
+    ("part", "0_training", "1_main"),
+    ("set", "TRAIN", "TEST"),
     ("display", "Instructions", "Trial"),
     ("mode", "demo", "real"),
     ("catch", 1, 0),
@@ -554,6 +556,14 @@ WARNED = {
     "fixed_standard.csv": (
         csv(STANDARD[STANDARD.w1 == 905][["subject", "s1", "s2", "response"]]),
         "in one order only",
+    ),
+    "excluded.csv": (
+        csv(IN_LOGS.assign(exclude=[1] * 15 + [0] * 65)),
+        "15 rows with '1' in column exclude count; --where exclude=0 leaves them out",
+    ),
+    "not_valid.csv": (
+        csv(IN_LOGS.assign(valid=[0] * 15 + [1] * 65)),
+        "15 rows with '0' in column valid count; --where valid=1 leaves them out",
     ),
     "subject_na.csv": (
         csv(IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70)), "10 rows of subject 'NA'",
