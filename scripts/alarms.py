@@ -367,8 +367,9 @@ intervals with the true p.
 
 {kinds}
 
-If a criterion wanders or pairs scatter, a `yes` is less certain than its probability says. The
-marks name most of these observers. If a contraction is strong, the intervals of p are too narrow.
+Three kinds raise the rate of a false `yes` for a constant error: lapses to one response in 2AFC,
+which nobody can distinguish from it, a criterion that wanders, and scatter between pairs. The marks
+name a part of these observers. Scatter also makes the intervals of p too narrow.
 """
 
 
@@ -427,9 +428,9 @@ def main() -> None:
     kinds = pd.DataFrame(rows)
 
     n_sound = options.observers * len(DESIGNS)
-    output = "" if options.output is None else f" -o {options.output}"
+    numbers = f"--observers {options.observers} --kinds {options.kinds} --faults {options.faults}"
     page = PAGE.format(
-        command=f"scripts/alarms.py{output} --observers {options.observers} --seed {options.seed}",
+        command=f"scripts/alarms.py -o docs {numbers} --seed {options.seed}",
         n_sound=f"{n_sound:,}",
         one=f"{100.0 * (1.0 - (1.0 - 1.0 / n_sound) ** 200):.1f}",
         sound=markdown(sound_table(rates)),
