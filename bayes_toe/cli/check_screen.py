@@ -82,8 +82,9 @@ def answer_of_check(
     lines = _limits_of_design(study, findings)
     if common_scales(*study) is None:
         return lines, []
-    if any(finding.code == "other_task" for finding in findings):
-        return [*lines, _question_of_task(study)], []
+    obstacle = _obstacle(study, findings)
+    if obstacle:
+        return [*lines, obstacle], []
     options = []
     for of_subject in by_subject.values():
         options += [finding.option for finding in of_subject if finding.option][:1]
@@ -106,6 +107,16 @@ def answer_of_check(
         return lines, []
     choice = "one of these" if len(commands) > 1 else "this"
     return [*lines, f"{decision} Type {choice}:"], commands
+
+
+def _obstacle(study: Study, findings: Sequence[Finding]) -> str:
+    """Why nothing can be analysed yet; empty where something can."""
+    codes = [finding.code for finding in findings]
+    if "other_task" in codes:
+        return _question_of_task(study)
+    if codes.count("one_answer") == len(study):
+        return "No subject gave both responses, so that nothing can be analysed."
+    return ""
 
 
 def _question_of_task(study: Study) -> str:

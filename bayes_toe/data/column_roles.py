@@ -496,9 +496,9 @@ def _unit_remedies(unit: str) -> list[Remedy]:
 
 
 def intensity_remedies(stimuli: FloatArray) -> list[Remedy]:
-    """Options to type if stimuli are no natural logs; intensities are not negative."""
+    """Options to type if stimuli are no natural logs; intensities are positive."""
     remedies = _unit_remedies(ANY_UNIT)
-    return remedies if (stimuli >= 0.0).all() else remedies[1:]
+    return remedies if (stimuli > 0.0).all() else remedies[1:]
 
 
 def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:

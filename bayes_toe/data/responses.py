@@ -211,7 +211,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> list[str]:
     words = _RIGHT_WRONG if options.correct is not None else _ALL_WORDS
     if "-1" not in codes and _are_known(answers - {"-1"}, codes, words):
         missed += [text for text in column.texts if _plain(text) == "-1"]
-    return missed
+    return list(dict.fromkeys(missed))
 
 
 def _are_known(answers: set[str], codes: set[str], words: Sequence[Any]) -> bool:

@@ -276,7 +276,7 @@ def test_where_the_task_is_another_one_nobody_is_analysed(tmp_path):
 
 
 def test_where_nothing_can_be_analysed_no_command_is_proposed(answer_of_check):
-    sentence = "Without the subjects that need a decision, no subject is left."
+    sentence = "No subject gave both responses, so that nothing can be analysed."
     assert answer_of_check("A,0,0.3,1,1").endswith(sentence)
     sentence = "because no pair has two different stimuli."
     assert answer_of_check("A,0,0,4,40").endswith(sentence)
