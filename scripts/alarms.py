@@ -21,19 +21,16 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binom
 
-from bayes_toe.answers.order_effect import OrderEffect, best_model_fit, order_effect
-from bayes_toe.answers.serial_screen import serial_screen
+from bayes_toe.answers.order_effect import OrderEffect, answer_evidence
 from bayes_toe.arrays import FloatArray, IntArray, Rng
 from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.checks.alternative_models import Alternatives, compare_alternatives
 from bayes_toe.checks.answer_checks import has_other_task, subject_findings
-from bayes_toe.checks.identification import identify
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.design.observers import Observer, parameter_names
-from bayes_toe.inference.order_evidence import MODEL_NAMES, Precision, order_evidence
-from bayes_toe.model.observer import OrderModel
+from bayes_toe.inference.order_evidence import Precision, order_evidence
 
 STEP = 0.25
 N_BLOCKS = 5
@@ -49,6 +46,12 @@ KINDS = (
 #: Constant error in steps and contraction of the observers of a kind, which take turns.
 EFFECTS = ((0.0, 0.0), (0.0, 0.0), (0.6, 0.0), (0.0, 0.3), (0.0, 0.65), (0.0, -0.4))
 FAULTS = ("guesses", "swapped keys", "one swapped block", "other task", "repeated trials")
+ALARM_OF_FAULT = {
+    "guesses": "independent_answers",
+    "swapped keys": "reversed_answers",
+    "one swapped block": "swapped_blocks",
+    "repeated trials": "repeated_trials",
+}
 #: Names of the alarms of the page, and how they act.
 ALARMS = {
     "reversed_answers": ("keys look swapped", "refuses the subject; `--swap`"),
@@ -235,11 +238,8 @@ def judge(subjects: list[Subject], seed: int) -> list[Judged]:
     alternatives = compare_alternatives(Study(tuple(subjects)))
     judged = []
     for evidence in order_evidence(subjects, seed, precision=_PRECISION):
-        subject, mode = evidence.subject, evidence.modes[MODEL_NAMES.index("both")]
-        posterior = OrderModel("both").posterior(subject, evidence.prior)
-        screen = serial_screen(subject, posterior, mode)
-        fit = best_model_fit(evidence, seed)
-        answer = order_effect(evidence, identify(subject), fit=fit, screen=screen)
+        answer = answer_evidence(evidence, seed)
+        subject = evidence.subject
         judged.append(Judged(subject, alternatives.get(subject.name), answer))
     return judged
 
@@ -288,14 +288,6 @@ def found_faults(fault: str, n_observers: int, seed: int) -> dict[str, str]:
                 n_found += ALARM_OF_FAULT[fault] in codes
         row[task.name] = f"{n_found} of {len(subjects)}"
     return row
-
-
-ALARM_OF_FAULT = {
-    "guesses": "independent_answers",
-    "swapped keys": "reversed_answers",
-    "one swapped block": "swapped_blocks",
-    "repeated trials": "repeated_trials",
-}
 
 
 # --- The ten kinds -------------------------------------------------------------------------------

@@ -755,10 +755,18 @@ def answer_subject(
     'probably not'
     """
     (evidence,) = order_evidence([subject], seed, prior)
+    return answer_evidence(evidence, seed, flags), evidence
+
+
+def answer_evidence(
+    evidence: OrderEvidence, seed: int, flags: Sequence[Finding] = ()
+) -> OrderEffect:
+    """The answer of the subject whose evidences are known."""
+    subject, mode = evidence.subject, evidence.modes[MODEL_NAMES.index("both")]
+    posterior = OrderModel("both").posterior(subject, evidence.prior)
+    screen = serial_screen(subject, posterior, mode)
     fit = best_model_fit(evidence, seed)
-    posterior = OrderModel("both").posterior(subject, prior)
-    screen = serial_screen(subject, posterior, evidence.modes[MODEL_NAMES.index("both")])
-    return order_effect(evidence, identify(subject), flags, fit, screen), evidence
+    return order_effect(evidence, identify(subject), flags, fit, screen)
 
 
 def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
