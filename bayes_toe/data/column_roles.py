@@ -142,10 +142,8 @@ def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
     >>> practice_texts("practice", ["1", "2", "3"]), practice_texts("part", ["0_training", "TRAIN"])
     ([], ['0_training', 'TRAIN'])
     """
-    beginnings, whole_words = (
-        tuple(VOCABULARY["practice"]["texts"]),
-        VOCABULARY["practice"]["whole"],
-    )
+    beginnings = tuple(VOCABULARY["practice"]["texts"])
+    whole_words = VOCABULARY["practice"]["whole"]
     has_flags = is_flag(texts) and any(word in plain_name(name) for word in beginnings)
     marks = []
     for text in texts:

@@ -80,9 +80,12 @@ def _without_practice(
     for name in table.columns:
         if name in names_to_skip:
             continue
-        column, subject = table.columns[name], _subjects(table, options).codes
+        column = table.columns[name]
         practice = practice_texts(name, column.texts)
+        if not practice:
+            continue
         is_marked = column.map(practice.__contains__, np.bool_)
+        subject = _subjects(table, options).codes
         n_marked = np.bincount(subject, is_marked)
         if np.isin(n_marked * (np.bincount(subject) - n_marked), 0).all():
             continue
