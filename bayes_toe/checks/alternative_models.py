@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import betaln, logsumexp
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.responses import response_trend
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
 from bayes_toe.errors import NumericalError
@@ -84,19 +85,9 @@ def _is_doubtful(subject: Subject) -> bool:
     if not difference.any() or subject.n_yes.sum() in (0, subject.total_trials):
         return False
     expected = -np.abs(difference) if subject.task == SAME_DIFFERENT else difference
-    return _trend(expected, subject) < _CLEAR_TREND
-
-
-def _trend(x: FloatArray, subject: Subject) -> float:
-    """Score of a linear change of the counted response with x, in standard errors."""
-    centred = x - np.average(x, weights=subject.n_trials)
-    largest = np.abs(centred).max()
-    if largest == 0.0:
-        return 0.0
-    centred = centred / largest
-    share = subject.fraction_yes
-    variance = share * (1.0 - share) * (np.square(centred) @ subject.n_trials)
-    return float(centred @ subject.n_yes / np.sqrt(variance))
+    covariance, variance = response_trend(subject, expected / np.abs(expected).max())
+    # Without any variance, all pairs differ by as much.
+    return variance == 0.0 or covariance / math.sqrt(variance) < _CLEAR_TREND
 
 
 def _guessing_evidence(subject: Subject) -> float:

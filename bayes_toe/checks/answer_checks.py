@@ -199,12 +199,12 @@ def _findings_by_trial(subject: Subject, n_subjects: int) -> Iterator[Finding]:
         return
     if answers is None or subject.total_trials > _MOST_DRAWN:
         return
-    swapped_blocks = _swapped_blocks(subject, answers, n_subjects)
-    if swapped_blocks is not None:
-        yield swapped_blocks
-        return
     level = 0.5 * flag_limit(n_subjects)  # of each of two tests
-    yield from _unlike_blocks(subject, answers, level)
+    of_blocks = _unlike_blocks(subject, answers, n_subjects, level)
+    if of_blocks is not None:
+        yield of_blocks
+        if of_blocks.code == "swapped_blocks":
+            return
     if answers.has_trial_rows:
         yield from _drift(subject, answers, level)
 
@@ -408,8 +408,10 @@ def _tabulate(answers: Answers, column: IntArray) -> tuple[FloatArray, AnswerTab
     return pairs, AnswerTable(n, k)
 
 
-def _swapped_blocks(subject: Subject, answers: Answers, n_subjects: int) -> Finding | None:
-    """Blocks with swapped response keys."""
+def _unlike_blocks(
+    subject: Subject, answers: Answers, n_subjects: int, level: float
+) -> Finding | None:
+    """Blocks with swapped response keys, or blocks that differ otherwise by more than chance."""
     if answers.block is None:
         return None
     pairs, table = _tabulate(answers, answers.block)
@@ -417,42 +419,40 @@ def _swapped_blocks(subject: Subject, answers: Answers, n_subjects: int) -> Find
     if informative.freedom == 0:
         return None
     swapped = _find_swapped(table, subject.task, pairs[:, 1] - pairs[:, 0])
-    if not swapped.any() or swapped.all():  # all blocks alike are no matter of blocks
-        return None
-    after = _turned(table, swapped).informative()
-    # Turning swapped blocks removes most of what blocks differ by.
-    if after.ratio - 1.0 >= 0.5 * max(0.0, informative.ratio - 1.0):
-        return None
     rows = np.isin(answers.block, np.flatnonzero(swapped))
-    changed = Subject.from_answers(subject.name, answers.swapped(rows), subject.task)
-    if log_bayes_factor(changed, subject) <= evidence_limit(
-        n_subjects * len(swapped), REFUSAL_SHARE
-    ):
+    limit = evidence_limit(n_subjects * len(swapped), REFUSAL_SHARE)
+    if _explains_blocks(table, swapped) and _swap_evidence(subject, answers, rows) > limit:
+        blocks = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
+        noun = "block" if len(blocks) == 1 else "blocks"
+        message = f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}."
+        option = f"--swap {cli_argument(subject.name, blocks)}"
+        return Finding(subject.name, "swapped_blocks", message, option)
+
+    if informative.ratio <= 1.0:  # below its mean X^2 needs no table
         return None
-    blocks = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
-    noun = "block" if len(blocks) == 1 else "blocks"
-    message = f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}."
-    option = f"--swap {cli_argument(subject.name, blocks)}"
-    return Finding(subject.name, "swapped_blocks", message, option)
-
-
-def _unlike_blocks(subject: Subject, answers: Answers, level: float) -> Iterator[Finding]:
-    """Blocks that differ by more than chance."""
-    if answers.block is None:
-        return
-    _, table = _tabulate(answers, answers.block)
-    informative = table.informative()
-    if informative.freedom == 0 or informative.ratio <= 1.0:  # below its mean X^2 needs no table
-        return
     p = informative.p_value(informative.chi_square, subject.name)
     if p > level:
-        return
+        return None
     block = answers.blocks[int(np.argmax(informative.block_chi_square(informative.k)))]
     message = (
         f"Block {display_name(block)} differs from the others ({describe_p_value(p)}). Intervals "
         "are too narrow if blocks differ."
     )
-    yield Finding(subject.name, "block_dispersion", message)
+    return Finding(subject.name, "block_dispersion", message)
+
+
+def _explains_blocks(table: AnswerTable, swapped: BoolArray) -> bool:
+    """Whether turning some blocks, but not all, removes most of what blocks differ by."""
+    if not swapped.any() or swapped.all():
+        return False
+    before, after = table.informative().ratio, _turned(table, swapped).informative().ratio
+    return after - 1.0 < 0.5 * max(0.0, before - 1.0)
+
+
+def _swap_evidence(subject: Subject, answers: Answers, rows: BoolArray) -> float:
+    """Log Bayes factor of keys that were swapped in these rows, by the four models."""
+    changed = Subject.from_answers(subject.name, answers.swapped(rows), subject.task)
+    return log_bayes_factor(changed, subject)
 
 
 def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:

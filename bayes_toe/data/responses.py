@@ -33,7 +33,7 @@ from bayes_toe.errors import InputError, Remedy, with_remedies
 
 if TYPE_CHECKING:
     from bayes_toe.data.layouts import StandardOrder
-    from bayes_toe.data.study import Study
+    from bayes_toe.data.study import Study, Subject
 
 _YES, _NO, _MISSING, _UNKNOWN = 1, 0, -1, -2
 #: The words of each task's two answers, in any case; and those of columns that say right or wrong.
@@ -423,6 +423,14 @@ def _as_answered(column: Column, chosen: BoolArray, word: str) -> str:
 _STUDY_LIMIT, _SUBJECT_LIMIT, _OPPOSITE_LIMIT = 5.0, 1.0, -3.0
 
 
+def response_trend(subject: Subject, x: FloatArray) -> tuple[float, float]:
+    """Covariance of the counted response with x, shape (pairs,), and its variance by chance."""
+    centred = x - np.average(x, weights=subject.n_trials)
+    share = subject.fraction_yes
+    variance = share * (1.0 - share) * (np.square(centred) @ subject.n_trials)
+    return float(centred @ subject.n_yes), float(variance)
+
+
 def direction(study: Study) -> int:
     """Whether 'second' is commoner (1) or rarer (-1) the larger s2 - s1 is, in all of a study.
 
@@ -435,12 +443,9 @@ def direction(study: Study) -> int:
         return 0
     covariances, variances = list[float](), list[float]()
     for subject in study:
-        difference = subject.s2 - subject.s1
-        x = difference - np.average(difference, weights=subject.n_trials)
-        share = subject.fraction_yes
-        variance = float(np.square(x) @ subject.n_trials) * share * (1.0 - share)
+        covariance, variance = response_trend(subject, subject.s2 - subject.s1)
         if variance > 0.0:  # both answers, and two differences
-            covariances.append(float(x @ subject.n_yes))
+            covariances.append(covariance)
             variances.append(variance)
     z = np.array(covariances) / np.sqrt(variances)
     total = sum(covariances) / np.sqrt(sum(variances) or 1.0)
