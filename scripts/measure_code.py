@@ -29,7 +29,7 @@ HIGHEST_COMPLEXITY = 15
 LIMITS = {
     "bayes_toe": {
         "files": 142,
-        "nodes": 241_420,
+        "nodes": 241_410,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.80,

@@ -55,16 +55,14 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     """
     subjects = [subject for subject in study if _is_doubtful(subject)]
     inverted = [replace(subject, n_yes=subject.n_trials - subject.n_yes) for subject in subjects]
+    both_codes = [*subjects, *inverted]
     (other_task,) = (task for task in TASKS if task != study.task)
-    as_other = [replace(subject, task=other_task) for subject in subjects]
-    inverted_as_other = [replace(subject, task=other_task) for subject in inverted]
+    as_other = [replace(subject, task=other_task) for subject in both_codes]
 
-    observer = _log_evidence(subjects)
+    observer, swapped = np.split(_log_evidence(both_codes), 2)
     guesses = np.array([_guessing_evidence(subject) for subject in subjects])
-    swapped = _log_evidence(inverted)
     # Which response is which is not known in another task: both codes are equally probable.
-    both_codes = [_log_evidence(as_other), _log_evidence(inverted_as_other)]
-    other = np.logaddexp(*both_codes) - math.log(2.0)
+    other = np.logaddexp(*np.split(_log_evidence(as_other), 2)) - math.log(2.0)
 
     evidences = np.column_stack([guesses, swapped, other]) - observer[:, None]
     alternatives = {}
