@@ -18,7 +18,7 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task
-from bayes_toe.model.observer import ObserverPosterior, OrderModel
+from bayes_toe.model.order_models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
 QUESTIONS = ("order_effect", "constant_error", "contraction")
@@ -189,8 +189,8 @@ def contraction_information(subject: Subject) -> float:
     quantities = {parameter.name: np.asarray(parameter.typical) for parameter in PARAMETERS}
     quantities[NOISE.name] = quantities[NOISE.name] * posterior.scales.step
     point = posterior.full_points(posterior.points(quantities)[None])
-    information = posterior.batch.scoring(point)[2][0, 0] * TYPICAL_TRIALS / subject.total_trials
-    curvature = posterior.batch.prior_slopes(point)[1][0, 0]
+    information = posterior.rows.scoring(point)[2][0, 0] * TYPICAL_TRIALS / subject.total_trials
+    curvature = posterior.array.prior_slopes(point)[1][0, 0]
     other_coordinates = information[:-1, :-1] + np.diag(curvature[:-1])
     shared = information[-1, :-1]
     return float(information[-1, -1] - shared @ np.linalg.solve(other_coordinates, shared))

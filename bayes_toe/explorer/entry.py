@@ -41,10 +41,11 @@ from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task
 from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.order_evidence import Precision, order_evidence
+from bayes_toe.inference.engine import Precision
+from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.models import model_title
-from bayes_toe.model.observer import ObserverPosterior
+from bayes_toe.model.order_models import ObserverPosterior
 from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 from bayes_toe.model.posterior import DOMINATED, RANGE, posterior_contraction

@@ -48,7 +48,7 @@ from bayes_toe.inference.subject import (
 )
 from bayes_toe.model.answer_curves import log_likelihoods
 from bayes_toe.model.models import SampledModel, describe_prior, model_posterior, stored_model
-from bayes_toe.model.observer import ObserverPosterior
+from bayes_toe.model.order_models import ObserverPosterior
 from bayes_toe.model.paper_equations import NATURAL, Natural
 from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.prior import Prior, stored_prior

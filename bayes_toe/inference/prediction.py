@@ -18,7 +18,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.inference.subject import QUANTILES
 from bayes_toe.model.intervals import require_intervals
-from bayes_toe.model.observer import ObserverPosterior
+from bayes_toe.model.order_models import ObserverPosterior
 from bayes_toe.model.paper_model import PaperPosterior
 
 _BLOCK = 1 << 20  # values of one temporary array

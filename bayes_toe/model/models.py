@@ -12,7 +12,7 @@ from __future__ import annotations
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
-from bayes_toe.model.observer import ObserverPosterior, OrderModel
+from bayes_toe.model.order_models import ObserverPosterior, OrderModel
 from bayes_toe.model.paper_model import PAPER_MODEL, PaperModel, PaperPosterior
 from bayes_toe.model.parameters import ORDER_MODELS
 from bayes_toe.model.prior import DEFAULT, Prior
