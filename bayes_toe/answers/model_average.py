@@ -70,7 +70,7 @@ def averaged_draws(evidence: OrderEvidence, is_included: BoolArray = EVERY_MODEL
         log_weights.append(log_weight - logsumexp(log_weight) + log_model)
     joined = np.concatenate(log_weights)
     weights = np.exp(joined - logsumexp(joined))
-    points = np.concatenate([evidence.draws[i].points for i in selected])
+    points = np.concatenate([evidence.draws[i].x for i in selected])
     return AveragedDraws(evidence, points, weights / weights.sum())
 
 

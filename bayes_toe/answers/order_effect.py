@@ -708,7 +708,7 @@ def rescaled_evidences(evidence: OrderEvidence) -> list[FloatArray]:
             for i in np.flatnonzero(models):
                 draws = evidence.draws[i]
                 log_weights = draws.log_weights
-                changed = log_weights + log_ratio(evidence, draws.points, factor)
+                changed = log_weights + log_ratio(evidence, draws.x, factor)
                 values[i] += logsumexp(changed) - logsumexp(log_weights)
             varied.append(values)
     return varied

@@ -290,9 +290,7 @@ def _order_models(evidence: OrderEvidence) -> tuple[str, str]:
 def _without_history(order_model: str, evidence: OrderEvidence, rng: Rng, size: int) -> FloatArray:
     """Draws of an order model, (size, k), by their importance weights."""
     draws = evidence.draws[MODEL_NAMES.index(order_model)]
-    weights = np.exp(draws.log_weights - draws.log_weights.max())
-    chosen = rng.choice(len(weights), size, p=weights / weights.sum())
-    return draws.points[chosen]
+    return draws.resampled(rng, size)
 
 
 def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int) -> WeightedDraws:

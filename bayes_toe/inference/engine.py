@@ -120,8 +120,8 @@ def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
 
 
 def _degrees_of_freedom(is_free: BoolArray) -> int:
-    """5 or 6, because degrees of freedom and dimensions must add up to an even number."""
-    return 5 + (5 + int(is_free.sum())) % 2
+    """Degrees of freedom that add up with the dimensions to the same even number in all models."""
+    return 2 * ((len(is_free) + 5) // 2) - int(is_free.sum())
 
 
 def weighted_draws(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from scipy.special import logsumexp
@@ -20,6 +20,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.engine import USUAL, Precision, mixture_of_maxima, weighted_draws
 from bayes_toe.inference.maxima import Ascent, Expansion, ascend
+from bayes_toe.inference.proposal import WeightedDraws
 from bayes_toe.model.derivatives import hessian
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
@@ -47,41 +48,48 @@ _MOST_STEPS = 12
 _POLISH_GAIN = 1e-8  # the same for the maximum of which Laplace's evidence is
 
 
-class ModelDraws(NamedTuple):
-    """Weighted draws of one model for one subject."""
-
-    points: FloatArray  # (draws, k): all coordinates of the task, an absent effect is 0
-    log_weights: FloatArray  # (draws,): log of posterior density over proposal density
-
-
 @dataclass(frozen=True, eq=False)
 class OrderEvidence:
-    """Log evidences of the four models for one subject, nats, without binomial coefficients.
+    """The four models of one subject by their draws, in the order of :data:`MODEL_NAMES`.
 
     Attributes
     ----------
     subject : Subject
     prior : ObserverPrior
-    scales : StimulusScales
-    log_evidence, standard_error, laplace : ndarray, shape (4,)
-        In the order of :data:`MODEL_NAMES`. Laplace's approximation is NaN where the Hessian at
-        the maximum is not negative definite.
+    laplace : ndarray, shape (4,)
+        Laplace's log evidence; NaN where the Hessian at the maximum is not negative definite.
     modes : ndarray, shape (4, k)
         The maximum of each model's posterior density.
-    draws : tuple of ModelDraws
-        Fresh draws of each model's fixed proposal.
-    effective_draws : ndarray, shape (4,)
+    draws : tuple of WeightedDraws
+        Fresh draws of each model's fixed proposal, with all coordinates of the task: those of an
+        absent effect are 0.
     """
 
     subject: Subject
     prior: ObserverPrior
-    scales: StimulusScales
-    log_evidence: FloatArray
-    standard_error: FloatArray
     laplace: FloatArray
     modes: FloatArray
-    draws: tuple[ModelDraws, ...]
-    effective_draws: FloatArray
+    draws: tuple[WeightedDraws, ...]
+
+    @property
+    def scales(self) -> StimulusScales:
+        """Location and scales of the subject's stimuli."""
+        return self.subject.scales
+
+    @cached_property
+    def log_evidence(self) -> FloatArray:
+        """Log evidences, nats, without binomial coefficients, shape (4,)."""
+        return np.array([draws.log_evidence for draws in self.draws])
+
+    @cached_property
+    def standard_error(self) -> FloatArray:
+        """Their standard errors, shape (4,)."""
+        return np.array([draws.standard_error for draws in self.draws])
+
+    @cached_property
+    def effective_draws(self) -> FloatArray:
+        """The effective number of each model's draws, shape (4,)."""
+        return np.array([draws.effective_number for draws in self.draws])
 
     def probabilities(self, prior_probabilities: FloatArray) -> FloatArray:
         """Posterior probabilities of the four models, shape (4,)."""
@@ -136,19 +144,9 @@ def _evidences(
 
     results = []
     for i, subject in enumerate(subjects):
-        own = slice(_N_MODELS * i, _N_MODELS * (i + 1))
+        models = slice(_N_MODELS * i, _N_MODELS * (i + 1))
         results.append(
-            OrderEvidence(
-                subject,
-                prior,
-                subject.scales,
-                np.array([entry.log_evidence for entry in draws[own]]),
-                np.array([entry.standard_error for entry in draws[own]]),
-                laplace[own],
-                modes[own],
-                tuple(ModelDraws(entry.x, entry.log_weights) for entry in draws[own]),
-                np.array([entry.effective_number for entry in draws[own]]),
-            )
+            OrderEvidence(subject, prior, laplace[models], modes[models], tuple(draws[models]))
         )
         _require_finite(results[-1])
     return results
@@ -285,11 +283,11 @@ def _profile_maxima(
 
     A posterior without constant error starts at the maximum of its neighbour with c = 0.
     """
-    has_error = bool(array.is_free[i, array.names.index(CONSTANT_ERROR.name)])
-    own = np.flatnonzero(owners == (i if has_error else i + 1))
-    if has_error:
-        return own[_two_best_local(values[own], profile.value[own])]
-    return own[values[own] == 0.0]
+    if array.is_free[i, array.names.index(CONSTANT_ERROR.name)]:
+        searches = np.flatnonzero(owners == i)
+        return searches[_two_best_local(values[searches], profile.value[searches])]
+    searches = np.flatnonzero(owners == i + 1)
+    return searches[values[searches] == 0.0]
 
 
 def _two_best_local(values: FloatArray, heights: FloatArray) -> IndexArray:

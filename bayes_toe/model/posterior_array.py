@@ -53,8 +53,7 @@ class LinearLikelihood:
         """The likelihood of some posteriors, in this order; one may come more than once."""
         sizes = self.sizes[index]
         first_row = np.cumsum(sizes) - sizes
-        within = np.arange(sizes.sum()) - np.repeat(first_row, sizes)
-        rows = np.repeat(self.first_row[index], sizes) + within
+        rows = np.arange(sizes.sum()) + np.repeat(self.first_row[index] - first_row, sizes)
         return LinearLikelihood(self.rows.part(rows), self.loading[rows], first_row)
 
     def row_points(self, w: FloatArray) -> FloatArray:

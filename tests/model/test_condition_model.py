@@ -65,8 +65,8 @@ def test_what_does_not_differ_has_no_prior_and_stays_at_0():
     assert points[1, :, differs].all()
     log_prior = array.log_prior(points)
     assert log_prior[0] == pytest.approx(models.shared.log_prior(points[0, :, :k]))
-    own = stats.norm.logpdf(points[1][:, differs]).sum(axis=1)
-    assert log_prior[1] == pytest.approx(models.shared.log_prior(points[1, :, :k]) + own)
+    of_differences = stats.norm.logpdf(points[1][:, differs]).sum(axis=1)
+    assert log_prior[1] == pytest.approx(models.shared.log_prior(points[1, :, :k]) + of_differences)
     (part,) = array.part(np.array([1])).log_prior(points[1:])
     assert part == pytest.approx(log_prior[1])
 
