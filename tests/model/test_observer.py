@@ -348,7 +348,7 @@ def test_emcee_and_importance_sampling_agree(subject):
     effective = 1.0 / np.square(weights).sum()
     assert effective > 250
     posterior = draws.posterior(subject.name)
-    values = posterior.quantities(weighted.points)
+    values = posterior.quantities(weighted.x)
     for name in posterior.names.natural:
         for p in (0.05, 0.5, 0.95):
             # The share of weight below emcee's quantile, at 4.5 standard errors.
