@@ -374,8 +374,7 @@ def _analysed(
     result, fitted = fitted_result(paper_posterior(subject, prior), seed, request)
     fit, by_bootstrap = None, None
     is_paper_task = subject.task == SAME_DIFFERENT
-    # The maximum-likelihood fit knows no intervals.
-    if subject.isi is None and (is_paper_task or request.chains is not None):
+    if is_paper_task or request.chains is not None:
         fit = subject_fit(subject, prior, seed=seed)
         if is_paper_task:
             by_bootstrap = bootstrap_evidence(fit, prior)

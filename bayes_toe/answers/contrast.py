@@ -324,8 +324,8 @@ def _require_conditions(study: Study) -> Conditions:
     if study.conditions is not None:
         return study.conditions
     choices = "a column condition, or --condition COLUMN"
-    if len(study.intervals) > 1:
-        choices += "; --condition isi compares the intervals"
+    if study.reading.pooled:
+        choices += f", such as --condition {display_name(study.reading.pooled[0])}"
     raise InputError(f"{study.source}: found no condition within subjects, allowed: {choices}")
 
 

@@ -37,7 +37,6 @@ ONE_FIRST_STIMULUS = (
 ONE_LINE = "s2 is a linear function of s1, so a contraction looks like noise and a constant error"
 IMITATION = "these pairs cannot distinguish a contraction from noise that changes with intensity"
 CRITERION_NOTE = "in 2AFC, a constant error and a response bias predict the same responses"
-DELAYS_NOTE = "the four models ignore the delays (isi); analyse the delays as a condition"
 
 
 @dataclass(frozen=True)
@@ -89,15 +88,11 @@ def identify(subject: Subject) -> Identification:
     notes = []
     if subject.task == WHICH_STRONGER:
         notes.append(CRITERION_NOTE)
-    if len(subject.intervals) > 1:
-        notes.append(DELAYS_NOTE)
     order = _order_sign(subject.s1, subject.s2)
     reason = _no_question(subject, order)
     if reason:
         return Identification(False, False, False, dict.fromkeys(QUESTIONS, reason), tuple(notes))
-    columns = [subject.s1, subject.s2, subject.n_trials]
-    if subject.isi is not None:
-        columns.append(subject.isi)
+    columns = (subject.s1, subject.s2, subject.n_trials)
     reason = _no_contraction(subject.task, subject.shared_scales, *map(tuple, columns))
     if reason:
         return Identification(True, True, False, {"contraction": reason}, tuple(notes))
@@ -128,11 +123,11 @@ def _no_contraction(
 ) -> str:
     """The reason why only a constant error can be identified; empty if a contraction can too.
 
-    The columns are s1, s2, n_trials and, with intervals, isi. The subjects of a study often have
-    the same ones, so that one answer serves them all.
+    The columns are s1, s2 and n_trials. The subjects of a study often have the same ones, so that
+    one answer serves them all.
     """
-    s1, s2, n_trials, *isi = map(np.array, columns)
-    pairs = Subject("pairs", s1, s2, np.zeros_like(n_trials), n_trials, *isi, task=task)
+    s1, s2, n_trials = map(np.array, columns)
+    pairs = Subject("pairs", s1, s2, np.zeros_like(n_trials), n_trials, task=task)
     subject = replace(pairs, shared_scales=shared_scales)
     stimuli = np.column_stack([subject.s1, subject.s2])
     offsets = stimuli - stimuli.mean(axis=0)

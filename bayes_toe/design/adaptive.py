@@ -175,8 +175,6 @@ class Adaptive:
         if not isinstance(pairs, StudyDesign):
             pairs = _make_design(pairs, asked_task)
         self.pairs = pairs
-        if self.pairs.isi is not None:
-            raise InputError("pairs: found intervals, allowed: s1 and s2 alone")
         self.prior = observer_prior(prior)
         self.seed = root_seed(seed)
         self.about = about

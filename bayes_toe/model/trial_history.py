@@ -293,10 +293,7 @@ class TrialSequence:
     def from_subject(cls, subject: Subject) -> TrialSequence:
         """The trials of a subject; an InputError if their order is not known."""
         answers = require_order(subject)
-        columns = [subject.s1, subject.s2]
-        if subject.isi is not None:
-            columns.append(subject.isi)
-        stacked = np.concatenate([np.column_stack(columns), answers.keys])
+        stacked = np.concatenate([np.column_stack([subject.s1, subject.s2]), answers.keys])
         _, number = np.unique(stacked, axis=0, return_inverse=True)
         number = number.ravel()
         pair_of_number = np.full(int(number.max()) + 1, -1, np.intp)

@@ -145,7 +145,10 @@ def test_a_study_without_conditions_is_refused_with_the_way_on():
     plain = answers().drop(columns="condition").assign(subject=lambda frame: range(len(frame)))
     delays = answers(("1", "3")).rename(columns={"condition": "isi"})
     column = "found no condition within subjects, allowed: a column condition, or --condition"
-    for frame, message in ((plain, column), (delays, "--condition isi compares the intervals")):
+    for frame, message in (
+        (plain, column),
+        (delays, "or --condition COLUMN, such as --condition isi"),
+    ):
         with pytest.raises(bt.InputError, match=message):
             bt.contrast(bt.read_study(frame))
 

@@ -154,8 +154,7 @@ def test_points_of_the_figure_are_the_shares_of_the_responses(table):
 
 
 def test_listeners_carry_over(real_data):
-    options = bt.ReadOptions(ignore=("isi",))
-    study = bt.read_study(real_data / "auditory_pwm" / "trials.csv", options)
+    study = bt.read_study(real_data / "auditory_pwm" / "trials.csv")
     first, second = "Sub01_Bimodal_l2", "SubA_Bimodal_l2"
     table = bt.serial_dependence(study.select([first, second]), seed=1, workers=1)
     assert table[first].log_bayes_factor("carry_over") == pytest.approx(17.8, abs=1.0)
