@@ -50,8 +50,7 @@ from bayes_toe.inference.subject import (
     subject_draws,
     weighted_fit,
 )
-from bayes_toe.model.models import model_posterior, require_model, stored_model
-from bayes_toe.model.order_models import OrderModel
+from bayes_toe.model.models import OrderModel, model_posterior, require_model, stored_model
 from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for

@@ -39,7 +39,7 @@ from bayes_toe.inference.engine import Precision, mixture_of_maxima, weighted_dr
 from bayes_toe.inference.order_evidence import ascend_from, observer_maxima
 from bayes_toe.inference.proposal import WeightedDraws
 from bayes_toe.model.condition_model import ConditionModels
-from bayes_toe.model.order_models import OrderModel
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
     CONTRACTION,

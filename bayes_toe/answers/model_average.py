@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from bayes_toe.arrays import BoolArray, FloatArray, Rng
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence
-from bayes_toe.model.order_models import ObserverPosterior, OrderModel
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, MODEL_PRIOR, ORDER_MODELS
 
 #: Prior probabilities of the four models, in the order of their evidences.

@@ -29,7 +29,7 @@ from bayes_toe.data.tables import SubjectTable
 from bayes_toe.inference.engine import Precision, mixture_of_points, weighted_draws
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
 from bayes_toe.inference.proposal import WeightedDraws
-from bayes_toe.model.order_models import OrderModel
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for

@@ -35,7 +35,7 @@ from scipy.special import chdtrc
 from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.checks.alarm_rate import simulated_p_value
 from bayes_toe.data.study import Subject
-from bayes_toe.model.order_models import ObserverPosterior
+from bayes_toe.model.models import ObserverPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, task_parameters
 from bayes_toe.model.trial_history import TrialSequence, knows_order
 from bayes_toe.seeds import generator

@@ -18,7 +18,7 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task
-from bayes_toe.model.order_models import ObserverPosterior, OrderModel
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
 QUESTIONS = ("order_effect", "constant_error", "contraction")

@@ -27,7 +27,7 @@ from bayes_toe.design.study_design import StudyDesign, each_once
 from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import adapt_proposal, redrawn, refreshed
 from bayes_toe.inference.proposal import FittedProposal, efficiency
-from bayes_toe.model.order_models import ObserverPosterior, OrderModel
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import MODEL_PRIOR, ORDER_MODELS, ObserverPrior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed

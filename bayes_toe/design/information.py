@@ -24,7 +24,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.design.observers import Observer
 from bayes_toe.design.study_design import StudyDesign
-from bayes_toe.model.order_models import ObserverPosterior, OrderModel
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 
 #: What a design may be made for, with the coordinates that are asked about.

@@ -44,8 +44,7 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.engine import Precision
 from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.model.models import model_title
-from bayes_toe.model.order_models import ObserverPosterior
+from bayes_toe.model.models import ObserverPosterior, model_title
 from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 from bayes_toe.model.posterior import DOMINATED, RANGE, posterior_contraction

@@ -46,8 +46,13 @@ from bayes_toe.inference.subject import (
     summary_rows,
 )
 from bayes_toe.model.answer_curves import log_likelihoods
-from bayes_toe.model.models import SampledModel, describe_prior, model_posterior, stored_model
-from bayes_toe.model.order_models import ObserverPosterior
+from bayes_toe.model.models import (
+    ObserverPosterior,
+    SampledModel,
+    describe_prior,
+    model_posterior,
+    stored_model,
+)
 from bayes_toe.model.paper_equations import NATURAL, Natural
 from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.parameters import QUANTITY_BY_NAME

@@ -23,8 +23,8 @@ from bayes_toe.inference.maxima import Ascent, Expansion, ascend
 from bayes_toe.inference.proposal import WeightedDraws
 from bayes_toe.model.derivatives import hessian
 from bayes_toe.model.distributions import LOG_2PI
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
-from bayes_toe.model.order_models import OrderModel
 from bayes_toe.model.parameters import CONSTANT_ERROR, LAPSE_RATE, ORDER_MODELS, ObserverPrior
 from bayes_toe.model.posterior_array import PosteriorArray, observer_array
 from bayes_toe.seeds import generator

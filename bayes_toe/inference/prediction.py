@@ -16,7 +16,7 @@ from bayes_toe.arrays import FloatArray, NamedArrays, thinned
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.inference.subject import QUANTILES
-from bayes_toe.model.order_models import ObserverPosterior
+from bayes_toe.model.models import ObserverPosterior
 from bayes_toe.model.paper_model import PaperPosterior
 
 _BLOCK = 1 << 20  # values of one temporary array

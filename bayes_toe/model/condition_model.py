@@ -32,8 +32,8 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject, pooled
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
-from bayes_toe.model.order_models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
     CONTRACTION,

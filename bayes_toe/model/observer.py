@@ -9,7 +9,7 @@
 c is the constant error, p the contraction, lambda the lapse rate, sigma_d the noise, and k the
 criterion of 'equal'; b and g are the slopes of noise and criterion with intensity. The coordinates
 are those of :mod:`bayes_toe.model.parameters`. The four models
-(:mod:`bayes_toe.model.order_models`) have the constant error, the contraction, both or neither.
+(:mod:`bayes_toe.model.models`) have the constant error, the contraction, both or neither.
 
 :class:`ObserverRows` computes the likelihood of many rows of counts at once.
 """

@@ -31,8 +31,8 @@ from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
-from bayes_toe.model.order_models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import ObserverPrior, PriorDensity, StandardNormal
 from bayes_toe.model.posterior_array import PosteriorArray, observer_array
 

@@ -23,7 +23,7 @@ from bayes_toe.design.simulate import (
 )
 from bayes_toe.design.study_design import reference_design
 from bayes_toe.errors import InputError
-from bayes_toe.model.order_models import OrderModel
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.paper_equations import Natural
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
 from bayes_toe.seeds import generator

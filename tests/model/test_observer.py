@@ -18,8 +18,8 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.model.answer_curves import criterion, equal_answers, second_answers
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import ObserverRows
-from bayes_toe.model.order_models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import (
     ORDER_MODELS,
     CutNormal,

@@ -12,7 +12,7 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.errors import InputError
-from bayes_toe.model.order_models import OrderModel
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.trial_history import (
     TrialHistory,
     TrialHistoryPosterior,
