@@ -364,16 +364,19 @@ class _Rows:
         notes = [", ".join(parts), *table.notes]
         for name, text in options.where.items():
             notes.append(f"only rows with {display_name(text)} in column {display_name(name)}")
+        read_as = {}
         for ours, theirs in options.columns.items():
             if theirs != ours and ours in self.columns:
-                notes.append(f"column {display_name(theirs)} read as {ours}")
-        for name in map(options.name, options.ignore):
-            if name in table.names:
-                notes.append(f"column {display_name(name)} not read, as --ignore has it")
+                read_as[theirs] = [ours]
         unit = options.unit_in_words
         if unit:
             for column in self.key_columns:
-                notes.append(f"column {display_name(column.name)} read as {unit}")
+                read_as.setdefault(column.name, []).append(unit)
+        for name, words in read_as.items():
+            notes.append(f"column {display_name(name)} read as {', '.join(words)}")
+        for name in map(options.name, options.ignore):
+            if name in table.names:
+                notes.append(f"column {display_name(name)} not read, as --ignore has it")
         return notes
 
 

@@ -168,7 +168,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Sequence[str]) -> list[st
             continue
         n_rows = int(column.map(texts.__contains__, np.bool_).sum())
         marks = join_names([*map(quoted, texts)])
-        doubt = f"{plural(n_rows, 'row')} with {marks} in column {display_name(name)} count"
+        doubt = f"{plural(n_rows, 'row')} with {marks} in column {display_name(name)} are counted"
         if len(other_texts) == 1 and not table.is_frame:
             doubt += f"; --where {display_name(name)}={other_texts[0]} leaves them out"
         doubts.append(doubt)

@@ -174,8 +174,7 @@ def test_columns_are_chosen_by_options():
             {"intensity": 0.087, "equal_code": "f", "columns": {"i1": "first"}},
             """
             trial rows, comma-separated, UTF-8, responses 'f' as equal (1) / 'different' (0)
-            column first read as i1
-            column first read as amplitude in units of 0.087
+            column first read as i1, amplitude in units of 0.087
             column i2 read as amplitude in units of 0.087
             """,
         ),

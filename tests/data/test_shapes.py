@@ -561,11 +561,11 @@ WARNED = {
     ),
     "excluded.csv": (
         csv(IN_LOGS.assign(exclude=[1] * 15 + [0] * 65)),
-        "15 rows with '1' in column exclude count; --where exclude=0 leaves them out",
+        "15 rows with '1' in column exclude are counted; --where exclude=0 leaves them out",
     ),
     "not_valid.csv": (
         csv(IN_LOGS.assign(valid=[0] * 15 + [1] * 65)),
-        "15 rows with '0' in column valid count; --where valid=1 leaves them out",
+        "15 rows with '0' in column valid are counted; --where valid=1 leaves them out",
     ),
     "subject_na.csv": (
         csv(IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70)), "10 rows of subject 'NA'",
