@@ -17,7 +17,7 @@ def test_everything_fits_on_a_line(analysis):
         assert "\n" not in repr(value)
     names = "3 subjects ('A', 'B', 'C'), "
     assert repr(analysis.study) == f"<Study 'three kinds': {names}1,950 trials>"
-    assert repr(analysis.draws).startswith(f"<Draws of 'predictive update': {names}")
+    assert repr(analysis.draws).startswith(f"<Draws of paper's model: {names}")
     text = "<EvidenceTable: 3 rows of 'A', 'B', 'C'; frame() gives them to pandas>"
     assert repr(analysis.evidence) == text
 

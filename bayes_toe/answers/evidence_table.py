@@ -94,7 +94,7 @@ class SubjectEvidence:
     @property
     def cells(self) -> Mapping[str, object]:
         """The entries of evidence.csv but the prior's; None where one is empty."""
-        cells: dict[str, object] = dict.fromkeys(ANSWER_COLUMNS)
+        cells = dict[str, object]()
         if self.answer is not None:
             cells |= self.answer.cells
         for column in ("subject", *_COMPARISON_COLUMNS):
@@ -136,7 +136,23 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
     failed: Mapping[str, str] = field(default_factory=dict)
     task: Task = SAME_DIFFERENT
 
-    def frame(self) -> pd.DataFrame:
+    def frame(self, *, full: bool = False) -> pd.DataFrame:
+        """A row per subject: the words with their sizes; with `full` all columns of evidence.csv.
+
+        A short table has `!` and `?` as the screen.
+        """
+        import pandas as pd
+
+        if full:
+            return self._full_frame()
+        rows = []
+        for row in self.rows:
+            texts = {} if row.answer is None else row.answer.texts
+            rows.append({"subject": row.subject, **texts})
+        rows += [{"subject": name} for name in self.failed]
+        return pd.DataFrame(rows)
+
+    def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of evidence.csv.
 
         Natural logs, empty where a value does not exist; every row names the prior.
@@ -147,8 +163,7 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 
         prior = None if self.prior is None else self.prior.describe_all(self.task)
         rows = [row.cells for row in self.rows]
-        empty = dict.fromkeys(EVIDENCE_COLUMNS)
-        rows += [{**empty, "subject": name} for name in self.failed]
+        rows += [{"subject": name} for name in self.failed]
         frame = pd.DataFrame(rows, columns=list(EVIDENCE_COLUMNS)).assign(prior=prior)
         return frame.astype(dict.fromkeys(_COUNTS, "Int64")) if self.failed else frame
 

@@ -47,7 +47,13 @@ from bayes_toe.inference.subject import (
     unit,
 )
 from bayes_toe.model.answer_curves import log_likelihoods
-from bayes_toe.model.models import SampledModel, describe_prior, model_posterior, stored_model
+from bayes_toe.model.models import (
+    SampledModel,
+    describe_prior,
+    model_posterior,
+    model_title,
+    stored_model,
+)
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.paper_equations import NATURAL, Natural
 from bayes_toe.model.paper_model import PaperPosterior
@@ -401,7 +407,7 @@ class Draws:
             missed = f"; NOT CONVERGED: {join_few([*self.not_converged])}"
         size_and_seed = f"{size['chain']} chains of {size['draw']:,}, seed {self.seed}"
         subjects = f"{len(self.names):,} subjects ({join_few(self.names)})"
-        return f"<Draws of {self.model!r}: {subjects}, {size_and_seed}{missed}>"
+        return f"<Draws of {model_title(self.model)}: {subjects}, {size_and_seed}{missed}>"
 
     def _repr_html_(self) -> str:
         rows = []
