@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -139,18 +140,14 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
     def frame(self, *, full: bool = False) -> pd.DataFrame:
         """A row per subject: the words with their sizes; with `full` all columns of evidence.csv.
 
-        A short table has `!` and `?` as the screen.
+        The short table has the marks `!` and `?` of the screen. Subjects that failed come last.
         """
         import pandas as pd
 
         if full:
             return self._full_frame()
-        rows = []
-        for row in self.rows:
-            texts = {} if row.answer is None else row.answer.texts
-            rows.append({"subject": row.subject, **texts})
-        rows += [{"subject": name} for name in self.failed]
-        return pd.DataFrame(rows)
+        failed = [{"subject": name} for name in self.failed]
+        return pd.DataFrame([*map(attrgetter("texts"), self.answers), *failed])
 
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of evidence.csv.

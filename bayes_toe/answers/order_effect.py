@@ -276,11 +276,11 @@ class OrderEffect:
 
     @property
     def texts(self) -> Mapping[str, str]:
-        """The words with their marks and sizes, by the headings of a short table."""
-        texts = {"order effect": f"{self.words['order_effect']} {self.mark}".rstrip()}
-        for question in SIZE_OF:
-            text = f"{self.words[question]} {self.effect_size(question)}"
-            texts[question.replace("_", " ")] = text.rstrip()
+        """Each word with the mark or the size, by the headings of a short table."""
+        texts = {"subject": self.subject}
+        for question, word in self.words.items():
+            addition = self.effect_size(question) if question in SIZE_OF else self.mark
+            texts[question.replace("_", " ")] = f"{word} {addition}".rstrip()
         return texts
 
     @property

@@ -414,11 +414,11 @@ class Draws:
         for name in self.names[:MOST_ROWS]:  # natural parameters, and whether they may be read
             row = {"subject": name}
             for key in self.posterior(name).names.natural:
-                low, middle, high = np.quantile(self.values(name, key), [0.05, 0.5, 0.95])
-                row[key] = f"{middle:.3g} ({low:.3g} to {high:.3g})"
+                low, middle, high = np.quantile(self.values(name, key), [0.025, 0.5, 0.975])
+                row[key] = f"{middle:.3g} [{low:.3g}, {high:.3g}]"
             rows.append({**row, "converged": "no" if name in self.not_converged else "yes"})
         return as_html(
-            f"{repr(self)[1:-1]}. Medians (5 to 95 %)", pd.DataFrame(rows), len(self.names)
+            f"{repr(self)[1:-1]}. Medians [95 % interval]", pd.DataFrame(rows), len(self.names)
         )
 
 

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 import typer.main
 from commands import inside
+from conftest import text_table
 from rich.text import Text
 
 import bayes_toe as bt
@@ -48,16 +49,16 @@ def test_the_example_takes_the_place_of_a_file():
     assert (study.truth(), len(paper.truth())) == ({}, 16)
 
 
-@pytest.mark.parametrize(
-    "typed, example",
-    [
-        ("--example", "2afc"),
-        ("--example -q", "2afc"),
-        ("-q --example 2afc", "2afc"),
-        ("--example same-different -q", "same-different"),
-        ("--example=same/different", "same/different"),
-    ],
-)
+EXAMPLES = """
+    --example | 2afc
+    --example -q | 2afc
+    -q --example 2afc | 2afc
+    --example same-different -q | same-different
+    --example=same/different | same/different
+"""
+
+
+@pytest.mark.parametrize("typed, example", text_table(EXAMPLES))
 @pytest.mark.parametrize(
     "command", [name for name in FUNCTIONS if "example" in names(FUNCTIONS[name])]
 )
