@@ -50,8 +50,7 @@ from bayes_toe.inference.subject import (
     subject_draws,
     weighted_fit,
 )
-from bayes_toe.model.models import model_posterior, require_model, stored_model
-from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.models import OrderModel, model_posterior, require_model, stored_model
 from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
@@ -374,8 +373,7 @@ def _analysed(
     result, fitted = fitted_result(paper_posterior(subject, prior), seed, request)
     fit, by_bootstrap = None, None
     is_paper_task = subject.task == SAME_DIFFERENT
-    # The maximum-likelihood fit knows no intervals.
-    if subject.isi is None and (is_paper_task or request.chains is not None):
+    if is_paper_task or request.chains is not None:
         fit = subject_fit(subject, prior, seed=seed)
         if is_paper_task:
             by_bootstrap = bootstrap_evidence(fit, prior)

@@ -1,7 +1,7 @@
 """How well serial dependence is seen in simulated observers, and what it is in real studies.
 
     python scripts/history.py -o docs --observers 24 --seed 1     # writes history_recovery.csv
-    python scripts/history.py --study trials.csv --ignore isi     # prints the sums of a study
+    python scripts/history.py --study trials.csv                  # prints the sums of a study
 
 Observers say which of two stimuli was stronger: neighbours of six levels in both orders, two
 sessions, noise of one step, 4 % lapses. They differ in contraction, in what they carry over, and in

@@ -94,8 +94,7 @@ def public(folder: Path) -> None:
     options = bt.ReadOptions(equal_code="1")
     vibrotactile = bt.read_study(folder / "vibrotactile_rate" / "trials.csv", options)
     vibrotactile = vibrotactile.swap("946", (2, 4, 6)).swap("865", (2,))
-    options = bt.ReadOptions(ignore=("isi",))
-    auditory = bt.read_study(folder / "auditory_pwm" / "trials.csv", options)
+    auditory = bt.read_study(folder / "auditory_pwm" / "trials.csv")
     for name, study in (("vibrotactile", vibrotactile), ("auditory", auditory)):
         for seed in (1, 2):
             start = time.process_time()

@@ -1,8 +1,8 @@
 """Log posteriors term by term with any number of digits, from the definitions.
 
-Parameters from coordinates, probabilities by subtraction, scales of an interval from the filter's
-own quantities, slopes by differences whose steps are so small that half of the digits are left. An
-independent route to values and gradients over the whole range of floats.
+Parameters from coordinates, probabilities by subtraction, slopes by differences whose steps are so
+small that half of the digits are left. An independent route to values and gradients over the whole
+range of floats.
 """
 
 import mpmath
@@ -38,20 +38,9 @@ def half_normal(value, scale):
     return -((value / mpf(scale)) ** 2) / 2 + log(sqrt(2 / mpmath.pi) / mpf(scale))
 
 
-def variance_ratio(gamma):
-    return (1 + sqrt(1 + 4 * gamma)) / 2
-
-
 def width_power(target):
     """Of G, in the width sigma_p G^power."""
     return mpf(1.5) if target.subject.task == SAME_DIFFERENT else mpf(1)
-
-
-def scales(p, t, power):
-    """Pull and width at t over those at the reference."""
-    gamma = p / (1 - p) ** 2
-    ratio = variance_ratio(gamma / t) / variance_ratio(gamma)
-    return 1 / (ratio**2 * t), sqrt(t) * ratio**power
 
 
 def answers(task, z, share):
@@ -89,12 +78,10 @@ def terms(target, x):
     s, sbar, prior = target.subject, mpf(target.sbar), target.prior
     offset, a, log_width, logit_share = x
     p, width, power = mpf(MAX_PULL) * expit(a), exp(log_width), width_power(target)
-    seconds = np.full(s.n_pairs, target.reference) if s.isi is None else s.isi
     result = []
-    for s1, s2, k, n, t in zip(s.s1, s.s2, s.n_yes, s.n_trials, seconds, strict=True):
+    for s1, s2, k, n in zip(s.s1, s.s2, s.n_yes, s.n_trials, strict=True):
         first, second = mpf(float(s1)), mpf(float(s2))
-        r, v = scales(p, mpf(float(t)) / mpf(target.reference), power)
-        z = ((second - first) + r * (p * (first - sbar) - offset)) / (width * v)
+        z = ((second - first) + p * (first - sbar) - offset) / width
         result.append(log_counts(*answers(s.task, z, expit(logit_share)), int(k), int(n)))
     result.append(normal(offset / p + sbar, prior.mu1_mean, prior.mu1_sd))
     result.append(log_width_prior(width * (1 - p) ** power, width, prior))

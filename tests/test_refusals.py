@@ -22,7 +22,7 @@ FUZZ = settings(settings.get_profile(os.environ.get("HYPOTHESIS_PROFILE", "day")
 TEXTS = {
     "trials": "subject,s1,s2,response,isi,block\nA,0,0.3,equal,0.5,1\nA,0.3,0,different,0.5,1\n",
     "counts": "subject;s1;s2;n_equal;n_trials\nA;0;0,3;4;5\nB;0,3;0;2;5\n",
-    "pairs": "s1,s2,isi\n0,0.25,0.5\n0.5,-0.125,2\n",
+    "pairs": "s1,s2,n\n0,0.25,0.5\n0.5,-0.125,2\n",
     "covariates": "subject,age,gender\nA,20.5,f\nB,30.25,m\n",
     "prior": "[noise]\nsd = 0.5\n[paper]\nmu1_mean = -0.5\ngamma_a = 1.5\n",
     "hyperprior": "[noise]\nsd_scale = 0.5\n[q0]\nmean = -0.5\n",
@@ -30,7 +30,7 @@ TEXTS = {
 READERS = {
     "trials": lambda path: bt.check(bt.read_study(path)),
     "counts": lambda path: bt.check(bt.read_study(path)),
-    "pairs": lambda path: read_numbers(path, ("s1", "s2"), optional=("isi",)),
+    "pairs": lambda path: read_numbers(path, ("s1", "s2"), optional=("n",)),
     "covariates": read_covariates,
     "prior": lambda path: bt.model.read_prior(path).describe(),
     "hyperprior": lambda path: read_hyperprior(path).describe(SAME_DIFFERENT),

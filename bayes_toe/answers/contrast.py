@@ -11,10 +11,10 @@ weighted by their evidence.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, combinations
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp, softmax
@@ -28,19 +28,18 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray, NamedArrays, Rng, StrPath
-from bayes_toe.data.conditions import Conditions
+from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import capitalized, display_name, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import Study, Subject, require_study, units_by_subject
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, WorkerError
-from bayes_toe.inference.adaptation import quick_proposal, with_trusted_draws
-from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.inference.maxima import Maxima, find_maxima
+from bayes_toe.inference.engine import Precision, mixture_of_maxima, weighted_draws
+from bayes_toe.inference.order_evidence import ascend_from, observer_maxima
 from bayes_toe.inference.proposal import WeightedDraws
-from bayes_toe.model.condition_model import ConditionPosterior
-from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.condition_model import ConditionModels
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
     CONTRACTION,
@@ -59,7 +58,6 @@ from bayes_toe.workers import Progress, Workers
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bayes_toe.model.posterior import SampledPosterior
 
 #: The quantities by name, each with the parameter that differs, and the quantity of the observer.
 QUANTITIES: Mapping[str, tuple[Parameter, str]] = {
@@ -96,8 +94,7 @@ LEGEND = (
 )
 _PROBABILITIES = (0.025, 0.05, 0.5, 0.95, 0.975)
 _FAR = 10.0  # nats below the best maximum from which on others are left out
-_CLOUD = 400  # draws about the maxima with which a proposal begins
-_LEAST_CURVATURE = 0.2  # of these draws, in units of the prior
+_PRECISION = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=4)
 _DRAWS, _CURVES = 4000, 400  # of a difference, and for curves
 
 
@@ -116,11 +113,10 @@ class Difference(NamedTuple):
         of the change of the shift over the first stimuli shown.
     p_direction : float or None
         Probability of the more probable sign; None for a size.
-    log_bf_differs, log_bf_differs_se : float or None
+    log_bf_differs, log_bf_differs_se : float
         Natural log of the Bayes factor of a difference, between any levels, against none.
     robust : str
-        'yes' if the word stays the same when the lapses may differ too; empty if that is not
-        known.
+        'yes' if the word stays the same when the lapses may differ too.
     """
 
     subject: str
@@ -134,19 +130,19 @@ class Difference(NamedTuple):
     q95: float
     q975: float
     p_direction: float | None
-    log_bf_differs: float | None
-    log_bf_differs_se: float | None
+    log_bf_differs: float
+    log_bf_differs_se: float
     robust: str
 
     @property
     def word(self) -> str:
-        """One of :data:`WORDS`; empty where there is no Bayes factor."""
+        """One of :data:`WORDS`."""
         return word_of(self.log_bf_differs)
 
     @property
     def short_word(self) -> str:
-        """The word of screens; empty where there is no Bayes factor."""
-        return _SHORT_WORDS[WORDS.index(self.word)] if self.word else ""
+        """The word of screens."""
+        return _SHORT_WORDS[WORDS.index(self.word)]
 
     @property
     def has_unit(self) -> bool:
@@ -163,7 +159,7 @@ class Difference(NamedTuple):
     @property
     def factor(self) -> str:
         """The Bayes factor of a difference against none, in words."""
-        return "-" if self.log_bf_differs is None else format_bayes_factor(self.log_bf_differs)
+        return format_bayes_factor(self.log_bf_differs)
 
     def size(self, unit: StimulusUnit) -> str:
         """The median with its 95 % interval; only a difference with a direction has a sign.
@@ -181,16 +177,14 @@ class Difference(NamedTuple):
         return text.replace("+", "") if self.p_direction is None else text
 
 
-def word_of(log_bf: float | None) -> str:
+def word_of(log_bf: float) -> str:
     """The word for a log Bayes factor of a difference.
 
     Examples
     --------
-    >>> [word_of(value) for value in (3.1, 1.2, 0.0, -1.2, -3.1, None)]
-    ['differs', 'probably differs', 'undecided', 'probably no difference', 'no difference', '']
+    >>> [word_of(value) for value in (3.1, 1.2, 0.0, -1.2, -3.1)]
+    ['differs', 'probably differs', 'undecided', 'probably no difference', 'no difference']
     """
-    if log_bf is None:
-        return ""
     limits = np.log([SURELY, PROBABLY, 1.0 / PROBABLY, 1.0 / SURELY])
     return WORDS[int((log_bf < limits).sum())]
 
@@ -207,7 +201,6 @@ class SubjectContrast:
     rows: tuple[Difference, ...]
     levels: tuple[str, ...]
     x: FloatArray
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +250,7 @@ class ContrastTable(Table[Difference]):
         for quantity in self.quantities:
             first: dict[str, str] = {}
             for row in self.select(quantity):
-                first.setdefault(row.subject, row.short_word or "no Bayes factor")
+                first.setdefault(row.subject, row.short_word)
             counts = count_words(first.values(), f" of {plural(len(first), 'subject')}")
             lines.append(f"{capitalized(quantity)} differs: {counts}.")
         return lines
@@ -332,8 +325,8 @@ def _require_conditions(study: Study) -> Conditions:
     if study.conditions is not None:
         return study.conditions
     choices = "a column condition, or --condition COLUMN"
-    if len(study.intervals) > 1:
-        choices += "; --condition isi compares the intervals"
+    if study.reading.pooled:
+        choices += f", such as --condition {display_name(study.reading.pooled[0])}"
     raise InputError(f"{study.source}: found no condition within subjects, allowed: {choices}")
 
 
@@ -359,13 +352,15 @@ def _compared_subjects(study: Study, conditions: Conditions) -> dict[str, tuple[
 
 
 class ConditionEvidence(NamedTuple):
-    """One set of what differs: log evidence, NaN where it is withheld, its error, and draws."""
+    """The weighted draws of one choice of what differs, and the log evidence that they give."""
 
     differing: frozenset[Parameter]
-    posterior: ConditionPosterior
-    log_evidence: float
-    se: float
     draws: WeightedDraws
+
+    @property
+    def log_evidence(self) -> float:
+        """Natural log, without binomial coefficients."""
+        return self.draws.log_evidence
 
 
 def subject_contrast(
@@ -377,37 +372,33 @@ def subject_contrast(
     """
     name = units[0].subject_name
     levels = tuple(unit.condition for unit in units)
-    pooled = ConditionPosterior(tuple(units), conditions.design(levels), (), prior)
-    evidences, with_lapses = condition_evidences(pooled, seed)
+    models = ConditionModels(tuple(units), conditions.design(levels), prior)
+    evidences, with_lapses = condition_evidences(models, seed)
     rng = generator(seed, name, "differences")
 
     rows = []
     for quantity, parameters in _PARAMETERS_OF.items():
         log_bf, se = log_bayes_factor(evidences, parameters)
-        answer = log_bf, se, _robust(log_bf, log_bayes_factor(with_lapses, parameters)[0])
+        is_robust = word_of(log_bf) == word_of(log_bayes_factor(with_lapses, parameters)[0])
+        answer = log_bf, se, "yes" if is_robust else "no"
         differing = [evidence for evidence in evidences if evidence.differing & parameters]
-        values = pooled.shared.quantities(_draws(differing, rng, _DRAWS))
+        values = models.quantities(_draws(differing, rng, _DRAWS))
         for level, reference in conditions.comparisons:
             if level in levels and reference in levels:
                 pair = levels.index(level), levels.index(reference)
-                summary = _difference(quantity, values, pair, pooled)
+                summary = _difference(quantity, values, pair, models.shared.scales)
                 comparison = f"{level} - {reference}"
                 rows.append(Difference._make((name, quantity, comparison, *summary, *answer)))
 
-    withheld = []
-    for evidence in evidences:
-        if np.isnan(evidence.log_evidence):
-            names = sorted(parameter.name for parameter in evidence.differing)
-            withheld.append(f"no evidence where these differ: {join_names(names) or 'none'}")
-    x = _draws(evidences, rng, _CURVES)
-    return SubjectContrast(name, tuple(rows), levels, x, tuple(withheld))
+    x = models.in_conditions(_draws(evidences, rng, _CURVES))
+    return SubjectContrast(name, tuple(rows), levels, x)
 
 
 def _difference(
     quantity: str,
     values: NamedArrays,
     pair: tuple[int, int],
-    pooled: ConditionPosterior,
+    scales: StimulusScales,
 ) -> tuple[Any, ...]:
     """Mean, standard deviation, quantiles and direction of a difference between two conditions."""
     level, reference = pair
@@ -415,7 +406,7 @@ def _difference(
     p_direction = None
     if quantity == ORDER_EFFECT:
         # The shift is c - p (s1 - sbar).
-        of_contraction = change["contraction"] * pooled.shared.scales.first_spread
+        of_contraction = change["contraction"] * scales.first_spread
         difference = np.hypot(change["constant_error"], of_contraction)
     else:
         difference = change[QUANTITIES[quantity][1]]
@@ -424,69 +415,46 @@ def _difference(
     return float(difference.mean()), float(difference.std(ddof=1)), *quantiles, p_direction
 
 
-def _robust(log_bf: float | None, log_bf_with_lapses: float | None) -> str:
-    """Whether lapses that differ too leave the word as it is."""
-    if log_bf is None or log_bf_with_lapses is None:
-        return ""
-    return "yes" if word_of(log_bf) == word_of(log_bf_with_lapses) else "no"
-
-
 def condition_evidences(
-    pooled: ConditionPosterior, seed: int
+    models: ConditionModels, seed: int
 ) -> tuple[list[ConditionEvidence], list[ConditionEvidence]]:
-    """Evidence and draws of each set of quantities that may differ, from the pooled posterior.
+    """Evidence and draws of each choice of quantities that may differ.
 
     And the same where the lapse rate and, of same or different, the peak differ too.
     """
-    maxima = find_maxima(cast("SampledPosterior", pooled))
-    starts = maxima.x[maxima.value > maxima.value[0] - _FAR]
-    lapses = [parameter for parameter in pooled.parameters if parameter in (LAPSE_RATE, PEAK)]
     compared = [parameter for parameter, _ in QUANTITIES.values()]
-    evidences, with_lapses = [], []
-    for size in range(len(compared) + 1):
-        for differing in combinations(compared, size):
-            key = frozenset(differing)
-            posterior = replace(pooled, differing=differing)
-            evidences.append(_evidence(key, posterior, starts, seed))
-            posterior = replace(pooled, differing=(*differing, *lapses))
-            with_lapses.append(_evidence(key, posterior, starts, seed))
-    return evidences, with_lapses
+    lapses = [parameter for parameter in models.parameters if parameter in (LAPSE_RATE, PEAK)]
+    sizes = range(len(compared) + 1)
+    choices = list(chain.from_iterable(combinations(compared, size) for size in sizes))
+    all_choices = [*choices, *((*choice, *lapses) for choice in choices)]
+    array = models.array(all_choices)
 
+    # The search starts where nothing differs, which is the first choice.
+    (shared,) = observer_maxima(array.part(np.zeros(1, np.intp)))
+    starts = shared.x[shared.value > shared.value.max() - _FAR]
+    owners = np.repeat(np.arange(len(array)), len(starts))
+    searches = ascend_from(array, owners, np.tile(starts, (len(array), 1)))
 
-def _evidence(
-    differing: frozenset[Parameter], posterior: ConditionPosterior, starts: FloatArray, seed: int
-) -> ConditionEvidence:
-    """Evidence and draws of a posterior; the search starts where nothing differs."""
-    target = cast("SampledPosterior", posterior)
-    names = [parameter.name for parameter in posterior.differing]
-    rng = generator(seed, posterior.subject.name, "contrast", *names)
-    maxima = find_maxima(target, posterior.without_differences(starts))
-    proposal = quick_proposal(target, maxima.x[:1], _laplace_draws(maxima, rng), rng)
-    fitted = with_trusted_draws(proposal, rng)
-    evidence = importance_evidence(fitted)
-    value, se = np.array([evidence.value, evidence.se], np.float64).tolist()  # None becomes NaN
-    return ConditionEvidence(differing, posterior, value, se, fitted.draws)
+    mixtures, generators = [], []
+    for i, choice in enumerate(all_choices):
+        mixtures.append(mixture_of_maxima(searches.part(owners == i), array.is_free[i]))
+        names = [parameter.name for parameter in choice]
+        generators.append(generator(seed, models.subject.name, "contrast", *names))
+    draws = weighted_draws(array, mixtures, generators, np.zeros(len(array), int), _PRECISION)
 
-
-def _laplace_draws(maxima: Maxima, rng: Rng) -> FloatArray:
-    """Draws of the normals at the maxima, by their evidence, (draws, coordinates)."""
-    curvatures, axes = np.linalg.eigh(maxima.curvature)
-    curvatures = np.maximum(curvatures, _LEAST_CURVATURE)
-    log_evidence = maxima.value - 0.5 * np.log(curvatures).sum(axis=1)
-    index = rng.choice(len(log_evidence), _CLOUD, p=softmax(log_evidence))
-    scaled = rng.standard_normal((_CLOUD, maxima.x.shape[1])) / np.sqrt(curvatures[index])
-    return maxima.x[index] + np.einsum("nij,nj->ni", axes[index], scaled)
+    evidences = []
+    for choice, entry in zip(2 * choices, draws, strict=True):
+        evidences.append(ConditionEvidence(frozenset(choice), entry))
+    return evidences[: len(choices)], evidences[len(choices) :]
 
 
 def log_bayes_factor(
     evidences: Sequence[ConditionEvidence], parameters: frozenset[Parameter]
-) -> tuple[float | None, float | None]:
+) -> tuple[float, float]:
     """Log Bayes factor of a difference in any of some parameters against none, and its error."""
     values = np.array([evidence.log_evidence for evidence in evidences])
-    errors = np.array([evidence.se for evidence in evidences])
+    errors = np.array([evidence.draws.standard_error for evidence in evidences])
     differs = np.array([not evidence.differing.isdisjoint(parameters) for evidence in evidences])
-    if np.isnan(values).any():
-        return None, None
     log_odds = logsumexp(values[differs]) - logsumexp(values[~differs])
     log_prior_odds = np.log(differs.sum() / (~differs).sum())
     variance = 0.0
@@ -496,14 +464,9 @@ def log_bayes_factor(
 
 
 def _draws(evidences: Sequence[ConditionEvidence], rng: Rng, size: int) -> FloatArray:
-    """Draws in each condition, (conditions, draws, k), over some sets by their evidence.
-
-    A set without evidence counts as the least probable one.
-    """
+    """Draws over some choices by their evidence, (draws, coordinates)."""
     values = np.array([evidence.log_evidence for evidence in evidences])
-    values = np.nan_to_num(values, nan=-1e300)
     draws = []
     for evidence, count in zip(evidences, rng.multinomial(size, softmax(values)), strict=True):
-        points = evidence.draws.resampled(rng, int(count))
-        draws.append(evidence.posterior.in_conditions(points))
-    return np.concatenate(draws, axis=1)
+        draws.append(evidence.draws.resampled(rng, int(count)))
+    return np.concatenate(draws)

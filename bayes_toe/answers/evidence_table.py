@@ -51,10 +51,6 @@ _COMPARISON_COLUMNS = (
 #: Columns of evidence.csv: the answer, then the paper's comparison.
 EVIDENCE_COLUMNS = (*ANSWER_COLUMNS, *_COMPARISON_COLUMNS, "prior")
 _COUNTS = ("n_pairs", "n_trials")
-_NO_REPLICATES = (
-    "evidence from the bootstrap's covariance left out: the maximum-likelihood fit knows one "
-    "interval only (column isi)"
-)
 
 
 @dataclass(frozen=True)
@@ -181,8 +177,7 @@ def subject_evidence(
     """The row of one subject in the evidence table, from the fit of H1.
 
     `by_bootstrap` is the evidence by Appendix C's recipe with a note on it
-    (:mod:`bayes_toe.classical.fit`), None with intervals; `fit` is None where draws of H1 cannot be
-    trusted.
+    (:mod:`bayes_toe.classical.fit`); `fit` is None where draws of H1 cannot be trusted.
     """
     posterior = cast(PaperPosterior, fitted.proposal.proposal.posterior)
     estimate = cast(Evidence, result.evidence)
@@ -199,8 +194,6 @@ def subject_evidence(
     if by_bootstrap is not None:
         bootstrap, about_bootstrap = by_bootstrap
         notes.append(about_bootstrap)
-    elif is_paper_task:
-        notes.append(_NO_REPLICATES)
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,

@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from bayes_toe.arrays import BoolArray, FloatArray, Rng
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence
-from bayes_toe.model.observer import ObserverPosterior, OrderModel
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, MODEL_PRIOR, ORDER_MODELS
 
 #: Prior probabilities of the four models, in the order of their evidences.
@@ -70,7 +70,7 @@ def averaged_draws(evidence: OrderEvidence, is_included: BoolArray = EVERY_MODEL
         log_weights.append(log_weight - logsumexp(log_weight) + log_model)
     joined = np.concatenate(log_weights)
     weights = np.exp(joined - logsumexp(joined))
-    points = np.concatenate([evidence.draws[i].points for i in selected])
+    points = np.concatenate([evidence.draws[i].x for i in selected])
     return AveragedDraws(evidence, points, weights / weights.sum())
 
 

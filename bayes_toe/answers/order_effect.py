@@ -39,7 +39,8 @@ from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, PairResidual, summarise_fit
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
-from bayes_toe.model.observer import DEFAULT_PRIOR, OrderModel
+from bayes_toe.model.models import OrderModel
+from bayes_toe.model.observer import DEFAULT_PRIOR
 from bayes_toe.model.parameters import CutNormal, ObserverPrior, StandardStudent
 from bayes_toe.seeds import generator
 
@@ -730,7 +731,7 @@ def rescaled_evidences(evidence: OrderEvidence) -> list[FloatArray]:
             for i in np.flatnonzero(models):
                 draws = evidence.draws[i]
                 log_weights = draws.log_weights
-                changed = log_weights + log_ratio(evidence, draws.points, factor)
+                changed = log_weights + log_ratio(evidence, draws.x, factor)
                 values[i] += logsumexp(changed) - logsumexp(log_weights)
             varied.append(values)
     return varied

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import logsumexp
@@ -26,14 +26,11 @@ from bayes_toe.answers.words import Word, word_for
 from bayes_toe.arrays import BoolArray, FloatArray, Rng, StrPath
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
-from bayes_toe.errors import NumericalError
-from bayes_toe.inference.adaptation import quick_proposal, redrawn
-from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.inference.engine import Precision, mixture_of_points, weighted_draws
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
 from bayes_toe.inference.proposal import WeightedDraws
-from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
-from bayes_toe.model.posterior import SampledPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior, require_order
@@ -68,8 +65,9 @@ HISTORY_COLUMNS = (
     "moving_criterion_p",
     "note",
 )
-#: Draws of a proposal: from the posterior without history, fresh ones, and those that figures get.
-_CLOUD, _FRESH, _FIGURE_DRAWS = 500, 2500, 300
+#: Draws from the posterior without history with which a mixture begins, and those of figures.
+_CLOUD, _FIGURE_DRAWS = 500, 300
+_PRECISION = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=6)
 #: Spread of the coordinates of rho and kappa at the start, in prior standard deviations.
 _START_SPREAD = 0.7
 
@@ -93,7 +91,7 @@ class SubjectDependence:
     note : str
         Why there is no result.
     draws : tuple of ndarray
-        Some draws of the model without history and of the best of the four, shape (draws, k).
+        Some draws of the model without history, shape (draws, k), and of the best of the four.
     """
 
     subject: str
@@ -251,20 +249,22 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
         screen=serial_screen(subject, posterior, evidence.modes[MODEL_NAMES.index("both")]),
     )
     order_index = MODEL_NAMES.index(row.order_models[0])
-    log_evidence = np.array([evidence.log_evidence[order_index], np.nan, np.nan, np.nan])
-    standard_error = np.array([evidence.standard_error[order_index], np.nan, np.nan, np.nan])
+    log_evidence = np.empty(len(HISTORIES))
+    standard_error = np.empty(len(HISTORIES))
+    log_evidence[0] = evidence.log_evidence[order_index]
+    standard_error[0] = evidence.standard_error[order_index]
     samples: list[tuple[TrialHistoryPosterior, WeightedDraws]] = []
     for i, name in enumerate(HISTORIES[1:], start=1):
         history = TrialHistoryPosterior(subject, row.history(name), prior)
-        try:
-            draws, log_evidence[i], standard_error[i] = _sample(history, evidence, seed)
-        except NumericalError as error:
-            return SubjectDependence(subject.name, screen=row.screen, note=str(error))
+        draws = _sample(history, evidence, seed)
+        log_evidence[i], standard_error[i] = draws.log_evidence, draws.standard_error
+        if not np.isfinite(log_evidence[i]):
+            note = f"model {history.model.name!r}: its evidence is not a finite number"
+            return SubjectDependence(subject.name, screen=row.screen, note=note)
         samples.append((history, draws))
 
     rng = generator(seed, subject.name, "history draws")
-    static = TrialHistoryPosterior(subject, row.history("static"), prior)
-    static_draws = _without_history(static, evidence, rng, _FIGURE_DRAWS)
+    static_draws = _without_history(row.order_models[0], evidence, rng, _FIGURE_DRAWS)
     best = int(np.argmax(log_evidence))
     best_draws = static_draws
     if best:
@@ -288,36 +288,26 @@ def _order_models(evidence: OrderEvidence) -> tuple[str, str]:
     return likeliest, max(("contraction", "both"), key=log_evidence.__getitem__)
 
 
-def _without_history(
-    posterior: TrialHistoryPosterior, evidence: OrderEvidence, rng: Rng, size: int
-) -> FloatArray:
-    """Draws of the posterior's order model, (size, k), by their importance weights."""
-    draws = evidence.draws[MODEL_NAMES.index(posterior.model.order.name)]
-    weights = np.exp(draws.log_weights - draws.log_weights.max())
-    chosen = rng.choice(len(weights), size, p=weights / weights.sum())
-    return draws.points[chosen][:, posterior.observer.is_free]
+def _without_history(order_model: str, evidence: OrderEvidence, rng: Rng, size: int) -> FloatArray:
+    """Draws of an order model, (size, k), by their importance weights."""
+    draws = evidence.draws[MODEL_NAMES.index(order_model)]
+    return draws.resampled(rng, size)
 
 
-def _sample(
-    posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
-) -> tuple[WeightedDraws, float, float]:
-    """Fresh draws of a fixed proposal, the log evidence and its standard error.
+def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int) -> WeightedDraws:
+    """Fresh draws of a fixed mixture.
 
-    The proposal begins with draws of the model without history, and rho and kappa about the middle
+    The mixture begins with draws of the model without history, and rho and kappa about the middle
     of their prior.
     """
     rng = generator(seed, posterior.subject.name, posterior.model.name, "history")
-    of_order = _without_history(posterior, evidence, rng, _CLOUD)
-    n_history = len(posterior.coordinates) - of_order.shape[1]
+    of_order = _without_history(posterior.model.order.name, evidence, rng, _CLOUD)
+    n_history = len(posterior.model.effects)
     of_history = _START_SPREAD * rng.standard_normal((_CLOUD, n_history))
     cloud = np.concatenate([of_order, of_history], axis=1)
-    # A quick proposal looks for no maxima, so that it asks for no gradient.
-    target = cast(SampledPosterior, posterior)
-    fitted = redrawn(quick_proposal(target, cloud.mean(axis=0)[None], cloud, rng), rng, _FRESH)
-    result = importance_evidence(fitted)
-    if result.value is None or result.se is None:
-        raise NumericalError(f"model {posterior.model.name!r}: {result.why_not}")
-    return fitted.draws, result.value, result.se
+    mixture = mixture_of_points(cloud, posterior.array.is_free[0])
+    (draws,) = weighted_draws(posterior.array, [mixture], [rng], np.zeros(1, int), _PRECISION)
+    return draws
 
 
 def _quantiles(

@@ -35,7 +35,7 @@ from scipy.special import chdtrc
 from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.checks.alarm_rate import simulated_p_value
 from bayes_toe.data.study import Subject
-from bayes_toe.model.observer import ObserverPosterior
+from bayes_toe.model.models import ObserverPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, task_parameters
 from bayes_toe.model.trial_history import TrialSequence, knows_order
 from bayes_toe.seeds import generator
@@ -96,11 +96,10 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
 
     A constant error shifts s2 - s1 the other way, so that its slope is this one turned round.
     """
-    batch = posterior.batch
-    _, yes_slopes, no_slopes = batch.answer_slopes(posterior.full_points(point))
+    _, yes_slopes, no_slopes = posterior.rows.answer_slopes(posterior.full_points(point))
     coordinate = task_parameters(posterior.subject.task).index(CONSTANT_ERROR)
     in_constant_error = (yes_slopes - no_slopes)[0, 0, coordinate]
-    return -in_constant_error / batch.prior.constant_error_scale
+    return -in_constant_error / posterior.prior.constant_error_scale
 
 
 def _scores(subject: Subject, slopes: FloatArray) -> ArrayPair:

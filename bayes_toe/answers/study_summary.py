@@ -228,10 +228,7 @@ def describe_pair(pair: PairResidual, unit: StimulusUnit = UNKNOWN_UNIT) -> str:
     --------
     >>> describe_pair(PairResidual(3.688879, 3.296837, 0.95, 0.7))
     "(3.69, 3.3): 'equal' in 95 %, expected 70 %"
-    >>> describe_pair(PairResidual(0.0, 0.5, 0.4, 0.2, isi=1.5))
-    "(0, 0.5) at 1.5 s: 'equal' in 40 %, expected 20 %"
     """
-    interval = "" if pair.isi is None else f" at {pair.isi:g} s"
     observed, expected = 100.0 * pair.observed, 100.0 * pair.expected
     response = f"{pair.answer!r} in {observed:.0f} %, expected {expected:.0f} %"
-    return f"({unit.describe(pair.s1)}, {unit.describe(pair.s2)}){interval}: {response}"
+    return f"({unit.describe(pair.s1)}, {unit.describe(pair.s2)}): {response}"

@@ -5,7 +5,7 @@ const LARGEST = 64 * 2 ** 20; // bytes, as in server.py
 const MOST_PAIRS = 200;
 const MOST_NAMES = 5;
 const TEXTS = ["reference", "sheet", "encoding", "wide"];
-const OPTIONAL = ["condition", "isi", "session", "block", "trial", "iti"];
+const OPTIONAL = ["condition", "session", "block", "trial", "iti"];
 const STIMULI = {
   log: ["s1", "s2"], intensity: ["i1", "i2"],
   standard: ["standard", "comparison"], standard_intensity: ["standard", "comparison"],
@@ -15,7 +15,7 @@ const ROLES = {
   subject: "subject", s1: "first stimulus", s2: "second stimulus", i1: "first stimulus", i2: "second stimulus",
   standard: "standard", comparison: "comparison", response: "response", correct: "right or wrong",
   n_second: "number of 'second'", n_equal: "number of 'equal'", n_trials: "number of trials",
-  condition: "condition", isi: "seconds between the stimuli", session: "session", block: "block",
+  condition: "condition", session: "session", block: "block",
   trial: "number of the trial", iti: "seconds since the previous trial",
 };
 const MEANINGS = {
@@ -543,11 +543,10 @@ function showStudy() {
   }
   const task = study.answer === "equal" ? "same or different" : "which was stronger (2AFC)";
   $("#summary").textContent = `Read: ${study.subjects} ${study.subjects === 1 ? "subject" : "subjects"}${study.units > study.subjects ? " in several conditions" : ""}, ${study.trials.toLocaleString("en")} trials, ${task}. ${capital(study.notes[0])}.`;
-  const isi = study.pairs.some(([pair]) => pair.length > 2);
   const head = element("tr");
   const isRaw = hasIntensities(stimuliKind(job.options));
   const ln = study.unit || isRaw ? "" : " (ln)";
-  for (const text of [`first${ln}`, `second${ln}`, ...(isi ? ["interval, s"] : []), "second is stronger by", "trials", `'${study.answer}'`]) {
+  for (const text of [`first${ln}`, `second${ln}`, "second is stronger by", "trials", `'${study.answer}'`]) {
     head.append(element("th", text, { class: "number" }));
   }
   $("#pairs thead").replaceChildren(head);

@@ -100,10 +100,7 @@ def _roles(names: Sequence[str], options: bt.ReadOptions) -> dict[str, str]:
 def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
     """The pairs with their counts, notes of reading, and findings with what to do about them."""
     all_trials = pooled(tuple(study))
-    keys = [all_trials.s1, all_trials.s2]
-    if all_trials.isi is not None:
-        keys.append(all_trials.isi)
-    pairs = list(zip(*(key.tolist() for key in keys), strict=True))
+    pairs = all_trials.pairs
     n_yes, n_trials = all_trials.n_yes.tolist(), all_trials.n_trials.tolist()
     return {
         "answer": study.task.yes,
@@ -111,7 +108,7 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
         "units": len(study),  # subjects in conditions
         "trials": all_trials.total_trials,
         "pairs": list(zip(pairs, n_yes, n_trials, strict=True)),
-        "stimuli": [[*map(study.unit.describe, pair[:2])] for pair in pairs],
+        "stimuli": [[*map(study.unit.describe, pair)] for pair in pairs],
         "unit": study.unit.of_stimuli,
         "notes": study.notes,
         "findings": [_describe_finding(finding) for finding in findings],

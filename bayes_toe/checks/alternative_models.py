@@ -22,7 +22,8 @@ from bayes_toe.data.responses import response_trend
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
 from bayes_toe.errors import NumericalError
-from bayes_toe.inference.order_evidence import MODEL_NAMES, Precision, order_evidence
+from bayes_toe.inference.engine import Precision
+from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.model.parameters import MODEL_PRIOR
 
 _SEED = 0  # the same alarms for the same study

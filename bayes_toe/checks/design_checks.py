@@ -20,7 +20,6 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.checks.answer_checks import Finding, check_answers
 from bayes_toe.checks.identification import (
     CRITERION_NOTE,
-    DELAYS_NOTE,
     identify,
 )
 from bayes_toe.data.answers import Reading
@@ -46,7 +45,6 @@ NOTES = frozenset({"columns_ignored", "criterion"})
 
 _NOTE_CODES = {
     CRITERION_NOTE: "criterion",
-    DELAYS_NOTE: "delays",
 }
 _MOST_PAIRS_SHOWN = 3
 _SELECTORS = (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
@@ -185,11 +183,10 @@ def _range_of(levels: FloatArray, unit: StimulusUnit, has_intensities: bool) -> 
 
 
 def _columns(reading: Reading) -> Iterator[Finding]:
-    for ours in ("isi", *LOOKED_AT):
+    for ours in LOOKED_AT:
         alike = [name for name in reading.ignored if looks_like(name, ours)]
         if alike and ours not in reading.read:
-            unit = " (seconds)" if ours == "isi" else ""
-            message = f"Column {display_name(alike[0])} looks like {ours}{unit}, but it is ignored."
+            message = f"Column {display_name(alike[0])} looks like {ours}, but it is ignored."
             option = f"--columns {ours}={display_name(alike[0])}"
             yield Finding("", "column_alike", message, option)
     for name in reading.pooled:
@@ -201,23 +198,19 @@ def _columns(reading: Reading) -> Iterator[Finding]:
 
 
 def _times(study: Study) -> Iterator[Finding]:
-    """Times that were probably meant in milliseconds.
-
-    Those are the longest interval, and the median pause, since days may lie between sessions.
-    """
+    """A median pause that was probably meant in milliseconds; days may lie between sessions."""
     pauses = np.zeros(0)
     for subject in study:
         if subject.answers is not None and subject.answers.iti is not None:
             pauses = np.append(pauses, subject.answers.iti)
     pauses = pauses[~np.isnan(pauses)]
     pause = float(np.median(pauses)) if len(pauses) else 0.0
-    longest = max(study.intervals, default=0.0)
-    message = "Column {} s. If these are milliseconds, divide the column by 1000."
-    if longest >= _LONG:
-        text = message.format(f"isi has intervals up to {longest:g}")
-        yield Finding("", "long_intervals", text)
     if pause >= _LONG:
-        yield Finding("", "long_pauses", message.format(f"iti has pauses of {pause:g} (median)"))
+        message = (
+            f"Column iti has pauses of {pause:g} (median) s. If these are milliseconds, divide the "
+            "column by 1000."
+        )
+        yield Finding("", "long_pauses", message)
 
 
 # --- Names ---------------------------------------------------------------------------------------
@@ -317,7 +310,7 @@ def _once_for_all(study: Study, names: Sequence[str], code: str, message: str) -
 
 
 def _one_order(subject: Subject) -> Iterator[Finding]:
-    """A few pairs in one order among others that were shown in both, at whatever interval."""
+    """A few pairs in one order among others that were shown in both."""
     presented = set(subject.pairs)
     lone = [
         pair for pair in sorted(presented) if pair[0] != pair[1] and pair[::-1] not in presented

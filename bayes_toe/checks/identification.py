@@ -18,7 +18,7 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task
-from bayes_toe.model.observer import ObserverPosterior, OrderModel
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
 QUESTIONS = ("order_effect", "constant_error", "contraction")
@@ -37,7 +37,6 @@ ONE_FIRST_STIMULUS = (
 ONE_LINE = "s2 is a linear function of s1, so a contraction looks like noise and a constant error"
 IMITATION = "these pairs cannot distinguish a contraction from noise that changes with intensity"
 CRITERION_NOTE = "in 2AFC, a constant error and a response bias predict the same responses"
-DELAYS_NOTE = "the four models ignore the delays (isi); analyse the delays as a condition"
 
 
 @dataclass(frozen=True)
@@ -89,15 +88,11 @@ def identify(subject: Subject) -> Identification:
     notes = []
     if subject.task == WHICH_STRONGER:
         notes.append(CRITERION_NOTE)
-    if len(subject.intervals) > 1:
-        notes.append(DELAYS_NOTE)
     order = _order_sign(subject.s1, subject.s2)
     reason = _no_question(subject, order)
     if reason:
         return Identification(False, False, False, dict.fromkeys(QUESTIONS, reason), tuple(notes))
-    columns = [subject.s1, subject.s2, subject.n_trials]
-    if subject.isi is not None:
-        columns.append(subject.isi)
+    columns = (subject.s1, subject.s2, subject.n_trials)
     reason = _no_contraction(subject.task, subject.shared_scales, *map(tuple, columns))
     if reason:
         return Identification(True, True, False, {"contraction": reason}, tuple(notes))
@@ -128,11 +123,11 @@ def _no_contraction(
 ) -> str:
     """The reason why only a constant error can be identified; empty if a contraction can too.
 
-    The columns are s1, s2, n_trials and, with intervals, isi. The subjects of a study often have
-    the same ones, so that one answer serves them all.
+    The columns are s1, s2 and n_trials. The subjects of a study often have the same ones, so that
+    one answer serves them all.
     """
-    s1, s2, n_trials, *isi = map(np.array, columns)
-    pairs = Subject("pairs", s1, s2, np.zeros_like(n_trials), n_trials, *isi, task=task)
+    s1, s2, n_trials = map(np.array, columns)
+    pairs = Subject("pairs", s1, s2, np.zeros_like(n_trials), n_trials, task=task)
     subject = replace(pairs, shared_scales=shared_scales)
     stimuli = np.column_stack([subject.s1, subject.s2])
     offsets = stimuli - stimuli.mean(axis=0)
@@ -189,8 +184,8 @@ def contraction_information(subject: Subject) -> float:
     quantities = {parameter.name: np.asarray(parameter.typical) for parameter in PARAMETERS}
     quantities[NOISE.name] = quantities[NOISE.name] * posterior.scales.step
     point = posterior.full_points(posterior.points(quantities)[None])
-    information = posterior.batch.scoring(point)[2][0, 0] * TYPICAL_TRIALS / subject.total_trials
-    curvature = posterior.batch.prior_slopes(point)[1][0, 0]
+    information = posterior.rows.scoring(point)[2][0, 0] * TYPICAL_TRIALS / subject.total_trials
+    curvature = posterior.array.prior_slopes(point)[1][0, 0]
     other_coordinates = information[:-1, :-1] + np.diag(curvature[:-1])
     shared = information[-1, :-1]
     return float(information[-1, -1] - shared @ np.linalg.solve(other_coordinates, shared))

@@ -40,7 +40,6 @@ from bayes_toe.data.study import (
     Study,
     Subject,
     pairs_in_both_orders,
-    refuse_intervals,
     require_study,
 )
 from bayes_toe.data.tables import SubjectTable
@@ -122,16 +121,12 @@ class SubjectAsymmetry:
         By (s_weak, s_strong); empty where no pair was presented in both orders.
     n_one_order : int
         Pairs of different stimuli left out because they were presented in one order only.
-    pooled : bool
-        False for a subject with intervals (column isi), whose pairs are not pooled over them: there
-        are no comparisons then.
     """
 
     subject: str
     accuracy: float
     comparisons: tuple[Comparison, ...]
     n_one_order: int
-    pooled: bool = True
 
     @property
     def maximal(self) -> Comparison | None:
@@ -163,12 +158,12 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         """Notes on the pairs that were presented in one order only."""
         notes = []
         for row in self.rows:
-            if row.pooled and not row.comparisons:
+            if not row.comparisons:
                 notes.append(
                     f"{row.subject}: no pair of different stimuli was presented in both orders; "
                     "its asymmetry cannot be observed"
                 )
-            elif row.pooled and row.n_one_order:
+            elif row.n_one_order:
                 pairs = "pair was" if row.n_one_order == 1 else "pairs were"
                 notes.append(
                     f"{row.subject}: {row.n_one_order} {pairs} presented in one order only "
@@ -230,8 +225,7 @@ def asymmetry(study: Study) -> AsymmetryTable:
     Raises
     ------
     InputError
-        If no subject met a pair of different stimuli in both orders, or the study has intervals
-        (column isi).
+        If no subject met a pair of different stimuli in both orders.
 
     Examples
     --------
@@ -241,7 +235,6 @@ def asymmetry(study: Study) -> AsymmetryTable:
     (0.25, 0.0073, 0.9963)
     """
     require_study(study)
-    refuse_intervals(study, "asymmetry")
     table = asymmetry_table(study)
     if not table.has_comparison:
         raise InputError(
@@ -260,7 +253,7 @@ def asymmetry_table(study: Study) -> AsymmetryTable:
 def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     """Asymmetries of one subject.
 
-    There is no comparison if no pair was presented in both orders, or with intervals.
+    There is no comparison if no pair was presented in both orders.
     """
     weak_rows, strong_rows = pairs_in_both_orders(subject).T
     n_wrong = subject.task.wrong(subject.s2 - subject.s1, subject.n_yes, subject.n_trials)
@@ -281,14 +274,9 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     columns = (*stimuli, *weak, *strong, *frequencies, *test, is_maximal)
     lists = [column.tolist() for column in columns]
     comparisons = tuple(Comparison(subject.name, *values) for values in zip(*lists, strict=True))
-    is_pooled = subject.isi is None
-    n_one_order = 0
-    if is_pooled:
-        different = {frozenset(pair) for pair in subject.pairs if pair[0] != pair[1]}
-        n_one_order = len(different) - len(comparisons)
-    return SubjectAsymmetry(
-        subject.name, accuracy(subject), comparisons, n_one_order, pooled=is_pooled
-    )
+    different = {frozenset(pair) for pair in subject.pairs if pair[0] != pair[1]}
+    n_one_order = len(different) - len(comparisons)
+    return SubjectAsymmetry(subject.name, accuracy(subject), comparisons, n_one_order)
 
 
 #: Most trials n1 + n2 of Boschloo's test, which takes 6 ms at 100 and 25 ms at 150; beyond it,

@@ -22,7 +22,7 @@ import pandas as pd
 
 from bayes_toe.arrays import FloatArray, IntArray, Rng
 from bayes_toe.classical.maximum_likelihood import MaximumLikelihoodFits, fit_counts
-from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
+from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, require_kind, require_share
@@ -325,7 +325,7 @@ def fit(
     ------
     InputError
         If `replicates` or `workers` is less than 1, `level` not between 0 and 1, `seed` not a whole
-        number from 0 to 2**63 - 1, or the study has intervals (column isi).
+        number from 0 to 2**63 - 1.
 
     Examples
     --------
@@ -338,7 +338,6 @@ def fit(
     if replicates < 1:
         raise InputError(f"replicates={replicates} must be at least 1")
     require_study(study)
-    refuse_intervals(study, "maximum-likelihood fit")
     root, penalty = root_seed(seed), prior_for(study, prior)
     jobs = [
         partial(subject_fit, subject, penalty, seed=root, replicates=replicates)

@@ -32,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, IntArray
-from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import TASKS, Task
 from bayes_toe.inference.maxima import Ascent, Differenced, ascend
 from bayes_toe.inference.prediction import Predictor
@@ -241,7 +241,7 @@ class MaximumLikelihoodFits:
 def fit_counts(
     subject: Subject, prior: Prior = DEFAULT, n_yes: npt.ArrayLike | None = None
 ) -> MaximumLikelihoodFits:
-    """Fit counts, (rows, pairs), over a subject's pairs at one interval, by default its own.
+    """Fit counts, (rows, pairs), over a subject's pairs, by default its own.
 
     The prior's normal of mu1 is the penalty.
 
@@ -252,7 +252,6 @@ def fit_counts(
     >>> fits.at_edge, bool(fits.arrived[0])
     (('q0=1',), True)
     """
-    refuse_intervals([subject], "maximum-likelihood fit")
     posterior = paper_posterior(subject, prior)
     posterior = replace(posterior, centre=posterior.sbar)
     counts = np.atleast_2d(np.asarray(subject.n_yes if n_yes is None else n_yes))

@@ -396,7 +396,6 @@ def simulate(
     design: Annotated[
         str, option("--design", "NAME", "Pairs: reference, full, or a CSV.")
     ] = "reference",
-    isi: Annotated[Text, rare("--isi", "N,N", "Inter-stimulus intervals, s.")] = None,
     observers: PopulationOptions,
     context: Annotated[RunContext, "seed", "overwrite"],
 ) -> None:
@@ -419,7 +418,7 @@ def simulate(
     files = [output] if truth_output is None else [output, truth_output]
     context.require_files(*files)
     seed = root_seed(context.seed)
-    pairs = make_batch_design(design, amplitudes, batches, isi)
+    pairs = make_batch_design(design, amplitudes, batches)
     question = task_of(observers.question)
     simulated = draw_population(observers.population, observers.subjects, seed, pairs, question)
     trials = simulate_trials(

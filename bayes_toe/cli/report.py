@@ -67,7 +67,6 @@ from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tab
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
 from bayes_toe.data.messages import (
     capitalized,
-    describe_intervals,
     describe_p_value,
     format_p_value,
     join_names,
@@ -267,7 +266,7 @@ def _findings(analysis: Analysis, findings: Sequence[Finding]) -> Record:
 
 def _context(analysis: Analysis, facts: Facts) -> Record:
     """The values that all pages of the report share."""
-    study, prior, draws = analysis.study, analysis.settings.prior, analysis.draws
+    study, draws = analysis.study, analysis.draws
     return {
         "study": study,
         "facts": facts,
@@ -283,8 +282,6 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
         "glossary": GLOSSARY,
         "trust": _trust(analysis),
         "misfits": _misfit_figure(analysis),
-        "reference": f"{prior.reference_interval or 1.0:g} s",
-        "intervals": describe_intervals(study.intervals) if study.intervals else "",
         "settings": _settings(analysis),
         "texts": {
             "curves": CURVES[study.task],

@@ -73,9 +73,7 @@ def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -
     """Read the true values of each subject, which figures mark.
 
     The file has a column subject and one for each quantity that is known. Unknown values are empty.
-    With intervals the file has sigma_p per square root of a second, as `simulate` writes it; the
-    result has it for the reference interval of the draws. An InputError is raised if no subject has
-    a true value of a quantity of the draws.
+    An InputError is raised if no subject has a true value of a quantity of the draws.
     """
     from bayes_toe.data.validation import read_numbers
 
@@ -83,9 +81,6 @@ def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -
     for loaded in draws:
         quantities |= dict.fromkeys(loaded.posterior(loaded.names[0]).names.all)
     names, columns = read_numbers(path, (), "subject", optional=list(quantities), gaps=True)
-    interval = next((loaded.prior.reference_interval for loaded in draws if loaded.intervals), None)
-    if interval is not None and "sigma_p" in columns:
-        columns["sigma_p"] = columns["sigma_p"] * interval**0.5
     truth: dict[str, dict[str, float]] = {name: {} for name in names}
     for key, column in columns.items():
         for name, value in zip(names, column.tolist(), strict=True):

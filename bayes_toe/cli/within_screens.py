@@ -37,8 +37,6 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
     for name, reason in table.left_out.items():
         if name not in table.failed:
             notes.append((name, f"Not compared: {reason}.", ""))
-    for subject in table.subjects:
-        notes += [(subject.subject, note, "") for note in subject.notes]
     out.notes(notes, "-", file=file)
 
 
@@ -54,7 +52,7 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
         label = (row.subject, row.comparison)
         first_cells = ["", ""] if label == label_before else [*label]
         label_before = label
-        word, size = row.short_word or "-", "-"
+        word, size = row.short_word, "-"
         if row.short_word not in ("no", "probably not"):
             size = row.size(table.unit)
         if row.robust == "no":

@@ -19,8 +19,6 @@ from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.validation import LARGEST_COUNT
 from bayes_toe.errors import InputError
 
-KEYS = ("s1", "s2", "isi")  # what makes a pair
-
 
 @dataclass(frozen=True, eq=False)
 class Answers:
@@ -28,9 +26,8 @@ class Answers:
 
     Parameters
     ----------
-    keys : array, shape (rows, 2 or 3)
-        The pair of each row: s1 and s2 (natural-log intensities), and isi (seconds) where the study
-        has intervals.
+    keys : array, shape (rows, 2)
+        The pair of each row: s1 and s2 (natural-log intensities).
     n_yes, n_trials : array of int, shape (rows,)
         The answers that the task counts and all answers, of which a trial has one, or none where
         nobody answered in time.
@@ -73,10 +70,9 @@ class Answers:
         rows = np.flatnonzero(self.n_trials)
         rows = rows[np.lexsort(self.keys[rows].T[::-1])]
         starts = run_starts(*self.keys[rows].T)
-        counts = (
-            np.add.reduceat(count[rows], starts) if len(starts) else count[rows]
-            for count in (self.n_yes, self.n_trials)
-        )
+        counts = np.stack([self.n_yes[rows], self.n_trials[rows]])
+        if len(starts):
+            counts = np.add.reduceat(counts, starts, axis=1)
         return [*counts, *self.keys[rows[starts]].T]
 
     @property
@@ -153,16 +149,10 @@ class Reading:
 
 
 def counted_rows(
-    name: str, keys: Sequence[npt.ArrayLike | None], n_yes: npt.ArrayLike, n_trials: npt.ArrayLike
+    name: str, keys: Sequence[npt.ArrayLike], n_yes: npt.ArrayLike, n_trials: npt.ArrayLike
 ) -> Answers:
-    """Rows of stimuli and, where there are some, intervals, with counts within what can be counted.
-
-    All of one length.
-    """
-    counts = {
-        key: np.asarray(values).ravel()
-        for key, values in (("n_yes", n_yes), ("n_trials", n_trials))
-    }
+    """Rows of stimuli with counts within what can be counted, all of one length."""
+    counts = {"n_yes": np.asarray(n_yes).ravel(), "n_trials": np.asarray(n_trials).ravel()}
     for key, values in counts.items():
         if values.dtype.kind not in "iuf" or np.any(
             values != np.floor(values)
@@ -176,15 +166,12 @@ def counted_rows(
                 "exact)"
             )
     try:
-        columns = [np.asarray(key, np.float64).ravel() for key in keys if key is not None]
+        columns = [np.asarray(key, np.float64).ravel() for key in keys]
     except (TypeError, ValueError) as error:
-        raise InputError(f"subject {name!r}: s1, s2 and isi must be numbers ({error})") from error
-    k, n = (values.astype(np.int64) for values in counts.values())
+        raise InputError(f"subject {name!r}: s1 and s2 must be numbers ({error})") from error
+    k, n = counts["n_yes"].astype(np.int64), counts["n_trials"].astype(np.int64)
     if any(len(values) != len(k) for values in (*columns, n)):
-        raise InputError(
-            f"subject {name!r}: {', '.join(KEYS[: len(columns)])}, n_yes and n_trials must be of "
-            "one length"
-        )
+        raise InputError(f"subject {name!r}: s1, s2, n_yes and n_trials must be of one length")
     if np.any(
         (k < 0) | (k > n)
     ):  # before repeated pairs are added up, where two wrongs could cancel

@@ -429,9 +429,6 @@ def _answer_roles(names: Sequence[str], options: ReadOptions) -> list[str]:
 def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]:
     """Our names of the columns that a table may have."""
     has_condition = bool(options.condition) or options.name("condition") in names
-    is_condition = has_condition and options.name("isi") == options.name("condition")
-    if options.name("isi") in names and not is_condition:
-        yield "isi"
     if has_condition:
         yield "condition"
     # No inference reads block and trial: twice there, or named as something else, they are ignored.

@@ -24,7 +24,6 @@ MAX_LINES = 10
 #: Scripts of a page, without those that hold data.
 _SCRIPT = re.compile(r'<script(?: type="text/javascript")?>(.*?)</script>', re.DOTALL)
 _LONGEST_SHOWN = 40
-_MOST_INTERVALS = 8  # listed one by one
 #: Why repeated trials matter.
 TWICE = "repeated trials make intervals too narrow"
 #: Rows that a notebook shows; the rest is counted.
@@ -129,15 +128,6 @@ def name_from_key(name: object) -> str:
 def cli_argument(name: str, blocks: Sequence[str] = ()) -> str:
     """A subject, or blocks of a subject, as they are typed after --swap and --exclude."""
     return shlex.quote(f"{name}:{','.join(blocks)}" if blocks else name)
-
-
-def describe_intervals(intervals: Sequence[float]) -> str:
-    """Intervals as notes and messages show them."""
-    if not intervals:
-        return "none"
-    if len(intervals) > _MOST_INTERVALS:
-        return f"{len(intervals)} from {intervals[0]:g} to {intervals[-1]:g} s"
-    return ", ".join(f"{isi:g}" for isi in intervals) + " s"
 
 
 def as_html(caption: str, frame: pd.DataFrame, rows: int | None = None) -> str:

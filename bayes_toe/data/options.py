@@ -22,7 +22,7 @@ from bayes_toe.errors import InputError
 COLUMNS = (
     *("subject", "s1", "s2", "i1", "i2", "standard", "comparison", "response"),
     *("n_equal", "n_second", "n_trials"),
-    *("isi", "session", "block", "trial", "iti", "condition"),
+    *("session", "block", "trial", "iti", "condition"),
 )
 #: Columns by which counts are no other: which trial came after which, for a look before answers are
 #: pooled and for models of history.
@@ -66,9 +66,9 @@ class ReadOptions:
         Texts in the column of responses that say that nobody responded; with `correct`, in columns
         of keys and reaction times, too.
     ignore : str or sequence of str
-        Columns isi, session, block, trial, iti or condition that are not read although they are
-        there; without isi pairs are pooled over the intervals. With "practice", rows that are
-        marked as practice are read.
+        Columns session, block, trial, iti or condition that are not read although they are there.
+        With "isi", checks do not remark that answers at all intervals are pooled. With "practice",
+        rows that are marked as practice are read.
     where : mapping of str to str
         Columns of the file to the exact text that a row must have there to be read, for files in
         which not every row is a trial.
@@ -78,7 +78,7 @@ class ReadOptions:
         too.
     condition : str, optional
         The column of a condition that differs within subjects; by default one that is called
-        condition, where there is one. With "isi" intervals are levels, and no longer times.
+        condition, where there is one.
     reference : str, optional
         The level with which others are compared; by default the first one, sorted.
     categorical : bool
@@ -229,6 +229,10 @@ class ReadOptions:
 
     def _name_problems(self) -> Iterator[str]:
         """Problems of the names of columns and files, a line each."""
+        if "isi" in self.columns:
+            interval = quoted(f"isi={self.columns['isi']}")
+            yield f"--columns: found {interval}, allowed: --condition {self.columns['isi']}"
+            return
         for ours, name in self.columns.items():
             if ours not in COLUMNS or not name:
                 finding = quoted(f"{ours}={name}")

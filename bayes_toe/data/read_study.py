@@ -39,7 +39,7 @@ from bayes_toe.data.layouts import (
     stimulus_logs,
     with_pairs,
 )
-from bayes_toe.data.messages import describe_intervals, display_name, join_names, plural, quoted
+from bayes_toe.data.messages import display_name, join_names, plural, quoted
 from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
@@ -81,7 +81,6 @@ from bayes_toe.data.validation import (
     empty,
     has_shares,
     number,
-    numbers,
     read_numbers,
     require_numbers,
     require_texts,
@@ -120,14 +119,13 @@ def read_study(
 
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same), or 'second'
     or 'first' (also s2/s1, 2nd/1st), which decides the task; numbers do not. Counts:
-    ``subject,s1,s2,n_equal,n_trials``, or ``n_second``. s1 and s2 are natural-log intensities. A
-    column ``isi`` is the inter-stimulus interval in seconds. The same stimuli at another interval
-    are another pair. Columns ``trial`` (numbers, over all trials or within each block or session),
-    ``block`` and ``session`` (any text) and ``iti`` (seconds since the trial before) change no
-    count. Checks of the responses and models of serial dependence use them. These models also use
-    trials without an answer. A column ``condition`` (or another one that the options name) makes
-    each subject at each of its levels a unit, ``S01@left``; see :mod:`bayes_toe.data.conditions`.
-    Other columns are ignored.
+    ``subject,s1,s2,n_equal,n_trials``, or ``n_second``. s1 and s2 are natural-log intensities.
+    Columns ``trial`` (numbers, over all trials or within each block or session), ``block`` and
+    ``session`` (any text) and ``iti`` (seconds since the trial before) change no count. Checks of
+    the responses and models of serial dependence use them. These models also use trials without an
+    answer. A column ``condition`` (or another one that the options name) makes each subject at each
+    of its levels a unit, ``S01@left``; see :mod:`bayes_toe.data.conditions`. Other columns are
+    ignored.
 
     Parameters
     ----------
@@ -150,8 +148,8 @@ def read_study(
     ------
     InputError
         If a file cannot be used: one line per problem, ten at most, with row and column. If there
-        is no file, a file is given twice, only some files have intervals, or the answers are to two
-        tasks. If 'second' is rarer the larger s2 - s1 is, in the whole study.
+        is no file, a file is given twice, or the answers are to two tasks. If 'second' is rarer the
+        larger s2 - s1 is, in the whole study.
 
     Examples
     --------
@@ -279,9 +277,9 @@ class _Rows:
 
     Columns by our names, and the keys of each row's pair, NaN where a cell cannot be read.
 
-    The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a
-    column. `stimuli` are the numbers in the columns of stimuli: s1 and s2, or the standard and the
-    comparison. `rounding` says which of them differed by rounding only.
+    The keys are s1 and s2 (natural-log intensities). `stimuli` are the numbers in the columns of
+    stimuli: s1 and s2, or the standard and the comparison. `rounding` says which of them differed
+    by rounding only.
     """
 
     table: TextTable
@@ -295,9 +293,7 @@ class _Rows:
     @property
     def key_columns(self) -> list[Column]:
         """The columns of the keys."""
-        return [
-            self.columns[ours] for ours in (*self.options.stimuli, "isi") if ours in self.columns
-        ]
+        return [self.columns[ours] for ours in self.options.stimuli]
 
     @property
     def subject(self) -> Column:
@@ -337,28 +333,21 @@ class _Rows:
         ]
 
     def require_pairs(self, asked: BoolArray) -> None:
-        """Note subjects without a name, stimuli and intervals without a number, in these rows."""
-        positive = "a positive finite number"
+        """Note subjects without a name, and stimuli without a number, in these rows."""
         for ours in ("subject", "condition"):
             if ours in self.columns:
                 require_texts(self.table, self.columns[ours], asked)
         if self.order.column is not None:
             self.table.fault(self.order.column, asked & self.order.is_unknown, ALLOWED_INTERVALS)
-        for column, values in zip(self.key_columns[:2], self.stimuli, strict=True):
+        for column, values in zip(self.key_columns, self.stimuli, strict=True):
             require_numbers(
                 self.table,
                 column,
                 asked & np.isnan(values),
-                positive if self.options.has_intensities else "a finite number",
-            )
-        for column, values in zip(self.key_columns[2:], self.keys[2:], strict=True):
-            self.table.fault(
-                column,
-                asked & np.isnan(values),
-                f"{positive} of seconds, in every row or no such column",
+                "a positive finite number" if self.options.has_intensities else "a finite number",
             )
         if self.options.unit is None and not self.options.has_intensities:
-            require_logs(self.table, self.key_columns[:2], self.stimuli, asked)
+            require_logs(self.table, self.key_columns, self.stimuli, asked)
 
     def layout(self, form: str, answers: str) -> list[str]:
         """Notes of how the table is written and read.
@@ -373,21 +362,17 @@ class _Rows:
         if table.decimal_comma and any("," in text for text in texts):
             parts.insert(-1, "decimal comma")
         notes = [", ".join(parts), *table.notes]
-        notes += [
-            f"only rows with {display_name(text)} in column {display_name(name)}"
-            for name, text in options.where.items()
-        ]
-        notes += [
-            f"column {display_name(theirs)} read as {ours}"
-            for ours, theirs in options.columns.items()
-            if theirs != ours and ours in self.columns
-        ]
-        names = map(options.name, options.ignore)
-        ignored = [display_name(name) for name in names if name in table.names]
-        notes += [f"column {name} not read, as --ignore has it" for name in ignored]
+        for name, text in options.where.items():
+            notes.append(f"only rows with {display_name(text)} in column {display_name(name)}")
+        for ours, theirs in options.columns.items():
+            if theirs != ours and ours in self.columns:
+                notes.append(f"column {display_name(theirs)} read as {ours}")
+        for name in map(options.name, options.ignore):
+            if name in table.names:
+                notes.append(f"column {display_name(name)} not read, as --ignore has it")
         unit = options.unit_in_words
         if unit:
-            for column in self.key_columns[:2]:
+            for column in self.key_columns:
                 notes.append(f"column {display_name(column.name)} read as {unit}")
         return notes
 
@@ -419,9 +404,6 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     rounding = merge_rounded(values, columns["subject"].codes, options.stimulus_unit)
     order = StandardOrder(table, columns.get("standard_interval"), options)
     keys = order.in_order(*values)
-    if "isi" in columns:
-        isi = numbers(table, columns["isi"])
-        keys.append(np.where(isi > 0, isi, math.nan))
     return _Rows(table, columns, keys, options, values, order, rounding)
 
 
@@ -496,7 +478,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         for name, in_order in answers.items():
             subjects.append(Subject.from_answers(name, in_order, task, unit))
     else:
-        values = (*rows.keys[:2], k, n, *rows.keys[2:])
+        values = (*rows.keys, k, n)
         for name, part in parts.items():
             counts = [value[part] for value in values]
             subjects.append(Subject.from_counts(name, *counts, task=task, unit=unit))
@@ -506,13 +488,6 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         doubts += _percentage_doubts(n)
     doubts += nameless_doubts(rows.subject)
     doubts += taken_out_doubts(rows.table, rows.names_not_read)
-    if "isi" in rows.columns:
-        isi = tuple(np.unique(rows.keys[2][owned]).tolist())
-        column = display_name(rows.columns["isi"].name)
-        note = f"{plural(len(isi), 'interval')} in column {column}: {describe_intervals(isi)}"
-        if len(isi) > 1:
-            note += f"; contrast --condition {column} compares them"
-        notes.append(note)
     notes += missing
     is_synthetic, synthetic_notes = _synthetic(rows.columns)
     notes += synthetic_notes
@@ -528,13 +503,13 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
 
 
 def _pooled_conditions(rows: _Rows, k: IntArray, n: IntArray) -> list[str]:
-    """Columns that are not read and look like a condition within subjects."""
+    """Columns that are not read and look like a condition within subjects, or an interval."""
     if "condition" in rows.columns:
         return []
     is_counted = n > 0
     columns = []
     for name in rows.names_not_read:
-        if looks_like(name, "condition"):
+        if looks_like(name, "condition") or looks_like(name, "isi"):
             columns.append(rows.table.columns[name].only(is_counted))
     keys = [values[is_counted] for values in rows.keys]
     return pooled_conditions(columns, rows.subject.codes[is_counted], (k == n)[is_counted], keys)

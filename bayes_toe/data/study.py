@@ -17,13 +17,12 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
-from bayes_toe.data.answers import KEYS, Answers, Reading, counted_rows
+from bayes_toe.data.answers import Answers, Reading, counted_rows
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import (
     MOST_ROWS,
     as_html,
     cli_argument,
-    describe_intervals,
     display_name,
     join_few,
     join_names,
@@ -51,8 +50,6 @@ Names: TypeAlias = Sequence[str | int] | str | int
 class Subject:
     """Counts of one subject, one entry per ordered pair of stimuli, sorted by (s1, s2).
 
-    With intervals, by (s1, s2, isi).
-
     Parameters
     ----------
     name : str
@@ -62,9 +59,6 @@ class Subject:
     n_yes, n_trials : array_like of int, shape (pairs,)
         How often the answer that the task counts was given, 'equal' or 'second', and how often the
         pair was answered.
-    isi : array_like, shape (pairs,), optional
-        Inter-stimulus interval, seconds, positive: the same stimuli at another interval are another
-        pair. None, the default, where the study has one interval, which is then the unit of time.
     task : Task
         What was asked: same or different (the default), or which is stronger.
     unit : StimulusUnit
@@ -82,8 +76,8 @@ class Subject:
     Raises
     ------
     InputError
-        If shapes differ, a value is not finite, an interval is not positive, a pair is repeated, or
-        counts are outside 0 <= n_yes <= n_trials, n_trials >= 1.
+        If shapes differ, a value is not finite, a pair is repeated, or counts are
+        outside 0 <= n_yes <= n_trials, n_trials >= 1.
 
     Examples
     --------
@@ -96,7 +90,6 @@ class Subject:
     s2: FloatArray
     n_yes: IntArray
     n_trials: IntArray
-    isi: FloatArray | None = None
     task: Task = field(default=SAME_DIFFERENT, kw_only=True)
     unit: StimulusUnit = field(default=UNKNOWN_UNIT, kw_only=True)
     condition: str = field(default="", kw_only=True)
@@ -106,13 +99,13 @@ class Subject:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"subject name {self.name!r} must be a non-empty text")
-        rows = counted_rows(self.name, (self.s1, self.s2, self.isi), self.n_yes, self.n_trials)
+        rows = counted_rows(self.name, (self.s1, self.s2), self.n_yes, self.n_trials)
         order = np.lexsort(rows.keys.T[::-1])  # one order whatever the file's: same bits
         keys, n_yes, n_trials = rows.keys[order].T, rows.n_yes[order], rows.n_trials[order]
         problem = _pair_problem(keys, n_trials)
         if problem:
             raise InputError(f"subject {self.name!r}: {problem}")
-        columns = {**dict(zip(KEYS, keys, strict=False)), "n_yes": n_yes, "n_trials": n_trials}
+        columns = {"s1": keys[0], "s2": keys[1], "n_yes": n_yes, "n_trials": n_trials}
         for name, values in columns.items():
             values = np.array(values)
             values.setflags(write=False)
@@ -122,13 +115,8 @@ class Subject:
 
     def _are_sums_of(self, answers: Answers) -> bool:
         """Whether the counts are those of the answers; in a copy they may be others."""
-        counts = [
-            column
-            for column in (self.n_yes, self.n_trials, self.s1, self.s2, self.isi)
-            if column is not None
-        ]
-        sums = answers.sums
-        return len(sums) == len(counts) and all(map(np.array_equal, sums, counts))
+        counts = (self.n_yes, self.n_trials, self.s1, self.s2)
+        return all(map(np.array_equal, answers.sums, counts))
 
     @classmethod
     def from_counts(
@@ -138,7 +126,6 @@ class Subject:
         s2: npt.ArrayLike,
         n_yes: npt.ArrayLike,
         n_trials: npt.ArrayLike,
-        isi: npt.ArrayLike | None = None,
         *,
         task: Task = SAME_DIFFERENT,
         unit: StimulusUnit = UNKNOWN_UNIT,
@@ -152,8 +139,8 @@ class Subject:
         >>> Subject.from_counts("S01", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5]).n_yes.tolist()
         [3]
         """
-        k, n, first, second, *at = counted_rows(name, (s1, s2, isi), n_yes, n_trials).sums
-        return cls(name, first, second, k, n, *at, task=task, unit=unit)
+        k, n, first, second = counted_rows(name, (s1, s2), n_yes, n_trials).sums
+        return cls(name, first, second, k, n, task=task, unit=unit)
 
     @classmethod
     def from_trials(
@@ -162,7 +149,6 @@ class Subject:
         s1: npt.ArrayLike,
         s2: npt.ArrayLike,
         yes: npt.ArrayLike,
-        isi: npt.ArrayLike | None = None,
         *,
         task: Task = SAME_DIFFERENT,
     ) -> Subject:
@@ -185,7 +171,7 @@ class Subject:
                 f"{given[:3].tolist()}"
             )
         answers = given.astype(np.int64)
-        return cls.from_counts(name, s1, s2, answers, np.ones_like(answers), isi, task=task)
+        return cls.from_counts(name, s1, s2, answers, np.ones_like(answers), task=task)
 
     @classmethod
     def from_answers(
@@ -196,49 +182,8 @@ class Subject:
         unit: StimulusUnit = UNKNOWN_UNIT,
     ) -> Subject:
         """A subject from rows as they were given, which it keeps."""
-        k, n, first, second, *at = answers.sums
-        return cls(name, first, second, k, n, *at, task=task, unit=unit, answers=answers)
-
-    @property
-    def intervals(self) -> tuple[float, ...]:
-        """Distinct inter-stimulus intervals, seconds, shortest first.
-
-        Empty where the study has one that was not given.
-        """
-        return () if self.isi is None else tuple(np.unique(self.isi).tolist())
-
-    def at_isi(self, isi: float) -> Subject:
-        """The pairs met at one interval (seconds), as a subject without intervals.
-
-        The interval becomes the unit of time.
-
-        Raises
-        ------
-        InputError
-            If there is no such interval.
-
-        Examples
-        --------
-        >>> subject = Subject("S01", [0.0, 0.0], [0.3, 0.3], [4, 2], [5, 5], isi=[0.5, 2.0])
-        >>> subject.at_isi(2.0).n_yes.tolist()
-        [2]
-        """
-        if self.isi is None or isi not in self.intervals:
-            raise InputError(
-                f"subject {self.name!r}: no interval of {isi:g} s; there are: "
-                f"{describe_intervals(self.intervals)}"
-            )
-        # The other trials came in between, so that the order of these tells nothing.
-        at = self.isi == isi
-        return replace(
-            self,
-            s1=self.s1[at],
-            s2=self.s2[at],
-            n_yes=self.n_yes[at],
-            n_trials=self.n_trials[at],
-            isi=None,
-            answers=None,
-        )
+        k, n, first, second = answers.sums
+        return cls(name, first, second, k, n, task=task, unit=unit, answers=answers)
 
     @property
     def scales(self) -> StimulusScales:
@@ -268,10 +213,7 @@ class Subject:
 
     @property
     def n_pairs(self) -> int:
-        """Number of distinct ordered pairs.
-
-        With intervals, of distinct ordered pairs and intervals.
-        """
+        """Number of distinct ordered pairs."""
         return len(self.s1)
 
     @property
@@ -363,19 +305,14 @@ class Study:
         subjects = tuple(self.subjects)
         for one in subjects:
             require_kind("Study", one, Subject, "Subjects, in a list")
-        repeated = sorted(
-            name
-            for name, count in Counter(subject.name for subject in subjects).items()
-            if count > 1
-        )
+        names = Counter(subject.name for subject in subjects)
+        repeated = sorted(name for name in names if names[name] > 1)
         if not subjects:
             raise InputError("a study needs at least one subject")
         if repeated:
             raise InputError(
                 f"subject names must be unique, repeated: {join_names([*map(repr, repeated)])}"
             )
-        if len({subject.isi is None for subject in subjects}) > 1:
-            raise InputError("either every subject of a study has intervals (isi) or none")
         if len({subject.task for subject in subjects}) > 1:
             raise InputError(
                 "every subject of a study must have been asked the same: same or different, or "
@@ -417,34 +354,6 @@ class Study:
     @cached_property
     def _by_name(self) -> dict[str, Subject]:
         return {subject.name: subject for subject in self.subjects}
-
-    @cached_property
-    def intervals(self) -> tuple[float, ...]:
-        """Distinct inter-stimulus intervals of all subjects, seconds, shortest first.
-
-        Empty where the study has no column isi.
-        """
-        of_subjects = [subject.isi for subject in self if subject.isi is not None]
-        return tuple(np.unique(np.concatenate(of_subjects)).tolist()) if of_subjects else ()
-
-    def at_isi(self, isi: float) -> Study:
-        """The study at one interval (seconds), for everything that knows one interval only.
-
-        Subjects that never met it are left out.
-
-        Raises
-        ------
-        InputError
-            If there is no such interval.
-        """
-        if isi not in self.intervals:
-            raise InputError(
-                f"{self.source}: no interval of {isi:g} s; there are: "
-                f"{describe_intervals(self.intervals)}"
-            )
-        some = tuple(subject.at_isi(isi) for subject in self if isi in subject.intervals)
-        notes = (*self.notes, f"only pairs with an interval of {isi:g} s")
-        return replace(self, subjects=some, notes=notes, reading=Reading())
 
     def select(self, names: Names) -> Study:
         """The same study with only these subjects, or this one, in the order asked for."""
@@ -533,8 +442,7 @@ class Study:
         :func:`~bayes_toe.read_study` reads this table to the same study.
 
         The columns are subject, s1, s2 (natural-log intensity), n_equal or n_second, and n_trials.
-        A study with conditions also has condition, one with intervals also isi (seconds). A
-        synthetic study also has `synthetic`, which is 1.
+        A study with conditions also has condition, a synthetic study `synthetic`, which is 1.
 
         Examples
         --------
@@ -557,8 +465,6 @@ class Study:
         if self.conditions:
             columns["condition"] = by_subject([subject.condition for subject in self])
         columns["s1"], columns["s2"] = by_pair("s1"), by_pair("s2")
-        if self.intervals:
-            columns["isi"] = by_pair("isi")
         columns[self.task.count], columns["n_trials"] = by_pair("n_yes"), by_pair("n_trials")
         if self.synthetic:
             columns["synthetic"] = 1
@@ -580,7 +486,7 @@ class Study:
 
 def pooled(units: Sequence[Subject]) -> Subject:
     """All answers of a subject, whatever the condition."""
-    keys = ("s1", "s2", "n_yes", "n_trials", *(() if units[0].isi is None else ("isi",)))
+    keys = ("s1", "s2", "n_yes", "n_trials")
     return Subject.from_counts(
         units[0].subject_name,
         *(np.concatenate([getattr(unit, key) for unit in units]) for key in keys),
@@ -630,11 +536,8 @@ def require_study(given: object) -> None:
 def pairs_in_both_orders(subject: Subject) -> IndexArray:
     """Rows of pairs that were presented in both orders, shape (pairs, 2).
 
-    The first column has the row with the weaker stimulus first. A subject with intervals has no
-    such pairs here, because pairs are not pooled over intervals.
+    The first column has the row with the weaker stimulus first.
     """
-    if subject.isi is not None:
-        return np.empty((0, 2), np.intp)
     row_of = {pair: row for row, pair in enumerate(subject.pairs)}
     rows = []
     for s1, s2 in sorted(row_of):
@@ -643,30 +546,13 @@ def pairs_in_both_orders(subject: Subject) -> IndexArray:
     return np.array(rows, np.intp).reshape(-1, 2)
 
 
-def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:
-    """Refuse subjects with intervals where only one interval is known, with the way out.
-
-    Pairs at several intervals are never pooled.
-    """
-    for subject in subjects:
-        if subject.isi is not None:
-            raise InputError(
-                f"{what}: not for intervals (column isi), which subject {subject.name!r} has "
-                f"({describe_intervals(subject.intervals)}); "
-                "take one with Study.at_isi, or leave the column out"
-            )
-
-
 def _pair_problem(keys: FloatArray, n_trials: IntArray) -> str:
-    """What is wrong with sorted pairs, shape (2 or 3, pairs); empty if nothing is."""
+    """What is wrong with sorted pairs, shape (2, pairs); empty if nothing is."""
     n_pairs = len(n_trials)
-    stimuli, intervals = keys[:2], keys[2:]
     if n_pairs == 0:
         return "no answered trial"
-    if not np.isfinite(stimuli).all():
+    if not np.isfinite(keys).all():
         return "s1 and s2 must be finite numbers"
-    if not (np.isfinite(intervals) & (intervals > 0)).all():
-        return "isi must be positive finite numbers of seconds"
     if (n_trials < 1).any():
         return "every pair needs n_trials >= 1"
     if len(run_starts(*keys)) < n_pairs:
@@ -686,7 +572,7 @@ def _changed_subject(
     """The subject with these blocks changed; None if no answer is left."""
     answers = subject.answers
     if answers is None:
-        pairs = (subject.s1, subject.s2, subject.isi)
+        pairs = (subject.s1, subject.s2)
         answers = counted_rows(subject.name, pairs, subject.n_yes, subject.n_trials)
     after = change(answers, answers.rows_of(blocks))
     if not after.n_trials.any():

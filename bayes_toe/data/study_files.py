@@ -185,18 +185,12 @@ def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:
 
 
 def _require_alike(studies: Sequence[Study]) -> None:
-    """Refuse files of two tasks, and files of which only some have intervals."""
+    """Refuse files of two tasks."""
     by_task = {study.task.name: study.source for study in studies}
     if len(by_task) > 1:
         (task, source), (other_task, other_source) = by_task.items()
         raise InputError(
             f"{other_source}: asked {other_task}, and {source} {task}; allowed: files of one task"
-        )
-    has_intervals = {bool(study.intervals): study.source for study in studies}
-    if len(has_intervals) > 1:
-        raise InputError(
-            f"{has_intervals[False]}: no column isi, which {has_intervals[True]} has; allowed: in "
-            "all files or in none"
         )
 
 

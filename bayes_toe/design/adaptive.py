@@ -27,7 +27,7 @@ from bayes_toe.design.study_design import StudyDesign, each_once
 from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import adapt_proposal, redrawn, refreshed
 from bayes_toe.inference.proposal import FittedProposal, efficiency
-from bayes_toe.model.observer import ObserverPosterior, OrderModel
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import MODEL_PRIOR, ORDER_MODELS, ObserverPrior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
@@ -175,8 +175,6 @@ class Adaptive:
         if not isinstance(pairs, StudyDesign):
             pairs = _make_design(pairs, asked_task)
         self.pairs = pairs
-        if self.pairs.isi is not None:
-            raise InputError("pairs: found intervals, allowed: s1 and s2 alone")
         self.prior = observer_prior(prior)
         self.seed = root_seed(seed)
         self.about = about

@@ -24,7 +24,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.design.observers import Observer
 from bayes_toe.design.study_design import StudyDesign
-from bayes_toe.model.observer import ObserverPosterior, OrderModel
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 
 #: What a design may be made for, with the coordinates that are asked about.
@@ -126,10 +126,10 @@ def information(
     for name in posterior.coordinates:
         arrays[name] = np.array([values[name] for values in quantities])
     points = posterior.full_points(posterior.points(arrays))
-    answers, yes_slopes, _ = posterior.batch.answer_slopes(points)
+    answers, yes_slopes, _ = posterior.rows.answer_slopes(points)
     odds_root = np.exp(0.5 * (answers.yes - answers.no))[0]
     rows = np.swapaxes(yes_slopes[0], 1, 2) * odds_root[..., None]
-    curvature = posterior.batch.prior_slopes(points)[1][0]
+    curvature = posterior.array.prior_slopes(points)[1][0]
     k = curvature.shape[1]
     is_target = np.array([name in AIMS[aim] for name in posterior.coordinates])
     unit_point = posterior.quantities(np.eye(k))

@@ -23,7 +23,8 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.errors import InputError
-from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverPosterior, OrderModel
+from bayes_toe.model.models import ObserverPosterior, OrderModel
+from bayes_toe.model.observer import DEFAULT_PRIOR
 from bayes_toe.model.parameters import ORDER_MODELS, PARAMETERS, ObserverPrior, task_parameters
 from bayes_toe.model.prior_fields import real, shown
 from bayes_toe.seeds import generator

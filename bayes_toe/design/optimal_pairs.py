@@ -74,8 +74,6 @@ class DesignGoal:
             raise InputError(f"--for: found {self.aim!r}, allowed: {', '.join(AIMS)}")
         if self.max_pairs < _FEWEST:
             raise InputError(f"--max-pairs {self.max_pairs}: allowed is at least {_FEWEST}")
-        if self.keep is not None and self.keep.isi is not None:
-            raise InputError("--keep: found a column isi, allowed: a design without intervals")
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,8 +342,8 @@ def _pairs_to_show(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
     plane = all_pairs(levels, goal.task)
     if goal.keep is None:
         return plane
-    columns = np.hstack([plane.columns, goal.keep.columns])
-    return each_once(*np.unique(columns, axis=1), task=goal.task)
+    pairs = np.unique(plane.pairs + goal.keep.pairs, axis=0)
+    return each_once(*pairs.T, task=goal.task)
 
 
 def _turned(plane: StudyDesign) -> IndexArray:

@@ -38,12 +38,10 @@ from bayes_toe.design.study_design import (
     PAPER_BATCHES,
     BatchDesign,
     StudyDesign,
-    at_intervals,
     full_design,
     reference_design,
 )
 from bayes_toe.errors import InputError
-from bayes_toe.model.intervals import at_interval, require_intervals
 from bayes_toe.model.paper_equations import (
     Natural,
     equal_probability,
@@ -82,7 +80,7 @@ class PaperObserver:
     ----------
     name : str
     natural : Natural
-        Its parameters, scalars; with intervals sigma_p is per square root of a second.
+        Its parameters, scalars.
     task : Task
     """
 
@@ -96,11 +94,9 @@ class PaperObserver:
         names = natural_names(self.task)
         return dict(zip(names, map(float, self.natural), strict=True))
 
-    def p_trials(
-        self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None, share: float
-    ) -> FloatArray:
+    def p_trials(self, s1: FloatArray, s2: FloatArray, share: float) -> FloatArray:
         """Probability of the answer that the task counts, in the order of trials."""
-        natural = self.natural if isi is None else at_interval(self.natural, isi)
+        natural = self.natural
         if share:
             contraction = np.broadcast_to(pull(natural.gamma), s1.shape)
             middle = 0.5 * (s1.mean() + s2.mean())
@@ -286,7 +282,6 @@ class SimulatedTrials:
         Whether the answer is the one that the task counts.
     is_missed : ndarray of bool, shape (trials,)
         Where nobody answered in time.
-    isi : ndarray, shape (trials,), optional
     condition : str
     """
 
@@ -296,7 +291,6 @@ class SimulatedTrials:
     s2: FloatArray
     yes: BoolArray
     is_missed: BoolArray
-    isi: FloatArray | None = None
     condition: str = ""
 
     @property
@@ -307,11 +301,10 @@ class SimulatedTrials:
     @property
     def answered(self) -> Subject:
         """The subject with these answers, in their order."""
-        columns = [self.s1, self.s2] if self.isi is None else [self.s1, self.s2, self.isi]
         n_yes = np.where(self.yes & ~self.is_missed, 1, 0)
         n_trials = np.where(self.is_missed, 0, 1)
         row = np.arange(len(self.yes))
-        answers = Answers(np.column_stack(columns), n_yes, n_trials, None, (), True, row)
+        answers = Answers(np.column_stack([self.s1, self.s2]), n_yes, n_trials, None, (), True, row)
         subject = Subject.from_answers(self.subject, answers, self.observer.task)
         return replace(subject, condition=self.condition)
 
@@ -364,9 +357,8 @@ def _observer_trials(
     n_pairs = len(design.s1)
     order = np.argsort(rng.uniform(size=(design.batches, n_pairs)), axis=1).ravel()
     s1, s2 = design.s1[order], design.s2[order]
-    isi = None if design.isi is None else design.isi[order]
     if isinstance(observer, PaperObserver):
-        p_yes = observer.p_trials(s1, s2, isi, carry_over)
+        p_yes = observer.p_trials(s1, s2, carry_over)
     else:
         sbar = float(s1.mean())
         contraction = np.full(len(s1), observer.parameters["contraction"])
@@ -375,7 +367,7 @@ def _observer_trials(
     batch = np.repeat(np.arange(1, design.batches + 1), n_pairs)
     yes = rng.uniform(size=len(p_yes)) < p_yes
     is_missed = rng.uniform(size=len(p_yes)) < missed
-    return SimulatedTrials(observer, batch, s1, s2, yes, is_missed, isi)
+    return SimulatedTrials(observer, batch, s1, s2, yes, is_missed)
 
 
 def carried_expectation(
@@ -416,7 +408,6 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     design: str | BatchDesign = "reference",
     amplitudes: Sequence[float] = PAPER_AMPLITUDES,
     batches: int = PAPER_BATCHES,
-    isi: Sequence[float] | None = None,
     seed: int | None = None,
     task: Task | str = SAME_DIFFERENT,
     carry_over: float = 0.0,
@@ -442,9 +433,6 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         Stimuli in units of the reference, weakest first.
     batches : int
         Repetitions of the whole set of pairs.
-    isi : sequence of float, optional
-        Inter-stimulus intervals, seconds: every pair at each. Only observers of the paper's model
-        depend on them; their sigma_p is per square root of a second.
     seed : int, optional
         Root seed; without one, fresh entropy.
     task : Task or str
@@ -474,7 +462,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     ('A',)
     """
     task, root = task_of(task), root_seed(seed)
-    batch_design = make_batch_design(design, amplitudes, batches, isi)
+    batch_design = make_batch_design(design, amplitudes, batches)
     differences = condition_differences(conditions, differ)
     simulated: Sequence[SimulatedObserver]
     if isinstance(observers, Mapping):
@@ -582,12 +570,9 @@ def require_file(text: str, option: str, words: Iterable[str]) -> None:
 
 
 def make_batch_design(
-    design: str | BatchDesign,
-    amplitudes: str | Sequence[float],
-    batches: int,
-    isi: str | Sequence[float] | None = None,
+    design: str | BatchDesign, amplitudes: str | Sequence[float], batches: int
 ) -> BatchDesign:
-    """The design of `--design`, `--amplitudes`, `--isi`; no known word is a CSV of s1,s2 (isi)."""
+    """The design of `--design` and `--amplitudes`; no known word is a CSV of s1,s2."""
     if isinstance(design, BatchDesign):
         batch_design = design
     elif design in _DESIGNS:
@@ -595,19 +580,16 @@ def make_batch_design(
     else:
         require_file(design, "--design", _DESIGNS)
         _, columns = read_numbers(design, ("s1", "s2"), optional=("isi", "n_trials"))
-        if "n_trials" in columns:
-            raise InputError(
-                f"{design}, column n_trials: found a design with numbers of trials, allowed: "
-                "s1, s2, isi; every pair comes once in each batch (--batches)"
-            )
-        if "isi" in columns:
-            require_intervals(columns["isi"])
-        batch_design = BatchDesign(columns["s1"], columns["s2"], batches, columns.get("isi"))
+        for name in ("n_trials", "isi"):
+            if name in columns:
+                raise InputError(
+                    f"{design}, column {name}: found in a design, allowed: s1, s2; every pair "
+                    "comes once in each batch (--batches)"
+                )
+        batch_design = BatchDesign(columns["s1"], columns["s2"], batches)
     if batch_design.batches < 1:
         raise InputError(f"design: batches={batch_design.batches} must be at least 1")
-    if isi is None:
-        return batch_design
-    return at_intervals(batch_design, _numbers("--isi", isi))
+    return batch_design
 
 
 def trial_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
@@ -624,8 +606,6 @@ def trial_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
         if answered.condition:
             columns["condition"] = answered.condition
         columns |= {"batch": answered.batch, "trial": 0, "s1": answered.s1, "s2": answered.s2}
-        if answered.isi is not None:
-            columns["isi"] = answered.isi
         task = answered.observer.task
         response = np.where(answered.yes, task.yes, task.no)
         columns |= {"response": np.where(answered.is_missed, "", response), "synthetic": 1}

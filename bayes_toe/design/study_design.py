@@ -19,13 +19,12 @@ from bayes_toe.data.tables import write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.model.intervals import require_intervals
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Columns of a design's file; isi where there are intervals.
-DESIGN_COLUMNS = ("s1", "s2", "n_trials", "isi")
+#: Columns of a design's file.
+DESIGN_COLUMNS = ("s1", "s2", "n_trials")
 #: Amplitudes of the paper's five stimuli in units of the reference (0.087 g). Source: Methods.
 PAPER_AMPLITUDES = (1.0, 1.15, 1.36, 1.55, 1.66)
 #: Answered repetitions of the whole set of pairs by each of the paper's subjects.
@@ -42,8 +41,6 @@ class StudyDesign:
         Natural-log intensities.
     n_trials : array_like of int, shape (pairs,)
         At least 1.
-    isi : array_like, shape (pairs,), optional
-        Inter-stimulus intervals, seconds: the same stimuli at another interval are another pair.
     task : Task
         What is asked, by default whether both are the same; "2afc": which is stronger.
 
@@ -62,13 +59,12 @@ class StudyDesign:
     s1: FloatArray
     s2: FloatArray
     n_trials: IntArray
-    isi: FloatArray | None = None
     task: Task = field(default=SAME_DIFFERENT, kw_only=True)
 
     def __post_init__(self) -> None:
         no_answers = np.zeros(np.shape(self.s1), np.int64)
         try:
-            pairs = Subject("design", self.s1, self.s2, no_answers, self.n_trials, self.isi)
+            pairs = Subject("design", self.s1, self.s2, no_answers, self.n_trials)
         except InputError as error:
             raise InputError(str(error).replace("subject 'design'", "design")) from error
         for name in DESIGN_COLUMNS:
@@ -76,20 +72,13 @@ class StudyDesign:
         object.__setattr__(self, "task", task_of(self.task))
 
     @property
-    def columns(self) -> tuple[FloatArray, ...]:
-        """s1, s2 and, where there are intervals, isi, shape (pairs,) each."""
-        if self.isi is None:
-            return self.s1, self.s2
-        return self.s1, self.s2, self.isi
-
-    @property
-    def pairs(self) -> list[tuple[float, ...]]:
-        """The same as a tuple for each pair."""
-        return list(zip(*(column.tolist() for column in self.columns), strict=True))
+    def pairs(self) -> list[tuple[float, float]]:
+        """First and second stimulus of each pair."""
+        return list(zip(self.s1.tolist(), self.s2.tolist(), strict=True))
 
     @property
     def n_pairs(self) -> int:
-        """Distinct ordered pairs; with intervals, pairs and intervals."""
+        """Distinct ordered pairs."""
         return len(self.s1)
 
     @property
@@ -100,7 +89,7 @@ class StudyDesign:
     def answered(self, n_yes: npt.ArrayLike, name: str = "design") -> Subject:
         """The counts of a subject who has answered every trial."""
         counts = np.asarray(n_yes), self.n_trials
-        return Subject(name, self.s1, self.s2, *counts, self.isi, task=self.task)
+        return Subject(name, self.s1, self.s2, *counts, task=self.task)
 
     @property
     def unanswered(self) -> Subject:
@@ -127,31 +116,23 @@ class StudyDesign:
         """Some of the pairs, with as many trials as before or with others."""
         if n_trials is None:
             n_trials = self.n_trials[index]
-        isi = None if self.isi is None else self.isi[index]
-        return replace(self, s1=self.s1[index], s2=self.s2[index], n_trials=n_trials, isi=isi)
+        return replace(self, s1=self.s1[index], s2=self.s2[index], n_trials=n_trials)
 
     def frame(self) -> pd.DataFrame:
-        """A row a pair, with the columns s1, s2, n_trials (and isi)."""
+        """A row a pair, with the columns s1, s2, n_trials."""
         import pandas as pd
 
-        names = DESIGN_COLUMNS if self.isi is not None else DESIGN_COLUMNS[:3]
-        return pd.DataFrame({name: getattr(self, name) for name in names})
+        return pd.DataFrame({name: getattr(self, name) for name in DESIGN_COLUMNS})
 
     def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
         """Write them as a CSV file, whole or not at all."""
         return write_table(self.frame(), path, overwrite=overwrite)
 
 
-def each_once(
-    s1: npt.ArrayLike,
-    s2: npt.ArrayLike,
-    isi: npt.ArrayLike | None = None,
-    *,
-    task: Task = SAME_DIFFERENT,
-) -> StudyDesign:
+def each_once(s1: npt.ArrayLike, s2: npt.ArrayLike, *, task: Task = SAME_DIFFERENT) -> StudyDesign:
     """A design that has each of these pairs once."""
     n_trials = np.ones(np.shape(s1), np.int64)
-    return StudyDesign(s1, s2, n_trials, isi, task=task)  # type: ignore[arg-type]
+    return StudyDesign(s1, s2, n_trials, task=task)  # type: ignore[arg-type]
 
 
 def all_pairs(levels: FloatArray, task: Task = SAME_DIFFERENT) -> StudyDesign:
@@ -179,20 +160,17 @@ def apportioned(share: FloatArray, trials: int) -> IntArray:
 
 
 def read_study_design(path: StrPath, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
-    """A design from a CSV file with columns s1,s2,n_trials, and isi where there are intervals.
+    """A design from a CSV file with columns s1,s2,n_trials.
 
     Raises
     ------
     InputError
         One line per problem of the file, with row and column.
     """
-    required, optional = DESIGN_COLUMNS[:3], DESIGN_COLUMNS[3:]
-    _, columns = read_numbers(path, required, optional=optional, counts=("n_trials",))
+    _, columns = read_numbers(path, DESIGN_COLUMNS, counts=("n_trials",))
     n_trials = columns["n_trials"].astype(np.int64)
     try:
-        return StudyDesign(
-            columns["s1"], columns["s2"], n_trials, columns.get("isi"), task=task_of(task)
-        )
+        return StudyDesign(columns["s1"], columns["s2"], n_trials, task=task_of(task))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -216,14 +194,11 @@ class BatchDesign(NamedTuple):
     s1, s2 : ndarray, shape (pairs,)
         Natural-log intensities.
     batches : int
-    isi : ndarray, shape (pairs,), optional
-        Inter-stimulus intervals, seconds.
     """
 
     s1: FloatArray
     s2: FloatArray
     batches: int
-    isi: FloatArray | None = None
 
 
 def reference_design(
@@ -247,18 +222,6 @@ def full_design(
     s = _log_amplitudes(amplitudes)
     s1, s2 = np.meshgrid(s, s, indexing="ij")
     return BatchDesign(s1.ravel(), s2.ravel(), batches)
-
-
-def at_intervals(design: BatchDesign, isi: Iterable[float]) -> BatchDesign:
-    """Every pair of a design at every one of these intervals (seconds), each once."""
-    seconds = require_intervals(list(isi))
-    n = len(seconds)
-    if design.isi is not None or n == 0 or len(np.unique(seconds)) < n:
-        raise InputError(
-            "intervals: allowed is at least one, each once, for a design without intervals"
-        )
-    s1, s2 = np.tile(design.s1, n), np.tile(design.s2, n)
-    return BatchDesign(s1, s2, design.batches, np.repeat(seconds, len(design.s1)))
 
 
 def _log_amplitudes(amplitudes: Iterable[float]) -> FloatArray:

@@ -76,8 +76,7 @@ def trial_list(
         columns["condition"] = np.array(conditions)[level]
     columns["block"] = np.repeat(np.arange(1, blocks + 1), [*map(len, order)])
     columns["trial"] = np.arange(1, len(pair) + 1)
-    for name, values in zip(("s1", "s2", "isi"), design.columns, strict=False):
-        columns[name] = values[pair]
+    columns["s1"], columns["s2"] = design.s1[pair], design.s2[pair]
     if reference is not None:
         for name, logs in (("i1", design.s1), ("i2", design.s2)):
             # Without the rounding of logarithms: 45, not 44.99999999999997.
@@ -113,8 +112,8 @@ def _units(design: StudyDesign) -> tuple[list[Unit], list[Unit]]:
     rows = {pair: i for i, pair in enumerate(design.pairs)}
     n_left = design.n_trials.copy()
     together = []
-    for (s1, s2, *isi), i in rows.items():
-        turned = rows.get((s2, s1, *isi), i)
+    for (s1, s2), i in rows.items():
+        turned = rows.get((s2, s1), i)
         if turned > i:
             n_common = int(min(n_left[i], n_left[turned]))
             n_left[[i, turned]] -= n_common

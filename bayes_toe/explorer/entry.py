@@ -41,10 +41,10 @@ from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task
 from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.order_evidence import Precision, order_evidence
+from bayes_toe.inference.engine import Precision
+from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.model.models import model_title
-from bayes_toe.model.observer import ObserverPosterior
+from bayes_toe.model.models import ObserverPosterior, model_title
 from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 from bayes_toe.model.posterior import DOMINATED, RANGE, posterior_contraction
@@ -256,11 +256,6 @@ class Entry:
         plane = None
         if counts.unit.of_stimuli:
             plane = _packed_scale(stimulus_scale("first stimulus", counts.unit, 0.0, ends), ends)
-        reference = None
-        if counts.isi is not None:
-            pairs["isi"] = counts.isi
-            if isinstance(target, PaperPosterior):
-                reference = getattr(target, "reference", None)
         fitted, panels = Predictor(target, x), slices(counts)
         has_several = len(panels) > 1
         return {
@@ -271,7 +266,6 @@ class Entry:
             "plane": plane,
             "slices": [panel.packed(fitted, panel.title(has_several)) for panel in panels],
             "undrawn": len(slice_keys(counts)) - len(panels),
-            "reference": reference,
             "ends": ends,
             "axis": text_of(axis(quantities, target.sbar, ends)),
         }
@@ -404,7 +398,7 @@ def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class Slice:
-    """Pairs with one weaker stimulus (ln), at one interval (seconds).
+    """Pairs with one weaker stimulus (ln).
 
     One panel of curves shows them. In 'which is stronger' they have one first stimulus.
 
@@ -414,7 +408,6 @@ class Slice:
     unit : StimulusUnit
     weaker : float
         The first stimulus in 'which is stronger'.
-    isi : float or None
     pairs : ndarray
         Which of the subject's pairs these are.
     x : ndarray, shape (POINTS,)
@@ -427,25 +420,21 @@ class Slice:
     task: Task
     unit: StimulusUnit
     weaker: float
-    isi: float | None
     pairs: IndexArray
     x: FloatArray
     orders: tuple[int, ...]
 
     def title(self, has_stimulus: bool) -> str:
-        """Its stimulus, where there are several slices, and its interval."""
-        parts = []
-        if has_stimulus:
-            parts.append(f"{self.task.slice_stimulus} stimulus {self.unit.describe(self.weaker)}")
-        if self.isi is not None:
-            parts.append(f"interval {self.isi:g} s")
-        return ", ".join(parts).replace("-", "−")
+        """Its stimulus, where there are several slices."""
+        if not has_stimulus:
+            return ""
+        stimulus = self.unit.describe(self.weaker).replace("-", "−")
+        return f"{self.task.slice_stimulus} stimulus {stimulus}"
 
     def packed(self, fitted: Predictor, title: str) -> Record:
         """The slice as the page stores it."""
         return {
             "title": title,
-            "isi": self.isi,
             "pairs": self.pairs.tolist(),
             "x": self.x.tolist(),
             "scale": self._scale(),
@@ -468,8 +457,7 @@ class Slice:
         presented = {-1: (fixed, self.x), 1: (self.x, fixed), 0: (self.x, self.x)}
         if self.task == WHICH_STRONGER:
             presented = {0: (fixed, fixed + self.x)}
-        seconds = None if self.isi is None else np.full_like(self.x, self.isi)
-        return np.stack([fitted.yes(*presented[order], seconds).T for order in self.orders])
+        return np.stack([fitted.yes(*presented[order]).T for order in self.orders])
 
 
 def _packed_scale(scale: Scale, ends: Sequence[float]) -> Record | None:
@@ -481,22 +469,19 @@ def _packed_scale(scale: Scale, ends: Sequence[float]) -> Record | None:
 
 
 def slices(counts: Subject) -> list[Slice]:
-    """The slices with the most trials, in the order of fixed stimulus and interval."""
-    chosen = sorted(slice_keys(counts)[:MOST_SLICES].tolist())
-    return [_slice(counts, fixed, isi) for fixed, isi in chosen]
+    """The slices with the most trials, in the order of the fixed stimulus."""
+    return [_slice(counts, fixed) for fixed in sorted(slice_keys(counts)[:MOST_SLICES].tolist())]
 
 
 def slice_keys(counts: Subject) -> FloatArray:
-    """Fixed stimulus and interval (or 0) of every slice, shape (slices, 2).
+    """The fixed stimulus of every slice, shape (slices,).
 
     The slice with the most trials of different stimuli comes first. Slices without such trials are
     left out, unless all slices are.
     """
-    isi = np.zeros(counts.n_pairs) if counts.isi is None else counts.isi
-    pairs = np.column_stack([_fixed(counts), isi])
-    keys, index = np.unique(pairs, axis=0, return_inverse=True)
+    keys, index = np.unique(_fixed(counts), return_inverse=True)
     n_different = counts.n_trials * (presentation_order(counts) != 0)
-    n_trials = np.bincount(index.ravel(), n_different, len(keys))
+    n_trials = np.bincount(index, n_different, len(keys))
     most_first = np.argsort(-n_trials, kind="stable")
     return keys[most_first][: max(1, np.count_nonzero(n_trials))]
 
@@ -519,20 +504,16 @@ def along(counts: Subject) -> FloatArray:
     return np.maximum(counts.s1, counts.s2)
 
 
-def _slice(counts: Subject, fixed: float, isi: float) -> Slice:
+def _slice(counts: Subject, fixed: float) -> Slice:
     position, order = along(counts), presentation_order(counts)
-    is_at_interval = np.ones(counts.n_pairs, np.bool_)
-    seconds = None
-    if counts.isi is not None:
-        is_at_interval, seconds = counts.isi == isi, isi
-    is_member = (_fixed(counts) == fixed) & is_at_interval
+    is_member = _fixed(counts) == fixed
     if counts.task == WHICH_STRONGER:
         orders = [0]
         start, end = float(position.min()), float(position.max())
         pad = _BEYOND * max(end - start, 1e-9)
         x = np.linspace(start - pad, end + pad, POINTS)
     else:
-        is_equal = (order == 0) & (position >= fixed) & is_at_interval
+        is_equal = (order == 0) & (position >= fixed)
         is_member |= is_equal
         orders = [sign for sign in (-1, 1) if sign in order[is_member]]
         if is_equal.sum() > 1 or not orders:
@@ -540,14 +521,13 @@ def _slice(counts: Subject, fixed: float, isi: float) -> Slice:
         end = float(position[is_member].max())
         x = np.linspace(fixed, end + _BEYOND * max(end - fixed, 1e-9), POINTS)
     index = np.flatnonzero(is_member)
-    return Slice(counts.task, counts.unit, fixed, seconds, index, x, tuple(orders))
+    return Slice(counts.task, counts.unit, fixed, index, x, tuple(orders))
 
 
 def axis(quantities: NamedArrays, sbar: float, ends: Sequence[float]) -> FloatArray:
     """Second stimulus that seems equal to the first, at both ends of a line.
 
-    s2 = s1 - p (s1 - sbar) + c, (draws,) -> (2, draws). With several intervals it holds at the
-    reference interval.
+    s2 = s1 - p (s1 - sbar) + c, (draws,) -> (2, draws).
     """
     first = np.asarray(ends)[:, None]
     none = np.zeros(len(next(iter(quantities.values()))))

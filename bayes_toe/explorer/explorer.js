@@ -204,7 +204,7 @@ window.explorer = (() => {
     const slice = sliced(found);
     for (const [order, kind] of Object.entries(KINDS)) {
       const p = found?.pairs, of = list => list.filter(pair => p.order[pair] === Number(order));
-      const drawn = slice === null ? [] : of(slice.pairs), every = found === null ? [] : of(range(p.s1.length)).filter(pair => slice.isi === null || p.isi[pair] === slice.isi);
+      const drawn = slice === null ? [] : of(slice.pairs), every = found === null ? [] : of(range(p.s1.length));
       const take = (key, list) => list.map(pair => p[key][pair]);
       fill(`answers-${letter}-${kind}`, { x: take("along", drawn), estimate: take("estimate", drawn), stimuli: take("stimuli", drawn),
         low: drawn.map(pair => p.estimate[pair] - p.error[pair]), high: drawn.map(pair => p.estimate[pair] + p.error[pair]), k: take("k", drawn), n: take("n", drawn) });
@@ -367,7 +367,6 @@ window.explorer = (() => {
       if (found === null) continue;
       at(`name-${letter}`).textContent = titled(letter, found);
       const words = [];
-      if (found.reference !== null) words.push(`Quantities and axis refer to an interval of ${written(found.reference)} s.`);
       if (found.undrawn > 0) words.push(`Curves: the ${found.slices.length} of ${found.slices.length + found.undrawn} ${index.fixed} stimuli with the most trials.`);
       at(`words-${letter}`).textContent = words.join(" ");
     }

@@ -37,8 +37,9 @@ from bayes_toe.groups.hyperprior import (
     group_parameters,
     half_normal_score,
 )
-from bayes_toe.model.observer import ObserverBatch
+from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.parameters import ObserverPrior, task_parameters
+from bayes_toe.model.posterior_array import LinearLikelihood
 
 #: With these units a coordinate of the likelihood is c/D, p, log(sigma_d/D) or logit q0 itself.
 PLAIN_UNITS = ObserverPrior(noise_sd=1.0, constant_error_scale=1.0, contraction_sd=1.0)
@@ -46,25 +47,17 @@ _SCORING_STEPS = 40
 
 
 @dataclass(frozen=True, eq=False)
-class SubjectRows:
+class SubjectRows(LinearLikelihood):
     """The counts of all subjects as one likelihood; a subject has a row for each condition.
 
-    A subject's point w has its q coefficients, then the parameters that the group does not share;
-    a row's coordinates are `loading @ w`.
+    A subject's point w has its q coefficients, then the parameters that the group does not share.
 
     Attributes
     ----------
-    batch : ObserverBatch
-    first_row : ndarray of int, shape (subjects,)
-        Rows of a subject stand together.
-    loading : ndarray, shape (rows, k, q + own)
     n_coefficients : int
         q.
     """
 
-    batch: ObserverBatch
-    first_row: IntArray
-    loading: FloatArray
     n_coefficients: int
 
     @classmethod
@@ -89,7 +82,7 @@ class SubjectRows:
         differing : sequence of str
             Names of the parameters that may differ between conditions.
         """
-        batch = ObserverBatch.from_subjects(rows, PLAIN_UNITS, scales)
+        observer_rows = ObserverRows.from_subjects(rows, PLAIN_UNITS, scales)
         names = [parameter.name for parameter in task_parameters(rows[0].task)]
         shared = [parameter.name for parameter in group_parameters(rows[0].task)]
         unshared = [name for name in names if name not in shared]
@@ -103,7 +96,7 @@ class SubjectRows:
             loading[:, names.index(name), first : first + n_columns] = differences
         for j, name in enumerate(unshared):
             loading[:, names.index(name), n_coefficients + j] = 1.0
-        return cls(batch, first_row, loading, n_coefficients)
+        return cls(observer_rows, loading, first_row, n_coefficients)
 
     @property
     def n_subjects(self) -> int:
@@ -116,42 +109,16 @@ class SubjectRows:
         return int(self.loading.shape[2])
 
     @cached_property
-    def subject_of_row(self) -> IntArray:
-        """The subject of every row."""
-        n_rows = len(self.loading)
-        sizes = np.diff(np.append(self.first_row, n_rows))
-        return np.repeat(np.arange(self.n_subjects), sizes)
-
-    @cached_property
     def unshared_coordinates(self) -> list[int]:
-        """The coordinates of the batch that the group does not share."""
+        """The coordinates of the rows that the group does not share."""
         is_unshared = self.loading[0, :, self.n_coefficients :].any(axis=1)
         return np.flatnonzero(is_unshared).tolist()
-
-    def row_points(self, w: FloatArray) -> FloatArray:
-        """Coordinates of the rows, (subjects, points, q + own) -> (rows, points, k)."""
-        return w[self.subject_of_row] @ self.loading.swapaxes(1, 2)
-
-    def gradient(self, w: FloatArray) -> ArrayPair:
-        """Log likelihood of subjects, (subjects, points), and its gradient in w."""
-        value, slope = self.batch.plain_gradient(self.row_points(w))
-        value = np.add.reduceat(value, self.first_row, axis=0)
-        return value, np.add.reduceat(slope @ self.loading, self.first_row, axis=0)
-
-    def scoring(self, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The same with the Fisher information."""
-        value, slope, information = self.batch.scoring(self.row_points(w))
-        loading = self.loading[:, None]
-        information = loading.swapaxes(2, 3) @ information @ loading
-        parts = (value, slope @ self.loading, information)
-        first, second, third = (np.add.reduceat(part, self.first_row, axis=0) for part in parts)
-        return first, second, third
 
     def log_own_prior(self, unshared: FloatArray) -> ArrayPair:
         """Log prior of the parameters that are not shared, (..., own) -> (...), and its slopes."""
         total, slopes = np.zeros(unshared.shape[:-1]), np.empty_like(unshared)
         for j, coordinate in enumerate(self.unshared_coordinates):
-            density = self.batch.priors[coordinate]
+            density = self.rows.priors[coordinate]
             total += density.log_density(unshared[..., j])
             slopes[..., j] = density.slope(unshared[..., j])
         return total, slopes
@@ -280,7 +247,7 @@ class GroupPosterior:
         coefficients = expected + np.square(unit) * pull + unit * xi
         w = self._subject_points(coefficients, unshared)
 
-        log_likelihood, likelihood_slope = self.rows.gradient(w)
+        log_likelihood, likelihood_slope = self.rows.plain_gradient(w)
         log_unshared, unshared_slope = self.rows.log_own_prior(w[..., q:])
         log_jacobian = 0.5 * np.log(share)
         log_scores = (log_jacobian - 0.5 * np.square(score)).sum(axis=-1)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from numbers import Integral
 from pathlib import Path
@@ -500,7 +500,6 @@ def population(
     True
     """
     require_study(study)
-    study = _without_intervals(study)
     settings = GroupSettings(root_seed(seed), hyperprior_from(hyperprior), draws)
     if study.conditions is not None and covariates is not None:
         raise InputError(
@@ -525,19 +524,6 @@ def population(
     for problem in result.problems:
         warnings.warn(problem, ConvergenceWarning, stacklevel=2)
     return result
-
-
-def _without_intervals(study: Study) -> Study:
-    """The study with the trials of all delays together: the observer does not depend on them."""
-    if not study.intervals:
-        return study
-    subjects = []
-    for subject in study:
-        columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
-        pooled = Subject.from_counts(subject.name, *columns, task=subject.task, unit=subject.unit)
-        condition, scales = subject.condition, subject.shared_scales
-        subjects.append(replace(pooled, condition=condition, shared_scales=scales))
-    return replace(study, subjects=tuple(subjects))
 
 
 def group_posterior(

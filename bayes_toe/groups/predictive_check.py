@@ -101,11 +101,11 @@ def predictive_check(result: PopulationResult) -> PredictiveCheck:
     """Compare the differences between subjects with new groups drawn from the posterior."""
     rng = generator(result.settings.seed, "population", "predictive check")
     rows = subject_rows(result.study, result.scales)
-    batch = rows.batch
-    observed = batch.n_yes[:, 0].astype(np.int64)
-    n_trials = (batch.n_yes + batch.n_no)[:, 0].astype(np.int64)
+    counts_of_rows = rows.rows
+    observed = counts_of_rows.n_yes[:, 0].astype(np.int64)
+    n_trials = (counts_of_rows.n_yes + counts_of_rows.n_no)[:, 0].astype(np.int64)
     points = rows.row_points(_new_subjects(result, rng))
-    p_yes = np.exp(np.minimum(batch.log_answers(points).yes, 0.0))
+    p_yes = np.exp(np.minimum(counts_of_rows.log_answers(points).yes, 0.0))
     simulated = rng.binomial(n_trials[:, None], p_yes)
     counts = np.concatenate([observed[:, None], simulated], axis=1)
     statistics: list[Statistic] = []
@@ -136,7 +136,7 @@ def _measures(
     `n_yes` has the shape (rows, groups, pairs), the observed group first.
     """
     task = units[0].task
-    difference = rows.batch.difference[:, 0]
+    difference = rows.rows.difference[:, 0]
     n_wrong = task.wrong(difference[:, None], n_yes, n_trials[:, None])
 
     def by_subject(values: FloatArray | IntArray) -> FloatArray:

@@ -1,8 +1,8 @@
 """Fitting of a proposal to a posterior: adaptive importance sampling.
 
 `fit_proposal` adapts a proposal to a posterior and judges it by fresh draws; `adapt_proposal` does
-the adapting alone. `quick_proposal` starts from draws about a maximum, `refreshed` adapts a
-proposal to a few more answers, and `with_trusted_draws` adds draws for an evidence.
+the adapting alone. `refreshed` adapts a proposal to a few more answers, and `with_trusted_draws`
+adds draws for an evidence.
 
 Fitting alternates between drawing from the current proposal and EM steps on the draws of the last
 rounds, weighted against the average of the proposals that made them (deterministic-mixture weights,
@@ -63,10 +63,6 @@ STAGES = (
     Stage(components=12, draws=1000, rounds=8, least_efficiency=0.75, cover_share=0.05),
     Stage(components=24, draws=4000, rounds=10, least_efficiency=0.6, cover_share=0.1),
 )
-#: Of a proposal that begins with Laplace's approximation, for an evidence among many; a cover so
-#: large because that may miss a part.
-_QUICK = Stage(components=6, draws=700, rounds=5, least_efficiency=0.5, cover_share=0.15)
-_QUICK_DRAWS, _QUICK_REFITS = 2500, 3
 _POOR = 0.5  # efficiency below which the second stage runs
 _REFITS = 5
 _HARD = 2  # times the judging draws, where refits were needed
@@ -94,34 +90,6 @@ def fit_proposal(
     first round, and no maxima are searched for.
     """
     return with_fresh_draws(adapt_proposal(posterior, rng, start=start, draws=draws), rng)
-
-
-def quick_proposal(
-    posterior: SampledPosterior, modes: FloatArray, cloud: FloatArray, rng: Rng
-) -> FittedProposal:
-    """A proposal from a cloud of draws about a maximum, shapes (draws, k) and (1, k).
-
-    It is judged by 2,500 draws. If they show that it misses a part of the posterior, it is refitted
-    to them and judged by 2,500 new ones, three times at most.
-    """
-    transform = posterior.transform(modes)
-    y = transform.forward(cloud)[0]
-    spread = _covariance(y)
-    means = np.concatenate([y.mean(axis=0)[None], y[: _QUICK.components - 1]])
-    scales = np.concatenate(
-        [1.2 * spread[None], np.repeat(0.6 * spread[None], _QUICK.components - 1, axis=0)]
-    )
-    mixture = _equal_weights(means, scales, _DF)
-    cover = _equal_weights(means[:1], 4.0 * spread[None], _COVER_DF)
-    history = _adapt(
-        Proposal(posterior, transform, mixture, cover, _QUICK.cover_share), _QUICK, rng
-    )
-    fitted = _assessed(_refitted(history[-_HISTORY:], _QUICK), rng, _QUICK_DRAWS)
-    for _ in range(_QUICK_REFITS):
-        if fitted.trusted and fitted.heaviest < _HEAVY:
-            break
-        fitted = _assessed(_refitted([fitted], _QUICK, _PATCHES // 2), rng, _QUICK_DRAWS)
-    return fitted
 
 
 def adapt_proposal(

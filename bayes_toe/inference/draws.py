@@ -44,19 +44,19 @@ from bayes_toe.inference.subject import (
     SUMMARY_COLUMNS,
     SummaryRow,
     summary_rows,
-    unit,
 )
 from bayes_toe.model.answer_curves import log_likelihoods
 from bayes_toe.model.models import (
+    ObserverPosterior,
     SampledModel,
     describe_prior,
     model_posterior,
     model_title,
     stored_model,
 )
-from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.paper_equations import NATURAL, Natural
 from bayes_toe.model.paper_model import PaperPosterior
+from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.prior import Prior, stored_prior
 from bayes_toe.seeds import generator
 
@@ -117,15 +117,6 @@ class Draws:
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""
         return describe_prior(stored_model(self.model, self.task), self.prior, self.task)
-
-    @property
-    def intervals(self) -> tuple[float, ...]:
-        """Distinct inter-stimulus intervals of the study, seconds, shortest first.
-
-        Empty where it has no column isi.
-        """
-        observed = self.group("observed_data")
-        return tuple(np.unique(observed["isi"].values).tolist()) if "isi" in observed.coords else ()
 
     @property
     def synthetic(self) -> bool:
@@ -212,7 +203,7 @@ class Draws:
         """The counts behind one subject's draws."""
         name = self._require_name(name)
         columns = {**self.group("constant_data").variables, **self.group("observed_data").variables}
-        keys = ("s1", "s2", self.task.count, "n_trials", *(["isi"] if "isi" in columns else []))
+        keys = ("s1", "s2", self.task.count, "n_trials")
         values = (columns[key].values[self._places[name]] for key in keys)
         unit = draws_file.stored_unit(self.tree.attrs)
         condition = self._conditions[1].get(name, {})
@@ -316,14 +307,14 @@ class Draws:
         """
         import arviz  # as slow to load as everything else together
 
-        target, dims = self.posterior(self.names[0]), draws_file.BY_SUBJECT
+        dims = draws_file.BY_SUBJECT
         groups = {
             name: self.group(name)
             for name in ("posterior", "sample_stats", "observed_data", "constant_data")
         }
         for key in self.parameters:
             values = np.stack([self.values(name, key) for name in self.names], axis=-1)
-            groups["posterior"][key] = (dims, values, {"units": unit(key, target)})
+            groups["posterior"][key] = (dims, values, {"units": QUANTITY_BY_NAME[key].unit})
         coords = {**groups["sample_stats"].coords, **groups["observed_data"].coords}
         answers = zip(*(self._answers(name) for name in self.names), strict=True)
         for group, parts in zip(("log_likelihood", "posterior_predictive"), answers, strict=True):

@@ -33,7 +33,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.model.models import describe_prior, stored_model
-from bayes_toe.model.paper_model import PaperModel
 from bayes_toe.version import library_versions
 
 READABLE = "allowed: a posterior.nc written by bayes-toe"
@@ -137,8 +136,6 @@ def _statistics(
 def _by_pair(study: Study, count: str) -> xr.Dataset:
     """One count per subject and pair, with the pair as coordinates."""
     keys = ["s1", "s2"]
-    if study.intervals:
-        keys.append("isi")
     n_pairs = [subject.n_pairs for subject in study]
     owner = np.repeat(np.array(study.names, object), n_pairs)
     table = xr.Dataset(coords={"obs": np.arange(len(owner)), "subject": ("obs", owner)})
@@ -149,9 +146,6 @@ def _by_pair(study: Study, count: str) -> xr.Dataset:
 
 def _attributes(study: Study, settings: Settings) -> Record:
     model = stored_model(settings.model, study.task)
-    model_words = model.about
-    if study.intervals and isinstance(model, PaperModel):
-        model_words += f"; intervals isi in seconds: {model.about_intervals}"
     versions = library_versions("xarray") | {"python": platform.python_version()}
     return {
         "source": study.source,
@@ -162,7 +156,7 @@ def _attributes(study: Study, settings: Settings) -> Record:
         "unit_log_reference": study.unit.log_reference,
         **_condition_attributes(study),
         "model": settings.model,
-        "about_model": model_words,
+        "about_model": model.about,
         "seed": settings.seed,
         "prior": describe_prior(model, settings.prior, study.task),
         "settings": json.dumps(settings.as_dict()),

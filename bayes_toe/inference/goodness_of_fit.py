@@ -103,14 +103,13 @@ def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> ArrayPai
 class PairResidual:
     """A pair with its observed share of an answer and the one that the model expects.
 
-    Stimuli are natural-log intensities, the interval is in seconds.
+    Stimuli are natural-log intensities.
     """
 
     s1: float
     s2: float
     observed: float
     expected: float
-    isi: float | None = None
     answer: str = SAME_DIFFERENT.yes
 
 
@@ -169,7 +168,6 @@ def summarise_fit(posterior: AnswerPosterior, x: FloatArray, maximum: FloatArray
 
 def _pair_residual(subject: Subject, q: FloatArray, i: int) -> PairResidual:
     """The share of the counted answer to a pair, and its probability by the model."""
-    isi = None if subject.isi is None else float(subject.isi[i])
     observed = float(subject.n_yes[i] / subject.n_trials[i])
     s1, s2 = float(subject.s1[i]), float(subject.s2[i])
-    return PairResidual(s1, s2, observed, float(q[i]), isi, subject.task.yes)
+    return PairResidual(s1, s2, observed, float(q[i]), subject.task.yes)

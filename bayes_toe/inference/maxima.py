@@ -83,6 +83,14 @@ class Ascent(NamedTuple):
     curvature: FloatArray  # (starts, k, k)
     has_converged: BoolArray  # (starts,)
 
+    def part(self, is_chosen: BoolArray) -> Ascent:
+        """Some of the searches."""
+        return Ascent._make([values[is_chosen] for values in self])
+
+    def joined(self, other: Ascent) -> Ascent:
+        """These searches and those of another ascent."""
+        return Ascent._make([np.concatenate(pair) for pair in zip(self, other, strict=True)])
+
 
 def ascend(
     expand: Expand,

@@ -1,4 +1,4 @@
-"""Predictions from posterior draws, for any pairs and intervals, tested or not.
+"""Predictions from posterior draws, for any pairs, tested or not.
 
 `Predictor` gives probabilities at draws, and `predict` a table with quantiles.
 """
@@ -14,11 +14,9 @@ import pandas as pd
 
 from bayes_toe.arrays import FloatArray, NamedArrays, thinned
 from bayes_toe.data.study import Subject
-from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.inference.subject import QUANTILES
-from bayes_toe.model.intervals import require_intervals
-from bayes_toe.model.observer import ObserverPosterior
+from bayes_toe.model.models import ObserverPosterior
 from bayes_toe.model.paper_model import PaperPosterior
 
 _BLOCK = 1 << 20  # values of one temporary array
@@ -41,88 +39,62 @@ class Predictor:
             x = thinned(x, n_draws)
         return cls(target, x)
 
-    def yes(self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None = None) -> FloatArray:
+    def yes(self, s1: FloatArray, s2: FloatArray) -> FloatArray:
         """P of the answer that the task counts, for any pairs, (pairs,) -> (draws, pairs).
 
-        Intensities are natural logs, intervals are in seconds.
+        Intensities are natural logs.
         """
-        columns = [s1, s2]
-        if isi is not None:
-            columns.append(isi)
-        keys = np.column_stack(np.broadcast_arrays(*columns))
+        keys = np.column_stack(np.broadcast_arrays(s1, s2))
         # A subject has its pairs once, in this order.
         pairs, index = np.unique(keys, axis=0, return_inverse=True)
         n_trials = np.ones(len(pairs), np.int64)
-        intervals = None if isi is None else pairs[:, 2]
-        counts = (pairs[:, 0], pairs[:, 1], 0 * n_trials, n_trials, intervals)
+        counts = (pairs[:, 0], pairs[:, 1], 0 * n_trials, n_trials)
         subject = Subject(self.target.subject.name, *counts, task=self.target.subject.task)
         log_yes, _ = self.target.for_subject(subject).log_answers(self.x)
         return np.exp(log_yes)[:, index.ravel()]
 
 
-def predict(
-    draws: Draws,
-    subject: str,
-    s1: npt.ArrayLike,
-    s2: npt.ArrayLike,
-    isi: npt.ArrayLike | None = None,
-) -> pd.DataFrame:
-    """Posterior of P('equal'), or of P('second'), for pairs at intervals, one row each.
+def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) -> pd.DataFrame:
+    """Posterior of P('equal'), or of P('second'), for pairs, one row each.
 
     The columns are the mean and quantiles over the draws.
 
-    The bands hold what the parameters leave open, not the scatter of a finite number of answers. An
-    interval far from those that were tested rests on the random walk of
-    :mod:`bayes_toe.model.intervals`, which the data there may contradict.
+    The bands hold what the parameters leave open, not the scatter of a finite number of answers.
 
     Parameters
     ----------
     draws : Draws
     subject : str
     s1, s2 : array_like
-        Natural-log intensities; broadcast with isi.
-    isi : array_like, optional
-        Intervals, seconds, tested or not. Needed for a study with intervals; not known to one
-        without.
+        Natural-log intensities.
 
     Returns
     -------
     pandas.DataFrame
-        s1, s2, isi (only with intervals), mean, q05, q25, q50, q75, q95.
+        s1, s2, mean, q05, q25, q50, q75, q95.
 
     Raises
     ------
     InputError
-        For an unknown subject, an interval that is not positive and finite, or isi given to draws
-        without intervals or missing with them.
+        For an unknown subject.
 
     Examples
     --------
     >>> from bayes_toe.analysis import sample
     >>> from bayes_toe.data.study import Study, Subject
     >>> counts = [49, 20, 15], [50, 50, 50]
-    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], *counts, isi=[1.0, 0.5, 2.0])
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], *counts)
     >>> draws = sample(Study([subject]), draws=500, seed=1, workers=1)
-    >>> predict(draws, "S01", 0.0, 0.3, [0.5, 1.0, 2.0]).columns.tolist()
-    ['s1', 's2', 'isi', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
+    >>> predict(draws, "S01", [0.0, 0.3], 0.3).columns.tolist()
+    ['s1', 's2', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
-    fitted, keys = Predictor.from_draws(draws, subject), ("s1", "s2", "isi")
-    if isi is None and draws.intervals:
-        raise InputError(
-            "isi: these draws were made with intervals, so a prediction needs one, in seconds"
-        )
-    if isi is not None and not draws.intervals:
-        raise InputError(
-            "isi: these draws were made without intervals, so their sigma_p is per interval and "
-            "not per second"
-        )
-    inputs = (s1, s2) if isi is None else (s1, s2, require_intervals(isi))
-    arrays = [np.atleast_1d(np.asarray(values, np.float64)) for values in inputs]
-    columns = [values.ravel() for values in np.broadcast_arrays(*arrays)]
+    fitted = Predictor.from_draws(draws, subject)
+    arrays = [np.atleast_1d(np.asarray(values, np.float64)) for values in (s1, s2)]
+    first, second = (values.ravel() for values in np.broadcast_arrays(*arrays))
     return _table(
-        dict(zip(keys, columns, strict=False)),
+        {"s1": first, "s2": second},
         len(fitted.x),
-        lambda rows: fitted.yes(*(column[rows] for column in columns)),
+        lambda rows: fitted.yes(first[rows], second[rows]),
     )
 
 

@@ -30,8 +30,6 @@ from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, summarise_fit
 from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
-from bayes_toe.model.intervals import interval_units, reference_interval
-from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.posterior import AnswerPosterior, SampledPosterior, posterior_contraction
 from bayes_toe.model.prior import DEFAULT, Prior
@@ -204,7 +202,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
     return SubjectDraws(
         result.subject,
         natural,
-        {name: unit(name, target) for name in natural},
+        {name: QUANTITY_BY_NAME[name].unit for name in natural},
         target.coordinates,
         chains.log_posterior,
         chains.acceptance,
@@ -240,12 +238,3 @@ def location(values: FloatArray) -> tuple[float, ...]:
         float(values.std(ddof=1)),
         *np.quantile(values, list(QUANTILES.values())).tolist(),
     )
-
-
-def unit(name: str, target: AnswerPosterior) -> str:
-    """The unit of a quantity; at the reference interval where an interval acts on it."""
-    plain = QUANTITY_BY_NAME[name].unit
-    if target.subject.isi is None or not isinstance(target, PaperPosterior):
-        return plain
-    reference = reference_interval(target.prior.reference_interval, target.subject)
-    return interval_units(reference).get(name, plain)

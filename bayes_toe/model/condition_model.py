@@ -1,6 +1,6 @@
 """One observer in several conditions: some parameters differ between them, others are shared.
 
-`ConditionPosterior` is the posterior. D is the root mean square step and R the standard deviation
+`ConditionModels` has the posteriors. D is the root mean square step and R the standard deviation
 of all stimuli.
 
 The coordinates u are those of the observer 'both' (:mod:`bayes_toe.model.parameters`). Where a
@@ -24,17 +24,16 @@ nothing differs it is that of the pooled answers.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
-from bayes_toe.arrays import AnyRng, ArrayPair, FloatArray
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject, pooled
-from bayes_toe.model.distributions import LOG_2PI
-from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverBatch, ObserverPosterior, OrderModel
+from bayes_toe.model.models import ObserverPosterior, OrderModel
+from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
     CONTRACTION,
@@ -43,9 +42,10 @@ from bayes_toe.model.parameters import (
     PEAK,
     ObserverPrior,
     Parameter,
+    StandardNormal,
     task_parameters,
 )
-from bayes_toe.model.posterior import Transform, require_points
+from bayes_toe.model.posterior_array import LinearLikelihood, PosteriorArray
 
 #: Prior standard deviation h of the difference between two levels, in the unit of the parameter.
 DIFFERENCE_SD = 0.5
@@ -60,33 +60,31 @@ DIFFERENCE_UNITS: Mapping[Parameter, float] = {
 
 
 @dataclass(frozen=True, eq=False)
-class ConditionPosterior:
-    """The joint posterior of a subject's conditions.
+class ConditionModels:
+    """The posteriors of a subject's conditions, one for each choice of what differs.
 
-    Points have the shape (points, k + differences): the k coordinates of the observer 'both', then
-    a coordinate for each parameter that differs and each column of the design.
+    Points have the k coordinates of the observer 'both', then a coordinate for each parameter that
+    may differ and each column of the design.
 
     Attributes
     ----------
     units : tuple of Subject
         The answers in each condition.
     design : ndarray, shape (conditions, columns)
-    differing : tuple of Parameter
-        Keys of :data:`DIFFERENCE_UNITS`.
+    prior : ObserverPrior
 
     Examples
     --------
     >>> left = Subject("S@left", [0.0, 0.3], [0.3, 0.0], [5, 9], [20, 20], condition="left")
     >>> right = Subject("S@right", [0.0, 0.3], [0.3, 0.0], [15, 9], [20, 20], condition="right")
-    >>> design = np.array([[-0.5], [0.5]])
-    >>> posterior = ConditionPosterior((left, right), design, (CONTRACTION,))
-    >>> posterior.coordinates[-2:]
-    ('contraction', 'contraction 1')
+    >>> models = ConditionModels((left, right), np.array([[-0.5], [0.5]]))
+    >>> array = models.array([(), (CONTRACTION,)])
+    >>> array.names[-1], array.is_free[:, -1].tolist()
+    ('contraction 1', [False, True])
     """
 
     units: tuple[Subject, ...]
     design: FloatArray
-    differing: tuple[Parameter, ...] = ()
     prior: ObserverPrior = DEFAULT_PRIOR
 
     @cached_property
@@ -100,93 +98,53 @@ class ConditionPosterior:
         return OrderModel("both").posterior(self.subject, self.prior)
 
     @cached_property
-    def batch(self) -> ObserverBatch:
-        """A row for each condition, on the scales of all answers."""
-        scales = [self.shared.scales] * len(self.units)
-        return ObserverBatch.from_subjects(self.units, self.prior, scales)
-
-    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters of the task, in the order of the coordinates."""
         return task_parameters(self.subject.task)
 
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates."""
-        names = list(self.shared.coordinates)
-        for parameter in self.differing:
-            names += [f"{parameter.name} {i + 1}" for i in range(self.design.shape[1])]
-        return tuple(names)
+    @cached_property
+    def differing(self) -> tuple[Parameter, ...]:
+        """The parameters that may differ."""
+        return tuple(parameter for parameter in DIFFERENCE_UNITS if parameter in self.parameters)
 
     @cached_property
-    def steps(self) -> FloatArray:
-        """The change of each coordinate by a difference, (conditions, differences, k)."""
+    def loading(self) -> FloatArray:
+        """The coordinates of conditions by those of the posteriors, (conditions, k, d)."""
         n_conditions, n_columns = self.design.shape
         k = len(self.parameters)
-        steps = np.zeros((n_conditions, len(self.differing), n_columns, k))
+        loading = np.zeros((n_conditions, k, k + len(self.differing) * n_columns))
+        loading[:, :, :k] = np.eye(k)
         for i, parameter in enumerate(self.differing):
             unit = DIFFERENCE_UNITS[parameter]
             if parameter == NOISE:
                 unit /= self.prior.noise_sd
-            index = self.parameters.index(parameter)
-            steps[:, i, :, index] = DIFFERENCE_SD * unit * self.design
-        return steps.reshape(n_conditions, -1, k)
+            columns = slice(k + i * n_columns, k + (i + 1) * n_columns)
+            row = self.parameters.index(parameter)
+            loading[:, row, columns] = DIFFERENCE_SD * unit * self.design
+        return loading
 
-    def in_conditions(self, x: FloatArray) -> FloatArray:
-        """The observer's coordinates in each condition, (conditions, points, k)."""
-        k = len(self.parameters)
-        return x[:, :k] + x[:, k:] @ self.steps
+    def array(self, choices: Sequence[Collection[Parameter]]) -> PosteriorArray:
+        """The posteriors for these choices of parameters that differ."""
+        scales = [self.shared.scales] * len(self.units)
+        rows = ObserverRows.from_subjects(self.units, self.prior, scales)
+        likelihood = LinearLikelihood(rows, self.loading, np.zeros(1, np.intp))
+        repeated = likelihood.part(np.zeros(len(choices), np.intp))
 
-    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+        n_columns = self.design.shape[1]
+        names = [parameter.name for parameter in self.parameters]
+        for parameter in self.differing:
+            names += [f"{parameter.name} {i + 1}" for i in range(n_columns)]
+        is_free = np.ones((len(choices), len(names)), np.bool_)
+        for i, choice in enumerate(choices):
+            differs = [parameter in choice for parameter in self.differing]
+            is_free[i, len(self.parameters) :] = np.repeat(differs, n_columns)
+        further_priors = (StandardNormal(),) * (len(names) - len(self.parameters))
+        return PosteriorArray(repeated, tuple(names), further_priors, is_free)
+
+    def in_conditions(self, points: FloatArray) -> FloatArray:
+        """The observer's coordinates in each condition, (points, d) -> (conditions, points, k)."""
+        return points @ self.loading.swapaxes(1, 2)
+
+    def quantities(self, points: FloatArray) -> dict[str, FloatArray]:
         """The observer's quantities in each condition, natural units, (conditions, points) each."""
-        return self.shared.quantities(self.in_conditions(x))
-
-    # --- Densities -------------------------------------------------------------------------------
-
-    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
-        """Log prior density, (points, k + differences) -> (points,)."""
-        points = require_points(x, len(self.coordinates))
-        k = len(self.parameters)
-        of_differences = -0.5 * (np.square(points[:, k:]) + LOG_2PI).sum(axis=1)
-        return self.shared.log_prior(points[:, :k]) + of_differences
-
-    def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
-        """Log likelihood of all conditions, without binomial coefficients, (points,)."""
-        points = require_points(x, len(self.coordinates))
-        return self.batch.log_likelihood(self.in_conditions(points)).sum(axis=0)
-
-    def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """Log posterior density, (points,); its integral is the evidence."""
-        return self.log_likelihood(x) + self.log_prior(x)
-
-    def gradient(self, x: npt.ArrayLike) -> ArrayPair:
-        """Log posterior density, (points,), and its gradient, (points, k + differences)."""
-        points = require_points(x, len(self.coordinates))
-        k = len(self.parameters)
-        value, slopes = self.batch.gradient(self.in_conditions(points))
-        of_prior = self.shared.batch.prior_slopes(points[None, :, :k])[0][0]
-        of_differences = np.einsum("cpk,cdk->pd", slopes, self.steps)
-        shared_slope = slopes.sum(axis=0) + of_prior
-        difference_slope = of_differences - points[:, k:]
-        slope = np.concatenate([shared_slope, difference_slope], axis=1)
-        return value.sum(axis=0) + self.log_prior(points), slope
-
-    # --- What engines ask for --------------------------------------------------------------------
-
-    def starts(self) -> FloatArray:
-        """The starts for all answers together, without differences."""
-        return self.without_differences(self.shared.starts())
-
-    def without_differences(self, u: FloatArray) -> FloatArray:
-        """Points of the observer, (points, k), as points at which conditions are alike."""
-        return np.pad(u, ((0, 0), (0, len(self.coordinates) - u.shape[1])))
-
-    def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
-        """Independent draws from the prior, shape (size, k + differences)."""
-        shared = self.shared.sample_prior(rng, size)
-        differences = rng.standard_normal((size, self.steps.shape[1]))
-        return np.concatenate([shared, differences], axis=1)
-
-    def transform(self, modes: FloatArray) -> Transform:
-        """The coordinates as they are."""
-        return self.shared.transform(modes)
+        return self.shared.quantities(self.in_conditions(points))

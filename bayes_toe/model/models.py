@@ -1,21 +1,299 @@
-"""The models that can be sampled, by name: the four of the observer, and the paper's.
+"""The models that can be sampled: the four of the observer, and the paper's (H1).
+
+The four models of the observer (:mod:`bayes_toe.model.observer`) are 'none', 'constant error',
+'contraction' and 'both'. An effect that a model does not have is held at 0. `ObserverPosterior` is
+the posterior of one subject under one of them.
 
 `require_model` finds a model by the name that a user types, `stored_model` by its name in files,
-and `model_posterior` makes a posterior.
-
-The paper's model (H1) keeps the name 'predictive update' in files and in the keys of its random
-streams.
+and `model_posterior` makes a posterior. The paper's model keeps the name 'predictive update' in
+files and in the keys of its random streams.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import expit, logit
+
+from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, NamedArrays
+from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
-from bayes_toe.model.observer import ObserverPosterior, OrderModel
+from bayes_toe.model.answer_curves import LogAnswers, criterion
+from bayes_toe.model.observer import DEFAULT_PRIOR, JND_OVER_NOISE, ObserverRows
 from bayes_toe.model.paper_model import PAPER_MODEL, PaperModel, PaperPosterior
-from bayes_toe.model.parameters import ORDER_MODELS
+from bayes_toe.model.parameters import (
+    CONSTANT_ERROR,
+    CONTRACTION,
+    ORDER_MODELS,
+    LogitOfBeta,
+    ObserverPrior,
+    Parameter,
+    lapse_logs,
+    lapse_score,
+    task_parameters,
+)
+from bayes_toe.model.posterior import Names, SameCoordinates, Transform, require_points
+from bayes_toe.model.posterior_array import PosteriorArray, observer_array
 from bayes_toe.model.prior import DEFAULT, Prior
+
+_PRIOR_DRAWS = 100_000
+#: What the models say of the order of the stimuli.
+_MODEL_WORDS = {
+    "none": "no order effect",
+    "constant error": "a constant error",
+    "contraction": "a contraction of the first stimulus to the mean",
+    "both": "a constant error and a contraction",
+}
+
+
+@dataclass(frozen=True)
+class OrderModel:
+    """One of the four models of the observer, by its name in :data:`ORDER_MODELS`."""
+
+    name: str
+
+    @property
+    def about(self) -> str:
+        """The effects of order that the model has, in words."""
+        return _MODEL_WORDS[self.name]
+
+    @property
+    def held(self) -> frozenset[Parameter]:
+        """The effects of order that it does not have: they are held at 0."""
+        return frozenset((CONSTANT_ERROR, CONTRACTION)).difference(ORDER_MODELS[self.name])
+
+    def coordinates(self, task: Task) -> tuple[str, ...]:
+        """Names of the coordinates of a task that are free in the model.
+
+        Examples
+        --------
+        >>> from bayes_toe.data.tasks import WHICH_STRONGER
+        >>> OrderModel("none").coordinates(WHICH_STRONGER)
+        ('noise', 'lapse_rate', 'noise_slope')
+        """
+        parameters = task_parameters(task)
+        return tuple(parameter.name for parameter in parameters if parameter not in self.held)
+
+    def describe(self, prior: ObserverPrior, task: Task) -> str:
+        """The prior of its parameters, in words."""
+        return prior.describe(task, self.held)
+
+    def posterior(
+        self, subject: Subject, prior: ObserverPrior = DEFAULT_PRIOR
+    ) -> ObserverPosterior:
+        """The posterior of a subject under this model."""
+        return ObserverPosterior(subject, self, prior)
+
+
+@dataclass(frozen=True, eq=False)
+class ObserverPosterior:
+    """The posterior of one subject under one of the four models.
+
+    Points have the shape (points, k), with the coordinates that are free in the model, in the
+    order of :func:`bayes_toe.model.parameters.task_parameters`.
+
+    Examples
+    --------
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> posterior = OrderModel("both").posterior(subject)
+    >>> posterior.coordinates[-2:]
+    ('constant_error', 'contraction')
+    >>> posterior.log_density(np.zeros((3, 7))).shape
+    (3,)
+    """
+
+    subject: Subject
+    model: OrderModel
+    prior: ObserverPrior = DEFAULT_PRIOR
+    given_scales: StimulusScales | None = None
+
+    @cached_property
+    def scales(self) -> StimulusScales:
+        """Location and scales of the stimuli: those given, or those of the subject's stimuli."""
+        if self.given_scales is not None:
+            return self.given_scales
+        return self.subject.scales
+
+    @cached_property
+    def array(self) -> PosteriorArray:
+        """The same posterior as an array of one, with all coordinates of the task."""
+        rows = ObserverRows.from_subjects([self.subject], self.prior, [self.scales])
+        return observer_array(rows, [self.coordinates])
+
+    @property
+    def rows(self) -> ObserverRows:
+        """The counts, as one row."""
+        return self.array.likelihood.rows
+
+    @property
+    def is_free(self) -> BoolArray:
+        """Which coordinates of the task are free in the model, shape (all,)."""
+        return self.array.is_free[0]
+
+    @cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the free coordinates."""
+        return self.model.coordinates(self.subject.task)
+
+    def for_subject(self, subject: Subject) -> ObserverPosterior:
+        """The same model with the same prior and scales for other answers or other pairs."""
+        return replace(self, subject=subject, given_scales=self.scales)
+
+    @property
+    def sbar(self) -> float:
+        """Mean first stimulus, natural-log intensity."""
+        return self.scales.sbar
+
+    def full_points(self, x: npt.ArrayLike) -> FloatArray:
+        """Points with all coordinates of the task, (points, k) -> (1, points, all)."""
+        points = require_points(x, len(self.coordinates))
+        full = np.zeros((1, len(points), len(self.array.names)))
+        full[0][:, self.is_free] = points
+        return full
+
+    def log_answers(self, x: npt.ArrayLike) -> LogAnswers:
+        """Log probability of both answers to every pair, (points, pairs) each."""
+        yes, no = self.rows.log_answers(self.full_points(x))
+        return LogAnswers(yes[0], no[0])
+
+    def distance(self, x: npt.ArrayLike) -> FloatArray:
+        """The distance z of every pair in standard deviations of the noise, (points, pairs)."""
+        return self.rows.distance(self.full_points(x))[0]
+
+    def yes_at_distance(self, x: npt.ArrayLike, z: FloatArray) -> FloatArray:
+        """P of the answer that the task counts at distances z, (n,) -> (points, n)."""
+        return np.exp(self.rows.answers_at_distance(self.full_points(x), z).yes[0])
+
+    def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
+        """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
+        return self.array.likelihood.value(self.full_points(x))[0]
+
+    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
+        """Log prior density of the coordinates, (points, k) -> (points,)."""
+        return self.array.log_prior(self.full_points(x))[0]
+
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """Log posterior density, (points, k) -> (points,); its integral is the evidence."""
+        full = self.full_points(x)
+        return self.array.likelihood.value(full)[0] + self.array.log_prior(full)[0]
+
+    def gradient(self, x: npt.ArrayLike) -> ArrayPair:
+        """Log posterior density, (points,), and its gradient, (points, k)."""
+        full = self.full_points(x)
+        value, slope = self.array.likelihood.gradient(full)
+        slope = slope + self.array.prior_slopes(full)[0]
+        return (value + self.array.log_prior(full))[0], slope[0][:, self.is_free]
+
+    # --- What engines ask for --------------------------------------------------------------------
+
+    def starts(self) -> FloatArray:
+        """A grid over noise, lapse rate, constant error and contraction, shape (starts, k)."""
+        subject = self.subject
+        largest_share = float(((subject.n_yes + 1.0) / (subject.n_trials + 2.0)).max())
+        sd = float(self.rows.contraction_sd[0, 0])
+        starts: dict[str, Sequence[float]] = {
+            "noise": (-1.4, 0.0, 1.4),
+            "q0": (float(logit(largest_share)),),
+            "lapse_rate": (-1.5, 1.0),
+            "noise_slope": (0.0,),
+            "criterion_slope": (0.0,),
+            "constant_error": tuple(
+                c / self.prior.constant_error_scale for c in (-0.93, 0.07, 1.01)
+            ),
+            "contraction": (-min(1.6, 0.4 / sd), min(3.2, 0.8 / sd)),
+        }
+        axes = np.meshgrid(*(starts[name] for name in self.coordinates))
+        return np.stack([axis.ravel() for axis in axes], axis=-1)
+
+    def transform(self, modes: FloatArray) -> Transform:
+        """The coordinates as they are: no parameter's posterior narrows as another one vanishes."""
+        return SameCoordinates()
+
+    def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
+        """Independent draws from the prior, shape (size, k)."""
+        uniform = rng.uniform(size=(size, len(self.array.names)))
+        return self.array.prior_points(uniform[None])[0][:, self.is_free]
+
+    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+        """Every named quantity, each with the shape of x without its last axis.
+
+        The scales are those of the subject's stimuli: natural-log intensity where these are.
+        """
+        full = np.zeros((*x.shape[:-1], len(self.array.names)))
+        full[..., self.is_free] = x
+        values = self.rows.quantities(full.reshape(1, -1, full.shape[-1]))
+        step = self.scales.step
+        log_lapse, _ = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
+        noise = step * np.exp(values["log_noise"])
+        by_name = {
+            "noise": noise,
+            "lapse_rate": np.exp(log_lapse),
+            "noise_slope": values["noise_slope"] / step,
+            "constant_error": values["constant_error"] * step,
+            "contraction": values["contraction"],
+            "jnd": JND_OVER_NOISE * noise,
+        }
+        if "logit_q0" in values:
+            by_name["q0"] = expit(values["logit_q0"])
+            by_name["criterion_slope"] = values["criterion_slope"] / step
+            by_name["zone"] = criterion(values["logit_q0"]) * noise
+        names = self.names.all
+        return {name: by_name[name].reshape(x.shape[:-1]) for name in names}
+
+    def prior_quantile(self, name: str, probability: float) -> float:
+        """Prior quantile of a quantity; that of the zone by draws."""
+        if name == "zone" and name in self.names.all:
+            return self.scales.step * float(np.quantile(_prior_zones(self.prior), probability))
+        parameter = "noise" if name == "jnd" else name
+        if parameter not in self.coordinates:
+            raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
+        probabilities = np.full((1, len(self.array.names)), probability)
+        point = self.array.prior_points(probabilities[None])[0][:, self.is_free]
+        return float(self.quantities(point)[name][0])
+
+    @cached_property
+    def names(self) -> Names:
+        """The names of the quantities."""
+        derived = ("jnd", "zone") if "q0" in self.coordinates else ("jnd",)
+        return Names(self.coordinates, self.coordinates, derived, ("jnd",))
+
+    def points(self, quantities: NamedArrays) -> FloatArray:
+        """Points, shape (..., k), from quantities of shape (...).
+
+        The inverse of :meth:`quantities`.
+        """
+        step, prior = self.scales.step, self.prior
+        at_one = self.quantities(np.ones(len(self.coordinates)))
+        columns = []
+        for name in self.coordinates:
+            values = np.asarray(quantities[name], np.float64)
+            if name == "noise":
+                columns.append(np.log(values / (step * prior.noise_median)) / prior.noise_sd)
+            elif name == "q0":
+                columns.append(logit(values))
+            elif name == "lapse_rate":
+                columns.append(lapse_score(values, prior.lapse_rate_b))
+            else:
+                columns.append(values / at_one[name])
+        return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+
+@lru_cache(maxsize=4)
+def _prior_zones(prior: ObserverPrior) -> FloatArray:
+    """Draws of the zone from the prior, in D; the same for all subjects."""
+    rng = np.random.default_rng(0)
+    noise = prior.noise_median * np.exp(prior.noise_sd * rng.standard_normal(_PRIOR_DRAWS))
+    peak = LogitOfBeta(prior.q0_a, prior.q0_b).quantile(rng.uniform(size=_PRIOR_DRAWS))
+    return criterion(peak) * noise
+
+
+# --- Models by name ------------------------------------------------------------------------------
 
 SampledModel = OrderModel | PaperModel
 #: The names to type.

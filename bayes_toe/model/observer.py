@@ -1,4 +1,4 @@
-"""The observer, who answers either task; four models say what the order of stimuli does.
+"""The observer, who answers either task, and to whom the order of stimuli may matter.
 
     z = ((s2 - s1) - c + p (s1 - sbar)) / (sigma_d exp(b m)),   m = (s1 + s2)/2 - sbar
     which is stronger   P(second) = lambda/2 + (1 - lambda) Phi(z)
@@ -7,30 +7,26 @@
                         k_m = k exp(g m),  q0 = 2 Phi(k) - 1
 
 c is the constant error, p the contraction, lambda the lapse rate, sigma_d the noise, and k the
-criterion of 'equal'; b and g are the slopes of noise and criterion with intensity. The models are
-'none', 'constant error', 'contraction' and 'both'. All other parameters are free in all four. The
-coordinates are those of :mod:`bayes_toe.model.parameters`; an effect that a model does not have is
-held at 0.
+criterion of 'equal'; b and g are the slopes of noise and criterion with intensity. The coordinates
+are those of :mod:`bayes_toe.model.parameters`. The four models
+(:mod:`bayes_toe.model.models`) have the constant error, the contraction, both or neither.
 
-:class:`ObserverBatch` computes many rows at once, a subject and a model each.
-:class:`ObserverPosterior` is the posterior of one subject under one model.
+:class:`ObserverRows` computes the likelihood of many rows of counts at once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
-from scipy.special import erf, expit, log_ndtr, logit, ndtr, xlogy
+from scipy.special import erf, log_ndtr, ndtr, xlogy
 
-from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, NamedArrays
+from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, NamedArrays
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.errors import InputError
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.answer_curves import (
     LogAnswers,
     Slopes,
@@ -45,29 +41,22 @@ from bayes_toe.model.answer_curves import (
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.paper_equations import LN2
 from bayes_toe.model.parameters import (
-    CONSTANT_ERROR,
-    CONTRACTION,
-    ORDER_MODELS,
     CutNormal,
     LogitOfBeta,
     ObserverPrior,
-    Parameter,
     PriorDensity,
     StandardNormal,
     StandardStudent,
     lapse_logs,
-    lapse_score,
     task_parameters,
 )
-from bayes_toe.model.posterior import Names, SameCoordinates, Transform, require_points
 
 #: Criterion below which the density is level over the window of 'equal', to 12 digits.
 _NARROW = 1e-6
 DEFAULT_PRIOR = ObserverPrior()
 #: JND over sigma_d: the z at which 75 % of the answers are 'second'.
 JND_OVER_NOISE = 0.6744897501960817
-_PRIOR_DRAWS = 100_000
-#: The arrays of a batch that have rows.
+#: The arrays that have rows.
 _ROW_ARRAYS = ("first", "difference", "middle", "n_yes", "n_no", "slope_unit", "contraction_sd")
 #: Responses of an observer who ignores the stimuli and is asked which one is stronger.
 _GUESS = LogAnswers(np.array(-LN2), np.array(-LN2))
@@ -75,8 +64,8 @@ _NO_SLOPES = Slopes(np.zeros(1), np.zeros(1))
 
 
 @dataclass(frozen=True, eq=False)
-class ObserverBatch:
-    """Counts of one or several subjects of a task, and their posteriors as rows of one array.
+class ObserverRows:
+    """Counts of one or several subjects of a task, and their likelihoods as rows of one array.
 
     Points have the shape (rows, points, k), with all k coordinates of the task. Pairs of subjects
     who have fewer than others are filled up with pairs that nobody answered.
@@ -107,7 +96,7 @@ class ObserverBatch:
         subjects: Sequence[Subject],
         prior: ObserverPrior = DEFAULT_PRIOR,
         scales: Sequence[StimulusScales] | None = None,
-    ) -> ObserverBatch:
+    ) -> ObserverRows:
         """A row for each subject; all of one task. `scales` default to the subjects' own."""
         if scales is None:
             scales = [subject.scales for subject in subjects]
@@ -127,15 +116,15 @@ class ObserverBatch:
         values = (*arrays, slope_unit, prior.contraction_sd * roving_share)
         return cls(is_same_different, prior, **dict(zip(_ROW_ARRAYS, values, strict=True)))
 
-    def rows(self, index: npt.NDArray[np.intp]) -> ObserverBatch:
+    def part(self, index: IndexArray) -> ObserverRows:
         """Some rows, in this order; a row may come more than once."""
-        arrays = {name: getattr(self, name)[index] for name in _ROW_ARRAYS}
-        return ObserverBatch(self.is_same_different, self.prior, **arrays)
+        return replace(self, **{name: getattr(self, name)[index] for name in _ROW_ARRAYS})
 
     @property
-    def n_coordinates(self) -> int:
-        """k: 7 of same or different, 5 of which is stronger."""
-        return 7 if self.is_same_different else 5
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the k coordinates: 7 of same or different, 5 of which is stronger."""
+        task = SAME_DIFFERENT if self.is_same_different else WHICH_STRONGER
+        return tuple(parameter.name for parameter in task_parameters(task))
 
     # --- Quantities in units of D ----------------------------------------------------------------
 
@@ -159,18 +148,19 @@ class ObserverBatch:
         """The distance z of every pair, (rows, points, pairs)."""
         return self.distance_at(self.quantities(u))
 
-    def distance_at(self, values: NamedArrays, expectation: FloatArray | float = 0.0) -> FloatArray:
-        """The distance z of every pair, (rows, points, pairs).
-
-        Where an expectation other than sbar draws the first stimulus, it is given in D from sbar.
-        """
-        lever = self.first - expectation
+    def distance_at(self, values: NamedArrays) -> FloatArray:
+        """The distance z of every pair, (rows, points, pairs)."""
+        lever = self.lever_at(values)
         shift = values["contraction"][..., None] * lever - values["constant_error"][..., None]
         numerator = self.difference + shift
         log_scale = self._log_scale_at(values)
         with np.errstate(divide="ignore", over="ignore"):
             # In logs, because 0 over a scale beyond the smallest float is 0.
             return np.sign(numerator) * np.exp(np.log(np.abs(numerator)) - log_scale)
+
+    def lever_at(self, values: NamedArrays) -> FloatArray:
+        """The first stimulus from the centre of the contraction, in D: here from sbar."""
+        return self.first
 
     def _log_scale_at(self, values: NamedArrays) -> FloatArray:
         """Log of the noise at every pair, (rows, points, pairs)."""
@@ -397,34 +387,6 @@ class ObserverBatch:
         peak = LogitOfBeta(self.prior.q0_a, self.prior.q0_b)
         return normal, peak, normal, student, student, student, contraction
 
-    def log_prior(self, u: FloatArray, is_free: BoolArray | None = None) -> FloatArray:
-        """Log prior density of the free coordinates, (rows, points).
-
-        `is_free`, shape (rows, k), says which ones a row's model has; by default all.
-        """
-        total = np.zeros(u.shape[:-1])
-        for j, density in enumerate(self.priors):
-            values = density.log_density(u[..., j])
-            if is_free is not None:
-                values = np.where(is_free[:, j, None], values, 0.0)
-            total += values
-        return total
-
-    def prior_points(self, probability: FloatArray) -> FloatArray:
-        """The prior's quantiles of the first row, (points, k)."""
-        points = np.empty_like(probability)
-        for j, density in enumerate(self.priors):
-            points[:, j] = density.quantile(probability[None, :, j])[0]
-        return points
-
-    def prior_slopes(self, u: FloatArray) -> ArrayPair:
-        """Gradient and positive curvature of the log prior, (rows, points, k) each."""
-        slopes, curvatures = np.empty_like(u), np.empty_like(u)
-        for j, density in enumerate(self.priors):
-            slopes[..., j] = density.slope(u[..., j])
-            curvatures[..., j] = density.curvature(u[..., j])
-        return slopes, curvatures
-
 
 def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:
     """Counts over probabilities; an answer never given has 0."""
@@ -447,244 +409,3 @@ def _log_criterion_slope(logit_q0: FloatArray) -> FloatArray:
 def _density(x: FloatArray) -> FloatArray:
     """Standard normal density."""
     return np.exp(-0.5 * (np.square(x) + LOG_2PI))
-
-
-#: What the models say of the order of the stimuli.
-_MODEL_WORDS = {
-    "none": "no order effect",
-    "constant error": "a constant error",
-    "contraction": "a contraction of the first stimulus to the mean",
-    "both": "a constant error and a contraction",
-}
-
-
-@dataclass(frozen=True)
-class OrderModel:
-    """One of the four models of the observer, by its name in :data:`ORDER_MODELS`."""
-
-    name: str
-
-    @property
-    def about(self) -> str:
-        """The effects of order that the model has, in words."""
-        return _MODEL_WORDS[self.name]
-
-    @property
-    def held(self) -> frozenset[Parameter]:
-        """The effects of order that it does not have: they are held at 0."""
-        return frozenset((CONSTANT_ERROR, CONTRACTION)).difference(ORDER_MODELS[self.name])
-
-    def describe(self, prior: ObserverPrior, task: Task) -> str:
-        """The prior of its parameters, in words."""
-        return prior.describe(task, self.held)
-
-    def posterior(
-        self, subject: Subject, prior: ObserverPrior = DEFAULT_PRIOR
-    ) -> ObserverPosterior:
-        """The posterior of a subject under this model."""
-        return ObserverPosterior(subject, self, prior)
-
-
-@dataclass(frozen=True, eq=False)
-class ObserverPosterior:
-    """The posterior of one subject under one of the four models.
-
-    Points have the shape (points, k), with the coordinates that are free in the model, in the
-    order of :func:`bayes_toe.model.parameters.task_parameters`.
-
-    Examples
-    --------
-    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
-    >>> posterior = OrderModel("both").posterior(subject)
-    >>> posterior.coordinates[-2:]
-    ('constant_error', 'contraction')
-    >>> posterior.log_density(np.zeros((3, 7))).shape
-    (3,)
-    """
-
-    subject: Subject
-    model: OrderModel
-    prior: ObserverPrior = DEFAULT_PRIOR
-    given_scales: StimulusScales | None = None
-
-    @cached_property
-    def scales(self) -> StimulusScales:
-        """Location and scales of the stimuli: those given, or those of the subject's stimuli."""
-        if self.given_scales is not None:
-            return self.given_scales
-        return self.subject.scales
-
-    @cached_property
-    def batch(self) -> ObserverBatch:
-        """The same posterior as one row of an array, with all coordinates of the task."""
-        return ObserverBatch.from_subjects([self.subject], self.prior, [self.scales])
-
-    @cached_property
-    def is_free(self) -> BoolArray:
-        """Which coordinates of the task are free in the model, shape (all,)."""
-        return free_coordinates(self.subject.task, self.model.name)
-
-    @cached_property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the free coordinates."""
-        names = [parameter.name for parameter in task_parameters(self.subject.task)]
-        return tuple(name for name, free in zip(names, self.is_free, strict=True) if free)
-
-    def for_subject(self, subject: Subject) -> ObserverPosterior:
-        """The same model with the same prior and scales for other answers or other pairs."""
-        return replace(self, subject=subject, given_scales=self.scales)
-
-    @property
-    def sbar(self) -> float:
-        """Mean first stimulus, natural-log intensity."""
-        return self.scales.sbar
-
-    def full_points(self, x: npt.ArrayLike) -> FloatArray:
-        """Points with all coordinates of the task, (points, k) -> (1, points, all)."""
-        points = require_points(x, len(self.coordinates))
-        full = np.zeros((1, len(points), self.batch.n_coordinates))
-        full[0][:, self.is_free] = points
-        return full
-
-    def log_answers(self, x: npt.ArrayLike) -> LogAnswers:
-        """Log probability of both answers to every pair, (points, pairs) each."""
-        yes, no = self.batch.log_answers(self.full_points(x))
-        return LogAnswers(yes[0], no[0])
-
-    def distance(self, x: npt.ArrayLike) -> FloatArray:
-        """The distance z of every pair in standard deviations of the noise, (points, pairs)."""
-        return self.batch.distance(self.full_points(x))[0]
-
-    def yes_at_distance(self, x: npt.ArrayLike, z: FloatArray) -> FloatArray:
-        """P of the answer that the task counts at distances z, (n,) -> (points, n)."""
-        return np.exp(self.batch.answers_at_distance(self.full_points(x), z).yes[0])
-
-    def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
-        """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
-        return self.batch.log_likelihood(self.full_points(x))[0]
-
-    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
-        """Log prior density of the coordinates, (points, k) -> (points,)."""
-        return self.batch.log_prior(self.full_points(x), self.is_free[None])[0]
-
-    def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """Log posterior density, (points, k) -> (points,); its integral is the evidence."""
-        full = self.full_points(x)
-        log_prior = self.batch.log_prior(full, self.is_free[None])[0]
-        return self.batch.log_likelihood(full)[0] + log_prior
-
-    def gradient(self, x: npt.ArrayLike) -> ArrayPair:
-        """Log posterior density, (points,), and its gradient, (points, k)."""
-        full = self.full_points(x)
-        value, slope = self.batch.gradient(full)
-        log_prior = self.batch.log_prior(full, self.is_free[None])
-        slope = slope + self.batch.prior_slopes(full)[0]
-        return (value + log_prior)[0], slope[0][:, self.is_free]
-
-    # --- What engines ask for --------------------------------------------------------------------
-
-    def starts(self) -> FloatArray:
-        """A grid over noise, lapse rate, constant error and contraction, shape (starts, k)."""
-        subject = self.subject
-        largest_share = float(((subject.n_yes + 1.0) / (subject.n_trials + 2.0)).max())
-        sd = float(self.batch.contraction_sd[0, 0])
-        starts: dict[str, Sequence[float]] = {
-            "noise": (-1.4, 0.0, 1.4),
-            "q0": (float(logit(largest_share)),),
-            "lapse_rate": (-1.5, 1.0),
-            "noise_slope": (0.0,),
-            "criterion_slope": (0.0,),
-            "constant_error": tuple(
-                c / self.prior.constant_error_scale for c in (-0.93, 0.07, 1.01)
-            ),
-            "contraction": (-min(1.6, 0.4 / sd), min(3.2, 0.8 / sd)),
-        }
-        axes = np.meshgrid(*(starts[name] for name in self.coordinates))
-        return np.stack([axis.ravel() for axis in axes], axis=-1)
-
-    def transform(self, modes: FloatArray) -> Transform:
-        """The coordinates as they are: no parameter's posterior narrows as another one vanishes."""
-        return SameCoordinates()
-
-    def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
-        """Independent draws from the prior, shape (size, k)."""
-        uniform = rng.uniform(size=(size, self.batch.n_coordinates))
-        return self.batch.prior_points(uniform)[:, self.is_free]
-
-    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
-        """Every named quantity, each with the shape of x without its last axis.
-
-        The scales are those of the subject's stimuli: natural-log intensity where these are.
-        """
-        full = np.zeros((*x.shape[:-1], self.batch.n_coordinates))
-        full[..., self.is_free] = x
-        values = self.batch.quantities(full.reshape(1, -1, full.shape[-1]))
-        step = self.scales.step
-        log_lapse, _ = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
-        noise = step * np.exp(values["log_noise"])
-        by_name = {
-            "noise": noise,
-            "lapse_rate": np.exp(log_lapse),
-            "noise_slope": values["noise_slope"] / step,
-            "constant_error": values["constant_error"] * step,
-            "contraction": values["contraction"],
-            "jnd": JND_OVER_NOISE * noise,
-        }
-        if "logit_q0" in values:
-            by_name["q0"] = expit(values["logit_q0"])
-            by_name["criterion_slope"] = values["criterion_slope"] / step
-            by_name["zone"] = criterion(values["logit_q0"]) * noise
-        names = self.names.all
-        return {name: by_name[name].reshape(x.shape[:-1]) for name in names}
-
-    def prior_quantile(self, name: str, probability: float) -> float:
-        """Prior quantile of a quantity; that of the zone by draws."""
-        if name == "zone" and name in self.names.all:
-            return self.scales.step * float(np.quantile(_prior_zones(self.prior), probability))
-        parameter = "noise" if name == "jnd" else name
-        if parameter not in self.coordinates:
-            raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
-        probabilities = np.full((1, self.batch.n_coordinates), probability)
-        point = self.batch.prior_points(probabilities)[:, self.is_free]
-        return float(self.quantities(point)[name][0])
-
-    @cached_property
-    def names(self) -> Names:
-        """The names of the quantities."""
-        derived = ("jnd", "zone") if "q0" in self.coordinates else ("jnd",)
-        return Names(self.coordinates, self.coordinates, derived, ("jnd",))
-
-    def points(self, quantities: NamedArrays) -> FloatArray:
-        """Points, shape (..., k), from quantities of shape (...).
-
-        The inverse of :meth:`quantities`.
-        """
-        step, prior = self.scales.step, self.prior
-        at_one = self.quantities(np.ones(len(self.coordinates)))
-        columns = []
-        for name in self.coordinates:
-            values = np.asarray(quantities[name], np.float64)
-            if name == "noise":
-                columns.append(np.log(values / (step * prior.noise_median)) / prior.noise_sd)
-            elif name == "q0":
-                columns.append(logit(values))
-            elif name == "lapse_rate":
-                columns.append(lapse_score(values, prior.lapse_rate_b))
-            else:
-                columns.append(values / at_one[name])
-        return np.stack(np.broadcast_arrays(*columns), axis=-1)
-
-
-@lru_cache(maxsize=4)
-def _prior_zones(prior: ObserverPrior) -> FloatArray:
-    """Draws of the zone from the prior, in D; the same for all subjects."""
-    rng = np.random.default_rng(0)
-    noise = prior.noise_median * np.exp(prior.noise_sd * rng.standard_normal(_PRIOR_DRAWS))
-    peak = LogitOfBeta(prior.q0_a, prior.q0_b).quantile(rng.uniform(size=_PRIOR_DRAWS))
-    return criterion(peak) * noise
-
-
-def free_coordinates(task: Task, model: str) -> BoolArray:
-    """Which coordinates of a task are free in a model, shape (k,)."""
-    held = {CONSTANT_ERROR, CONTRACTION}.difference(ORDER_MODELS[model])
-    return np.array([parameter not in held for parameter in task_parameters(task)])

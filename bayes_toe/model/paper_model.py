@@ -4,14 +4,13 @@
     identified     (offset c, pull p, width w, q0)          what the answers depend on
     unconstrained  (c, logit(p / p_max), log w, logit q0)   where samplers and optimisers work
 
-    z = ((s2 - s1) + r [p (s1 - sbar) - c]) / (w v),   c = p (mu1 - sbar)
+    z = ((s2 - s1) + p (s1 - sbar) - c) / w,   c = p (mu1 - sbar)
     same or different   P(equal) = q0 2^(-z^2),                       w = sigma_p G^(3/2)
     which is stronger   P(second) = lambda/2 + (1 - lambda) Phi(z),   w = sigma_p G
 
 sbar is the mean first stimulus of the subject; p, gamma and G are those of
 :mod:`bayes_toe.model.paper_equations`. Which is stronger has the lapse rate lambda in the place of
-q0. Where there are several inter-stimulus intervals, c, p and w are those at the reference
-interval, and r and v scale them (:mod:`bayes_toe.model.intervals`); else r = v = 1.
+q0.
 
 The map between coordinates is a bijection for 0 < gamma < 1. In natural coordinates only p (mu1 -
 s1) enters the likelihood, so gamma and mu1 form a funnel as gamma -> 0.
@@ -31,7 +30,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import expit, log_expit, logit, ndtri
 
-from bayes_toe.arrays import BLOCK, AnyRng, ArrayPair, FloatArray, IndexArray, IntArray, NamedArrays
+from bayes_toe.arrays import BLOCK, AnyRng, ArrayPair, FloatArray, IntArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, NumericalError
@@ -44,14 +43,6 @@ from bayes_toe.model.answer_curves import (
     times_counts,
 )
 from bayes_toe.model.distributions import Beta, Distribution, HalfNormal, LogNormal
-from bayes_toe.model.intervals import (
-    UNSCALED,
-    Scales,
-    random_walk_scales,
-    random_walk_slopes,
-    reference_interval,
-    typical_interval,
-)
 from bayes_toe.model.normal_scores import Funnel, NormalScores
 from bayes_toe.model.paper_equations import (
     LN2,
@@ -156,11 +147,6 @@ class PaperModel:
 
     name = PAPER_MODEL
     about = "H1: memory is updated by a prior and diffuses"
-    #: What it says of inter-stimulus intervals.
-    about_intervals = (
-        "memory's variance grows by sigma_p^2 over the reference interval, "
-        "with a self-consistent prior for each interval"
-    )
 
     def posterior(self, subject: Subject, prior: Prior = DEFAULT) -> PaperPosterior:
         """The posterior of a subject."""
@@ -194,15 +180,11 @@ class PaperPosterior:
     centre : float, optional
         Intensity from which the offset counts, natural-log units; by default the mean first
         stimulus.
-    interval : float, optional
-        The reference, to which coordinates, quantities and their prior refer, seconds: the prior's,
-        or else the subject's geometric mean.
     """
 
     subject: Subject
     prior: Prior = DEFAULT
     centre: float | None = None
-    interval: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "prior", self.prior.for_subjects(self.subject))
@@ -236,23 +218,9 @@ class PaperPosterior:
             return self.subject.shared_scales.sbar
         return float(np.average(self.subject.s1, weights=self.subject.n_trials))
 
-    @cached_property
-    def reference(self) -> float:
-        """Reference interval, seconds."""
-        if self.interval is not None:
-            return self.interval
-        return reference_interval(self.prior.reference_interval, self.subject)
-
-    @cached_property
-    def _intervals(self) -> tuple[FloatArray, IndexArray] | None:
-        """Distinct intervals over the reference, and which one each pair has."""
-        if self.subject.isi is None:
-            return None
-        return np.unique(self.subject.isi / self.reference, return_inverse=True)
-
     def for_subject(self, subject: Subject) -> PaperPosterior:
-        """The same prior, centre and reference interval for other answers or other pairs."""
-        return replace(self, subject=subject, centre=self.sbar, interval=self.reference)
+        """The same prior and centre for other answers or other pairs."""
+        return replace(self, subject=subject, centre=self.sbar)
 
     # --- Likelihood ------------------------------------------------------------------------------
 
@@ -291,15 +259,12 @@ class PaperPosterior:
 
     def distance(self, x: FloatArray) -> FloatArray:
         """Normalised distance z of every pair, (points, 4) -> (points, pairs)."""
-        return self._distance(x, self._scales(x))
-
-    def _distance(self, x: FloatArray, scales: Scales) -> FloatArray:
-        """As :meth:`distance`; points lie next to each other in memory, for there are few pairs."""
+        # Points lie next to each other in memory, for there are few pairs.
         s1, s2 = self.subject.s1[:, None], self.subject.s2[:, None]
         lever = pull_at(x).T * (s1 - self.sbar)
-        shift = (s2 - s1) + scales.pull.T * (lever - x[:, :1].T)
+        shift = (s2 - s1) + (lever - x[:, :1].T)
         with np.errstate(over="ignore", invalid="ignore"):
-            inverse_width = self._inverse_width(x, scales).T
+            inverse_width = np.exp(-x[:, 2:3]).T
             z = shift * inverse_width
             if not np.isfinite(inverse_width).all():
                 # A width below the smallest float leaves only exact equality at distance 0.
@@ -318,47 +283,25 @@ class PaperPosterior:
         subject = self.subject
         n_yes = subject.n_yes if n_yes is None else n_yes
         n_no = subject.n_trials - n_yes
-        scales = self._scales(x)
-        z, logit_share = self._distance(x, scales), x[:, 3:]
+        z, logit_share = self.distance(x), x[:, 3:]
         answers = self._answers_at(z, logit_share)
         with np.errstate(over="ignore"):  # far out, where the density is almost 0
             in_z, in_share = self._slopes_at(z, logit_share, answers)
             slope_z = _counted(n_yes, in_z.yes) + _counted(n_no, in_z.no)
             slope_share = _counted(n_yes, in_share.yes) + _counted(n_no, in_share.no)
             slope_log_width = -_finite_product(slope_z, z)
-        # z = [(s2 - s1) + r (p lever - c)] / width, and its slopes in c and in the logit of p.
-        inverse_width = self._inverse_width(x, scales)
-        c, p, lever = x[:, :1], pull_at(x), subject.s1 - self.sbar
-        z_slope_c = -inverse_width * scales.pull
-        z_slope_logit_p = inverse_width * (scales.pull * (p * expit(-x[:, 1:2]) * lever))
+        # z = [(s2 - s1) + p lever - c] / width, and its slopes in c and in the logit of p.
+        inverse_width, lever = np.exp(-x[:, 2:3]), subject.s1 - self.sbar
+        z_slope_c = -inverse_width
+        z_slope_logit_p = inverse_width * (pull_at(x) * expit(-x[:, 1:2]) * lever)
 
         gradient = np.empty(x.shape)
         gradient[:, 0] = _finite_product(slope_z, z_slope_c).sum(axis=1)
         gradient[:, 1] = _finite_product(slope_z, z_slope_logit_p).sum(axis=1)
         gradient[:, 2] = slope_log_width.sum(axis=1)
         gradient[:, 3] = slope_share.sum(axis=1)
-        if self._intervals is not None:  # r and the width depend on the logit of p, too
-            intervals, interval_of_pair = self._intervals
-            log_slopes = random_walk_slopes(x[:, 1], intervals, self.power).of_pairs(
-                interval_of_pair
-            )
-            z_slope_r = inverse_width * (scales.pull * (p * lever - c) * log_slopes.pull)
-            gradient[:, 1] += _finite_product(slope_z, z_slope_r).sum(axis=1)
-            gradient[:, 1] += _finite_product(slope_log_width, log_slopes.width).sum(axis=1)
         value = log_likelihoods(n_yes, subject.n_trials, answers).sum(axis=1)
         return value, gradient
-
-    def _inverse_width(self, x: FloatArray, scales: Scales) -> FloatArray:
-        """One over the width of every pair, (points, pairs) or (points, 1)."""
-        return np.exp(-x[:, 2:3]) / scales.width
-
-    def _scales(self, x: FloatArray) -> Scales:
-        """Pull and width of every pair over those at the reference; 1 at one interval."""
-        if self._intervals is None:
-            return UNSCALED
-        intervals, interval_of_pair = self._intervals
-        scales = random_walk_scales(x[:, 1], intervals, self.power)
-        return scales.of_pairs(interval_of_pair)
 
     # --- Prior -----------------------------------------------------------------------------------
 
@@ -445,7 +388,7 @@ class PaperPosterior:
     # --- What engines ask for --------------------------------------------------------------------
 
     def starts(self) -> FloatArray:
-        """A grid on the scale of the stimuli, at the typical interval, shape (starts, 4)."""
+        """A grid on the scale of the stimuli, shape (starts, 4)."""
         subject = self.subject
         steps = np.abs(subject.s2 - subject.s1)
         scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
@@ -458,12 +401,6 @@ class PaperPosterior:
             shares = (float(logit(largest_share)),)
         axes = np.meshgrid(offsets, (-2.0, 2.0), widths, shares)
         points = np.stack([axis.ravel() for axis in axes], axis=-1)
-        if subject.isi is not None:
-            # Offset and width are those at the typical interval: what they are at the reference.
-            interval = typical_interval(subject.isi / self.reference, subject.n_trials)
-            scales = random_walk_scales(points[:, 1], interval, self.power)
-            points[:, 0] /= scales.pull[:, 0]
-            points[:, 2] -= np.log(scales.width[:, 0])
         has_density = np.isfinite(self.log_density(points))
         if not has_density.any():
             raise NumericalError(
@@ -483,11 +420,6 @@ class PaperPosterior:
         return self.likelihood_gradient(x)[1]
 
     # --- What readers ask for --------------------------------------------------------------------
-
-    def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
-        """Weight of the first stimulus at intervals, (points, 4) and (n,) -> (points, n)."""
-        scales = random_walk_scales(x[:, 1], seconds / self.reference, self.power)
-        return 1.0 - pull_at(x) * scales.pull
 
     def yes_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
         """P of the counted answer at distances z, (points, 4) and (n,) -> (points, n)."""

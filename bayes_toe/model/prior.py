@@ -59,8 +59,6 @@ class Prior(PriorFields):
     gamma_a, gamma_b, q0_a, q0_b, lapse_rate_a, lapse_rate_b : float
         Of the beta distributions of gamma, q0 and the lapse rate, the share of answers given
         without regard to the stimuli.
-    reference_interval : float, optional
-        Seconds over which sigma_p and gamma have their prior, in a study with intervals.
 
     Raises
     ------
@@ -217,16 +215,10 @@ class Prior(PriorFields):
 
     @property
     def remark(self) -> str:
-        """A remark on the numbers, to follow a description.
-
-        What its symbols mean, and their unit of time.
-        """
-        remark = ""
+        """What the symbols of a description mean, to follow it."""
         if any(map(self.depends_on_stimuli, self.paper_parameters())):
-            remark = "; M mean and R sd of the stimuli, D rms step"
-        if self.reference_interval is not None:
-            remark += f"; over {self.reference_interval:g} s"
-        return remark
+            return "; M mean and R sd of the stimuli, D rms step"
+        return ""
 
     def describe_penalty(self) -> str:
         """:attr:`penalty` in words."""

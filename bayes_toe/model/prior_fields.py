@@ -145,15 +145,6 @@ class PriorFields:
     q0_b: float = _of_beta(1.0, "q0", "its b")
     lapse_rate_a: float = _of_beta(1.0, "lapse_rate", "a of the beta prior of the lapse rate")
     lapse_rate_b: float = _of_beta(9.0, "lapse_rate", "its b")
-    reference_interval: float | None = prior_field(
-        None,
-        parameter="interval",
-        words=(
-            "interval that the priors of sigma_p and gamma refer to; left out: the geometric mean "
-            "of the study's"
-        ),
-        unit="s",
-    )
 
     def __post_init__(self) -> None:
         for number in self.declared():

@@ -17,7 +17,6 @@ from bayes_toe.data.messages import quoted
 from bayes_toe.data.read_table import toml_table
 from bayes_toe.data.study import Study, require_study
 from bayes_toe.errors import InputError, require_kind
-from bayes_toe.model.intervals import reference_interval
 from bayes_toe.model.parameters import PARAMETERS, ObserverPrior
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.prior_fields import (
@@ -152,12 +151,10 @@ def preset_or_file(source: StrPath | None) -> Prior:
 
 
 def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
-    """The prior with the reference interval of a study; without intervals, itself.
+    """The prior that is asked for, if every subject of a study has a scale for it.
 
     Scales that come from the stimuli become numbers subject by subject
     (:meth:`bayes_toe.model.prior.Prior.for_subjects`), because subjects may have different stimuli.
-    All subjects have one reference interval: that of the prior, or the geometric mean of the
-    study's intervals over all trials. So a column with one interval only changes no evidence.
 
     Parameters
     ----------
@@ -183,7 +180,4 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     study_prior = prior if isinstance(prior, Prior) else preset_or_file(prior)
     for subject in study:
         study_prior.for_subjects(subject)
-    reference = None
-    if study.intervals:
-        reference = reference_interval(study_prior.reference_interval, *study)
-    return replace(study_prior, reference_interval=reference)
+    return study_prior

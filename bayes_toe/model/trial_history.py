@@ -21,37 +21,27 @@ coordinates of both are standard normal.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
-from scipy.special import bdtr, ndtr, xlogy
+from scipy.special import bdtr, ndtr
 
-from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, IndexArray, NamedArrays
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
-from bayes_toe.model.distributions import LOG_2PI
-from bayes_toe.model.observer import (
-    DEFAULT_PRIOR,
-    ObserverBatch,
-    ObserverPosterior,
-    OrderModel,
-)
-from bayes_toe.model.parameters import ObserverPrior
-from bayes_toe.model.posterior import SameCoordinates
+from bayes_toe.model.models import ObserverPosterior, OrderModel
+from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
+from bayes_toe.model.parameters import ObserverPrior, PriorDensity, StandardNormal
+from bayes_toe.model.posterior_array import PosteriorArray, observer_array
 
 #: Values of a temporary array of points times trials.
 _BLOCK = 1 << 17
+#: Standard deviations of the prior of kappa.
+SAME_DIFFERENT_SD, WHICH_STRONGER_SD = 0.25, 0.5
 #: Chance below which trials count as sorted by their stimuli.
 SORTED = 1e-6
-
-
-def response_sd(task: Task) -> float:
-    """Standard deviation of the prior of kappa."""
-    return 0.25 if task == SAME_DIFFERENT else 0.5
 
 
 @dataclass(frozen=True)
@@ -72,6 +62,16 @@ class TrialHistory:
     has_carry_over: bool
 
     @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the coordinates that the histories add."""
+        effects = []
+        if self.has_previous_response:
+            effects.append("previous_response")
+        if self.has_carry_over:
+            effects.append("carry_over")
+        return tuple(effects)
+
+    @property
     def name(self) -> str:
         """The order model and its histories."""
         parts = [self.order.name]
@@ -82,94 +82,92 @@ class TrialHistory:
         return " + ".join(parts)
 
 
-class _Cells(NamedTuple):
-    """Answered trials; without carry-over those of a pair after the same answer are one cell."""
-
-    pair: IndexArray  # (cells,)
-    response: FloatArray  # (cells,): the answer before, r
-    cell: IndexArray  # (answered trials,): the cell of each
-    n_yes: FloatArray  # (cells,)
-    n_no: FloatArray
-
-
 @dataclass(frozen=True, eq=False)
-class TrialHistoryPosterior:
-    """The posterior of one subject under a model with a history of trials.
+class HistoryRows(ObserverRows):
+    """One row of the trials of a subject, whose responses also depend on the trial before.
 
-    Points have the shape (points, k): the free coordinates of the order model, then those of kappa
-    and rho where the model has them. The log likelihood is that of the counts where neither has an
-    effect.
+    Its pairs are cells: answered trials, or without carry-over all trials of a pair after the same
+    answer. Points have the observer's coordinates, then those of kappa and rho where the model has
+    them. Slopes in these are not known: only values are.
+
+    Attributes
+    ----------
+    history : TrialHistory
+    trials : TrialSequence
+    previous : ndarray, shape (cells,)
+        r, the answer before.
+    cell : ndarray of int, shape (answered trials,)
+        The cell of each answered trial.
+    first_of_trial, second_of_trial : ndarray, shape (trials, 1)
+        Stimuli from sbar, in D.
     """
 
-    subject: Subject
-    model: TrialHistory
-    prior: ObserverPrior = DEFAULT_PRIOR
+    history: TrialHistory
+    trials: TrialSequence
+    previous: FloatArray
+    cell: IndexArray
+    first_of_trial: FloatArray
+    second_of_trial: FloatArray
 
-    @cached_property
-    def observer(self) -> ObserverPosterior:
-        """The posterior without history."""
-        return self.model.order.posterior(self.subject, self.prior)
+    @classmethod
+    def from_trials(cls, observer: ObserverPosterior, history: TrialHistory) -> HistoryRows:
+        """The trials of a subject, with the scales and the prior of a posterior."""
+        trials, scales = TrialSequence.from_subject(observer.subject), observer.scales
+        answered = np.flatnonzero(trials.is_answered)
+        earlier = trials.earlier(1)[answered]
+        pair, is_yes = trials.pair[answered], trials.answer[answered] > 0.0
+        previous = np.where(earlier >= 0, trials.answer[earlier], 0.0)
+        cell = np.arange(len(answered))
+        if not history.has_carry_over:
+            keys = np.stack([pair, previous])
+            distinct, cell = np.unique(keys, axis=1, return_inverse=True)
+            cell = cell.ravel()
+            pair, previous = distinct[0].astype(np.intp), distinct[1]
 
-    @cached_property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates."""
-        names = list(self.observer.coordinates)
-        if self.model.has_previous_response:
-            names.append("previous_response")
-        if self.model.has_carry_over:
-            names.append("carry_over")
-        return tuple(names)
-
-    @cached_property
-    def trials(self) -> TrialSequence:
-        """All trials in order."""
-        return TrialSequence.from_subject(self.subject)
-
-    @cached_property
-    def _stimuli(self) -> ArrayPair:
-        """First and second stimuli of all trials about sbar, in D, (trials, 1) each."""
-        scales = self.observer.scales
-        first = (self.trials.first - scales.sbar) / scales.step
-        second = (self.trials.second - scales.sbar) / scales.step
-        return first[:, None], second[:, None]
-
-    @cached_property
-    def _cells(self) -> _Cells:
-        """The cells over which the likelihood is a product."""
-        trials = self.trials
-        rows = np.flatnonzero(trials.is_answered)
-        earlier = trials.earlier(1)[rows]
-        pair, is_yes = trials.pair[rows], trials.answer[rows] > 0.0
-        response = np.where(earlier >= 0, trials.answer[earlier], 0.0)
-        if self.model.has_carry_over:
-            own_cell = np.arange(len(rows))
-            return _Cells(pair, response, own_cell, is_yes.astype(float), (~is_yes).astype(float))
-        distinct, cell = np.unique(np.stack([pair, response]), axis=1, return_inverse=True)
-        cell = cell.ravel()
         n_yes = np.bincount(cell, is_yes).astype(np.float64)
         n_no = np.bincount(cell).astype(np.float64) - n_yes
-        return _Cells(distinct[0].astype(np.intp), distinct[1], cell, n_yes, n_no)
-
-    @cached_property
-    def _batch(self) -> ObserverBatch:
-        """The observer with cells for pairs."""
-        cells, batch = self._cells, self.observer.batch
-        return replace(
-            batch,
-            first=batch.first[..., cells.pair],
-            difference=batch.difference[..., cells.pair],
-            middle=batch.middle[..., cells.pair],
-            n_yes=cells.n_yes[None, None],
-            n_no=cells.n_no[None, None],
+        values = {field.name: getattr(observer.rows, field.name) for field in fields(ObserverRows)}
+        for name in ("first", "difference", "middle"):
+            values[name] = values[name][..., pair]
+        values |= {"n_yes": n_yes[None, None], "n_no": n_no[None, None]}
+        first = (trials.first - scales.sbar) / scales.step
+        second = (trials.second - scales.sbar) / scales.step
+        return cls(
+            **values,
+            history=history,
+            trials=trials,
+            previous=previous,
+            cell=cell,
+            first_of_trial=first[:, None],
+            second_of_trial=second[:, None],
         )
 
-    def expectation(self, x: FloatArray) -> FloatArray:
-        """E of every trial in D, (points, k) -> (trials, points)."""
-        values = self.observer.batch.quantities(self.observer.full_points(self._of_order(x)))
-        p, rho = values["contraction"][0], self._carry_over(x)
-        first, second = self._stimuli
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return (*super().coordinates, *self.history.effects)
+
+    @cached_property
+    def priors(self) -> tuple[PriorDensity, ...]:
+        """The prior of every coordinate."""
+        return (*super().priors, *(StandardNormal() for _ in self.history.effects))
+
+    def quantities(self, u: FloatArray) -> dict[str, FloatArray]:
+        """The parameters at points, stimuli in units of D, shape (rows, points) each."""
+        values = super().quantities(u)
+        scores = dict(zip(self.coordinates, np.moveaxis(u, -1, 0), strict=True))
+        if self.history.has_previous_response:
+            sd = SAME_DIFFERENT_SD if self.is_same_different else WHICH_STRONGER_SD
+            values["previous_response"] = sd * scores["previous_response"]
+        if self.history.has_carry_over:
+            values["carry_over"] = ndtr(scores["carry_over"])
+        return values
+
+    def expectation(self, values: NamedArrays) -> FloatArray:
+        """E of every trial in D, (trials, points), for quantities of shape (1, points)."""
+        p, rho = values["contraction"][0], values["carry_over"][0]
         # E' = rho (1 - p) (s2 + p s1) + rho p^2 E, stimuli from sbar.
-        of_stimuli = rho * (1.0 - p) * (second + p * first)
+        of_stimuli = rho * (1.0 - p) * (self.second_of_trial + p * self.first_of_trial)
         share_kept = rho * np.square(p)
         expectations = np.zeros_like(of_stimuli)
         for trial in range(1, len(expectations)):
@@ -178,91 +176,92 @@ class TrialHistoryPosterior:
                 expectations[trial] = of_stimuli[before] + share_kept * expectations[before]
         return expectations
 
-    def log_likelihood(self, x: FloatArray) -> FloatArray:
-        """Log likelihood, (points, k) -> (points,); -inf where abs(p) is 1 or more.
+    def lever_at(self, values: NamedArrays) -> FloatArray:
+        """The first stimulus from the centre of the contraction, in D: from sbar + E."""
+        if not self.history.has_carry_over:
+            return self.first
+        return self.first - self.expectation(values)[self.trials.is_answered].T[None]
+
+    def distance_at(self, values: NamedArrays) -> FloatArray:
+        """The distance z of every cell, (1, points, cells)."""
+        z = super().distance_at(values)
+        if self.history.has_previous_response and not self.is_same_different:
+            z = z + values["previous_response"][..., None] * self.previous
+        return z
+
+    def criterion_at(self, values: NamedArrays) -> FloatArray | None:
+        """The criterion of every cell, (1, points, cells); None of which is stronger."""
+        k = super().criterion_at(values)
+        if k is not None and self.history.has_previous_response:
+            k = k * np.exp(values["previous_response"][..., None] * self.previous)
+        return k
+
+    def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
+        """Log likelihood, (1, points); -inf where abs(p) is 1 or more.
 
         There is no such contraction, and an expectation would grow from trial to trial.
         """
-        full = self.observer.full_points(self._of_order(x))
-        contraction = self.observer.batch.quantities(full)["contraction"][0]
-        is_possible = np.abs(contraction) < 1.0
-        values = np.full(len(x), -np.inf)
-        if is_possible.any():
-            parts = [self._part_likelihood(part) for part in self._parts(x[is_possible])]
-            values[is_possible] = np.concatenate(parts)
+        is_possible = np.abs(super().quantities(u)["contraction"]) < 1.0
+        parts = []
+        for part in self._parts(u[:, is_possible[0]]):
+            parts.append(super().plain_log_likelihood(part))
+        values = np.full(u.shape[:2], -np.inf)
+        values[is_possible] = np.concatenate(parts, axis=1)[0]
         return values
 
-    def _part_likelihood(self, x: FloatArray) -> FloatArray:
-        """The log likelihood of a few points, (points,)."""
-        yes, no = self._batch.plain_answers_at(*self._observer_at(x))
-        terms = xlogy(self._cells.n_yes, yes) + xlogy(self._cells.n_no, no)
-        return terms[0].sum(axis=1)
-
-    def trial_probabilities(self, x: FloatArray) -> FloatArray:
+    def trial_probabilities(self, u: FloatArray) -> FloatArray:
         """P of the answer that the task counts in every answered trial, (points, trials)."""
-        cells = [
-            self._batch.plain_answers_at(*self._observer_at(part))[0][0] for part in self._parts(x)
-        ]
-        return np.concatenate(cells)[:, self._cells.cell]
+        cells = []
+        for part in self._parts(u):
+            values = self.quantities(part)
+            z, k = self.distance_at(values), self.criterion_at(values)
+            cells.append(self.plain_answers_at(values, z, k)[0][0])
+        return np.concatenate(cells)[:, self.cell]
 
-    def _parts(self, x: FloatArray) -> list[FloatArray]:
+    def _parts(self, u: FloatArray) -> list[FloatArray]:
         """Points in parts of which temporary arrays stay small."""
-        n_cells = len(self._cells.pair)
-        return np.array_split(x, max(1, -(-len(x) * n_cells // _BLOCK)))
+        n_parts = max(1, -(-u.shape[1] * len(self.previous) // _BLOCK))
+        return np.array_split(u, n_parts, axis=1)
 
-    def _observer_at(self, x: FloatArray) -> tuple[NamedArrays, FloatArray, FloatArray | None]:
-        """The observer's parameters at points, distances and criteria, (1, points, cells) each."""
-        batch = self._batch
-        values = batch.quantities(self.observer.full_points(self._of_order(x)))
-        expectation: FloatArray | float = 0.0
-        if self.model.has_carry_over:
-            expectation = self.expectation(x)[self.trials.is_answered].T[None]
-        z = batch.distance_at(values, expectation)
-        k = batch.criterion_at(values)
-        if self.model.has_previous_response:
-            shift = self._previous_response(x)[:, None] * self._cells.response
-            if k is None:
-                z = z + shift
-            else:
-                k = k * np.exp(shift)
-        return values, z, k
 
-    def log_prior(self, x: FloatArray) -> FloatArray:
-        """Log prior density, (points, k) -> (points,)."""
-        scores = x[:, len(self.observer.coordinates) :]
-        log_normal = -0.5 * (np.square(scores) + LOG_2PI).sum(axis=1)
-        return self.observer.log_prior(self._of_order(x)) + log_normal
+@dataclass(frozen=True, eq=False)
+class TrialHistoryPosterior:
+    """The posterior of one subject under a model with a history of trials.
 
-    def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
-        """Independent draws from the prior, (size, k)."""
-        of_order = self.observer.sample_prior(rng, size)
-        n_own = len(self.coordinates) - of_order.shape[1]
-        return np.concatenate([of_order, rng.standard_normal((size, n_own))], axis=1)
+    Points have the shape (points, d), with all coordinates of :class:`HistoryRows`. Those that the
+    order model does not have are 0.
+    """
 
-    def transform(self, modes: FloatArray) -> SameCoordinates:
-        """Coordinates in which a mixture fits: these ones."""
-        return SameCoordinates()
+    subject: Subject
+    model: TrialHistory
+    prior: ObserverPrior = DEFAULT_PRIOR
 
-    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+    @cached_property
+    def observer(self) -> ObserverPosterior:
+        """The observer 'both' without history."""
+        return OrderModel("both").posterior(self.subject, self.prior)
+
+    @cached_property
+    def rows(self) -> HistoryRows:
+        """The trials, as one row."""
+        return HistoryRows.from_trials(self.observer, self.model)
+
+    @cached_property
+    def array(self) -> PosteriorArray:
+        """The posterior as an array of one."""
+        of_order = self.model.order.coordinates(self.subject.task)
+        return observer_array(self.rows, [(*of_order, *self.model.effects)])
+
+    def quantities(self, points: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, (points,) each."""
-        values = self.observer.quantities(self._of_order(x))
-        if self.model.has_previous_response:
-            values["previous_response"] = self._previous_response(x)
-        if self.model.has_carry_over:
-            values["carry_over"] = self._carry_over(x)
-        return values
+        k = len(self.observer.coordinates)
+        in_steps = self.rows.quantities(points[None])
+        of_history = {name: in_steps[name][0] for name in self.model.effects}
+        return self.observer.quantities(points[:, :k]) | of_history
 
-    def _of_order(self, x: FloatArray) -> FloatArray:
-        return x[:, : len(self.observer.coordinates)]
-
-    def _previous_response(self, x: FloatArray) -> FloatArray:
-        """Kappa, (points,)."""
-        score = x[:, len(self.observer.coordinates)]
-        return response_sd(self.subject.task) * score
-
-    def _carry_over(self, x: FloatArray) -> FloatArray:
-        """Rho, (points,)."""
-        return ndtr(x[:, -1])
+    def trial_probabilities(self, points: FloatArray) -> FloatArray:
+        """P of the answer that the task counts in every answered trial, (points, trials)."""
+        return self.rows.trial_probabilities(points[None])
 
 
 # --- The order of the trials ----------------------------------------------------------------------
@@ -294,10 +293,7 @@ class TrialSequence:
     def from_subject(cls, subject: Subject) -> TrialSequence:
         """The trials of a subject; an InputError if their order is not known."""
         answers = require_order(subject)
-        columns = [subject.s1, subject.s2]
-        if subject.isi is not None:
-            columns.append(subject.isi)
-        stacked = np.concatenate([np.column_stack(columns), answers.keys])
+        stacked = np.concatenate([np.column_stack([subject.s1, subject.s2]), answers.keys])
         _, number = np.unique(stacked, axis=0, return_inverse=True)
         number = number.ravel()
         pair_of_number = np.full(int(number.max()) + 1, -1, np.intp)

@@ -39,7 +39,6 @@ _MARKS = {
     WORDS[2]: ("white", EQUAL, WORDS[2]),
     WORDS[3]: ("#C9C9C9", EQUAL, _NONE),
     WORDS[4]: ("#C9C9C9", EQUAL, _NONE),
-    "": ("white", "#C9C9C9", "no evidence"),
 }
 
 

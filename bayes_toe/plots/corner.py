@@ -32,8 +32,7 @@ from bayes_toe.data.messages import join_names, name_from_key
 from bayes_toe.data.stimulus_unit import StimulusUnit, percent
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.draws import Draws, require_draws
-from bayes_toe.model.models import model_posterior, model_title, stored_model
-from bayes_toe.model.observer import ObserverPosterior
+from bayes_toe.model.models import ObserverPosterior, model_posterior, model_title, stored_model
 from bayes_toe.model.paper_equations import NATURAL, Natural, quantities
 from bayes_toe.model.paper_model import PRIOR_DRAWS, PaperPosterior
 from bayes_toe.model.parameters import QUANTITY_BY_NAME

@@ -5,8 +5,8 @@ panels too.
 
 The axis depends on the task. In 'same or different' it is the stronger stimulus, with a curve for
 each order. In 'which is stronger' it is s2 - s1, with a curve for each first stimulus, which
-crosses one half at the point of subjective equality (PSE). With several inter-stimulus intervals
-there is a panel for each of them. Bands are central 50 % and 95 % intervals of the posterior.
+crosses one half at the point of subjective equality (PSE). Bands are central 50 % and 95 %
+intervals of the posterior.
 """
 
 from __future__ import annotations
@@ -25,17 +25,15 @@ from scipy.stats import mode
 from bayes_toe.analysis import Analysis
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
-from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.models import model_title
-from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.plots.style import (
     BANDS,
     EQUAL,
     ORDERS,
-    POSTERIOR,
     Band,
     Mark,
     Style,
@@ -46,16 +44,13 @@ from bayes_toe.plots.style import (
     n_rows,
     new_figure,
     plain,
-    plain_log_axis,
     probability_label,
     rows_by_order,
     stimulus_axis,
-    style_axes,
     zero_line,
 )
 
-#: Panels of one weaker stimulus each, or of one interval, beyond which curves give way to a single
-#: panel.
+#: Panels of one weaker stimulus each, beyond which curves give way to a single panel.
 MOST_PANELS = 6
 CURVE_DRAWS = 600
 _LONG_LABEL = 20  # letters, beyond which a legend has two columns
@@ -70,8 +65,6 @@ _ALONG = {
     SAME_DIFFERENT: "stronger stimulus (ln intensity)",
     WHICH_STRONGER: "$s_2 - s_1$ (ln intensity)",
 }
-#: How many times the axis goes below the shortest and above the longest tested interval.
-_BEYOND = 2.0
 
 
 # --- one subject, over the stimuli ----------------------------------------------------------------
@@ -85,8 +78,7 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
     curve of P('second') crosses one half is the point of subjective equality (PSE).
 
     One panel per weaker stimulus; designs with more than six of those are shown over the distance
-    z. With intervals, one panel for each of up to six of them; with the paper's model (H1) also the
-    gain over the interval.
+    z.
 
     Parameters
     ----------
@@ -119,8 +111,6 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
 def fitted_figure(fitted: Predictor, title: str) -> Figure:
     """The responses and curves of the subject whose posterior draws these are."""
     counts = fitted.target.subject
-    if counts.intervals:
-        return _interval_figure(counts, fitted, title)
     stimuli = _panels(counts)
     if len(stimuli) > MOST_PANELS:
         stimuli = []
@@ -264,7 +254,6 @@ def order_panel(
     weaker one is. `curve` gives P of the counted response; None draws no curve. By default bands
     hold 50 and 95 %, and 50 % in 'which is stronger', where wide bands hide each other.
     """
-    refuse_intervals([counts], "panel of both orders")
     if bands is None:
         bands = BANDS if counts.task == SAME_DIFFERENT else BANDS[1:]
     for line in lines_along(counts, weaker, points):
@@ -360,68 +349,3 @@ def draw_shares(
     # Marks that are moved do not say where data are.
     ax.update_datalim(np.column_stack([x, value]))
     ax.autoscale_view()
-
-
-# --- over the interval ----------------------------------------------------------------------------
-
-
-def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:
-    """Responses and curves at up to six of the intervals; of the paper's model the gain below."""
-    tested = counts.intervals
-    index = np.unique(np.linspace(0, len(tested) - 1, MOST_PANELS).round().astype(int))
-    n_columns = min(3, len(index))
-    heights = [2.3 * n_rows(len(index), n_columns) + 0.5]
-    if isinstance(fitted.target, PaperPosterior):
-        heights.append(2.3)
-    figure = new_figure(6.6, sum(heights) + 0.3)
-    parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
-    panels = grid_panels(parts[0], len(index), n_columns, sharey=True)
-    for i, ax in zip(index, panels, strict=True):
-        _interval_panel(ax, counts, fitted, tested[i])
-    for ax in panels[::n_columns]:
-        ax.set_ylabel(probability_label(counts.task))
-    legend_below(parts[0], size=8.0)
-    if isinstance(fitted.target, PaperPosterior):
-        _gain_panel(parts[1].subplots(), tested, fitted.target, fitted.x)
-    figure.suptitle(title, fontsize=11)
-    return figure
-
-
-def _interval_panel(ax: Axes, counts: Subject, fitted: Predictor, isi: float) -> None:
-    """Responses and curves at one interval."""
-    selected = counts.at_isi(isi)
-    weaker = main_weaker(counts)
-    if weaker not in np.minimum(selected.s1, selected.s2):
-        weaker = main_weaker(selected)
-    low = float(selected.s1.min()) if weaker is None else weaker
-
-    def curve(s1: FloatArray, s2: FloatArray) -> FloatArray:
-        return fitted.yes(s1, s2, np.full(len(s1), isi))
-
-    order_panel(ax, selected, curve, low, size=4.5)
-    label_along(ax, counts)
-    title = f"{isi:g} s"
-    if has_several_weaker(counts):
-        title += f", {_describe_weaker(counts, low)}"
-    ax.set(title=title, yticks=[0.0, 0.5, 1.0])
-    style_axes(ax)
-
-
-def _gain_panel(
-    ax: Axes, tested: tuple[float, ...], target: PaperPosterior, draws: FloatArray
-) -> None:
-    """Kalman gain over the interval: the weight of the first stimulus, 1 without an order effect.
-
-    Short bars are the tested intervals.
-    """
-    x = np.geomspace(tested[0] / _BEYOND, tested[-1] * _BEYOND, 120)
-    draw_band(ax, x, target.gain(draws, x), POSTERIOR, 1.3)
-    ax.axhline(1.0, color=EQUAL, lw=0.8, ls=":")
-    ax.set_xscale("log")
-    is_wide = x[-1] / x[0] >= 300.0
-    plain_log_axis(ax.xaxis, (1.0,) if is_wide else (1.0, 2.0, 5.0))
-    transform = ax.get_xaxis_transform()
-    ax.plot(tested, np.full(len(tested), 0.03), "|", color="#111111", ms=7, transform=transform)
-    ax.set(xlabel="inter-stimulus interval (s)", xlim=(x[0], x[-1]))
-    ax.set(ylabel="gain K", ylim=(min(0.5, ax.get_ylim()[0]), 1.03))
-    style_axes(ax)

@@ -107,9 +107,8 @@ def report_height(analysis: Analysis) -> float:
 
 
 def has_curves(analysis: Analysis) -> bool:
-    """Whether the figure shows responses: one interval only, and a subject that is interpreted."""
-    is_interpreted = any(answer.is_interpretable for answer in analysis.answers)
-    return is_interpreted and not analysis.study.intervals
+    """Whether the figure shows responses: those of a subject that is interpreted."""
+    return any(answer.is_interpretable for answer in analysis.answers)
 
 
 def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:

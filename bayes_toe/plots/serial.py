@@ -105,7 +105,7 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     best = table.posterior(row, row.best_history)
     expected = static.trial_probabilities(row.draws[0]).mean(axis=0)
     change = best.trial_probabilities(row.draws[1]) - expected
-    trials = static.trials
+    trials = static.rows.trials
     answered = np.flatnonzero(trials.is_answered)
     residual = 0.5 * (trials.answer[answered] + 1.0) - expected
     residuals = _Residuals(residual, expected * (1.0 - expected), change)

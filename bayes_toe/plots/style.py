@@ -17,10 +17,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure, SubFigure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
@@ -240,13 +239,6 @@ def difference_scale(unit: StimulusUnit, limits: Sequence[float]) -> Scale:
 def stimulus_axis(ax: Axes, stimulus: str, unit: StimulusUnit, mean: float) -> None:
     """Label an axis of natural logs in the unit of the stimuli, or in per cent of their mean."""
     stimulus_scale(stimulus, unit, mean, ax.get_xlim()).draw(ax)
-
-
-def plain_log_axis(axis: Axis, multiples: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
-    """Plain numbers at these multiples of the powers of ten on a logarithmic axis."""
-    axis.set_major_locator(LogLocator(subs=multiples))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def zero_line(ax: Axes) -> None:

@@ -73,7 +73,8 @@ def test_the_evidence_of_a_previous_response_is_an_integral_over_kappa(table, st
     ratio = np.zeros(len(scores))
     for i, score in enumerate(scores):
         moved = np.column_stack([without_effects, np.full(len(without_effects), score)])
-        ratio[i] = np.exp(posterior.log_likelihood(moved) - static).mean()
+        log_likelihood = posterior.array.likelihood.plain_value(moved[None])[0]
+        ratio[i] = np.exp(log_likelihood - static).mean()
     expected = np.log(np.trapezoid(ratio * norm.pdf(scores), scores))
     assert row.log_evidence[1] - row.log_evidence[0] == pytest.approx(expected, abs=0.25)
 
@@ -143,7 +144,7 @@ def test_points_of_the_figure_are_the_shares_of_the_responses(table):
     _, right = bt.plots.serial(table, "repeats").axes
     row = table["repeats"]
     posterior = table.posterior(row, "static")
-    trials = posterior.trials
+    trials = posterior.rows.trials
     expected = posterior.trial_probabilities(row.draws[0]).mean(axis=0)
     after_second = np.r_[False, trials.answer[:-1] > 0] & ~trials.is_session_start
     residual = ((trials.answer > 0) - expected)[after_second].mean()
@@ -153,8 +154,7 @@ def test_points_of_the_figure_are_the_shares_of_the_responses(table):
 
 
 def test_listeners_carry_over(real_data):
-    options = bt.ReadOptions(ignore=("isi",))
-    study = bt.read_study(real_data / "auditory_pwm" / "trials.csv", options)
+    study = bt.read_study(real_data / "auditory_pwm" / "trials.csv")
     first, second = "Sub01_Bimodal_l2", "SubA_Bimodal_l2"
     table = bt.serial_dependence(study.select([first, second]), seed=1, workers=1)
     assert table[first].log_bayes_factor("carry_over") == pytest.approx(17.8, abs=1.0)

@@ -12,7 +12,7 @@ from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.models import OrderModel
 
 
 def screen(subject, p=0.0):

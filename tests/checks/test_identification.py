@@ -139,10 +139,3 @@ def test_the_information_is_that_of_finite_differences_without_the_priors():
     alone = 1.0 / np.linalg.inv(information)[-1, -1]
     with_priors = contraction_information(make_subject(pairs, WHICH_STRONGER)) / 0.25**2
     assert alone < with_priors < 1.5 * alone
-
-
-def test_delays_are_named():
-    keys, delays = np.tile(GRID, (2, 1)), np.repeat([0.5, 2.0], 25)
-    subject = bt.Subject("S", *keys.T, [5] * 50, [10] * 50, delays)
-    assert "analyse the delays as a condition" in identify(subject).notes[-1]
-    assert identify(subject.at_isi(0.5)).notes == ()

@@ -66,24 +66,18 @@ def test_leaving_out_is_as_if_the_file_had_no_such_rows(study):
     )
     assert left.swap("a", 3).changes == ("--exclude a:2", "--swap a:3")
     for removed in (study.exclude("a"), study.exclude("a", [1, 2, 3])):
-        assert (removed.names, [element.name for element in removed if element.answers]) == (
-            ("b:1",),
-            ["b:1"],
-        )
+        assert removed.names == ("b:1",)
+        assert removed["b:1"].answers is not None
     assert study.exclude("a").notes[-1] == "subject a: excluded"
     assert study.exclude("a").select("b:1").changes == ("--exclude a",)
 
 
 def test_counts_without_blocks_can_be_turned_and_left_out_whole():
-    timed = bt.Study([made_subject("0 0.3 4 5 0.5, 0 0.3 2 5 2", name) for name in "ab"])
-    turned = timed.swap("b")
-    assert (turned["b"].n_yes.tolist(), turned["b"].isi.tolist(), turned["a"]) == (
-        [1, 3],
-        [0.5, 2.0],
-        timed["a"],
-    )
-    assert turned.at_isi(2.0).changes == ("--swap b",)
-    assert timed.exclude("a").names == ("b",)
+    study = bt.Study([made_subject("0 0.3 4 5, 0.3 0 2 5", name) for name in "ab"])
+    turned = study.swap("b")
+    assert (turned["b"].n_yes.tolist(), turned["a"]) == ([1, 3], study["a"])
+    assert turned.changes == ("--swap b",)
+    assert study.exclude("a").names == ("b",)
 
 
 def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):
@@ -94,7 +88,7 @@ def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):
 
 
 def test_blocks_of_several_files_are_named_after_these(tmp_path):
-    files = [tmp_path / f"session {number}.csv" for number in (1, 2)]
+    files = [tmp_path / "session 1.csv", tmp_path / "session 2.csv"]
     for file in files:
         FRAME.to_csv(file, index=False)
     study = bt.read_study(files)

@@ -180,13 +180,12 @@ def test_columns_are_chosen_by_options():
             """,
         ),
         (
-            "subject;s1;s2;isi;response;task\na;0,5;0;0,5;same;x\na;0,5;0;2;same;x\nb;x;;;;y\n",
+            "subject;s1;s2;response;task\na;0,5;0;same;x\na;0,5;0;same;x\nb;x;;;y\n",
             {"where": {"task": "x"}},
             """
             trial rows, semicolon-separated, UTF-8, decimal comma,
             responses 'same' as equal (2) / 'different' (0)
             only rows with x in column task
-            2 intervals in column isi: 0.5, 2 s; contrast --condition isi compares them
             """,
         ),
     ],
@@ -666,13 +665,6 @@ CELLS = [
         "i2",
         POSITIVE,
         "0|-0.1|0.0|1e-999|nan|inf|x|",
-    ),
-    (
-        "subject,s1,s2,isi,response\na,0,0,{},same",
-        {},
-        "isi",
-        f"{POSITIVE} of seconds, in every row or no such column",
-        "0||abc|1e400",
     ),
     (
         COUNTS + 'a,0,0,"{}",9007199254740992',

@@ -552,7 +552,9 @@ WARNED = {
     "case.csv": (
         csv(IN_LOGS.replace({"subject": {"P03": "vp03", "P12": "VP03"}})), "differ in case only",
     ),
-    "milliseconds.csv": (csv(IN_LOGS.assign(isi=[600, 1200] * 40)), "milliseconds"),
+    "intervals.csv": (csv(IN_LOGS.assign(isi=[0.6, 1.2] * 40)), "--condition isi"),
+    "delays.csv": (csv(IN_LOGS.assign(Delay=[600, 1200] * 40)), "--condition Delay"),
+    "milliseconds.csv": (csv(IN_LOGS.assign(iti=[600, 1200] * 40)), "milliseconds"),
     "fixed_standard.csv": (
         csv(STANDARD[STANDARD.w1 == 905][["subject", "s1", "s2", "response"]]),
         "in one order only",

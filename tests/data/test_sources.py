@@ -26,7 +26,6 @@ TRIALS = pd.DataFrame(
         "s1": [0.0, 0.1 + 0.2, -1e-300, 0.0, 2.0, 0.0],
         "s2": [0.3, 0.0, 2.5, 0.3, 2.0, 0.3],
         "response": ["equal", "different", "equal", None, "different", "different"],
-        "isi": [0.5, 2.0, 0.5, 2.0, 0.5, 0.5],
         "block": ["b", "a", "b", "a", "b", "a"],
         "trial": [1, 2, 3, 4, 5, 6],
         "more": [None] * 6,
@@ -70,7 +69,7 @@ def content(study):
         if in_order is not None:
             blocks = None if in_order.block is None else in_order.block.tolist()
             in_order = in_order.keys.tolist(), in_order.n_yes.tolist(), blocks, in_order.blocks
-        subjects.append((subject.name, counts(subject), subject.intervals, in_order))
+        subjects.append((subject.name, counts(subject), in_order))
     return subjects
 
 
@@ -178,11 +177,10 @@ def test_whole_numbers_keep_their_digits_and_truth_values_their_type():
 
 
 def test_a_study_gives_the_frame_that_it_is_read_from():
-    study = bt.simulate(2, batches=3, isi=[0.5, 2.0], seed=1).study
+    study = bt.simulate(2, batches=3, seed=1).study
     again = bt.read_study(study.frame())
     assert again.synthetic
     assert list(map(counts, again)) == list(map(counts, study))
-    assert again.intervals == study.intervals
     people = pd.DataFrame({"subject": ["01", "NA"], "age": [20.5, None], "group": ["x", "y"]})
     assert bt.read_covariates(people) == {
         "age": {"01": 20.5},

@@ -112,13 +112,10 @@ def test_right_answers_are_dropped_where_stimuli_are_equal_and_said(tmp_path):
 def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for(tmp_path):
     header = "subject,s1,s2,Delay,response,block"
     path = written(tmp_path, header, "a,0,1,2,second,1", "a,0,1,4,first,2")
-    delay = {"isi": "Delay"}
-    assert bt.read_study(path, bt.ReadOptions(columns=delay))["a"].n_pairs == 2
-    pooled = bt.read_study(path, bt.ReadOptions(columns=delay, ignore=("isi", "block")))
+    pooled = bt.read_study(path, bt.ReadOptions(ignore=("isi", "block")))
     assert bt.ReadOptions(ignore="isi") == bt.ReadOptions(ignore=["isi"])
-    assert (pooled["a"].n_pairs, pooled.intervals) == (1, ())
-    for column in ("Delay", "block"):
-        assert f"column {column} not read, as --ignore has it" in pooled.notes
+    assert counts(pooled["a"]) == [(0.0, 1.0, 1, 2)]
+    assert "column block not read, as --ignore has it" in pooled.notes
     assert not any("looks like" in finding.message for finding in check_answers(pooled))
 
 
@@ -203,6 +200,12 @@ REFUSED = [
         "a,0,1,1",
         "--second-code 1 --first-code 1",
         "--first-code: found '1' as --second-code, allowed: two different texts",
+    ),
+    (
+        TRIALS,
+        "a,0,1,second",
+        "--columns isi=Delay",
+        "--columns: found 'isi=Delay', allowed: --condition Delay",
     ),
     (
         TRIALS,

@@ -16,7 +16,7 @@ from bayes_toe.design.observers import make_observer
 from bayes_toe.design.study_design import each_once
 from bayes_toe.errors import InputError
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
-from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import MODEL_PRIOR
 
 LEVELS = np.linspace(-0.75, 1.25, 9)

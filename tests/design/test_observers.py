@@ -10,7 +10,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.observers import KINDS, assume_observers, make_observer, read_ranges
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
 from bayes_toe.errors import InputError
-from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 
 PARAMETERS = {

@@ -23,7 +23,7 @@ from bayes_toe.design.simulate import (
 )
 from bayes_toe.design.study_design import reference_design
 from bayes_toe.errors import InputError
-from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.paper_equations import Natural
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
 from bayes_toe.seeds import generator
@@ -70,18 +70,17 @@ def test_answers_of_the_papers_observers_follow_its_model():
     for subject in study:
         q = bt.model.equal_probability(subject.s1, subject.s2, **truth[subject.name])
         assert agree(subject.n_yes, 4000, q)
-    assert bt.simulate({"A": PAPER}, isi=(0.5, 2.0), batches=2).study.intervals == (0.5, 2.0)
 
 
 def test_answers_of_the_papers_observers_to_which_is_stronger():
     """Memory decays toward mu1, both stimuli are measured anew and the stored value diffuses."""
-    study, truth = bt.simulate({"A": PAPER_2AFC}, batches=4000, isi=(0.5, 2.0), seed=1, task="2afc")
+    study, truth = bt.simulate({"A": PAPER_2AFC}, batches=4000, seed=1, task="2afc")
     assert (study.task.yes, truth["A"]) == ("second", PAPER_2AFC)
     subject = study["A"]
-    gamma = (0.1 / 0.2) ** 2 / subject.isi
+    gamma = (0.1 / 0.2) ** 2
     ratio = (1 + np.sqrt(1 + 4 * gamma)) / 2
     memory = subject.s1 / ratio + (1 - 1 / ratio) * -0.7
-    z = (subject.s2 - memory) / (ratio * 0.2 * np.sqrt(subject.isi))
+    z = (subject.s2 - memory) / (ratio * 0.2)
     assert agree(subject.n_yes, 4000, 0.05 + 0.9 * ndtr(z))
 
 
@@ -162,7 +161,7 @@ FILES = {
     "missing.csv": "subject,mu1,sigma_p,sigma_l\nx,0,0.3,0.1\n",
     "negative.csv": "subject,mu1,sigma_p,sigma_l,q0\nx,0,-1,0.1,0.9\n",
     "numbers.csv": "s1,s2,n_trials\n0,0.3,70\n",
-    "interval.csv": "s1,s2,isi\n0,0.3,-1\n",
+    "interval.csv": "s1,s2,isi\n0,0.3,1\n",
     "twice.csv": "subject,mu1,sigma_p,sigma_l,q0\nx,0,1,0.1,0.9\nx,0,1,0.1,0.9\n",
 }
 CONDITIONS = {"conditions": ("a", "b")}
@@ -185,8 +184,8 @@ REFUSED = [
     ({"amplitudes": "1,two"}, "--amplitudes"),
     ({"amplitudes": (1, -2)}, "positive"),
     ({"design": "mine"}, "--design"),
-    ({"design": "interval.csv"}, "positive finite numbers of seconds"),
-    ({"design": "numbers.csv"}, "numbers.csv, column n_trials: found a design with numbers"),
+    ({"design": "interval.csv"}, "column isi: found in a design, allowed: s1, s2"),
+    ({"design": "numbers.csv"}, "numbers.csv, column n_trials: found in a design"),
     ({"conditions": "ab"}, "conditions: found the text 'ab', allowed: a list of levels"),
     ({"batches": 0}, "batches=0 must be at least 1"),
     ({"carry_over": 1.0}, "--carry-over: found 1, allowed: a number from 0"),

@@ -14,9 +14,9 @@ from bayes_toe.errors import InputError
 
 
 def test_a_design_comes_back_from_its_file(tmp_path):
-    design = bt.design.StudyDesign(*columns("0.3 0 4 1, 0 0.30000000000000004 7 0.5"))
+    design = bt.design.StudyDesign(*columns("0.3 0 4, 0 0.30000000000000004 7"))
     loaded = bt.design.read_study_design(design.save(tmp_path / "design.csv"))
-    for key in ("s1", "s2", "n_trials", "isi"):
+    for key in ("s1", "s2", "n_trials"):
         assert np.array_equal(getattr(loaded, key), getattr(design, key))
     assert loaded.s1.tolist() == [0.0, 0.3]
 
@@ -42,7 +42,6 @@ def test_every_pair_keeps_its_share_and_at_least_one_trial(trials):
         ),
         ("s1,s2,n_trials\n0,x,1\n", "row 2, column s2: found 'x', allowed: a finite number"),
         ("s1,s2,n_trials\n0,0,1\n0,0,2\n", "a pair of stimuli is repeated"),
-        ("s1,s2,n_trials,isi\n0,0,1,-1\n", "isi must be positive"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_place(tmp_path, text, message):

@@ -159,6 +159,5 @@ def test_vibrotactile_study(vibrotactile, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_auditory_study(real_data, seed):
-    path = real_data / "auditory_pwm" / "trials.csv"
-    study = bt.read_study(path, bt.ReadOptions(ignore=("isi",)))
+    study = bt.read_study(real_data / "auditory_pwm" / "trials.csv")
     require_public(bt.population(study, seed=seed), AUDITORY)

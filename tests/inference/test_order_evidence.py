@@ -8,7 +8,7 @@ from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.inference.order_evidence import order_evidence
-from bayes_toe.model.observer import ObserverBatch
+from bayes_toe.model.observer import ObserverRows
 
 STEPS = np.array([-0.5, -0.25, 0.25, 0.5])
 S1 = np.concatenate([np.zeros(4), STEPS])
@@ -65,7 +65,7 @@ def test_hard_counts_have_finite_evidences(n_yes, n):
 def test_a_criterion_near_zero_is_no_numerical_failure():
     """Long runs draw logits of q0 far below 0 from the prior, where a plain difference rounds."""
     counts = Subject("S", S1, S2, [3, 9, 9, 3, 3, 9, 9, 3], np.full(8, 10))
-    batch = ObserverBatch.from_subjects([counts])
+    batch = ObserverRows.from_subjects([counts])
     rng = np.random.default_rng(1)
     u = rng.normal(size=(1, 20_000, 7))
     u[..., 1] = rng.uniform(-60.0, -25.0, 20_000)
@@ -77,13 +77,13 @@ def test_a_criterion_near_zero_is_no_numerical_failure():
 
 
 def test_draws_by_which_a_mixture_is_changed_do_not_count(evidence, monkeypatch):
-    module = "bayes_toe.inference.order_evidence"
+    module = "bayes_toe.inference.engine"
     monkeypatch.setattr(f"{module}._FEWEST_ASSESSED", 500)
     monkeypatch.setattr(f"{module}._HEAVY", 0.0)  # eight times a new mixture
     changed = order_evidence([SHIFTED], seed=3)[0]
     difference = np.abs(changed.log_evidence - evidence.log_evidence)
     error = np.hypot(evidence.standard_error, changed.standard_error)
     assert ((difference > 0.0) & (difference < 4.0 * error)).all()
-    n_draws = np.array([len(draws.points) for draws in changed.draws])
+    n_draws = np.array([len(draws.x) for draws in changed.draws])
     assert np.all(n_draws <= 1500)
     assert np.all(changed.effective_draws > 0.6 * n_draws)

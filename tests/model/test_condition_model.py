@@ -10,53 +10,72 @@ import bayes_toe as bt
 from bayes_toe.answers.contrast import condition_evidences
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.model.condition_model import DIFFERENCE_UNITS, ConditionPosterior
+from bayes_toe.model.condition_model import DIFFERENCE_UNITS, ConditionModels
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, task_parameters
 
 S1, S2 = np.array([0.0, 0.3, 0.3, 0.9, 1.2]), np.array([0.3, 0.0, 0.7, 0.5, 1.2])
 COUNTS = ((5, 2, 9, 1, 4), (9, 4, 10, 2, 7), (8, 3, 9, 4, 6))
 
 
-def condition_posterior(
-    differing, task=WHICH_STRONGER, *, n_levels=3, s1=S1, s2=S2, counts=COUNTS, n_trials=12
-):
+def condition_models(task=WHICH_STRONGER, *, n_levels=3, s1=S1, s2=S2, counts=COUNTS, n_trials=12):
     levels = tuple("abc"[:n_levels])
     units = tuple(
         bt.Subject(f"S@{level}", s1, s2, n_yes, [n_trials] * len(s1), task=task, condition=level)
         for level, n_yes in zip(levels, counts, strict=False)
     )
-    return ConditionPosterior(units, Conditions("c", levels).design(), differing)
+    return ConditionModels(units, Conditions("c", levels).design())
 
 
 @pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT])
 def test_gradient_and_what_happens_where_nothing_differs(task):
-    everything = tuple(DIFFERENCE_UNITS.keys() & set(task_parameters(task)))
-    posterior = condition_posterior(everything, task)
-    n, k = len(posterior.coordinates), len(task_parameters(task))
-    assert n == k + 2 * len(everything)
-    points = posterior.starts()[:4] + 0.3 * default_rng(1).standard_normal((4, n))
-    value, gradient = posterior.gradient(points)
-    np.testing.assert_allclose(value, posterior.log_density(points), rtol=1e-12)
+    models = condition_models(task)
+    array = models.array([models.differing])
+    n, k = len(array.names), len(task_parameters(task))
+    assert n == k + 2 * len(set(DIFFERENCE_UNITS) & set(task_parameters(task)))
+    points = 0.5 * default_rng(1).standard_normal((1, 4, n))
+
+    def density(points):
+        return array.likelihood.value(points) + array.log_prior(points)
+
+    value, slope = array.likelihood.gradient(points)
+    gradient = slope + array.prior_slopes(points)[0]
+    np.testing.assert_allclose(value, array.likelihood.plain_value(points), rtol=1e-12)
+    np.testing.assert_allclose(array.likelihood.plain_gradient(points)[1], slope, rtol=1e-9)
     numeric = np.empty_like(gradient)
     for j, step in enumerate(1e-6 * np.eye(n)):
-        ahead, backward = posterior.log_density(points + step), posterior.log_density(points - step)
-        numeric[:, j] = (ahead - backward) / 2e-6
+        numeric[..., j] = (density(points + step) - density(points - step)) / 2e-6
     np.testing.assert_allclose(gradient, numeric, rtol=1e-5, atol=1e-5)
 
-    u = points[:, :k]
-    identical = posterior.without_differences(u)
-    pooled = bt.model.observer.OrderModel("both").posterior(posterior.subject)
+    points[..., k:] = 0.0
+    u = points[0, :, :k]
     np.testing.assert_allclose(
-        posterior.log_likelihood(identical), pooled.log_likelihood(u), rtol=1e-12
+        array.likelihood.value(points)[0], models.shared.log_likelihood(u), rtol=1e-12
     )
-    for in_condition in posterior.in_conditions(identical):
+    for in_condition in models.in_conditions(points[0]):
         np.testing.assert_array_equal(in_condition, u)
 
 
+def test_what_does_not_differ_has_no_prior_and_stays_at_0():
+    models = condition_models()
+    array = models.array([(), (NOISE,)])
+    points = array.prior_points(default_rng(1).uniform(size=(2, 50, len(array.names))))
+    differs = [name.startswith("noise ") for name in array.names]
+    k = len(models.parameters)
+    assert not points[0, :, k:].any()
+    assert points[1, :, differs].all()
+    log_prior = array.log_prior(points)
+    assert log_prior[0] == pytest.approx(models.shared.log_prior(points[0, :, :k]))
+    of_differences = stats.norm.logpdf(points[1][:, differs]).sum(axis=1)
+    assert log_prior[1] == pytest.approx(models.shared.log_prior(points[1, :, :k]) + of_differences)
+    (part,) = array.part(np.array([1])).log_prior(points[1:])
+    assert part == pytest.approx(log_prior[1])
+
+
 def test_any_two_levels_differ_by_half_a_unit_beforehand():
-    posterior = condition_posterior((NOISE, CONSTANT_ERROR, CONTRACTION))
-    draws = posterior.sample_prior(default_rng(1), 40_000)
-    values = posterior.quantities(draws)
+    models = condition_models()
+    array = models.array([(NOISE, CONSTANT_ERROR, CONTRACTION)])
+    probability = default_rng(1).uniform(size=(1, 40_000, len(array.names)))
+    values = models.quantities(array.prior_points(probability)[0])
     n_trials = np.full(5, 12.0)
     unequal = S1 != S2
     step = np.sqrt(np.average(np.square(S2 - S1)[unequal], weights=n_trials[unequal]))
@@ -70,10 +89,8 @@ def test_any_two_levels_differ_by_half_a_unit_beforehand():
 def test_the_evidence_by_quadrature():
     """One pair in either order, so that few parameters matter, against a grid over all of them."""
     s1, s2 = np.array([-0.5, 0.5]), np.array([0.5, -0.5])
-    posterior = condition_posterior(
-        (), n_levels=2, s1=s1, s2=s2, counts=((15, 4), (19, 9)), n_trials=20
-    )
-    evidences, _ = condition_evidences(posterior, seed=1)
+    models = condition_models(n_levels=2, s1=s1, s2=s2, counts=((15, 4), (19, 9)), n_trials=20)
+    evidences, _ = condition_evidences(models, seed=1)
     (evidence,) = (row for row in evidences if row.differing == {CONSTANT_ERROR})
 
     # Stimuli about sbar = 0 in units of D = 1; R = 1/2; middle 0, so that no slope matters.
@@ -94,4 +111,6 @@ def test_the_evidence_by_quadrature():
             z = (second - first - c_here + p * first) / np.exp(log_noise)
             p_second = 0.5 * lapse_rate + (1.0 - lapse_rate) * ndtr(z)
             value = value + n_second * np.log(p_second) + (20 - n_second) * np.log1p(-p_second)
-    assert evidence.log_evidence == pytest.approx(logsumexp(value), abs=4.0 * evidence.se + 0.01)
+    assert evidence.log_evidence == pytest.approx(
+        logsumexp(value), abs=4.0 * evidence.draws.standard_error + 0.01
+    )

@@ -18,7 +18,8 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.model.answer_curves import criterion, equal_answers, second_answers
-from bayes_toe.model.observer import ObserverBatch, ObserverPosterior, OrderModel
+from bayes_toe.model.models import ObserverPosterior, OrderModel
+from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.parameters import (
     ORDER_MODELS,
     CutNormal,
@@ -27,6 +28,7 @@ from bayes_toe.model.parameters import (
     StandardNormal,
     StandardStudent,
 )
+from bayes_toe.model.posterior_array import observer_array
 
 TASKS = (SAME_DIFFERENT, WHICH_STRONGER)
 PRIOR = ObserverPrior(noise_median=0.8, noise_sd=0.6, q0_a=3.0, q0_b=1.5, lapse_rate_b=7.0)
@@ -153,10 +155,10 @@ def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
     is_near = values > posterior.log_likelihood(best)[0] - 200.0
     assert is_near.sum() > 1000
     full = posterior.full_points(points[is_near])
-    plain = posterior.batch.plain_log_likelihood(full)[0]
+    plain = posterior.rows.plain_log_likelihood(full)[0]
     assert plain == pytest.approx(values[is_near], rel=1e-12)
-    value, slope = posterior.batch.gradient(full)
-    plain_value, plain_slope = posterior.batch.plain_gradient(full)
+    value, slope = posterior.rows.gradient(full)
+    plain_value, plain_slope = posterior.rows.plain_gradient(full)
     assert plain_value == pytest.approx(value, rel=1e-12)
     scale = 1.0 + np.abs(slope).max(axis=-1, keepdims=True)
     assert np.abs((plain_slope - slope) / scale).max() < 1e-10
@@ -173,20 +175,21 @@ def first_pairs(subject, n_pairs):
 def test_rows_are_single_posteriors_and_pairs_without_trials_change_nothing(task):
     first, second, third = bt.example_study(task).subjects[:3]
     subjects = [first, first_pairs(second, second.n_pairs - 2), third]
-    batch = ObserverBatch.from_subjects(subjects, PRIOR)
-    u = default_rng(6).normal(size=(3, 50, batch.n_coordinates))
-    values, slopes = batch.gradient(u)
-    values = values + batch.log_prior(u)
-    slopes = slopes + batch.prior_slopes(u)[0]
+    rows = ObserverRows.from_subjects(subjects, PRIOR)
+    array = observer_array(rows, [rows.coordinates] * 3)
+    u = default_rng(6).normal(size=(3, 50, len(array.names)))
+    values, slopes = array.likelihood.gradient(u)
+    values = values + array.log_prior(u)
+    slopes = slopes + array.prior_slopes(u)[0]
     for i, subject in enumerate(subjects):
         alone = posterior_of(subject)
         density, gradient = alone.gradient(u[i])
         assert values[i] == pytest.approx(density, rel=1e-14)
         assert slopes[i] == pytest.approx(gradient, rel=1e-11, abs=1e-11)
         log_likelihood = alone.log_likelihood(u[i])
-        assert batch.log_likelihood(u)[i] == pytest.approx(log_likelihood, rel=1e-14)
-        row = batch.rows(np.array([i])).log_likelihood(u[[i]])[0]
-        assert row == pytest.approx(log_likelihood, rel=1e-14)
+        assert rows.log_likelihood(u)[i] == pytest.approx(log_likelihood, rel=1e-14)
+        part = rows.part(np.array([i])).log_likelihood(u[[i]])[0]
+        assert part == pytest.approx(log_likelihood, rel=1e-14)
 
 
 # --- What alters nothing --------------------------------------------------------------------------
@@ -237,7 +240,7 @@ def test_scales_by_hand():
     assert StimulusScales.from_pairs(s1, s1, n) is None
     subject = made_subject("0 0 0 1, 1 1 1 1")
     with pytest.raises(bt.InputError, match="no pair has two different stimuli"):
-        ObserverBatch.from_subjects([subject])
+        ObserverRows.from_subjects([subject])
 
 
 # --- Prior, quantities ----------------------------------------------------------------------------
@@ -345,7 +348,7 @@ def test_emcee_and_importance_sampling_agree(subject):
     effective = 1.0 / np.square(weights).sum()
     assert effective > 250
     posterior = draws.posterior(subject.name)
-    values = posterior.quantities(weighted.points)
+    values = posterior.quantities(weighted.x)
     for name in posterior.names.natural:
         for p in (0.05, 0.5, 0.95):
             # The share of weight below emcee's quantile, at 4.5 standard errors.

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 import bayes_toe as bt
 from bayes_toe.errors import NumericalError
-from bayes_toe.model.intervals import at_interval
 from bayes_toe.model.paper_equations import (
     Natural,
     equal_probability,
@@ -40,17 +39,17 @@ def update(belief, stimulus, noise):
     return Belief(mean, (1.0 - gain) * belief.variance)
 
 
-def evolve(belief, diffusion, interval=1.0):
-    """The belief after an interval of a random walk."""
-    return Belief(belief.mean, belief.variance + interval * diffusion**2)
+def evolve(belief, diffusion):
+    """The belief after a step of a random walk."""
+    return Belief(belief.mean, belief.variance + diffusion**2)
 
 
-def settled(mean, diffusion, noise, interval=1.0):
-    """The belief whose variance a stimulus and an interval leave as it is.
+def settled(mean, diffusion, noise):
+    """The belief whose variance a stimulus and a step of the random walk leave as it is.
 
     The positive root of a quadratic equation.
     """
-    step = interval * diffusion**2
+    step = diffusion**2
     return Belief(mean, 0.5 * (step + np.sqrt(step**2 + 4.0 * step * noise**2)))
 
 
@@ -73,14 +72,13 @@ def test_gain_and_pull_to_the_last_digits(gamma):
 @given(
     s1=st.floats(-2, 2), s2=st.floats(-2, 2), mu1=st.floats(-5, 5),
     sigma_p=st.floats(-2, 2).map(lambda e: 10.0**e), gamma=st.floats(-6, 0).map(lambda e: 10.0**e),
-    isi=st.sampled_from([0.05, 0.3, 1.0, 4.0, 60.0]),
 )  # fmt: skip
-def test_two_stimuli_are_two_steps_of_the_filter(s1, s2, mu1, sigma_p, gamma, isi):
+def test_two_stimuli_are_two_steps_of_the_filter(s1, s2, mu1, sigma_p, gamma):
     sigma_l, q0 = sigma_p * np.sqrt(gamma), 0.93
-    prior = settled(mu1, sigma_p, sigma_l, isi)
-    evolved = evolve(update(prior, s1, sigma_l), sigma_p, isi)
+    prior = settled(mu1, sigma_p, sigma_l)
+    evolved = evolve(update(prior, s1, sigma_l), sigma_p)
     assert evolved.variance == pytest.approx(prior.variance, rel=1e-14)
-    theta = at_interval(Natural(*map(np.asarray, (mu1, sigma_p, sigma_l, q0))), isi)
+    theta = Natural(*map(np.asarray, (mu1, sigma_p, sigma_l, q0)))
     gamma = noise_ratio(theta.sigma_p, theta.sigma_l)
     mean, sd = float(evolved_mean(s1, mu1, gamma)), np.sqrt(evolved.variance)
     assert mean == pytest.approx(evolved.mean, rel=1e-14, abs=1e-14)

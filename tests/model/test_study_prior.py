@@ -1,7 +1,5 @@
 """The default prior: scales from the stimuli, densities, independence of units."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from conftest import made_subject
@@ -10,18 +8,16 @@ from numpy.random import default_rng
 import bayes_toe as bt
 from bayes_toe.data.study import common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
-from bayes_toe.model.intervals import interval_units
-from bayes_toe.model.models import MODEL_NAMES, model_posterior, require_model
 from bayes_toe.model.prior import DEFAULT
 from bayes_toe.model.prior_file import preset_or_file, prior_for
 
 N_TRIALS = [50, 50, 50, 40, 50]
 
 
-def make_subject(name="S", factor=1.0, shift=0.0, isi=None, task=SAME_DIFFERENT):
+def make_subject(name="S", factor=1.0, shift=0.0, task=SAME_DIFFERENT):
     s1, s2 = np.array([0.0, 0.0, 0.5, 0.25, 0.1]), np.array([0.0, 0.5, 0.0, 0.4, 0.75])
     s1, s2 = factor * s1 + shift, factor * s2 + shift
-    return bt.Subject(name, s1, s2, [45, 20, 15, 30, 2], N_TRIALS, isi, task=task)
+    return bt.Subject(name, s1, s2, [45, 20, 15, 30, 2], N_TRIALS, task=task)
 
 
 STUDY = bt.Study([make_subject("A"), make_subject("B")])
@@ -89,54 +85,3 @@ def test_presets_words_and_what_is_refused(tmp_path):
     path = tmp_path / "default"
     path.write_text("[paper]\nsigma_p_scale = 0.5", encoding="utf-8")
     assert preset_or_file(str(path)) == bt.Prior(sigma_p_scale=0.5)
-
-
-# --- the unit of time -----------------------------------------------------------------------------
-
-ISI = np.array([0.5, 0.5, 2.0, 1.0, 4.0])
-
-
-@pytest.mark.parametrize("seconds", [0.05, 3.0])
-@pytest.mark.parametrize("name", MODEL_NAMES)
-def test_one_interval_is_none(name, seconds):
-    posteriors = []
-    for isi in (np.full(5, seconds), None):
-        study = bt.Study([make_subject(isi=isi)])
-        model = require_model(name, study.task)
-        posteriors.append(model_posterior(model, study["S"], prior_for(study)))
-    timed, plain = posteriors
-    x = default_rng(6).normal(size=(20, len(timed.coordinates)))
-    assert timed.log_density(x).tolist() == plain.log_density(x).tolist()
-    expected = plain.gradient(x)[1]
-    sums_in_another_order = 1e-12 * np.abs(expected).max()
-    assert timed.gradient(x)[1] == pytest.approx(expected, rel=1e-12, abs=sums_in_another_order)
-    if name == "paper":
-        assert timed.reference == seconds
-
-
-def test_the_reference_interval_is_the_geometric_mean_of_the_trials():
-    study = bt.Study([make_subject("A", isi=ISI), make_subject("B", isi=2 * ISI)])
-    intervals = np.repeat([*ISI, *(2 * ISI)], 2 * N_TRIALS)
-    mean = np.exp(np.log(intervals).mean())
-    assert prior_for(study).reference_interval == pytest.approx(mean)
-    draws = bt.sample(study, draws=300, seed=1, prior="paper", workers=1)
-    assert draws.prior.reference_interval == pytest.approx(mean)
-    of_b = bt.model.paper_posterior(study["B"])
-    assert of_b.for_subject(study["A"]).reference == pytest.approx(mean * np.sqrt(2))
-
-
-def test_another_reference_interval_changes_units_and_no_likelihood():
-    study = bt.Study([make_subject("A", isi=ISI), make_subject("B", isi=2 * ISI)])
-    prior = prior_for(study, bt.Prior(reference_interval=1.0))
-    posterior = bt.model.paper_posterior(study["B"], prior)
-    assert posterior.reference == posterior.for_subject(study["A"]).reference == 1.0
-    assert prior.describe().endswith("; over 1 s")
-    assert prior_for(STUDY, prior).reference_interval is None
-    units = interval_units(0.5)
-    assert (units["sigma_p"], units["gain"]) == ("ln intensity / (0.5 s)^(1/2)", "1, at 0.5 s")
-    # The same observer: gamma_t = gamma_1/t, sigma_p over t is sigma_p sqrt(t).
-    x = np.array([[0.1, -0.4, -0.5, 2.0]])
-    natural = posterior.natural(x)
-    other = bt.model.paper_posterior(study["B"], replace(prior, reference_interval=4.0))
-    y = other.points({**natural._asdict(), "sigma_p": 2.0 * natural.sigma_p})
-    assert other.log_likelihood(y) == pytest.approx(posterior.log_likelihood(x), rel=1e-12)

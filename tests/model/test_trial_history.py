@@ -12,7 +12,7 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.errors import InputError
-from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.trial_history import (
     TrialHistory,
     TrialHistoryPosterior,
@@ -43,7 +43,12 @@ def make_posterior(subject, has_response=True, has_carry_over=True, order="both"
 
 
 def draw_points(posterior, n_points=20, seed=2):
-    return posterior.sample_prior(default_rng(seed), n_points)
+    probability = default_rng(seed).uniform(size=(1, n_points, len(posterior.array.names)))
+    return posterior.array.prior_points(probability)[0]
+
+
+def log_likelihood_at(posterior, points):
+    return posterior.array.likelihood.plain_value(points[None])[0]
 
 
 def loop_log_likelihood(subject, value, kappa, rho):
@@ -86,7 +91,7 @@ def test_the_likelihood_is_that_of_a_loop_over_trials(task, has_response, has_ca
     x = draw_points(posterior, 3)
     values = {"previous_response": np.zeros(3), "carry_over": np.zeros(3)}
     values |= posterior.quantities(x)
-    for i, log_likelihood in enumerate(posterior.log_likelihood(x)):
+    for i, log_likelihood in enumerate(log_likelihood_at(posterior, x)):
         value = {name: column[i] for name, column in values.items()}
         kappa, rho = value["previous_response"], value["carry_over"]
         expected = loop_log_likelihood(subject, value, kappa, rho)
@@ -98,20 +103,20 @@ def test_large_batches_of_points_are_done_in_parts():
     x = draw_points(posterior, 900)
     assert len(x) * 300 > 1 << 17
     single_points = np.concatenate(
-        [posterior.log_likelihood(x[i : i + 1]) for i in range(0, 900, 90)]
+        [log_likelihood_at(posterior, x[i : i + 1]) for i in range(0, 900, 90)]
     )
-    np.testing.assert_allclose(posterior.log_likelihood(x)[::90], single_points, rtol=1e-12)
+    np.testing.assert_allclose(log_likelihood_at(posterior, x)[::90], single_points, rtol=1e-12)
 
 
 def test_everything_carried_over_is_a_kalman_filter_through_all_stimuli():
     """Rho 1: gains of both measurements are 1 - p, where the variance has settled."""
     posterior = make_posterior(two_sessions(missed=0), has_response=False)
     x = draw_points(posterior, 30)
-    x = x[x[:, posterior.coordinates.index("contraction")] > 0.0][:3]
+    x = x[x[:, posterior.array.names.index("contraction")] > 0.0][:3]
     x[:, -1] = 40.0
-    scales, trials = posterior.observer.scales, posterior.trials
+    scales, trials = posterior.observer.scales, posterior.rows.trials
     p = posterior.quantities(x)["contraction"]
-    expectation = posterior.expectation(x)
+    expectation = posterior.rows.expectation(posterior.rows.quantities(x[None]))
     for i in range(len(x)):
         mean = 0.0
         for t in range(20):
@@ -130,21 +135,21 @@ def test_the_prior_is_that_of_the_documents(task):
     assert np.quantile(values["carry_over"], [0.25, 0.5, 0.75]) == pytest.approx(
         [0.25, 0.5, 0.75], abs=0.03
     )
-    own_prior = posterior.log_prior(x) - posterior.observer.log_prior(x[:, :-2])
+    own_prior = posterior.array.log_prior(x[None])[0] - posterior.observer.log_prior(x[:, :-2])
     assert own_prior == pytest.approx(stats.norm.logpdf(x[:, -2:]).sum(axis=1))
 
 
 def test_an_unknown_order_is_refused():
     subject = replace(two_sessions(), answers=None)
     with pytest.raises(InputError, match="needs the order of trials"):
-        make_posterior(subject).log_likelihood(np.zeros((1, 7)))
+        draw_points(make_posterior(subject))
 
 
 def test_a_contraction_beyond_1_is_impossible():
     posterior = make_posterior(two_sessions(n_trials=2000))
     x = draw_points(posterior, 3)
-    x[1, posterior.coordinates.index("contraction")] = 8.0
-    log_likelihood = posterior.log_likelihood(x)
+    x[1, posterior.array.names.index("contraction")] = 8.0
+    log_likelihood = log_likelihood_at(posterior, x)
     assert np.isfinite(log_likelihood).tolist() == [True, False, True]
     assert log_likelihood[1] == -np.inf
 

@@ -15,8 +15,8 @@ S1 = np.array([0.0, 0.2, 0.4, 0.6, 0.2, 0.4, 0.6, 0.8])
 S2 = np.array([0.2, 0.4, 0.6, 0.8, 0.0, 0.2, 0.4, 0.6])
 
 
-def subject(k=(40, 38, 35, 33, 20, 15, 12, 8), isi=None, s1=S1, s2=S2):
-    return Subject("A", s1, s2, k, np.full(len(k), 50), isi, task=WHICH_STRONGER)
+def subject(k=(40, 38, 35, 33, 20, 15, 12, 8), s1=S1, s2=S2):
+    return Subject("A", s1, s2, k, np.full(len(k), 50), task=WHICH_STRONGER)
 
 
 # --- The answers ----------------------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """Curves over the answers, by what is drawn in them."""
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -88,18 +87,6 @@ def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
     assert main_weaker(made_subject("0 0 1 2, 0.1 0.1 1 2")) is None
 
 
-def test_a_model_that_knows_no_intervals_has_the_same_curve_at_each(small_study):
-    """Its figure has a panel for each interval and no gain."""
-    subject = small_study["A"]
-    timed = replace(subject, isi=np.where(np.arange(subject.n_pairs) % 2, 0.5, 2.0))
-    draws = bt.sample(bt.Study([timed]), model="both", draws=200, seed=1, workers=1)
-    figure = bt.plots.curves(draws, "A")
-    require_legible(figure)
-    assert [ax.get_ylabel() for ax in figure.axes] == ["P('equal')", ""]
-    first, second = bt.predict(draws, "A", 0.0, 0.2, [0.5, 2.0])["mean"]
-    assert first == second
-
-
 def test_labels_of_the_report_have_only_characters_that_can_be_drawn(analysis):
     figure = responses_figure(analysis, 4.0)
     labels = [text.get_text() for text in figure.findobj(Text)]
@@ -146,15 +133,3 @@ def test_no_figure_speaks_of_another_task(stronger):
         words = " ".join(words_of(texts))
         assert "'equal'" not in words
         assert "q_0" not in words
-
-
-def test_with_intervals_there_are_psychometric_curves_at_each(stronger):
-    subject = stronger.study["pulled"]
-    columns = subject.s1, subject.s2, subject.n_yes, subject.n_trials
-    twice = [np.tile(column, 2) for column in columns]
-    isi = np.repeat([0.5, 2.0], subject.n_pairs)
-    study = bt.Study([bt.Subject("both", *twice, isi=isi, task=subject.task)])
-    figure = bt.plots.curves(bt.sample(study, draws=300, seed=1, workers=1), "both")
-    assert titles_of(figure.axes) == ["0.5 s", "2 s", ""]
-    assert [ax.get_ylabel() for ax in figure.axes] == ["P('second')", "", "gain K"]
-    require_legible(figure)

@@ -15,7 +15,7 @@ REFERENCE = {
     for section in DOCUMENT.split(data_dictionary.SECTION)[1:]
 }
 #: Columns that not every file of the kind has.
-AT_TIMES = {"isi", "condition", "n_intervals"}
+AT_TIMES = {"condition"}
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,176 @@
+"""The posteriors of several subjects or models as one array.
+
+A posterior has one or several rows of counts: a subject has one, or one for each condition. The
+coordinates of a row are linear in those of its posterior:
+
+    u = L w,   L the loading of the row.
+
+A model is a choice of coordinates. Those that it does not have are held at 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
+from bayes_toe.model.observer import ObserverRows
+from bayes_toe.model.parameters import PriorDensity
+
+
+@dataclass(frozen=True, eq=False)
+class LinearLikelihood:
+    """The likelihood of several posteriors.
+
+    Points w have the shape (posteriors, points, d).
+
+    Attributes
+    ----------
+    rows : ObserverRows
+    loading : ndarray, shape (rows, k, d)
+    first_row : ndarray of int, shape (posteriors,)
+        The rows of a posterior stand together.
+    """
+
+    rows: ObserverRows
+    loading: FloatArray
+    first_row: IndexArray
+
+    @cached_property
+    def sizes(self) -> IndexArray:
+        """The number of rows of every posterior."""
+        return np.diff(np.append(self.first_row, len(self.loading)))
+
+    @cached_property
+    def posterior_of_row(self) -> IndexArray:
+        """The posterior of every row."""
+        return np.repeat(np.arange(len(self.first_row)), self.sizes)
+
+    def part(self, index: IndexArray) -> LinearLikelihood:
+        """The likelihood of some posteriors, in this order; one may come more than once."""
+        sizes = self.sizes[index]
+        first_row = np.cumsum(sizes) - sizes
+        rows = np.arange(sizes.sum()) + np.repeat(self.first_row[index] - first_row, sizes)
+        return LinearLikelihood(self.rows.part(rows), self.loading[rows], first_row)
+
+    def row_points(self, w: FloatArray) -> FloatArray:
+        """Coordinates of the rows, (posteriors, points, d) -> (rows, points, k)."""
+        return w[self.posterior_of_row] @ self.loading.swapaxes(1, 2)
+
+    def value(self, w: FloatArray) -> FloatArray:
+        """Log likelihood without binomial coefficients, (posteriors, points)."""
+        return self._summed(self.rows.log_likelihood(self.row_points(w)))
+
+    def plain_value(self, w: FloatArray) -> FloatArray:
+        """:meth:`value` by plain probabilities, at a third of its cost."""
+        return self._summed(self.rows.plain_log_likelihood(self.row_points(w)))
+
+    def gradient(self, w: FloatArray) -> ArrayPair:
+        """Log likelihood, (posteriors, points), and its gradient, (posteriors, points, d)."""
+        value, slope = self.rows.gradient(self.row_points(w))
+        return self._summed(value), self._summed(slope @ self.loading)
+
+    def plain_gradient(self, w: FloatArray) -> ArrayPair:
+        """:meth:`gradient` by plain probabilities."""
+        value, slope = self.rows.plain_gradient(self.row_points(w))
+        return self._summed(value), self._summed(slope @ self.loading)
+
+    def scoring(self, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """:meth:`gradient` with the Fisher information, (posteriors, points, d, d)."""
+        value, slope, information = self.rows.scoring(self.row_points(w))
+        loading = self.loading[:, None]
+        information = loading.swapaxes(2, 3) @ information @ loading
+        return self._summed(value), self._summed(slope @ self.loading), self._summed(information)
+
+    def _summed(self, values: FloatArray) -> FloatArray:
+        """Sums over the rows of every posterior."""
+        if len(self.first_row) == len(values):
+            return values
+        return np.add.reduceat(values, self.first_row, axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorArray:
+    """Posteriors that share their coordinates w, (posteriors, points, d).
+
+    The first k coordinates are those of the observer, and every row has them.
+
+    Attributes
+    ----------
+    likelihood : LinearLikelihood
+    names : tuple of str
+        Of the d coordinates.
+    further_priors : tuple of PriorDensity
+        Of the coordinates after those of the observer.
+    is_free : ndarray of bool, shape (posteriors, d)
+        The coordinates that each posterior's model has.
+    """
+
+    likelihood: LinearLikelihood
+    names: tuple[str, ...]
+    further_priors: tuple[PriorDensity, ...]
+    is_free: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.is_free)
+
+    def part(self, index: IndexArray) -> PosteriorArray:
+        """Some posteriors, in this order; one may come more than once."""
+        return replace(self, likelihood=self.likelihood.part(index), is_free=self.is_free[index])
+
+    @cached_property
+    def priors(self) -> tuple[PriorDensity, ...]:
+        """The prior of every coordinate."""
+        likelihood = self.likelihood
+        of_observer = likelihood.rows.part(likelihood.first_row).priors
+        return (*of_observer, *self.further_priors)
+
+    def log_prior(self, w: FloatArray) -> FloatArray:
+        """Log prior density of the free coordinates, (posteriors, points)."""
+        total = np.zeros(w.shape[:-1])
+        for j, density in enumerate(self.priors):
+            values = density.log_density(w[..., j])
+            total += np.where(self.is_free[:, j, None], values, 0.0)
+        return total
+
+    def prior_slopes(self, w: FloatArray) -> ArrayPair:
+        """Gradient and positive curvature of the log prior, (posteriors, points, d) each."""
+        slopes, curvatures = np.empty_like(w), np.empty_like(w)
+        for j, density in enumerate(self.priors):
+            slopes[..., j] = density.slope(w[..., j])
+            curvatures[..., j] = density.curvature(w[..., j])
+        return slopes, curvatures
+
+    def prior_points(self, probability: FloatArray) -> FloatArray:
+        """Quantiles of the prior, (posteriors, points, d); 0 where a coordinate is held."""
+        points = np.empty_like(probability)
+        for j, density in enumerate(self.priors):
+            points[..., j] = density.quantile(probability[..., j])
+        return np.where(self.is_free[:, None], points, 0.0)
+
+    def densities(self, w: FloatArray) -> ArrayPair:
+        """Log prior and log posterior density by plain probabilities, (posteriors, points)."""
+        log_prior = self.log_prior(w)
+        log_posterior = self.likelihood.plain_value(w) + log_prior
+        # Beyond the edges of the contraction the density is 0.
+        log_posterior[~np.isfinite(log_prior)] = -np.inf
+        return log_prior, log_posterior
+
+
+def observer_array(rows: ObserverRows, free_names: Sequence[Sequence[str]]) -> PosteriorArray:
+    """A posterior for each row, with the observer's coordinates of these names.
+
+    Parameters
+    ----------
+    rows : ObserverRows
+    free_names : sequence of (sequence of str)
+        For each row the coordinates that its model has.
+    """
+    names, n_rows = rows.coordinates, len(rows.first)
+    loading = np.broadcast_to(np.eye(len(names)), (n_rows, len(names), len(names)))
+    likelihood = LinearLikelihood(rows, loading, np.arange(n_rows))
+    is_free = np.array([np.isin(names, list(free)) for free in free_names])
+    return PosteriorArray(likelihood, names, (), is_free)
