@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 from bayes_toe.answers.contrast import ContrastTable, contrast
 from bayes_toe.answers.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
-from bayes_toe.answers.model_average import averaged_draws
 from bayes_toe.answers.order_effect import OrderEffect, answer_subject
 from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP
 from bayes_toe.arrays import FloatArray, StrPath
@@ -383,7 +382,7 @@ def _analysed(
     if request.chains is None:
         fit = None  # not wanted
     else:
-        curve_draws = averaged_draws(order).resampled(
+        curve_draws = order.averaged().resampled(
             generator(seed, subject.name, "shown"), _N_CURVE_DRAWS
         )
     if result.chains is not None:

@@ -24,16 +24,16 @@ from reference.calibration_statistics import ecdf_difference, place, reliability
 from reference.tempering import MODELS, Observer, answer_probabilities
 
 import bayes_toe as bt
-from bayes_toe.answers.model_average import (
-    EVERY_MODEL,
-    HAS_CONTRACTION,
-    HAS_ERROR,
-    averaged_draws,
-)
 from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_writable, whole_file
-from bayes_toe.inference.order_evidence import OrderEvidence, order_evidence
+from bayes_toe.inference.order_evidence import (
+    EVERY_MODEL,
+    HAS_CONTRACTION,
+    HAS_ERROR,
+    OrderEvidence,
+    order_evidence,
+)
 from bayes_toe.model.observer import JND_OVER_NOISE
 from bayes_toe.workers import run_in_order
 
@@ -129,7 +129,7 @@ def row(
     for quantity, has in models.items():
         entries[f"rank_{quantity}"] = np.nan
         if quantity in observer.truth:
-            draws = averaged_draws(evidence, has)
+            draws = evidence.averaged(has)
             points = draws.resampled(rng, _DRAWS)
             values = draws.posterior.quantities(points)[quantity]
             entries[f"rank_{quantity}"] = place(observer.truth[quantity], values, rng)

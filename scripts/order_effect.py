@@ -24,7 +24,6 @@ import numpy as np
 import pandas as pd
 from scipy.special import expit, log_ndtr, logit, ndtr, ndtri
 
-from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
 from bayes_toe.answers.order_effect import QUESTIONS, order_effect
 from bayes_toe.answers.words import Word
 from bayes_toe.checks.answer_checks import answer_flags
@@ -253,8 +252,8 @@ def accuracy(seed: int, number: int) -> None:
                 is_near = reference.log_evidence > reference.log_evidence.max() - 6.0
                 errors += (evidence.log_evidence - reference.log_evidence)[is_near].tolist()
                 least = min(least, float(evidence.effective_draws[is_near].min()))
-                own = evidence.probabilities(PRIOR_PROBABILITIES)
-                known = reference.probabilities(PRIOR_PROBABILITIES)
+                own = evidence.probabilities
+                known = reference.probabilities
                 p_errors += [abs(own[has].sum() - known[has].sum()) for has in QUESTIONS.values()]
         quantiles = np.quantile(p_errors, [0.9, 0.99, 1.0]).round(3).tolist()
         worst = min(errors, key=lambda error: -abs(error))

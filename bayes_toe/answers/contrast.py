@@ -13,11 +13,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import chain, combinations
+from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp, softmax
 
 from bayes_toe.answers.order_effect import (
     Size,
@@ -27,7 +26,7 @@ from bayes_toe.answers.order_effect import (
 )
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.answers.words import Word
-from bayes_toe.arrays import FloatArray, NamedArrays, Rng, StrPath
+from bayes_toe.arrays import FloatArray, NamedArrays, StrPath
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import capitalized, display_name, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
@@ -36,8 +35,8 @@ from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, WorkerError
 from bayes_toe.inference.engine import Precision, mixture_of_maxima, weighted_draws
+from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import ascend_from, observer_maxima
-from bayes_toe.inference.proposal import WeightedDraws
 from bayes_toe.model.condition_model import ConditionModels
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import (
@@ -65,6 +64,17 @@ QUANTITIES: Mapping[str, tuple[Parameter, str]] = {
     "contraction": (CONTRACTION, "contraction"),
     "JND": (NOISE, "jnd"),
 }
+#: The choices of parameters that differ, the empty one first.
+CHOICES: tuple[tuple[Parameter, ...], ...] = (
+    (),
+    (CONSTANT_ERROR,),
+    (CONTRACTION,),
+    (NOISE,),
+    (CONSTANT_ERROR, CONTRACTION),
+    (CONSTANT_ERROR, NOISE),
+    (CONTRACTION, NOISE),
+    (CONSTANT_ERROR, CONTRACTION, NOISE),
+)
 ORDER_EFFECT = "order effect"
 _PARAMETERS_OF: Mapping[str, frozenset[Parameter]] = {
     **{name: frozenset([parameter]) for name, (parameter, _) in QUANTITIES.items()},
@@ -351,18 +361,6 @@ def _compared_subjects(study: Study, conditions: Conditions) -> dict[str, tuple[
 # --- One subject ---------------------------------------------------------------------------------
 
 
-class ConditionEvidence(NamedTuple):
-    """The weighted draws of one choice of what differs, and the log evidence that they give."""
-
-    differing: frozenset[Parameter]
-    draws: WeightedDraws
-
-    @property
-    def log_evidence(self) -> float:
-        """Natural log, without binomial coefficients."""
-        return self.draws.log_evidence
-
-
 def subject_contrast(
     units: Sequence[Subject], conditions: Conditions, prior: ObserverPrior, seed: int
 ) -> SubjectContrast:
@@ -373,16 +371,16 @@ def subject_contrast(
     name = units[0].subject_name
     levels = tuple(unit.condition for unit in units)
     models = ConditionModels(tuple(units), conditions.design(levels), prior)
-    evidences, with_lapses = condition_evidences(models, seed)
+    evidence, with_lapses = condition_evidences(models, seed)
     rng = generator(seed, name, "differences")
 
     rows = []
     for quantity, parameters in _PARAMETERS_OF.items():
-        log_bf, se = log_bayes_factor(evidences, parameters)
-        is_robust = word_of(log_bf) == word_of(log_bayes_factor(with_lapses, parameters)[0])
+        differs = np.array([not parameters.isdisjoint(choice) for choice in CHOICES])
+        log_bf, se = evidence.log_bayes_factor(differs)
+        is_robust = word_of(log_bf) == word_of(with_lapses.log_bayes_factor(differs)[0])
         answer = log_bf, se, "yes" if is_robust else "no"
-        differing = [evidence for evidence in evidences if evidence.differing & parameters]
-        values = models.quantities(_draws(differing, rng, _DRAWS))
+        values = models.quantities(evidence.averaged(differs).resampled(rng, _DRAWS))
         for level, reference in conditions.comparisons:
             if level in levels and reference in levels:
                 pair = levels.index(level), levels.index(reference)
@@ -390,7 +388,8 @@ def subject_contrast(
                 comparison = f"{level} - {reference}"
                 rows.append(Difference._make((name, quantity, comparison, *summary, *answer)))
 
-    x = models.in_conditions(_draws(evidences, rng, _CURVES))
+    every_choice = np.ones(len(CHOICES), np.bool_)
+    x = models.in_conditions(evidence.averaged(every_choice).resampled(rng, _CURVES))
     return SubjectContrast(name, tuple(rows), levels, x)
 
 
@@ -415,18 +414,13 @@ def _difference(
     return float(difference.mean()), float(difference.std(ddof=1)), *quantiles, p_direction
 
 
-def condition_evidences(
-    models: ConditionModels, seed: int
-) -> tuple[list[ConditionEvidence], list[ConditionEvidence]]:
-    """Evidence and draws of each choice of quantities that may differ.
+def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, ModelSet]:
+    """The models of :data:`CHOICES`.
 
     And the same where the lapse rate and, of same or different, the peak differ too.
     """
-    compared = [parameter for parameter, _ in QUANTITIES.values()]
     lapses = [parameter for parameter in models.parameters if parameter in (LAPSE_RATE, PEAK)]
-    sizes = range(len(compared) + 1)
-    choices = list(chain.from_iterable(combinations(compared, size) for size in sizes))
-    all_choices = [*choices, *((*choice, *lapses) for choice in choices)]
+    all_choices = [*CHOICES, *((*choice, *lapses) for choice in CHOICES)]
     array = models.array(all_choices)
 
     # The search starts where nothing differs, which is the first choice.
@@ -442,31 +436,6 @@ def condition_evidences(
         generators.append(generator(seed, models.subject.name, "contrast", *names))
     draws = weighted_draws(array, mixtures, generators, np.zeros(len(array), int), _PRECISION)
 
-    evidences = []
-    for choice, entry in zip(2 * choices, draws, strict=True):
-        evidences.append(ConditionEvidence(frozenset(choice), entry))
-    return evidences[: len(choices)], evidences[len(choices) :]
-
-
-def log_bayes_factor(
-    evidences: Sequence[ConditionEvidence], parameters: frozenset[Parameter]
-) -> tuple[float, float]:
-    """Log Bayes factor of a difference in any of some parameters against none, and its error."""
-    values = np.array([evidence.log_evidence for evidence in evidences])
-    errors = np.array([evidence.draws.standard_error for evidence in evidences])
-    differs = np.array([not evidence.differing.isdisjoint(parameters) for evidence in evidences])
-    log_odds = logsumexp(values[differs]) - logsumexp(values[~differs])
-    log_prior_odds = np.log(differs.sum() / (~differs).sum())
-    variance = 0.0
-    for side in (differs, ~differs):
-        variance += float(np.square(softmax(values[side]) * errors[side]).sum())
-    return float(log_odds - log_prior_odds), variance**0.5
-
-
-def _draws(evidences: Sequence[ConditionEvidence], rng: Rng, size: int) -> FloatArray:
-    """Draws over some choices by their evidence, (draws, coordinates)."""
-    values = np.array([evidence.log_evidence for evidence in evidences])
-    draws = []
-    for evidence, count in zip(evidences, rng.multinomial(size, softmax(values)), strict=True):
-        draws.append(evidence.draws.resampled(rng, int(count)))
-    return np.concatenate(draws)
+    n, prior_probabilities = len(CHOICES), np.full(len(CHOICES), 1.0 / len(CHOICES))
+    without_lapses = ModelSet(tuple(draws[:n]), prior_probabilities)
+    return without_lapses, ModelSet(tuple(draws[n:]), prior_probabilities)

@@ -19,15 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_toe.answers.model_average import (
-    HAS_CONTRACTION,
-    HAS_EFFECT,
-    HAS_ERROR,
-    PRIOR_PROBABILITIES,
-    AveragedDraws,
-    averaged_draws,
-    weighted_quantiles,
-)
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, remains, word_for
 from bayes_toe.arrays import BoolArray, FloatArray
@@ -38,7 +29,17 @@ from bayes_toe.data.messages import capitalized, join_words
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, PairResidual, summarise_fit
-from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
+from bayes_toe.inference.model_set import log_bayes_factor, probability_of, weighted_quantiles
+from bayes_toe.inference.order_evidence import (
+    HAS_CONTRACTION,
+    HAS_EFFECT,
+    HAS_ERROR,
+    MODEL_NAMES,
+    PRIOR_PROBABILITIES,
+    OrderDraws,
+    OrderEvidence,
+    order_evidence,
+)
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR
 from bayes_toe.model.parameters import CutNormal, ObserverPrior, StandardStudent
@@ -599,18 +600,12 @@ def _questions(
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Posterior probability and log Bayes factor of each question, from four log evidences.
 
-    The Bayes factors average evidences, not joint probabilities, within each side, so they do not
-    depend on the prior probabilities of the models. If no contraction can be told from a constant
-    error, the order effect is the constant error.
+    If no contraction can be told from a constant error, the order effect is the constant error.
     """
-    log_joint = log_evidence + np.log(PRIOR_PROBABILITIES)
-    log_total = logsumexp(log_joint)
     probabilities, log_bayes_factors = {}, {}
     for question, has_effect in QUESTIONS.items():
-        probabilities[question] = float(np.exp(logsumexp(log_joint[has_effect]) - log_total))
-        log_mean_with = logsumexp(log_evidence[has_effect]) - np.log(has_effect.sum())
-        log_mean_without = logsumexp(log_evidence[~has_effect]) - np.log((~has_effect).sum())
-        log_bayes_factors[question] = float(log_mean_with - log_mean_without)
+        probabilities[question] = probability_of(log_evidence, PRIOR_PROBABILITIES, has_effect)
+        log_bayes_factors[question] = log_bayes_factor(log_evidence, has_effect)
     if is_error_only:
         for values in (probabilities, log_bayes_factors):
             values["order_effect"] = values["constant_error"]
@@ -619,9 +614,9 @@ def _questions(
 
 def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], list[str]]:
     """Sizes, upper bounds in JND, and what must be said of them."""
-    all_models = averaged_draws(evidence)
-    with_error = averaged_draws(evidence, HAS_ERROR)
-    with_contraction = averaged_draws(evidence, HAS_CONTRACTION)
+    all_models = evidence.averaged()
+    with_error = evidence.averaged(HAS_ERROR)
+    with_contraction = evidence.averaged(HAS_CONTRACTION)
     shift, jnd = with_error.quantities["constant_error"], all_models.quantities["jnd"]
     sizes = {
         "pse_shift_percent": _size(with_error, percent(shift)),
@@ -635,7 +630,7 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], 
     return sizes, _upper_bounds(evidence, all_models), flags
 
 
-def _upper_bounds(evidence: OrderEvidence, draws: AveragedDraws) -> dict[str, float]:
+def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> dict[str, float]:
     """The 95 % quantile of each question's size, in JND."""
     subject, scales = evidence.subject, evidence.scales
     constant_error, p = draws.quantities["constant_error"], draws.quantities["contraction"]
@@ -655,7 +650,7 @@ def _upper_bounds(evidence: OrderEvidence, draws: AveragedDraws) -> dict[str, fl
 
 
 def _size_flags(
-    evidence: OrderEvidence, with_error: AveragedDraws, with_contraction: AveragedDraws
+    evidence: OrderEvidence, with_error: OrderDraws, with_contraction: OrderDraws
 ) -> list[str]:
     """Flags of sizes that rest on the prior."""
     flags = []
@@ -668,14 +663,14 @@ def _size_flags(
     return flags
 
 
-def _median_size(draws: AveragedDraws, quantity: str, factor: float = 1.0) -> float:
+def _median_size(draws: OrderDraws, quantity: str, factor: float = 1.0) -> float:
     """Weighted median of the absolute value of a quantity times a factor."""
     size = np.abs(draws.quantities[quantity]) * factor
     (median,) = weighted_quantiles(size, draws.weights, [0.5])
     return median
 
 
-def _size(draws: AveragedDraws, values: FloatArray) -> Size:
+def _size(draws: OrderDraws, values: FloatArray) -> Size:
     return Size(*weighted_quantiles(values, draws.weights, tuple(QUANTILES.values())))
 
 
@@ -799,5 +794,5 @@ def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
     posterior = OrderModel(MODEL_NAMES[best]).posterior(evidence.subject, evidence.prior)
     is_best = np.arange(len(MODEL_NAMES)) == best
     rng = generator(seed, evidence.subject.name, MODEL_NAMES[best], "goodness of fit")
-    points = averaged_draws(evidence, is_best).resampled(rng, _FIT_DRAWS)[:, posterior.is_free]
+    points = evidence.averaged(is_best).resampled(rng, _FIT_DRAWS)[:, posterior.is_free]
     return summarise_fit(posterior, points, evidence.modes[best, posterior.is_free])

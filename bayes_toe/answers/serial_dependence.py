@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_toe.answers.model_average import weighted_quantiles
 from bayes_toe.answers.order_effect import QUANTILES
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, word_for
@@ -27,6 +26,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, Rng, StrPath
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.inference.engine import Precision, mixture_of_points, weighted_draws
+from bayes_toe.inference.model_set import log_bayes_factor, probability_of, weighted_quantiles
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
 from bayes_toe.inference.proposal import WeightedDraws
 from bayes_toe.model.models import OrderModel
@@ -47,6 +47,7 @@ EFFECT_MODELS: Mapping[str, BoolArray] = {
     "carry_over": np.array([False, False, True, True]),
     "previous_response": np.array([False, True, False, True]),
 }
+_EQUAL = np.full(len(HISTORIES), 1.0 / len(HISTORIES))  # prior probabilities
 _EVIDENCES = tuple(f"log_evidence_{name}" for name in HISTORIES)
 #: Columns of history.csv.
 HISTORY_COLUMNS = (
@@ -116,16 +117,11 @@ class SubjectDependence:
 
     def probability(self, effect: str) -> float:
         """Posterior probability of one of the two effects."""
-        log_share = logsumexp(self.log_evidence[EFFECT_MODELS[effect]]) - logsumexp(
-            self.log_evidence
-        )
-        return float(np.exp(log_share))
+        return probability_of(self.log_evidence, _EQUAL, EFFECT_MODELS[effect])
 
     def log_bayes_factor(self, effect: str) -> float:
         """Log of the evidence with an effect over that without, nats."""
-        has_effect = EFFECT_MODELS[effect]
-        log_with = logsumexp(self.log_evidence[has_effect])
-        return float(log_with - logsumexp(self.log_evidence[~has_effect]))
+        return log_bayes_factor(self.log_evidence, EFFECT_MODELS[effect])
 
     def word(self, effect: str) -> str:
         """The word for an effect; of the previous response with its direction."""

@@ -24,7 +24,6 @@ from scipy.special import softmax
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.contrast import LEGEND, ContrastTable, Difference
-from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     PRIOR_FLAG,
@@ -78,6 +77,7 @@ from bayes_toe.data.stimulus_unit import StimulusUnit, percent
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.groups.predictive_check import PredictiveCheck
+from bayes_toe.inference.order_evidence import PRIOR_PROBABILITIES
 from bayes_toe.model.posterior import DOMINATED
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.order_effect import evidence_axes, forest_height

@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import entr, logsumexp
 
-from bayes_toe.answers.model_average import weighted_quantiles
 from bayes_toe.answers.order_effect import OrderEffect, answer_subject
 from bayes_toe.arrays import ArrayPair, FloatArray, Rng, StrPath
 from bayes_toe.data.messages import format_path
@@ -26,6 +25,7 @@ from bayes_toe.design.power import observer_prior
 from bayes_toe.design.study_design import StudyDesign, each_once
 from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import adapt_proposal, redrawn, refreshed
+from bayes_toe.inference.model_set import weighted_quantiles
 from bayes_toe.inference.proposal import FittedProposal, efficiency
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import MODEL_PRIOR, ORDER_MODELS, ObserverPrior

@@ -18,13 +18,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.answers.model_average import (
-    EVERY_MODEL,
-    HAS_CONTRACTION,
-    HAS_ERROR,
-    PRIOR_PROBABILITIES,
-    averaged_draws,
-)
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     QUESTIONS,
@@ -42,7 +35,13 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.engine import Precision
-from bayes_toe.inference.order_evidence import order_evidence
+from bayes_toe.inference.order_evidence import (
+    EVERY_MODEL,
+    HAS_CONTRACTION,
+    HAS_ERROR,
+    PRIOR_PROBABILITIES,
+    order_evidence,
+)
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.models import ObserverPosterior, model_title
 from bayes_toe.model.paper_model import PaperPosterior
@@ -342,7 +341,7 @@ def entries_of(
         if entry.tab == EFFECTS_TAB:
             continue
         (evidence,) = order_evidence([subject], draws.seed, prior, _PRECISION)
-        average = averaged_draws(evidence)
+        average = evidence.averaged()
         points = average.resampled(generator(draws.seed, name, "explorer"), _N_AVERAGED)
         averaged = replace(
             entry,

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import logsumexp
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
 from bayes_toe.data.conditions import StimulusScales
@@ -20,18 +19,32 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.engine import USUAL, Precision, mixture_of_maxima, weighted_draws
 from bayes_toe.inference.maxima import Ascent, Expansion, ascend
-from bayes_toe.inference.proposal import WeightedDraws
+from bayes_toe.inference.model_set import AveragedDraws, ModelSet
 from bayes_toe.model.derivatives import hessian
 from bayes_toe.model.distributions import LOG_2PI
-from bayes_toe.model.models import OrderModel
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
-from bayes_toe.model.parameters import CONSTANT_ERROR, LAPSE_RATE, ORDER_MODELS, ObserverPrior
+from bayes_toe.model.parameters import (
+    CONSTANT_ERROR,
+    CONTRACTION,
+    LAPSE_RATE,
+    MODEL_PRIOR,
+    ORDER_MODELS,
+    ObserverPrior,
+)
 from bayes_toe.model.posterior_array import PosteriorArray, observer_array
 from bayes_toe.seeds import generator
 
 #: Names of the four models, in the order of all arrays.
 MODEL_NAMES = tuple(ORDER_MODELS)
 _N_MODELS = len(MODEL_NAMES)
+#: Their prior probabilities.
+PRIOR_PROBABILITIES = np.array([MODEL_PRIOR[name] for name in MODEL_NAMES])
+#: Which of the four models have each effect.
+HAS_ERROR = np.array([CONSTANT_ERROR in ORDER_MODELS[name] for name in MODEL_NAMES])
+HAS_CONTRACTION = np.array([CONTRACTION in ORDER_MODELS[name] for name in MODEL_NAMES])
+HAS_EFFECT = HAS_ERROR | HAS_CONTRACTION
+EVERY_MODEL = np.ones(len(MODEL_NAMES), np.bool_)
 #: Subjects whose posteriors are computed together where there are many.
 BATCH = 8
 
@@ -49,7 +62,19 @@ _POLISH_GAIN = 1e-8  # the same for the maximum of which Laplace's evidence is
 
 
 @dataclass(frozen=True, eq=False)
-class OrderEvidence:
+class OrderDraws(AveragedDraws):
+    """Draws of several of the four models; the coordinates of an absent effect are 0."""
+
+    posterior: ObserverPosterior  # of the model 'both', in whose coordinates the points are
+
+    @cached_property
+    def quantities(self) -> dict[str, FloatArray]:
+        """Every named quantity at the draws, (draws,) each."""
+        return self.posterior.quantities(self.x)
+
+
+@dataclass(frozen=True, eq=False)
+class OrderEvidence(ModelSet):
     """The four models of one subject by their draws, in the order of :data:`MODEL_NAMES`.
 
     Attributes
@@ -60,41 +85,23 @@ class OrderEvidence:
         Laplace's log evidence; NaN where the Hessian at the maximum is not negative definite.
     modes : ndarray, shape (4, k)
         The maximum of each model's posterior density.
-    draws : tuple of WeightedDraws
-        Fresh draws of each model's fixed proposal, with all coordinates of the task: those of an
-        absent effect are 0.
     """
 
     subject: Subject
     prior: ObserverPrior
     laplace: FloatArray
     modes: FloatArray
-    draws: tuple[WeightedDraws, ...]
 
     @property
     def scales(self) -> StimulusScales:
         """Location and scales of the subject's stimuli."""
         return self.subject.scales
 
-    @cached_property
-    def log_evidence(self) -> FloatArray:
-        """Log evidences, nats, without binomial coefficients, shape (4,)."""
-        return np.array([draws.log_evidence for draws in self.draws])
-
-    @cached_property
-    def standard_error(self) -> FloatArray:
-        """Their standard errors, shape (4,)."""
-        return np.array([draws.standard_error for draws in self.draws])
-
-    @cached_property
-    def effective_draws(self) -> FloatArray:
-        """The effective number of each model's draws, shape (4,)."""
-        return np.array([draws.effective_number for draws in self.draws])
-
-    def probabilities(self, prior_probabilities: FloatArray) -> FloatArray:
-        """Posterior probabilities of the four models, shape (4,)."""
-        log_joint = self.log_evidence + np.log(prior_probabilities)
-        return np.exp(log_joint - logsumexp(log_joint))
+    def averaged(self, is_chosen: BoolArray = EVERY_MODEL) -> OrderDraws:
+        """Draws of some models, by default of all four, by probability and weight."""
+        draws = super().averaged(is_chosen)
+        posterior = OrderModel("both").posterior(self.subject, self.prior)
+        return OrderDraws(draws.x, draws.weights, posterior)
 
 
 def order_evidence(
@@ -145,9 +152,8 @@ def _evidences(
     results = []
     for i, subject in enumerate(subjects):
         models = slice(_N_MODELS * i, _N_MODELS * (i + 1))
-        results.append(
-            OrderEvidence(subject, prior, laplace[models], modes[models], tuple(draws[models]))
-        )
+        of_models = tuple(draws[models]), PRIOR_PROBABILITIES
+        results.append(OrderEvidence(*of_models, subject, prior, laplace[models], modes[models]))
         _require_finite(results[-1])
     return results
 

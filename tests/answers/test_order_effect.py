@@ -8,7 +8,6 @@ import pytest
 from conftest import columns, made_subject, text_table
 
 import bayes_toe as bt
-from bayes_toe.answers.model_average import averaged_draws, weighted_quantiles
 from bayes_toe.answers.order_effect import (
     ANSWER_COLUMNS,
     MISFIT_FLAG,
@@ -24,6 +23,7 @@ from bayes_toe.checks.identification import IMITATION, ONE_FIRST_STIMULUS, Ident
 from bayes_toe.data.options import changed
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.inference.model_set import weighted_quantiles
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.model.parameters import ObserverPrior
 
@@ -292,7 +292,7 @@ def test_a_bound_of_a_condition_counts_its_distance_from_the_mean_of_all():
     study = bt.read_study(frame, bt.ReadOptions(condition="condition"))
     for unit in study:
         answer, evidence = answer_subject(unit, 1)
-        draws = averaged_draws(evidence)
+        draws = evidence.averaged()
         c, p = draws.quantities["constant_error"], draws.quantities["contraction"]
         shifts = c[:, None] - p[:, None] * (unit.s1 - unit.scales.sbar)
         size = np.sqrt(np.mean(np.square(shifts), axis=1)) / draws.quantities["jnd"]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from conftest import made_subject
 
-from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.inference.order_evidence import order_evidence
@@ -42,7 +41,7 @@ def test_a_seed_gives_the_same_bits_and_companions_change_nothing(evidence):
 
 def test_one_trial_says_next_to_nothing():
     subject = made_subject("0 0.3 1 1", task=WHICH_STRONGER)
-    p = order_evidence([subject], seed=1)[0].probabilities(PRIOR_PROBABILITIES)
+    p = order_evidence([subject], seed=1)[0].probabilities
     assert [p[0], p[1] + p[3], p[2] + p[3]] == pytest.approx([1 / 2, 1 / 3, 1 / 3], abs=0.02)
 
 

@@ -7,7 +7,7 @@ from scipy import stats
 from scipy.special import logsumexp, ndtr
 
 import bayes_toe as bt
-from bayes_toe.answers.contrast import condition_evidences
+from bayes_toe.answers.contrast import CHOICES, condition_evidences
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.condition_model import DIFFERENCE_UNITS, ConditionModels
@@ -90,8 +90,8 @@ def test_the_evidence_by_quadrature():
     """One pair in either order, so that few parameters matter, against a grid over all of them."""
     s1, s2 = np.array([-0.5, 0.5]), np.array([0.5, -0.5])
     models = condition_models(n_levels=2, s1=s1, s2=s2, counts=((15, 4), (19, 9)), n_trials=20)
-    evidences, _ = condition_evidences(models, seed=1)
-    (evidence,) = (row for row in evidences if row.differing == {CONSTANT_ERROR})
+    evidence, _ = condition_evidences(models, seed=1)
+    of_error = CHOICES.index((CONSTANT_ERROR,))
 
     # Stimuli about sbar = 0 in units of D = 1; R = 1/2; middle 0, so that no slope matters.
     u = np.linspace(-4.5, 4.5, 19)
@@ -111,6 +111,7 @@ def test_the_evidence_by_quadrature():
             z = (second - first - c_here + p * first) / np.exp(log_noise)
             p_second = 0.5 * lapse_rate + (1.0 - lapse_rate) * ndtr(z)
             value = value + n_second * np.log(p_second) + (20 - n_second) * np.log1p(-p_second)
-    assert evidence.log_evidence == pytest.approx(
-        logsumexp(value), abs=4.0 * evidence.draws.standard_error + 0.01
+    error = evidence.standard_error[of_error]
+    assert evidence.log_evidence[of_error] == pytest.approx(
+        logsumexp(value), abs=4.0 * error + 0.01
     )
