@@ -42,7 +42,7 @@ if __name__ == "__main__":  # worker processes import this file
     table.save(asked.output)
     if asked.figure:
         bt.plots.save_figure(bt.plots.order_effect(table, synthetic=study.synthetic), asked.figure)
-    print(table.frame()[COLUMNS].round(3).to_string(index=False))
+    print(table.frame(full=True)[COLUMNS].round(3).to_string(index=False))
     for row in table:
         for note in (*row.notes, *row.footnotes):
             print(f"{row.subject}: {note}")

@@ -1,7 +1,7 @@
 """Run the commands and programs of README and tutorial, and write what they print under them.
 
 A comment `<!-- output of: COMMAND -->`, or `<!-- output of the program above -->`, stands before
-each block of printed text.
+each block of printed text. `<!-- output of: COMMAND, lines 4 to 11 -->` stands before a part.
 
 Example: python scripts/printed_output.py
 """
@@ -27,7 +27,8 @@ STUDIES = {
 PROGRAM = "the program above"
 _BLOCK = re.compile(
     r"^```python\n(?P<program>.*?)^```$"
-    r"|^<!-- output of:? (?P<source>.+?) -->\n```text\n(?P<printed>.*?)^```$",
+    r"|^<!-- output of:? (?P<source>.+?)(?:, lines (?P<first>\d+) to (?P<last>\d+))? -->\n"
+    r"```text\n(?P<printed>.*?)^```$",
     flags=re.MULTILINE | re.DOTALL,
 )
 
@@ -61,6 +62,9 @@ def outputs(text: str, run_command: Callable[[list[str]], str]) -> Iterator[Outp
             yield Output(source, block["printed"], block.span("printed"), program_printed)
         else:
             printed = run_command(shlex.split(source)).lstrip("\n")
+            if block["first"]:
+                lines = printed.splitlines(keepends=True)
+                printed = "".join(lines[int(block["first"]) - 1 : int(block["last"])])
             yield Output(source, block["printed"], block.span("printed"), printed)
 
 

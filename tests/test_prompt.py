@@ -17,9 +17,23 @@ def test_everything_fits_on_a_line(analysis):
         assert "\n" not in repr(value)
     names = "3 subjects ('A', 'B', 'C'), "
     assert repr(analysis.study) == f"<Study 'three kinds': {names}1,950 trials>"
-    assert repr(analysis.draws).startswith(f"<Draws of 'predictive update': {names}")
+    assert repr(analysis.draws).startswith(f"<Draws of paper's model: {names}")
     text = "<EvidenceTable: 3 rows of 'A', 'B', 'C'; frame() gives them to pandas>"
     assert repr(analysis.evidence) == text
+
+
+def test_the_short_frame_of_an_evidence_table_is_the_answer(analysis):
+    table = analysis.evidence
+    frame = table.frame()
+    assert [*frame] == ["subject", "order effect", "constant error", "contraction"]
+    assert max(map(len, str(frame).splitlines())) <= 80
+    for answer, cells in zip(table.answers, frame.to_numpy().tolist(), strict=True):
+        assert cells[0] == answer.subject
+        assert cells[1] == f"{answer.words['order_effect']} {answer.mark}".rstrip()
+        assert cells[2].removeprefix(answer.words["constant_error"]).lstrip() in (
+            "",
+            answer.format_size("pse_shift_percent"),
+        )
 
 
 def test_notebooks_show_small_tables_and_run_nothing():

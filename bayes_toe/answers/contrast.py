@@ -240,8 +240,9 @@ class ContrastTable(Table[Difference]):
     unit: StimulusUnit = UNKNOWN_UNIT
     left_out: dict[str, str] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
+    short_columns = ("subject", "quantity", "comparison", "q025", "q50", "q975", "word")
 
-    def frame(self) -> pd.DataFrame:
+    def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of contrast.csv."""
         frame = frame_of(self.rows, CONTRAST_COLUMNS[:-2])
         prior = OrderModel("both").describe(self.prior, self.task)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -90,7 +91,7 @@ class SubjectEvidence:
     @property
     def cells(self) -> Mapping[str, object]:
         """The entries of evidence.csv but the prior's; None where one is empty."""
-        cells: dict[str, object] = dict.fromkeys(ANSWER_COLUMNS)
+        cells = dict[str, object]()
         if self.answer is not None:
             cells |= self.answer.cells
         for column in ("subject", *_COMPARISON_COLUMNS):
@@ -132,7 +133,19 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
     failed: Mapping[str, str] = field(default_factory=dict)
     task: Task = SAME_DIFFERENT
 
-    def frame(self) -> pd.DataFrame:
+    def frame(self, *, full: bool = False) -> pd.DataFrame:
+        """A row per subject: the words with their sizes; with `full` all columns of evidence.csv.
+
+        The short table has the marks `!` and `?` of the screen. Subjects that failed come last.
+        """
+        import pandas as pd
+
+        if full:
+            return self._full_frame()
+        failed = [{"subject": name} for name in self.failed]
+        return pd.DataFrame([*map(attrgetter("texts"), self.answers), *failed])
+
+    def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of evidence.csv.
 
         Natural logs, empty where a value does not exist; every row names the prior.
@@ -143,8 +156,7 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 
         prior = None if self.prior is None else self.prior.describe_all(self.task)
         rows = [row.cells for row in self.rows]
-        empty = dict.fromkeys(EVIDENCE_COLUMNS)
-        rows += [{**empty, "subject": name} for name in self.failed]
+        rows += [{"subject": name} for name in self.failed]
         frame = pd.DataFrame(rows, columns=list(EVIDENCE_COLUMNS)).assign(prior=prior)
         return frame.astype(dict.fromkeys(_COUNTS, "Int64")) if self.failed else frame
 

@@ -55,6 +55,8 @@ QUESTIONS: Mapping[str, BoolArray] = {
 SIZES = ("pse_shift_percent", "pse_shift_jnd", "contraction_p", "jnd_percent", "zone_percent")
 #: The size that stands beside the word for an effect.
 SIZE_OF = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
+#: Words beside which no size stands.
+_WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.NOT_INTERPRETABLE, Word.CANNOT_BE_TOLD)
 _SIZE_LABELS = {"constant_error": "PSE shift", "contraction": "p ="}
 QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
 _EVIDENCES = tuple(f"log_evidence_{name.replace(' ', '_')}" for name in MODEL_NAMES)
@@ -197,6 +199,13 @@ class OrderEffect:
         """Whether the score test of the trial before is below its limit."""
         return PREVIOUS_TRIAL_FLAG in self.flags
 
+    @property
+    def mark(self) -> str:
+        """`!` if the subject needs a decision, `?` if a word depends on the prior, or nothing."""
+        if self.fits is False or self.options or not self.is_interpretable:
+            return "!"
+        return "?" if self.depends_on_prior else ""
+
     def in_study(self, n_subjects: int) -> OrderEffect:
         """The answer with the flags of fit and of trial order for a study of so many subjects."""
         wandering = "The preference for a response wanders over the trials ({})."
@@ -261,6 +270,20 @@ class OrderEffect:
         unit = self.unit.for_percent(size)
         low, median, high = map(format_number, size.from_percent(unit))
         return f"{median} {unit.of_differences} [{low}, {high}]"
+
+    def effect_size(self, question: str) -> str:
+        """The size of an effect; empty beside a word that has none."""
+        is_hidden = self.words[question] in _WITHOUT_SIZE
+        return "" if is_hidden else self.format_size(SIZE_OF[question])
+
+    @property
+    def texts(self) -> Mapping[str, str]:
+        """Each word with the mark or the size, by the headings of a short table."""
+        texts = {"subject": self.subject}
+        for question, word in self.words.items():
+            addition = self.effect_size(question) if question in SIZE_OF else self.mark
+            texts[question.replace("_", " ")] = f"{word} {addition}".rstrip()
+        return texts
 
     @property
     def cells(self) -> Mapping[str, object]:

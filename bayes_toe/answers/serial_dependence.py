@@ -175,13 +175,14 @@ class SerialDependence(SubjectTable[SubjectDependence]):
     study: Study
     seed: int
     prior: Prior
+    short_columns = ("subject", *EFFECT_MODELS, "rho_q50", "kappa_q50", "note")
 
     def posterior(self, row: SubjectDependence, history: str) -> TrialHistoryPosterior:
         """The posterior of a subject under one of :data:`HISTORIES`."""
         subject = self.study[row.subject]
         return TrialHistoryPosterior(subject, row.history(history), self.prior.observer)
 
-    def frame(self) -> pd.DataFrame:
+    def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of history.csv; natural logs, empty where there is none."""
         import pandas as pd
 

@@ -140,6 +140,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
 
     task: Task = SAME_DIFFERENT
     unit: StimulusUnit = UNKNOWN_UNIT
+    short_columns = ("subject", "s_weak", "s_strong", "asymmetry", "asymmetry_se", "p_adjusted")
 
     @property
     def has_comparison(self) -> bool:
@@ -170,7 +171,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
                 )
         return tuple(notes)
 
-    def frame(self) -> pd.DataFrame:
+    def _full_frame(self) -> pd.DataFrame:
         """One row per subject and comparison, with the columns of asymmetry.csv.
 
         In 'which is stronger?' the columns n_wrong take the place of the columns n_equal.

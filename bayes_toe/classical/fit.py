@@ -247,7 +247,7 @@ class FitTable(SubjectTable[SubjectFit]):
     prior: Prior | None = None
     task: Task = SAME_DIFFERENT
 
-    def frame(self) -> pd.DataFrame:
+    def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of fit.csv.
 
         NaN (in the file: empty) where the data leave a parameter open.
@@ -260,6 +260,11 @@ class FitTable(SubjectTable[SubjectFit]):
             fitted = (row.subject, *row.parameters, row.log_likelihood, row.at_edge)
             rows.append((*fitted, *limits, *ending))
         return pd.DataFrame(rows, columns=list(fit_columns(self.task)))
+
+    def frame(self, *, full: bool = False) -> pd.DataFrame:
+        """The parameters; with `full` all columns of fit.csv."""
+        frame = self._full_frame()
+        return frame if full else frame.loc[:, :"at_edge"]
 
     def compare_with(self, draws: Draws) -> pd.DataFrame:
         """Posterior and bootstrap interval of every subject and natural parameter.

@@ -1,7 +1,7 @@
 """The answer of a study on the screen: a table of subjects, their problems, and the conclusion.
 
 `print_subjects` prints the table and the problems, `print_answer` the conclusion. Reports use
-`flagged`, `doubtful_subjects` and `effect_size` too.
+`flagged` and `doubtful_subjects` too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from bayes_toe.answers.order_effect import (
     format_small_p,
 )
 from bayes_toe.answers.study_summary import describe_pair, study_lines
-from bayes_toe.answers.words import Word
 from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
     OUTPUT,
@@ -41,8 +40,6 @@ _HEADINGS = (
     "PSE shift, {unit}\n[95 % interval]",
     "contraction p\n[95 % int.]",
 )
-#: Words beside which no size stands.
-_WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.NOT_INTERPRETABLE, Word.CANNOT_BE_TOLD)
 _MOST_EXCLUDED = 5  # names of subjects that are not counted
 
 
@@ -102,12 +99,6 @@ def doubtful_subjects(answers: Iterable[OrderEffect]) -> dict[str, list[str]]:
     return subjects
 
 
-def effect_size(answer: OrderEffect, question: str) -> str:
-    """The size of an effect; empty beside a word that has none."""
-    is_hidden = answer.words[question] in _WITHOUT_SIZE
-    return "" if is_hidden else answer.format_size(SIZE_OF[question])
-
-
 # --- The screen ----------------------------------------------------------------------------------
 
 
@@ -142,12 +133,7 @@ def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
 
 def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     """The conclusion of a subject as a row of the table."""
-    mark = ""
-    if action_reasons(answer):
-        mark = " !"
-    elif answer.depends_on_prior:
-        mark = " ?"
-    name = answer.subject + mark
+    name = f"{answer.subject} {answer.mark}".rstrip()
     if not answer.is_interpretable:
         return [name, f"not interpreted: {answer.flags[0]}"]
     reasons = [answer.reasons.get(question, "") for question in QUESTIONS]
@@ -158,7 +144,7 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     for question, reason in zip(QUESTIONS, reasons, strict=True):
         cells.append(letters.get(reason) or str(answer.words[question]))
     for question in SIZE_OF:
-        cells.append(effect_size(answer, question).replace(unit, "") or "-")
+        cells.append(answer.effect_size(question).replace(unit, "") or "-")
     return cells
 
 

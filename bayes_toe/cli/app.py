@@ -19,7 +19,7 @@ from bayes_toe.cli import (
     study_commands,
     view_commands,
 )
-from bayes_toe.cli.options import LAYOUT
+from bayes_toe.cli.options import LAYOUT, complete_example
 from bayes_toe.cli.run_context import as_command
 from bayes_toe.cli.terminal import TYPED
 
@@ -59,6 +59,10 @@ class Commands(TyperGroup):
 
 class Command(TyperCommand):
     """A command whose help is one screen: only `check` lists how to read files in other layouts."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the options; the task of the example may be missing."""
+        return super().parse_args(ctx, complete_example(args))
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help."""

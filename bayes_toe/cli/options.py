@@ -74,6 +74,23 @@ ModelName = Annotated[
 ]
 
 
+def complete_example(words: list[str]) -> list[str]:
+    """The words of a command, in which `--example` without a task gets its default.
+
+    Examples
+    --------
+    >>> complete_example(["--example", "-o", "results"])
+    ['--example', '2afc', '-o', 'results']
+    """
+    if "--example" in words:
+        from bayes_toe.data.tasks import task_named
+
+        after = words.index("--example") + 1
+        if task_named("".join(words[after : after + 1])) is None:
+            words = [*words[:after], FIRST_EXAMPLE, *words[after:]]
+    return words
+
+
 def writes(metavar: str, help_text: str) -> Any:
     """The option that names what is written."""
     parser = folder_name if metavar == "DIR" else file_name
@@ -97,6 +114,8 @@ def file_name(value: str | Path) -> Path:
 #: The error of a command without a file; :func:`~bayes_toe.cli.run_context.as_command` adds what to
 #: type.
 NO_FILE = "No file is named."
+#: The task of the bundled example that `--example` alone means.
+FIRST_EXAMPLE = "2afc"
 #: What `run` asks in a terminal.
 WHICH_FILE = (
     "Which file? Type a name, or press Enter for the bundled example (12 synthetic\n"
@@ -116,7 +135,9 @@ class StudyFile:
             show_default=False,
         ),
     ] = None
-    example: Annotated[bool, flag("--example", "Analyse the synthetic example.")] = False
+    example: Annotated[
+        Text, option("--example", "TASK", "Example data: 2afc or same-different.")
+    ] = None
     swap: Annotated[
         Texts, option("--swap", "A08:2,4", "Swap a subject's responses; repeatable.")
     ] = None
@@ -184,8 +205,9 @@ class StudyFile:
         from bayes_toe.data.read_study import example_truth
         from bayes_toe.data.tasks import SAME_DIFFERENT, task_of
 
-        is_paper = self.question is not None and task_of(self.question) == SAME_DIFFERENT
-        return example_truth(SAME_DIFFERENT) if is_paper and self.example else {}
+        if self.example is None or task_of(self.example) != SAME_DIFFERENT:
+            return {}
+        return example_truth(SAME_DIFFERENT)
 
     def ask(self) -> StudyFile:
         """Ask in a terminal which file to read, if neither a file nor the example is named."""
@@ -194,24 +216,27 @@ class StudyFile:
         typed = typer.prompt(WHICH_FILE, default="", show_default=False, prompt_suffix="")
         name = typed.strip().strip("'\"")  # terminals quote a file that is dragged into them
         if not name:
-            return replace(self, example=True)
+            return replace(self, example=FIRST_EXAMPLE)
         return replace(self, files=[Path(name).expanduser()])
 
     def read(self) -> Study:
         """The study; errors name file, row, column, what was found and what is allowed."""
         from bayes_toe.data.options import changed
         from bayes_toe.data.read_study import example_study, read_study
-        from bayes_toe.data.tasks import WHICH_STRONGER, task_of
+        from bayes_toe.data.tasks import task_of
 
         if self.example and self.files:
-            raise InputError("--example and STUDY.csv exclude each other.")
-        if not self.example and not self.files:
-            raise InputError(NO_FILE)
+            raise InputError(
+                "--example and STUDY.csv exclude each other. "
+                "Allowed: --example 2afc, --example same-different."
+            )
         task = None if self.question is None else task_of(self.question)
         if self.example:
-            study = example_study(task or WHICH_STRONGER)
-        else:
+            study = example_study(task_of(self.example, "--example"))
+        elif self.files:
             study = read_study(self._paths(), self._read_options())
+        else:
+            raise InputError(NO_FILE)
         if task not in (None, study.task):
             raise InputError(
                 f"--task is {self.question!r}, but the responses in {study.source} are of the task "

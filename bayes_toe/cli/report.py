@@ -60,7 +60,6 @@ from bayes_toe.cli.answer_screen import (
     ON_PREVIOUS_TRIAL,
     POOR_FIT,
     doubtful_subjects,
-    effect_size,
     not_counted,
 )
 from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables
@@ -472,7 +471,7 @@ def _name_subjects(names: Sequence[str]) -> str:
 
 def _overview_row(answer: OrderEffect) -> Record:
     """A subject in the table of all subjects; its marks stand for two of the flags."""
-    texts = {size: effect_size(answer, question) for question, size in SIZE_OF.items()}
+    texts = {size: answer.effect_size(question) for question, size in SIZE_OF.items()}
     texts["jnd_percent"], fit = "", ""
     if answer.is_interpretable:
         texts["jnd_percent"], fit = answer.format_size("jnd_percent"), _FITS[answer.fits]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import as_html, join_few, join_names, name_from_key, quoted
@@ -45,9 +45,12 @@ class Table(ABC, Generic[Row]):
     Attributes
     ----------
     rows : tuple
+    short_columns : sequence of str
+        The columns that a person reads; empty for all.
     """
 
     rows: tuple[Row, ...]
+    short_columns: ClassVar[Sequence[str]] = ()
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -69,8 +72,15 @@ class Table(ABC, Generic[Row]):
     def __len__(self) -> int:
         return len(self.rows)
 
+    def frame(self, *, full: bool = False) -> pd.DataFrame:
+        """The columns that a person reads; with `full` all columns of the CSV file."""
+        frame = self._full_frame()
+        if full or not self.short_columns:
+            return frame
+        return frame[list(self.short_columns)]
+
     @abstractmethod
-    def frame(self) -> pd.DataFrame:
+    def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of its CSV file."""
 
     def save(
@@ -84,7 +94,7 @@ class Table(ABC, Generic[Row]):
 
         See :func:`write_table`.
         """
-        return write_table(self.frame(), path, overwrite=overwrite, units=units)
+        return write_table(self.frame(full=True), path, overwrite=overwrite, units=units)
 
 
 def frame_of(rows: Iterable[object], columns: Sequence[str]) -> pd.DataFrame:

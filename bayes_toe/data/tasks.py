@@ -107,14 +107,14 @@ _CALLED = {
 }
 
 
-def task_of(given: Task | str) -> Task:
-    """The task, or the one that is called so; an InputError where none is."""
+def task_of(given: Task | str, option: str = "--task") -> Task:
+    """The task, or the one that is called so; an InputError of an option where none is."""
     if isinstance(given, Task):
         return given
     task = task_named(given) if isinstance(given, str) else None
     if task is None:
         allowed = f"{SAME_DIFFERENT.name}, or 2afc ({WHICH_STRONGER.name})"
-        raise InputError(f"--task: found {given!r}, allowed: {allowed}")
+        raise InputError(f"{option}: found {given!r}, allowed: {allowed}")
     return task
 
 

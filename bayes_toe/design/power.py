@@ -211,7 +211,7 @@ class PowerTable(Table[PowerEstimate]):
             return None
         return share(sum(word.is_positive for word in words), len(words))
 
-    def frame(self) -> pd.DataFrame:
+    def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of power.csv."""
         return frame_of(self.rows, POWER_COLUMNS)
 

@@ -362,7 +362,7 @@ class PopulationResult:
         return f"<Population of {self.study.source!r}: {n_subjects}{badge}>"
 
     def _repr_html_(self) -> str:
-        return as_html(repr(self)[1:-1], self.summary())
+        return as_html(repr(self)[1:-1], self.table.frame())
 
     # --- Tables and file -------------------------------------------------------------------------
 
@@ -424,8 +424,8 @@ class PopulationResult:
         return GroupSubjects(tuple(rows))
 
     def summary(self) -> pd.DataFrame:
-        """The table of the group as a frame."""
-        return self.table.frame()
+        """The table of the group as a frame, with the columns of population.csv."""
+        return self.table.frame(full=True)
 
     def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
         """Write population.nc, which ArviZ opens and :func:`bayes_toe.load` reads."""

@@ -86,7 +86,9 @@ def summary_row(
 class PopulationTable(Table[PopulationRow]):
     """The rows of population.csv."""
 
-    def frame(self) -> pd.DataFrame:
+    short_columns = (*PopulationRow._fields[:6], "p_direction", "ln_bf_zero")
+
+    def _full_frame(self) -> pd.DataFrame:
         """One row per quantity, with the columns of population.csv.
 
         A percentage that is too large for a number is NaN.
@@ -123,6 +125,6 @@ def subject_row(subject: str, parameter: str, draws: FloatArray) -> GroupSubject
 class GroupSubjects(Table[GroupSubjectRow]):
     """Estimates of every subject by the group and its own responses together."""
 
-    def frame(self) -> pd.DataFrame:
+    def _full_frame(self) -> pd.DataFrame:
         """One row per subject and parameter."""
         return pd.DataFrame(self.rows, columns=list(GroupSubjectRow._fields))

@@ -51,6 +51,7 @@ from bayes_toe.model.models import (
     SampledModel,
     describe_prior,
     model_posterior,
+    model_title,
     stored_model,
 )
 from bayes_toe.model.paper_equations import NATURAL, Natural
@@ -397,18 +398,18 @@ class Draws:
             missed = f"; NOT CONVERGED: {join_few([*self.not_converged])}"
         size_and_seed = f"{size['chain']} chains of {size['draw']:,}, seed {self.seed}"
         subjects = f"{len(self.names):,} subjects ({join_few(self.names)})"
-        return f"<Draws of {self.model!r}: {subjects}, {size_and_seed}{missed}>"
+        return f"<Draws of {model_title(self.model)}: {subjects}, {size_and_seed}{missed}>"
 
     def _repr_html_(self) -> str:
         rows = []
         for name in self.names[:MOST_ROWS]:  # natural parameters, and whether they may be read
             row = {"subject": name}
             for key in self.posterior(name).names.natural:
-                low, middle, high = np.quantile(self.values(name, key), [0.05, 0.5, 0.95])
-                row[key] = f"{middle:.3g} ({low:.3g} to {high:.3g})"
+                low, middle, high = np.quantile(self.values(name, key), [0.025, 0.5, 0.975])
+                row[key] = f"{middle:.3g} [{low:.3g}, {high:.3g}]"
             rows.append({**row, "converged": "no" if name in self.not_converged else "yes"})
         return as_html(
-            f"{repr(self)[1:-1]}. Medians (5 to 95 %)", pd.DataFrame(rows), len(self.names)
+            f"{repr(self)[1:-1]}. Medians [95 % interval]", pd.DataFrame(rows), len(self.names)
         )
 
 

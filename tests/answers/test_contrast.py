@@ -54,7 +54,7 @@ def table():
 
 
 def test_what_differs_has_its_sign_and_size(table):
-    assert list(table.frame().columns) == list(CONTRAST_COLUMNS)
+    assert list(table.frame(full=True).columns) == list(CONTRAST_COLUMNS)
     quantities = ["constant error", "contraction", "JND", ORDER_EFFECT]
     assert [row.quantity for row in table] == 2 * quantities
     for row in table.select("constant error"):
@@ -71,7 +71,7 @@ def test_what_differs_has_its_sign_and_size(table):
 
 def test_the_table_has_a_sentence_and_the_prior(table):
     assert table.sentences()[1] == "Constant error differs: 2 of 2 subjects yes."
-    (prior,) = set(table.frame()["prior"])
+    (prior,) = set(table.frame(full=True)["prior"])
     assert "contraction ~ Normal(0, 0.25) on (-1, 1)" in prior
 
 

@@ -51,7 +51,7 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
     assert (row.log_evidence_h1_laplace, row.log_bayes_factor_laplace) == (None, None)
     assert row.log_evidence_h1 is not None
     assert any("Laplace" in note for note in row.footnotes)
-    assert EvidenceTable((row,)).frame()["log_evidence_h1_laplace"].isna().all()
+    assert EvidenceTable((row,)).frame(full=True)["log_evidence_h1_laplace"].isna().all()
 
 
 def test_untrusted_weights_give_no_number():
@@ -62,7 +62,7 @@ def test_untrusted_weights_give_no_number():
 
 
 def test_the_table_has_the_bayes_factor_of_its_evidences(analysis):
-    frame = analysis.evidence.frame()
+    frame = analysis.evidence.frame(full=True)
     assert tuple(frame.columns) == EVIDENCE_COLUMNS
     assert (frame["log_bayes_factor"] == frame["log_evidence_h1"] - frame["log_evidence_h0"]).all()
     assert frame["log_evidence_h1_se"].between(0, 0.01).all()
@@ -73,8 +73,8 @@ def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analys
     monkeypatch.setattr("bayes_toe.analysis.subject_fit", few)
     study = analysis.study.select(["B"])
     alone = bt.evidence(study, seed=analysis.settings.seed, prior="paper", workers=1)
-    frame = analysis.evidence.frame().query("subject == 'B'").reset_index(drop=True)
-    pd.testing.assert_frame_equal(alone.frame(), frame)
+    frame = analysis.evidence.frame(full=True).query("subject == 'B'").reset_index(drop=True)
+    pd.testing.assert_frame_equal(alone.frame(full=True), frame)
     separate, other = alone["B"].fit, analysis.evidence["B"].fit
     assert separate.deviance == other.deviance
     assert separate.fit_p == pytest.approx(other.fit_p, abs=0.02)
@@ -113,7 +113,7 @@ def test_a_numerical_failure_leaves_the_other_subjects(monkeypatch):
     table = bt.evidence(few_pairs("ABC"), seed=1, workers=1)
     assert [row.subject for row in table] == ["A", "C"]
     assert table.failed == {"B": "subject 'B': the evidence of 'both' is not a finite number"}
-    frame = table.frame()
+    frame = table.frame(full=True)
     assert frame["subject"].tolist() == ["A", "C", "B"]
     assert frame["p_order_effect"].isna().tolist() == [False, False, True]
 

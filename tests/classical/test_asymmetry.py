@@ -82,7 +82,7 @@ def test_maxima_correction_and_counts_over_subjects(tmp_path):
         assert adjusted == holm(p_values).tolist()
     read = pd.read_csv(table.save(tmp_path / "asymmetry.csv"), dtype={"subject": str})
     assert tuple(read.columns) == ASYMMETRY_COLUMNS
-    pd.testing.assert_frame_equal(read, table.frame(), check_exact=True)
+    pd.testing.assert_frame_equal(read, table.frame(full=True), check_exact=True)
 
 
 def test_pairs_in_one_order_are_left_out_and_said():

@@ -56,7 +56,7 @@ def test_resampled_counts_are_beta_binomial():
 def test_a_study_of_which_is_stronger_has_the_same_table_with_lapses():
     study = bt.example_study(WHICH_STRONGER).select(["S01", "S07"])
     table = bt.fit(study, replicates=100, seed=1, workers=1)
-    frame = table.frame().set_index("subject")
+    frame = table.frame(full=True).set_index("subject")
     natural = ["mu1", "sigma_p", "sigma_l", "lapse_rate"]
     assert list(frame.columns[:6]) == [*natural, "log_likelihood", "at_edge"]
     assert frame.loc["S07", natural].tolist() == table["S07"].parameters.tolist()
@@ -69,10 +69,10 @@ def test_a_study_of_which_is_stronger_has_the_same_table_with_lapses():
 
 def test_same_seed_same_numbers_whatever_the_workers_and_the_order(small_study):
     reverse = small_study.select(list(small_study.names)[::-1])
-    plain = bt.fit(small_study, replicates=60, seed=5, workers=1).frame()
-    other_order = bt.fit(reverse, replicates=60, seed=5, workers=2).frame()
+    plain = bt.fit(small_study, replicates=60, seed=5, workers=1).frame(full=True)
+    other_order = bt.fit(reverse, replicates=60, seed=5, workers=2).frame(full=True)
     assert other_order[::-1].reset_index(drop=True).equals(plain)
-    assert not bt.fit(small_study, replicates=60, seed=6, workers=1).frame().equals(plain)
+    assert not bt.fit(small_study, replicates=60, seed=6, workers=1).frame(full=True).equals(plain)
 
 
 def test_intervals_bands_and_covariance_are_those_of_the_replicates(replicates):

@@ -183,7 +183,9 @@ REFUSED = """
     run study.csv -o out | overwrite
     run study.csv -o study.csv/new | study.csv
     run study.csv -o study.csv | study.csv
-    check a.csv --example | error: --example and STUDY.csv exclude each other.
+    check a.csv --example | exclude each other. Allowed: --example 2afc, --example same-different
+    check --example same | exclude each other. Allowed: --example 2afc, --example same-different
+    check --example=same | error: --example: found 'same', allowed: same/different, or 2afc
 """
 
 

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 import typer.main
 from commands import inside
+from conftest import text_table
 from rich.text import Text
 
 import bayes_toe as bt
@@ -41,17 +42,38 @@ def test_without_a_file_a_command_says_what_to_type(command, tmp_path):
 
 
 def test_the_example_takes_the_place_of_a_file():
-    study = StudyFile(example=True)
+    study = StudyFile(example="2afc")
     assert study.read().names == bt.example_study().names
-    paper = StudyFile(example=True, question="same/different")
+    paper = StudyFile(example="same-different")
     assert paper.read().task.yes == "equal"
     assert (study.truth(), len(paper.truth())) == ({}, 16)
+
+
+EXAMPLES = """
+    --example | 2afc
+    --example -q | 2afc
+    -q --example 2afc | 2afc
+    --example same-different -q | same-different
+    --example=same/different | same/different
+"""
+
+
+@pytest.mark.parametrize("typed, example", text_table(EXAMPLES))
+def test_every_command_has_both_examples(monkeypatch, tmp_path, typed, example):
+    def read(study):
+        raise bt.InputError(study.example)
+
+    monkeypatch.setattr(StudyFile, "read", read)
+    for command, function in FUNCTIONS.items():
+        if "example" in names(function):
+            finished = inside(f"{command} {typed}", cwd=tmp_path)
+            assert finished.stderr == f"error: {example}\n", command
 
 
 @pytest.mark.parametrize(
     "typed, study_file",
     [
-        ("  ", StudyFile(example=True)),
+        ("  ", StudyFile(example="2afc")),
         ("'my study.csv' ", StudyFile(files=[Path("my study.csv")])),
     ],
 )

@@ -27,9 +27,9 @@ def written(analysis, small_study, tmp_path_factory):
     group, asymmetry = made_result(small_study), bt.asymmetry(small_study)
     return {
         "summary.csv": analysis.summary(),
-        "evidence.csv": analysis.evidence.frame(),
-        "fit.csv": analysis.fits.frame(),
-        "asymmetry.csv": asymmetry.frame(),
+        "evidence.csv": analysis.evidence.frame(full=True),
+        "fit.csv": analysis.fits.frame(full=True),
+        "asymmetry.csv": asymmetry.frame(full=True),
         "population.csv": group.summary(),
         "population_subjects.csv": group.subject_table.frame(),
         "study.csv": pd.read_csv(folder / "study.csv"),
