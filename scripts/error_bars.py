@@ -39,9 +39,9 @@ BAND, PRECISE = (0.8, 1.25), 0.012
 FAR = 6.0
 PAGE = """# Are the standard errors of {evidences} right?
 
-Each case is estimated with {seeds} seeds, and with a new fit of the proposal for each seed. z = (estimate -
-reference) / reported standard error. Its standard deviation should be 1 and must lie between {band[0]} and {band[1]}.
-{seeds} seeds determine it to about {precision:.0f} %.
+Each case is estimated with {seeds} seeds. z is the difference of an estimate from the reference, divided by the
+reported standard error. If the standard errors are right, the standard deviation of z is 1; {seeds} seeds determine it to
+about {precision:.0f} %. Here it must lie between {band[0]} and {band[1]}.
 {conclusion}
 {far}
 `python scripts/error_bars.py -o docs --seeds {seeds} {option}--overwrite` writes this page and [{table}]({table}). The references are in

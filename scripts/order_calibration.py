@@ -47,17 +47,16 @@ _CHUNK = 40  # observers of a job
 PAGE = """# Calibration of the four models
 
 For each of six designs, {observers} observers are drawn from the prior: first one of the four models, then its
-parameters. An independent implementation of the model (`scripts/reference/tempering.py`) simulates their responses.
-The analysis is that of `bayes-toe run`.
+parameters. Separate code (`scripts/reference/tempering.py`) simulates their responses. `bayes-toe run` analyses them.
 
 {conclusion}
 
 ## Probabilities
 
-If the probabilities are correct, a share P of the observers with probability P has the effect. ECE is the expected
-calibration error over ten bins. Simulations with correct probabilities give the *floor*, which is their mean ECE, and
-*p*, the share with an ECE at least as large as the observed one. A row is calibrated if p is at least {least_p:g}.
-The log score is in bits.
+If the probabilities are correct, 80 of 100 observers with a probability of .80 have the effect. ECE (expected
+calibration error) is the mean difference from this rule over ten bins. It exceeds 0 by chance: *floor* is the mean ECE
+of correct probabilities, and *p* is how often they have an ECE at least as large as the observed one. A row is
+calibrated if p is at least {least_p:g}. The log score is in bits; lower is better.
 
 | design | question | observers | with the effect | ECE | floor | p | log score | calibrated |
 |---|---|--:|--:|--:|--:|--:|--:|---|
@@ -66,8 +65,8 @@ The log score is in bits.
 
 If the intervals are correct, the ranks of the true values among posterior draws are uniform. A true constant error or
 contraction is ranked among {draws} draws of the models that have it, and every JND among draws of all models. The
-p-value tests the largest deviation of the distribution function from the uniform one. Ranks count as uniform if p is
-at least {least_p:g}.
+p-value tests the largest difference between the distribution of the ranks and the uniform one. Ranks count as uniform
+if p is at least {least_p:g}.
 
 | design | quantity | observers | largest difference | at | p | ranks |
 |---|---|--:|--:|--:|--:|---|
