@@ -40,8 +40,8 @@ FAR = 6.0
 PAGE = """# Are the standard errors of {evidences} right?
 
 Each case is estimated with {seeds} seeds. z is the difference of an estimate from the reference, divided by the
-reported standard error. If the standard errors are right, the standard deviation of z is 1; {seeds} seeds determine it to
-about {precision:.0f} %. Here it must lie between {band[0]} and {band[1]}.
+reported standard error. If the standard errors are right, the standard deviation of z is 1. With
+{seeds} seeds, it varies by chance by about {precision:.0f} %. Here it must lie between {band[0]} and {band[1]}.
 {conclusion}
 {far}
 `python scripts/error_bars.py -o docs --seeds {seeds} {option}--overwrite` writes this page and [{table}]({table}). The references are in
