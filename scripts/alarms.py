@@ -354,8 +354,8 @@ alarm of another task needs more than half of the subjects.
 
 ## Observers whom no model describes
 
-{n_kind} observers of each kind and task respond in 400 or 480 trials, in studies of 12. A third have
-no effect. The others have a constant error (c) of .6 times the difference of a pair, or a
+{n_kind} observers of each kind and task respond in 400 or 480 trials, in studies of 12. A third of
+them have no effect. The others have a constant error (c) of .6 times the difference of a pair, or a
 contraction (p) of 30, 65 or -40 %. 'False' counts the word `yes` without the effect, 'found' the
 word `yes` with the effect, and 'covered' the 95 % intervals that contain the true contraction.
 
