@@ -209,13 +209,13 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> Study:
 
 
 def example_study(task: Task | str = WHICH_STRONGER) -> Study:
-    """Return a bundled study. It is synthetic: :data:`COMMANDS` made it.
+    """Return a bundled study. Its subjects are synthetic.
 
     "2afc", the default: 12 subjects were asked which stimulus was stronger, 40 times for each of
     ten ordered pairs of neighbouring levels. They have constant errors and contractions of both
     signs; one subject has neither. Its seed was chosen among seven for few flags. "same/different":
     16 subjects in the paper's design, simulated by the paper's model (H1). The paper's own data are
-    not public.
+    not public. :data:`COMMANDS` has the commands that made both.
 
     Parameters
     ----------
