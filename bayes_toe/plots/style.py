@@ -19,12 +19,14 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colorbar import Colorbar
+from matplotlib.container import Container, ErrorbarContainer
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
-from bayes_toe.data.tasks import Task
 
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
 POSTERIOR = "#0072B2"
@@ -41,16 +43,12 @@ MAX_NAMES, HIGH = 60, 5.6
 _WIDE_PANEL, _LABEL_LETTERS = 2.0, 20
 #: Quantiles that lines and intervals mark.
 MARKED = (0.025, 0.5, 0.975)
-Band = tuple[float, float, float]
 #: Arguments that several calls of matplotlib share.
 Style = dict[str, Any]
-#: Of fitted curves: lower and upper quantile, opacity.
-BANDS: tuple[Band, ...] = ((0.025, 0.975, 0.15), (0.25, 0.75, 0.35))
-
-
-def probability_label(task: Task) -> str:
-    """The label of an axis of probabilities of the answer that a task counts."""
-    return f"P('{task.yes}')"
+#: Opacity of bands of 95 %.
+_BAND_OPACITY = 0.2
+#: The lowest proportion on an axis that begins at 0.
+_LOW_PROPORTION = 0.3
 
 
 class Mark(NamedTuple):
@@ -144,10 +142,16 @@ def even_columns(n_panels: int, largest: int) -> int:
 
 
 def grid_panels(
-    figure: Figure | SubFigure, n_panels: int, n_columns: int, *, sharey: bool = False
+    figure: Figure | SubFigure,
+    n_panels: int,
+    n_columns: int,
+    *,
+    sharex: bool = False,
+    sharey: bool = False,
 ) -> list[Axes]:
     """Panels in a grid, row by row."""
-    axes = figure.subplots(n_rows(n_panels, n_columns), n_columns, squeeze=False, sharey=sharey)
+    share: Style = {"sharex": sharex, "sharey": sharey}
+    axes = figure.subplots(n_rows(n_panels, n_columns), n_columns, squeeze=False, **share)
     panels = axes.ravel().tolist()
     for ax in panels[n_panels:]:
         ax.remove()
@@ -178,6 +182,11 @@ def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
             yield mark, has_order
 
 
+#: Multiples of powers of ten on a logarithmic axis; the last ones that give enough ticks are shown.
+_MULTIPLES = ((1.0, 1.5, 2.0, 3.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0,))
+_FEWEST_TICKS = 3
+
+
 class Scale(NamedTuple):
     """How an axis of natural logs is labelled.
 
@@ -196,13 +205,12 @@ class Scale(NamedTuple):
         assert self.unit is not None
         start, end = self.unit.stimuli([low, high])
         locator = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
-        numbers = np.asarray(locator.tick_values(start, end))
+        candidates = [np.asarray(locator.tick_values(start, end))]
         if not self.unit.is_decibel:
             decades = 10.0 ** np.arange(np.floor(np.log10(start)), np.ceil(np.log10(end)))
-            on_log_axis = np.outer(decades, [1.0, 2.0, 5.0]).ravel()
-            if np.count_nonzero((on_log_axis >= start) & (on_log_axis <= end)) > 2:
-                numbers = on_log_axis
-        numbers = numbers[(numbers >= start) & (numbers <= end)]
+            candidates += [np.outer(decades, multiples).ravel() for multiples in _MULTIPLES]
+        inside = [numbers[(numbers >= start) & (numbers <= end)] for numbers in candidates]
+        numbers = next((few for few in inside[:0:-1] if len(few) >= _FEWEST_TICKS), inside[0])
         step = np.diff(numbers).min(initial=np.inf)
         digits = max(6, 2 + math.ceil(np.log10(np.abs(numbers).max(initial=0.0) / step + 1.0)))
         texts = [f"{number:.{digits}g}".replace("-", "−") for number in numbers]
@@ -249,6 +257,14 @@ def plain_log_axis(axis: Axis, multiples: Sequence[float] = (1.0, 2.0, 5.0)) -> 
     axis.set_minor_formatter(NullFormatter())
 
 
+def proportion_axis(ax: Axes) -> None:
+    """Limits and ticks of proportions, from 0 or, where none is below .3, from near the lowest."""
+    lowest, _ = ax.get_ylim()
+    low = np.floor(10.0 * lowest) / 10.0 if lowest >= _LOW_PROPORTION else 0.0
+    ax.set_ylim(low - 0.03, 1.03)
+    ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+
+
 def zero_line(ax: Axes) -> None:
     """A dotted vertical line at 0, behind the marks."""
     ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":", zorder=0)
@@ -280,23 +296,18 @@ def style_colour_bar(bar: Colorbar, label: str) -> None:
     bar.outline.set_linewidth(0.6)
 
 
-def draw_band(
-    ax: Axes,
-    x: FloatArray,
-    values: FloatArray,
-    colour: str,
-    line: float = 1.6,
-    bands: Sequence[Band] = BANDS,
-    label: str | None = None,
-) -> None:
-    """Draw the mean over draws and bands between quantiles, by default of 50 % and 95 %.
+def draw_band(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
+    """Draw the mean over draws, which are the first axis of `values`, and the band of 95 %."""
+    low, _, high = np.quantile(values, MARKED, axis=0)
+    ax.fill_between(x, low, high, color=colour, alpha=_BAND_OPACITY, lw=0)
+    ax.plot(x, values.mean(axis=0), color=colour, lw=1.2)
 
-    Draws are the first axis of `values`.
-    """
-    for low, high, opacity in bands:
-        edges = np.quantile(values, [low, high], axis=0)
-        ax.fill_between(x, *edges, color=colour, alpha=opacity, lw=0)
-    ax.plot(x, values.mean(axis=0), color=colour, lw=line, label=label)
+
+def explain_curves(ax: Axes, model: str = "model", colour: str = EQUAL) -> None:
+    """Add the curves with their bands, and the error bars, to the legend of a panel's figure."""
+    swatch = Patch(color=colour, alpha=_BAND_OPACITY, lw=0), Line2D([], [], color=colour, lw=1.2)
+    ax.add_container(Container(swatch, label=f"{model}, 95 % band"))
+    ax.plot([], [], "|", color=EQUAL, ms=9.0, mew=0.9, label="standard error")
 
 
 def draw_intervals(
@@ -370,4 +381,4 @@ def _main_first(ax: Axes) -> list[tuple[Any, str]]:
     Matplotlib itself lists all lines first.
     """
     pairs = list(zip(*ax.get_legend_handles_labels(), strict=True))
-    return sorted(pairs, key=lambda pair: not isinstance(pair[0], tuple))
+    return sorted(pairs, key=lambda pair: not isinstance(pair[0], ErrorbarContainer))
