@@ -54,8 +54,8 @@ BINS = 60
 AROUND = 2
 #: Shares of the draws inside the contours; quantiles between which a panel shows its quantity.
 LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
-#: Points of the letters of a name, and of one with a scale beside it.
-_LABEL, _TITLE = 9.5, 9.0
+#: Points of the letters of a name, with a scale beside it, and of an interval.
+_LABEL, _SCALED_LABEL, _TITLE = 9.5, 7.0, 9.0
 #: Steps between ticks beyond which labels leave out an offset, and powers of ten between which they
 #: are plain numbers.
 _MOST_STEPS, _PLAIN = 1000.0, (-3, 5)
@@ -77,6 +77,7 @@ OVERLAID = (
 _PANEL, _MARGINS, _LONE_PANEL = 1.68, 1.1, 3.7
 _FEW_PANELS, _BELOW_KEY = 2, 0.76
 _LABEL_LETTERS = 40  # of a line of the key
+_LONG_NUMBER = 9  # letters above a panel
 
 
 def corner(
@@ -441,6 +442,8 @@ def _draw_posterior(
         for ax, values in zip(axes.diagonal(), panel.columns, strict=True):
             low, median, high = np.quantile(values, MARKED)
             texts = rounded(low, high, median, low, high)
+            if len(texts[0]) > _LONG_NUMBER:
+                texts = [f"{value:.2g}" for value in (median, low, high)]
             ax.set_title("{} [{}, {}]".format(*texts), fontsize=_TITLE)
         library.overplot_points(figure, [truths], marker="s", color=TRUTH)
         _draw_lines(axes, truths, color=TRUTH)
@@ -526,10 +529,11 @@ def _set_ticks(figure: Figure, spans: Sequence[Span]) -> None:
         texts, scale = _tick_texts(ticks)
         bottom.set_xticks(ticks, texts)
         bottom.tick_params(axis="x", labelrotation=45)
-        bottom.set_xlabel(bottom.get_xlabel() + scale, fontsize=_LABEL)
+        size = _SCALED_LABEL if scale else _LABEL
+        bottom.set_xlabel(bottom.get_xlabel() + scale, fontsize=size)
         if i:
             left.set_yticks(ticks, texts)
-            left.set_ylabel(left.get_ylabel() + scale, fontsize=_LABEL)
+            left.set_ylabel(left.get_ylabel() + scale, fontsize=size)
 
 
 def _tick_texts(ticks: FloatArray) -> tuple[list[str], str]:

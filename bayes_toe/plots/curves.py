@@ -119,7 +119,7 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
         return _interval_figure(counts, fitted, title)
     groups = _groups(counts)
     n_columns = even_columns(len(groups), largest=3)
-    figure = new_figure(max(3.6, 2.0 * n_columns), 1.75 * n_rows(len(groups), n_columns) + 0.9)
+    figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * n_rows(len(groups), n_columns) + 0.9)
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
     panels = grid_panels(below_title, len(groups), n_columns, sharey=True)
     for ax, group in zip(panels, groups, strict=True):
@@ -212,7 +212,8 @@ def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
             continue
         first, second = pairs[sign]
         draw_band(ax, np.maximum(first, second), curve(first, second), mark.colour)
-        draw_shares(ax, stronger[rows], counts.n_yes[rows], counts.n_trials[rows], mark)
+        position = stronger[rows] + sign * _SHIFT * (high - low)
+        draw_shares(ax, position, counts.n_yes[rows], counts.n_trials[rows], mark)
     stimulus_axis(ax, "stronger stimulus", counts.unit, mean_first(counts))
     ax.set_ylabel(f"proportion '{counts.task.yes}'")
 

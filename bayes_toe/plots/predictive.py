@@ -153,4 +153,4 @@ def _label_pairs(ax: Axes, counts: Subject) -> None:
     firsts, unit = counts.unit.numbers(counts.s1, middle)
     seconds, _ = counts.unit.numbers(counts.s2, middle)
     ax.set_yticks(range(len(index)), [f"{firsts[pair]}, {seconds[pair]}" for pair in index])
-    ax.set_ylabel(f"first, second stimulus ({unit})")
+    ax.set_ylabel(f"first, second\n({unit})")

@@ -40,13 +40,11 @@ SMALL, LETTERS = 7.0, 8.0
 #: Subjects beyond which figures of a study sort them and name none; inches of such a panel.
 MAX_NAMES, HIGH = 60, 5.6
 #: Inches of a panel with room for a label in one line, and letters of a line below another panel.
-_WIDE_PANEL, _LABEL_LETTERS = 2.0, 20
+_WIDE_PANEL, _LABEL_LETTERS = 2.3, 20
 #: Quantiles that lines and intervals mark.
 MARKED = (0.025, 0.5, 0.975)
 #: Arguments that several calls of matplotlib share.
 Style = dict[str, Any]
-#: Opacity of bands of 95 %.
-_BAND_OPACITY = 0.2
 #: The lowest proportion on an axis that begins at 0.
 _LOW_PROPORTION = 0.3
 
@@ -296,16 +294,21 @@ def style_colour_bar(bar: Colorbar, label: str) -> None:
     bar.outline.set_linewidth(0.6)
 
 
+def _band_style(colour: str) -> Style:
+    """A band with edges, which are seen where bands lie over each other."""
+    return {"fc": (colour, 0.15), "ec": (colour, 0.5), "lw": 0.5}
+
+
 def draw_band(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
     """Draw the mean over draws, which are the first axis of `values`, and the band of 95 %."""
     low, _, high = np.quantile(values, MARKED, axis=0)
-    ax.fill_between(x, low, high, color=colour, alpha=_BAND_OPACITY, lw=0)
+    ax.fill_between(x, low, high, **_band_style(colour))
     ax.plot(x, values.mean(axis=0), color=colour, lw=1.2)
 
 
 def explain_curves(ax: Axes, model: str = "model", colour: str = EQUAL) -> None:
     """Add the curves with their bands, and the error bars, to the legend of a panel's figure."""
-    swatch = Patch(color=colour, alpha=_BAND_OPACITY, lw=0), Line2D([], [], color=colour, lw=1.2)
+    swatch = Patch(**_band_style(colour)), Line2D([], [], color=colour, lw=1.2)
     ax.add_container(Container(swatch, label=f"{model}, 95 % band"))
     ax.plot([], [], "|", color=EQUAL, ms=9.0, mew=0.9, label="standard error")
 
