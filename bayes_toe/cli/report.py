@@ -365,11 +365,11 @@ def _caption(analysis: Analysis) -> str:
 def _responses_caption(analysis: Analysis) -> str:
     """The caption of the panels of responses: what they show, and of whom."""
     caption = "Responses and model-averaged curves"
-    shown = shown_subjects(analysis.answers)
+    names = shown_subjects(analysis.answers)
     n_interpreted = sum(answer.is_interpretable for answer in analysis.answers)
-    if len(shown) < n_interpreted:
+    if len(names) < n_interpreted:
         caption += (
-            f" of {len(shown)} of {n_interpreted} subjects: those with the most evidence of an "
+            f" of {len(names)} of {n_interpreted} subjects: those with the most evidence of an "
             "order effect, and the one with the least"
         )
     if analysis.study.task == WHICH_STRONGER:

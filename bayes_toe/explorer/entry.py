@@ -181,7 +181,7 @@ class Entry:
             interval = np.quantile(present[name], MARKED)
             if name in self.estimates:
                 interval = np.asarray(self.estimates[name])
-                if QUANTITY_BY_NAME[name].shown == "difference":
+                if QUANTITY_BY_NAME[name].display == "difference":
                     interval = self.unit.from_percent(interval)
                 else:
                     interval = axis_values(name, interval, self.unit)

@@ -447,7 +447,7 @@ window.explorer = (() => {
 
   const quoted = text => /[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 
-  const heading = name => [name, ...symbol(name).split(", ").slice(1)].join("_").replace("%", "percent");
+  const heading = name => [name, ...symbol(name).split(", ").slice(1).filter(unit => !unit.endsWith("ln"))].join("_").replace("%", "percent");
 
   function csv() {  // chain and draw count from 0, as in posterior.nc
     const names = [...new Set(shown().flatMap(letter => entry(letter).names))], lines = [["which", "subject", "posterior", "chain", "draw", ...names.map(heading)].join(",")];

@@ -229,7 +229,7 @@ class Quantity:
         What it is.
     unit : str
         In files; '1' for a pure number.
-    shown : str
+    display : str
         What an axis shows: 'difference' in the unit of differences, 'known difference' only if the
         unit of the stimuli is known, 'stimulus' in this unit, 'percent'. Empty: the number itself.
     """
@@ -239,7 +239,7 @@ class Quantity:
     label: str
     words: str
     unit: str = LOG_INTENSITY_UNIT
-    shown: str = ""
+    display: str = ""
 
 
 @dataclass(frozen=True)
@@ -276,7 +276,7 @@ NOISE = Parameter(
     r"noise $\sigma_d$",
     "noise σ",
     "standard deviation of the perceived difference",
-    shown=_KNOWN_DIFFERENCE,
+    display=_KNOWN_DIFFERENCE,
     prior="LogNormal({noise_median:g} D, {noise_sd:g})",
     prior_keys=(
         ("median", "median of the lognormal prior of sigma_d, in D"),
@@ -332,7 +332,7 @@ CONSTANT_ERROR = Parameter(
     r"constant error $c$",
     "PSE shift c",
     "constant error: above 0 the first stimulus is overestimated",
-    shown=_DIFFERENCE,
+    display=_DIFFERENCE,
     prior="Student(3, {constant_error_scale:g} D)",
     prior_keys=(("scale", "scale of Student's t with 3 degrees of freedom, in D"),),
 )
@@ -367,21 +367,21 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
             r"prior mean $\mu_1$",
             "prior mean μ₁",
             "centre of the contraction",
-            shown="stimulus",
+            display="stimulus",
         ),
         Quantity(
             "sigma_p",
             r"memory noise $\sigma_p$",
             "memory noise σₚ",
             "noise that is added between the stimuli",
-            shown=_KNOWN_DIFFERENCE,
+            display=_KNOWN_DIFFERENCE,
         ),
         Quantity(
             "sigma_l",
             r"sensory noise $\sigma_\ell$",
             "sensory noise σℓ",
             "noise of the measurement",
-            shown=_KNOWN_DIFFERENCE,
+            display=_KNOWN_DIFFERENCE,
         ),
         PEAK,
         LAPSE_RATE,
@@ -393,7 +393,7 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
             r"prior sd $\sigma_1$",
             "prior sd σ₁",
             "spread of the prior",
-            shown=_KNOWN_DIFFERENCE,
+            display=_KNOWN_DIFFERENCE,
         ),
         Quantity(
             "gain",
@@ -402,13 +402,13 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
             "weight of the first stimulus; 1: no contraction",
             PURE_NUMBER,
         ),
-        Quantity("width", "width $w$", "width w", "width of the curve", shown=_KNOWN_DIFFERENCE),
+        Quantity("width", "width $w$", "width w", "width of the curve", display=_KNOWN_DIFFERENCE),
         Quantity(
             "offset",
             "offset $c$",
             "offset c",
             "constant part of the order effect",
-            shown=_KNOWN_DIFFERENCE,
+            display=_KNOWN_DIFFERENCE,
         ),
         Quantity(
             "pull",
@@ -423,17 +423,17 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
             "PSE shift",
             "PSE shift",
             "second minus first stimulus when both seem equal, at the mean first stimulus",
-            shown=_DIFFERENCE,
+            display=_DIFFERENCE,
         ),
         CONSTANT_ERROR,
         CONTRACTION,
-        Quantity("jnd", "JND", "JND", "just noticeable difference", shown=_DIFFERENCE),
+        Quantity("jnd", "JND", "JND", "just noticeable difference", display=_DIFFERENCE),
         Quantity(
             "zone",
             "zone",
             "zone",
             "half-width of the differences that are called 'equal'",
-            shown=_DIFFERENCE,
+            display=_DIFFERENCE,
         ),
     )
 }

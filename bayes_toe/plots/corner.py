@@ -251,8 +251,8 @@ def in_unit(
 
 def _is_difference(name: str, unit: StimulusUnit) -> bool:
     """Whether an axis shows a quantity in the unit of differences."""
-    shown = QUANTITY_BY_NAME[name].shown
-    return shown == "difference" or (unit.of_stimuli != "" and shown == "known difference")
+    display = QUANTITY_BY_NAME[name].display
+    return display == "difference" or (unit.of_stimuli != "" and display == "known difference")
 
 
 def prior_values(target: AnswerPosterior) -> NamedArrays:
@@ -263,10 +263,10 @@ def prior_values(target: AnswerPosterior) -> NamedArrays:
 def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatArray:
     """Values of a quantity as its axis shows them."""
     values = np.asarray(values, np.float64)
-    shown = QUANTITY_BY_NAME[name].shown
-    if shown == "stimulus" and unit.of_stimuli:
+    display = QUANTITY_BY_NAME[name].display
+    if display == "stimulus" and unit.of_stimuli:
         return unit.stimuli(values)
-    if shown == "percent":
+    if display == "percent":
         return 100.0 * values
     return unit.differences(values) if _is_difference(name, unit) else values
 
@@ -279,9 +279,9 @@ def axis_label(name: str, unit: StimulusUnit) -> str:
 def axis_unit(name: str, unit: StimulusUnit) -> str:
     """The unit of the axis of a quantity; empty for pure numbers."""
     quantity = QUANTITY_BY_NAME[name]
-    if quantity.shown == "stimulus" and unit.of_stimuli:
+    if quantity.display == "stimulus" and unit.of_stimuli:
         return unit.of_stimuli
-    if quantity.shown == "percent":
+    if quantity.display == "percent":
         return "%"
     if _is_difference(name, unit):
         return unit.of_differences
@@ -443,7 +443,7 @@ def _draw_posterior(
             low, median, high = np.quantile(values, MARKED)
             texts = rounded(low, high, median, low, high)
             if len(texts[0]) > _LONG_NUMBER:
-                texts = [f"{value:.2g}" for value in (median, low, high)]
+                texts = list(map("{:.2g}".format, (median, low, high)))
             ax.set_title("{} [{}, {}]".format(*texts), fontsize=_TITLE)
         library.overplot_points(figure, [truths], marker="s", color=TRUTH)
         _draw_lines(axes, truths, color=TRUTH)

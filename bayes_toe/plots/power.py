@@ -90,7 +90,7 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
     if not ax.lines:
         ax.text(0.5, 0.5, _UNKNOWN, transform=ax.transAxes, ha="center", fontsize=LETTERS)
     ax.set(xlim=(-0.5, len(trials) - 0.5), ylim=(-0.04, 1.04))
-    ax.set_xticks(range(len(trials)), [f"{number:,}" for number in trials])
+    ax.set_xticks(range(len(trials)), list(map("{:,}".format, trials)))
     style_axes(ax)
 
 

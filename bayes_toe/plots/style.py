@@ -180,8 +180,8 @@ def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
             yield mark, has_order
 
 
-#: Multiples of powers of ten on a logarithmic axis; the last ones that give enough ticks are shown.
-_MULTIPLES = ((1.0, 1.5, 2.0, 3.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0,))
+#: Multiples of powers of ten on a logarithmic axis: the first ones that give enough ticks.
+_MULTIPLES = ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
 _FEWEST_TICKS = 3
 
 
@@ -203,12 +203,16 @@ class Scale(NamedTuple):
         assert self.unit is not None
         start, end = self.unit.stimuli([low, high])
         locator = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
-        candidates = [np.asarray(locator.tick_values(start, end))]
+        numbers = np.asarray(locator.tick_values(start, end))
+        decades = np.array([])
         if not self.unit.is_decibel:
             decades = 10.0 ** np.arange(np.floor(np.log10(start)), np.ceil(np.log10(end)))
-            candidates += [np.outer(decades, multiples).ravel() for multiples in _MULTIPLES]
-        inside = [numbers[(numbers >= start) & (numbers <= end)] for numbers in candidates]
-        numbers = next((few for few in inside[:0:-1] if len(few) >= _FEWEST_TICKS), inside[0])
+        for multiples in _MULTIPLES:
+            on_log_axis = np.outer(decades, multiples).ravel()
+            if np.count_nonzero((on_log_axis >= start) & (on_log_axis <= end)) >= _FEWEST_TICKS:
+                numbers = on_log_axis
+                break
+        numbers = numbers[(numbers >= start) & (numbers <= end)]
         step = np.diff(numbers).min(initial=np.inf)
         digits = max(6, 2 + math.ceil(np.log10(np.abs(numbers).max(initial=0.0) / step + 1.0)))
         texts = [f"{number:.{digits}g}".replace("-", "−") for number in numbers]

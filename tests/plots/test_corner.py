@@ -142,11 +142,11 @@ def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis
         bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes
     ).reshape(len(names), len(names))
     unit = analysis.study["A"].unit
-    shown = [pytest.approx([float(axis_values(name, true[name], unit))]) for name in names]
+    values = [pytest.approx([float(axis_values(name, true[name], unit))]) for name in names]
     for i in range(len(names)):
-        assert marked(axes[i, i])[0] == shown[i]
+        assert marked(axes[i, i])[0] == values[i]
         for j in range(i):
-            assert marked(axes[i, j]) == (shown[j], shown[i])
+            assert marked(axes[i, j]) == (values[j], values[i])
 
 
 def test_the_key_names_true_values_only_where_they_are_shown(analysis):
