@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conftest import counts, few_replicates, made_subject
-from legible import marks_of, titles_of
+from legible import marks_of, titles_of, words_of
 from scipy.special import betaln
 
 import bayes_toe as bt
@@ -212,8 +212,8 @@ def test_panels_that_show_one_of_several_weaker_stimuli_name_it():
         -0.2 0 25 40 ISI, 0 -0.2 30 40 ISI"""
     subject = made_subject(rows.replace("ISI", "0.5") + "," + rows.replace("ISI", "2"))
     draws = bt.sample(bt.Study([subject]), draws=100, seed=1, workers=1)
-    titles = titles_of(bt.plots.curves(draws, "S").axes[:2])
-    assert titles == ["0.5 s, weaker stimulus 77 %", "2 s, weaker stimulus 77 %"]
+    notes = [words_of(ax.texts) for ax in bt.plots.curves(draws, "S").axes[:2]]
+    assert notes == [["weaker stimulus 77 % of mean"]] * 2
 
 
 def test_figures_show_answers_where_they_were_given(analysis):
@@ -223,7 +223,7 @@ def test_figures_show_answers_where_they_were_given(analysis):
     for ax, isi in zip(panels, THREE, strict=True):
         local = counts.at_isi(isi)
         expected = np.sort((local.n_yes + 1.0) / (local.n_trials + 2.0))
-        drawn = np.concatenate([container.lines[0].get_ydata() for container in ax.containers])
+        drawn = np.concatenate([bars[0].get_ydata() for bars in ax.containers[:3]])
         assert np.sort(drawn) == pytest.approx(expected)
     assert gain.get_xlim() == (0.5 * min(THREE), 2.0 * max(THREE))
     [tested] = marks_of(gain, "|")

@@ -314,7 +314,7 @@ window.explorer = (() => {
     });
     const average = shown().map(entry).some(found => found.of > Math.min(...found.with)) ? " that have both quantities" : "";
     lines.push(element("div", `contours: 50 and 95 % of all draws${average}`), element("div", "grey line on the diagonal: prior"));
-    const rare = shown().flatMap(letter => state.names.filter(name => having(entry(letter), name) < 1)
+    const rare = shown().flatMap(letter => state.names.filter(name => having(entry(letter), name) < 0.95)
       .map(name => `${letter.toUpperCase()} ${symbol(name).split(", ")[0]} ${probability(having(entry(letter), name))}`));
     if (rare.length > 0) lines.push(element("div", `An effect has as many draws as its posterior probability: ${rare.join(", ")}.`));
     const marks = { a: "×", b: "+" }, known = shown().filter(letter => Object.keys(entry(letter).truth).length > 0);

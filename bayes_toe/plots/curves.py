@@ -186,10 +186,12 @@ def responses_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
     if counts.task == WHICH_STRONGER:
         correct_panel(ax, counts, curve)
         return
-    reference = main_weaker(counts)
-    order_panel(ax, counts, curve, float(counts.s1.min()) if reference is None else reference)
-    if len(_groups(counts)) > 1:
-        write_note(ax, "pairs with other weaker stimuli are not shown")
+    weaker = main_weaker(counts)
+    if weaker is None:
+        weaker = float(counts.s1.min())
+    order_panel(ax, counts, curve, weaker)
+    if len(np.unique(_weaker(counts))) > 1:
+        write_note(ax, _describe_group(counts, np.array([weaker])))
 
 
 def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
