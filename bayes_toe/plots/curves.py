@@ -118,7 +118,7 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     if counts.intervals:
         return _interval_figure(counts, fitted, title)
     groups = _groups(counts)
-    n_columns = even_columns(len(groups), largest=3)
+    n_columns = even_columns(len(groups), largest=2)
     figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * n_rows(len(groups), n_columns) + 0.9)
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
     panels = grid_panels(below_title, len(groups), n_columns, sharey=True)

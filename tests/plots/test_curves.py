@@ -114,12 +114,10 @@ def test_psychometric_curves_cross_one_half_at_the_point_of_subjective_equality(
     figure = bt.plots.curves(stronger.draws, "pulled")
     require_legible(figure)
     panels, draws = figure.axes, stronger.draws
-    assert panels[3].get_xlabel() == "second stimulus,\n% of the first"
-    assert panels[3].get_ylabel() == "proportion 'second'"
+    assert panels[-1].get_xlabel() == "second stimulus,\n% of the first"
     offset, pull = (draws.values("pulled", name).mean() for name in ("offset", "pull"))
     firsts = np.unique(stronger.study["pulled"].s1)
     shifts = offset - pull * (firsts - draws.posterior("pulled").sbar)
-    assert len(panels) == len(shifts)
     for shift, ax in zip(shifts, panels, strict=True):
         [curve] = curves_of(ax, POINTS)
         assert np.interp(shift, *curve.get_data()) == pytest.approx(0.5, abs=0.04)
