@@ -19,7 +19,7 @@ def words_of(texts):
 
 
 def titles_of(axes):
-    return [ax.get_title() for ax in axes]
+    return [ax.get_title() or ax.get_title(loc="left") for ax in axes]
 
 
 def texts_of(figure):

@@ -85,7 +85,6 @@ from bayes_toe.plots.predictive import posterior_predictive
 from bayes_toe.plots.report_figure import (
     has_curves,
     inline_svg,
-    is_by_first,
     report_height,
     responses_figure,
     shown_subjects,
@@ -101,7 +100,7 @@ MAX_SUBJECTS = 200
 _SHOWN_IN_UNITS = ("pse_shift", "jnd")
 _WIDE, _DOTS = 4.8, 160  # inches of a picture, legible on a telephone, and dots in an inch
 _MOST_LISTED = 10  # names or findings that a list of an index shows
-_MOST_MISFITS = 2  # subjects in the figure of poor fits
+_MOST_MISFITS = 2  # subjects with a figure of the poor fit
 #: Terms of the report, for those who meet them for the first time.
 GLOSSARY = {
     "PSE shift": "Second minus first stimulus when both seem equal, at the mean first stimulus. "
@@ -126,11 +125,10 @@ LIMITS = {
 }
 #: What the figure of a subject's responses shows, in either task.
 CURVES = {
-    SAME_DIFFERENT: "Curves show P('equal') averaged over the four models, with 50 % (dark) and "
-    "95 % (light) bands.",
+    SAME_DIFFERENT: "Curves show P('equal') averaged over the four models.",
     WHICH_STRONGER: "Curves show P('second') over s2 − s1, averaged over the four models, for "
-    "each first stimulus s1. The point of subjective equality (PSE) is where a curve crosses one "
-    "half (dotted line).",
+    "each first stimulus s1 or the middle one of several. The point of subjective equality (PSE) "
+    "is where a curve crosses one half (dotted line).",
 }
 #: Why a subject needs action.
 FLAGGED = "poor fit, not interpreted, draws not converged, or no answer"
@@ -281,7 +279,7 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
         "answer": _answer(analysis),
         "glossary": GLOSSARY,
         "trust": _trust(analysis),
-        "misfits": _misfit_figure(analysis),
+        "misfits": _misfit_figures(analysis),
         "settings": _settings(analysis),
         "texts": {
             "curves": CURVES[study.task],
@@ -361,26 +359,28 @@ def _caption(analysis: Analysis) -> str:
 
 
 def _responses_caption(analysis: Analysis) -> str:
-    """The caption of the panels of responses."""
-    subjects = [analysis.study[name] for name in shown_subjects(analysis.answers)]
-    colours = "orange: weaker stimulus first, blue: stronger stimulus first"
-    if analysis.study.task == SAME_DIFFERENT:
-        colours += ", grey: equal stimuli"
-    if any(map(is_by_first, subjects)):
-        colours = "a colour for each first stimulus"
-    return (
-        "Responses with standard errors, and curves averaged over the four models with 95 % bands "
-        f"({colours})."
-    )
+    """The caption of the panels of responses: what they show, and of whom."""
+    caption = "Responses and model-averaged curves"
+    names = shown_subjects(analysis.answers)
+    n_interpreted = sum(answer.is_interpretable for answer in analysis.answers)
+    if len(names) < n_interpreted:
+        caption += (
+            f" of {len(names)} of {n_interpreted} subjects: those with the most evidence of an "
+            "order effect, and the one with the least"
+        )
+    if analysis.study.task == WHICH_STRONGER:
+        caption += ". Pairs with neighbouring middles share a point if there are many"
+    return f"{caption}."
 
 
-def _misfit_figure(analysis: Analysis) -> str:
-    """Observed and expected shares of the first subjects whom the model does not fit."""
+def _misfit_figures(analysis: Analysis) -> list[str]:
+    """Observed and expected proportions of the first subjects whom the model does not fit."""
     names = [answer.subject for answer in analysis.answers if answer.fits is False]
-    if not names:
-        return ""
-    figure = posterior_predictive(analysis, names[:_MOST_MISFITS])
-    return inline_svg(figure, "Observed shares and posterior predictive intervals")
+    figures = []
+    for name in names[:_MOST_MISFITS]:
+        figure = posterior_predictive(analysis, [name])
+        figures.append(inline_svg(figure, "Observed proportions, predictive intervals"))
+    return figures
 
 
 def _answer(analysis: Analysis) -> list[str]:

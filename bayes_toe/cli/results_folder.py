@@ -190,6 +190,6 @@ def _draw_subject(
     curve_file: Path,
 ) -> None:
     draws = saved()
-    corner_file.write_bytes(png(corner(draws, name, truths=truth, prior=prior), dpi=110))
+    corner_file.write_bytes(png(corner(draws, name, truths=truth, prior=prior)))
     title = "synthetic data" if draws.synthetic else ""
-    curve_file.write_bytes(png(fitted_figure(fitted, title), dpi=120))
+    curve_file.write_bytes(png(fitted_figure(fitted, title)))

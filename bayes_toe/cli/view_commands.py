@@ -197,7 +197,7 @@ def _draw_corner(
 
     figure = bt.plots.corner(saved(), **options)
     for ending in endings:
-        content = figure_bytes(figure, ending, dpi=110 if ending == "png" else 300)
+        content = figure_bytes(figure, ending, dpi=150 if ending == "png" else 300)
         target.with_name(f"{target.name}.{ending}").write_bytes(content)
 
 

@@ -45,10 +45,9 @@ from bayes_toe.inference.order_evidence import (
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.models import ObserverPosterior, model_title
 from bayes_toe.model.paper_model import PaperPosterior
-from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, QUANTITY_BY_NAME
 from bayes_toe.model.posterior import DOMINATED, RANGE, posterior_contraction
 from bayes_toe.plots.corner import (
-    DIFFERENCES,
     Density,
     Span,
     all_true_values,
@@ -178,9 +177,13 @@ class Entry:
         shown_values, marked, truth, prior_quantiles = [], [], {}, []
         for name, values in columns.items():
             shown_values.append(values[index])
-            interval = self.estimates.get(name, np.quantile(present[name], MARKED))
-            if name in self.estimates and name in DIFFERENCES:
-                interval = self.unit.from_percent(interval)
+            interval = np.quantile(present[name], MARKED)
+            if name in self.estimates:
+                interval = np.asarray(self.estimates[name])
+                if QUANTITY_BY_NAME[name].display == "difference":
+                    interval = self.unit.from_percent(interval)
+                else:
+                    interval = axis_values(name, interval, self.unit)
             marked.append([*map(float, interval)])
             if name in true_values:
                 truth[name] = true_values[name]

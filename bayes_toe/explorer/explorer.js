@@ -36,6 +36,8 @@ window.explorer = (() => {
   const count = value => value.toLocaleString("en");
   const share = value => value === 0 ? "0 %" : value < 0.01 ? "under 1 %" : value < 1 && value > 0.99 ? "over 99 %" : `${Math.round(100 * value)} %`;
 
+  const probability = value => value < 0.01 ? "below .01" : value > 0.99 ? "above .99" : value.toFixed(2).slice(1);
+
   // --- Entries: one posterior of one subject -----------------------------------------------------------------------------------------
 
   function entry(letter) {
@@ -261,6 +263,8 @@ window.explorer = (() => {
     return mark;
   }
 
+  const having = (found, name) => has(found, name) ? found.with[found.names.indexOf(name)] / found.of : 1;  // share of the draws
+
   function cells(found, name, kept) {
     const fill = (cell, [low, middle, high]) => cell.append(element("b", written(middle)), element("small", ` [${written(low)}, ${written(high)}]`));
     const all = element("td"), some = element("td"), chosen = kept === null ? null : summary(found.samples.get(name), kept);
@@ -278,8 +282,8 @@ window.explorer = (() => {
       first.scope = "row";
       first.title = index.quantities[name]?.[1] ?? "";
       if (found.badges.some(([kind, what]) => kind === "dominated" && what === name)) first.append(" ", element("span", "prior", "badge dominated"));
-      const having = found.with[found.names.indexOf(name)];
-      if (having < found.of) first.append(element("small", ` in ${count(having)} of ${count(found.of)} draws`));
+      const share = having(found, name), present = count(Math.round(share * found.of));
+      if (share < 1) first.append(element("div", `in ${present} of ${count(found.of)} draws: the posterior probability of this effect is ${probability(share)}`, "having"));
       if (name in found.truth) first.append(element("small", ` true ${written(found.truth[name])}`));
       line.append(first, ...cells(found, name, kept));
       return line;
@@ -309,7 +313,10 @@ window.explorer = (() => {
       return line;
     });
     const average = shown().map(entry).some(found => found.of > Math.min(...found.with)) ? " that have both quantities" : "";
-    lines.push(element("div", `contours: 50 and 95 % of all draws${average}`), element("div", "grey line: prior"));
+    lines.push(element("div", `contours: 50 and 95 % of all draws${average}`), element("div", "grey line on the diagonal: prior"));
+    const rare = shown().flatMap(letter => state.names.filter(name => having(entry(letter), name) < 0.95)
+      .map(name => `${letter.toUpperCase()} ${symbol(name).split(", ")[0]} ${probability(having(entry(letter), name))}`));
+    if (rare.length > 0) lines.push(element("div", `An effect has as many draws as its posterior probability: ${rare.join(", ")}.`));
     const marks = { a: "×", b: "+" }, known = shown().filter(letter => Object.keys(entry(letter).truth).length > 0);
     if (known.length > 0) lines.push(element("div", `${known.map(letter => marks[letter]).join(" ")} and dash-dotted: truth`));
     at("key").replaceChildren(...lines);
@@ -337,7 +344,7 @@ window.explorer = (() => {
     drawDiagonals(kept);
     at("share").replaceChildren(...told);
     const ends = ([low, high]) => (low === -Infinity ? `up to ${written(high)}` : high === Infinity ? `from ${written(low)}` : `${written(low)} to ${written(high)}`);
-    at("where").textContent = state.brush === null ? "nothing is selected"
+    at("where").textContent = state.brush === null ? "nothing is selected; evenly spaced draws are shown, so that the page stays small"
       : "selected: " + Object.entries(state.brush.limits).map(([name, limits]) => `${symbol(name)} ${ends(limits)}`).join(", ");
     drawBoxes();
   }
@@ -439,7 +446,7 @@ window.explorer = (() => {
 
   const quoted = text => /[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 
-  const heading = name => [name, ...symbol(name).split(", ").slice(1)].join("_").replace("%", "percent");
+  const heading = name => [name, ...symbol(name).split(", ").slice(1).filter(unit => !unit.endsWith("ln"))].join("_").replace("%", "percent");
 
   function csv() {  // chain and draw count from 0, as in posterior.nc
     const names = [...new Set(shown().flatMap(letter => entry(letter).names))], lines = [["which", "subject", "posterior", "chain", "draw", ...names.map(heading)].join(",")];

@@ -227,9 +227,7 @@ def _described_quantities(unit: StimulusUnit) -> dict[str, tuple[str, str]]:
     """Label and words of each quantity."""
     described = {}
     for name, quantity in QUANTITY_BY_NAME.items():
-        label = quantity.label.format(unit=unit.of_differences)
-        if axis_unit(name, unit) and "{unit}" not in quantity.label:
-            label += f", {axis_unit(name, unit)}"
+        label = ", ".join(filter(None, (quantity.label, axis_unit(name, unit))))
         described[name] = (label, quantity.words)
     return described
 

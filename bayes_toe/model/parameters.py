@@ -224,11 +224,14 @@ class Quantity:
     symbol : str
         The label of an axis, with formulas in TeX.
     label : str
-        The same in plain text. {unit} stands for the unit of differences between stimuli.
+        The same in plain text.
     words : str
         What it is.
     unit : str
         In files; '1' for a pure number.
+    display : str
+        What an axis shows: 'difference' in the unit of differences, 'known difference' only if the
+        unit of the stimuli is known, 'stimulus' in this unit, 'percent'. Empty: the number itself.
     """
 
     name: str
@@ -236,6 +239,7 @@ class Quantity:
     label: str
     words: str
     unit: str = LOG_INTENSITY_UNIT
+    display: str = ""
 
 
 @dataclass(frozen=True)
@@ -264,6 +268,7 @@ class Parameter(Quantity):
     tasks: tuple[Task, ...] = (SAME_DIFFERENT, WHICH_STRONGER)
 
 
+_DIFFERENCE, _KNOWN_DIFFERENCE, _PERCENT = "difference", "known difference", "percent"
 _SLOPE_KEYS = (("scale", "scale of Student's t with 3 degrees of freedom, over R"),)
 
 NOISE = Parameter(
@@ -271,6 +276,7 @@ NOISE = Parameter(
     r"noise $\sigma_d$",
     "noise σ",
     "standard deviation of the perceived difference",
+    display=_KNOWN_DIFFERENCE,
     prior="LogNormal({noise_median:g} D, {noise_sd:g})",
     prior_keys=(
         ("median", "median of the lognormal prior of sigma_d, in D"),
@@ -281,8 +287,8 @@ NOISE = Parameter(
 )
 PEAK = Parameter(
     "q0",
-    r"$q_0$",
-    "q₀",
+    r"peak $q_0$",
+    "peak q₀",
     "P(equal) at the peak",
     PURE_NUMBER,
     prior="Beta({q0_a:g}, {q0_b:g})",
@@ -324,17 +330,19 @@ CRITERION_SLOPE = Parameter(
 CONSTANT_ERROR = Parameter(
     "constant_error",
     r"constant error $c$",
-    "PSE shift c, {unit}",
+    "PSE shift c",
     "constant error: above 0 the first stimulus is overestimated",
+    display=_DIFFERENCE,
     prior="Student(3, {constant_error_scale:g} D)",
     prior_keys=(("scale", "scale of Student's t with 3 degrees of freedom, in D"),),
 )
 CONTRACTION = Parameter(
     "contraction",
-    r"contraction $p$",
-    "contraction p",
-    "above 0: contraction to the mean; below 0: repulsion",
+    "contraction",
+    "contraction",
+    "share of the way to the mean; below 0: repulsion",
     PURE_NUMBER,
+    _PERCENT,
     prior="Normal(0, {contraction_sd:g}) on (-1, 1)",
     prior_keys=(("sd", "sd of the normal prior of p on (-1, 1)"),),
     limits=(-1.0, 1.0, "above -1 and below 1"),
@@ -354,15 +362,39 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
     quantity.name: quantity
     for quantity in (
         NOISE,
-        Quantity("mu1", r"$\mu_1$", "μ₁", "centre of the contraction: the prior's mean"),
-        Quantity("sigma_p", r"$\sigma_p$", "σₚ", "noise that is added between the stimuli"),
-        Quantity("sigma_l", r"$\sigma_\ell$", "σℓ", "noise of the measurement"),
+        Quantity(
+            "mu1",
+            r"prior mean $\mu_1$",
+            "prior mean μ₁",
+            "centre of the contraction",
+            display="stimulus",
+        ),
+        Quantity(
+            "sigma_p",
+            r"memory noise $\sigma_p$",
+            "memory noise σₚ",
+            "noise that is added between the stimuli",
+            display=_KNOWN_DIFFERENCE,
+        ),
+        Quantity(
+            "sigma_l",
+            r"sensory noise $\sigma_\ell$",
+            "sensory noise σℓ",
+            "noise of the measurement",
+            display=_KNOWN_DIFFERENCE,
+        ),
         PEAK,
         LAPSE_RATE,
         NOISE_SLOPE,
         CRITERION_SLOPE,
-        Quantity("gamma", r"$\gamma$", "γ", "σℓ²/σₚ²", PURE_NUMBER),
-        Quantity("sigma1", r"$\sigma_1$", "σ₁", "spread of the prior"),
+        Quantity("gamma", r"noise ratio $\gamma$", "noise ratio γ", "σℓ²/σₚ²", PURE_NUMBER),
+        Quantity(
+            "sigma1",
+            r"prior sd $\sigma_1$",
+            "prior sd σ₁",
+            "spread of the prior",
+            display=_KNOWN_DIFFERENCE,
+        ),
         Quantity(
             "gain",
             "gain $K$",
@@ -370,29 +402,38 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
             "weight of the first stimulus; 1: no contraction",
             PURE_NUMBER,
         ),
-        Quantity("width", "width $w$", "width w", "width of the curve"),
-        Quantity("offset", "offset $c$", "offset c", "constant part of the order effect"),
+        Quantity("width", "width $w$", "width w", "width of the curve", display=_KNOWN_DIFFERENCE),
+        Quantity(
+            "offset",
+            "offset $c$",
+            "offset c",
+            "constant part of the order effect",
+            display=_KNOWN_DIFFERENCE,
+        ),
         Quantity(
             "pull",
-            "contraction $p$",
-            "contraction p",
+            "contraction",
+            "contraction",
             "share of the way to the centre; 0: none",
             PURE_NUMBER,
+            _PERCENT,
         ),
         Quantity(
             "pse_shift",
             "PSE shift",
-            "PSE shift, {unit}",
+            "PSE shift",
             "second minus first stimulus when both seem equal, at the mean first stimulus",
+            display=_DIFFERENCE,
         ),
         CONSTANT_ERROR,
         CONTRACTION,
-        Quantity("jnd", "JND", "JND, {unit}", "just noticeable difference"),
+        Quantity("jnd", "JND", "JND", "just noticeable difference", display=_DIFFERENCE),
         Quantity(
             "zone",
             "zone",
-            "zone, {unit}",
+            "zone",
             "half-width of the differences that are called 'equal'",
+            display=_DIFFERENCE,
         ),
     )
 }

@@ -21,9 +21,11 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, NullFormatter
 from scipy.ndimage import gaussian_filter, map_coordinates
 
@@ -35,10 +37,10 @@ from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.models import ObserverPosterior, model_posterior, model_title, stored_model
 from bayes_toe.model.paper_equations import NATURAL, Natural, quantities
 from bayes_toe.model.paper_model import PRIOR_DRAWS, PaperPosterior
-from bayes_toe.model.parameters import QUANTITY_BY_NAME
+from bayes_toe.model.parameters import LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, QUANTITY_BY_NAME
 from bayes_toe.model.posterior import AnswerPosterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, Style, new_figure, plain
+from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, Style, new_figure, plain, rounded
 
 Values = Mapping[str, float]
 Span = tuple[float, float]
@@ -46,25 +48,21 @@ Span = tuple[float, float]
 COORDINATES = ("natural", "identified")
 #: What a corner plot of the four models of the observer shows.
 _ORDER_QUANTITIES = ("constant_error", "contraction", "jnd")
-BINS = 40
+BINS = 60
 #: Bins beyond either end of a panel, where contours close.
 AROUND = 2
 #: Shares of the draws inside the contours; quantiles between which a panel shows its quantity.
 LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
-#: Differences of natural-log intensities, which axes show in per cent or decibels.
-DIFFERENCES = ("constant_error", "pse_shift", "jnd", "zone")
-#: Points of the letters of a name, and of one with a scale beside it.
-_LABEL, _SCALED_LABEL = 12.0, 9.5
+#: Points of the letters of a name, with a scale beside it, and of an interval.
+_LABEL, _SCALED_LABEL, _TITLE = 9.5, 7.0, 9.0
 #: Steps between ticks beyond which labels leave out an offset, and powers of ten between which they
 #: are plain numbers.
 _MOST_STEPS, _PLAIN = 1000.0, (-3, 5)
-#: A stimulus, and further differences, which axes show in the unit of the stimuli if it is known.
-_STIMULUS = "mu1"
-_IN_KNOWN_UNIT = ("sigma_p", "sigma_l", "sigma1", "width", "offset")
-#: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: about
-#: the normal reference rule where a panel is six standard deviations wide.
-_SMOOTHING = 8.0
-_WITHOUT_UNIT = ("contraction", "pull", "gain", "gamma", "q0", "lapse_rate")
+#: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: above
+#: the normal reference rule, since contours of few draws wobble.
+_SMOOTHING = 1.4 * BINS / 6.0
+#: Bins of a curve on the diagonal; by how many it is smoothed, times the fifth root of the draws.
+_FINE, _SMOOTHING_OF_CURVE = 240, 1.2 * 240 / 6.0
 PRIOR, TRUTH = "#999999", WEAKER_FIRST
 #: Of several subjects in the same panels: colour, and the line that tells them apart in grey.
 OVERLAID = (
@@ -78,6 +76,7 @@ OVERLAID = (
 _PANEL, _MARGINS, _LONE_PANEL = 1.68, 1.1, 3.7
 _FEW_PANELS, _BELOW_KEY = 2, 0.76
 _LABEL_LETTERS = 40  # of a line of the key
+_LONG_NUMBER = 9  # letters above a panel
 
 
 def corner(
@@ -91,8 +90,9 @@ def corner(
 ) -> Figure:
     """Corner plot of one subject: contours hold 50 and 95 % of its draws.
 
-    Dashed lines mark the median and the central 95 % interval. Constant error, PSE shift, JND and
-    zone are in per cent of intensity, or in decibels if the stimuli are.
+    Dashed lines mark the median and the central 95 % interval, which are also above the panels of
+    the diagonal. Constant error, PSE shift, JND and zone are in per cent of intensity, or in
+    decibels if the stimuli are; contraction is in per cent of the way to the mean.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def corner(
         Known values of a synthetic subject; of several subjects, such a mapping by name. What
         follows from them is drawn too: natural parameters are enough for any quantity.
     prior : Prior, optional
-        Its marginals are drawn in grey on the diagonal, on the scale of the posterior's histograms;
+        Its marginals are drawn in grey on the diagonal;
         `draws.prior` is the one that the draws were made under.
     fig : matplotlib Figure or SubFigure, optional
         Drawn into, where given.
@@ -143,8 +143,8 @@ def corner(
         for panel in subjects:
             _draw_prior(diagonal, panel, spans, draws.model, prior)
     for ax in diagonal:
-        ax.margins(y=0.1)
-        ax.autoscale(axis="y")  # corner fits a panel to the last subject
+        densities = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == _FINE]
+        ax.set_ylim(0.0, 1.1 * np.max(densities))
     _set_ticks(figure, spans)
     _write_key(figure, draws, subjects, spans, has_prior=prior is not None)
     return figure
@@ -250,7 +250,8 @@ def in_unit(
 
 def _is_difference(name: str, unit: StimulusUnit) -> bool:
     """Whether an axis shows a quantity in the unit of differences."""
-    return name in DIFFERENCES or (unit.of_stimuli != "" and name in _IN_KNOWN_UNIT)
+    display = QUANTITY_BY_NAME[name].display
+    return display == "difference" or (unit.of_stimuli != "" and display == "known difference")
 
 
 def prior_values(target: AnswerPosterior) -> NamedArrays:
@@ -261,8 +262,11 @@ def prior_values(target: AnswerPosterior) -> NamedArrays:
 def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatArray:
     """Values of a quantity as its axis shows them."""
     values = np.asarray(values, np.float64)
-    if name == _STIMULUS and unit.of_stimuli:
+    display = QUANTITY_BY_NAME[name].display
+    if display == "stimulus" and unit.of_stimuli:
         return unit.stimuli(values)
+    if display == "percent":
+        return 100.0 * values
     return unit.differences(values) if _is_difference(name, unit) else values
 
 
@@ -272,10 +276,15 @@ def axis_label(name: str, unit: StimulusUnit) -> str:
 
 
 def axis_unit(name: str, unit: StimulusUnit) -> str:
-    """The unit of the axis of a quantity; empty for pure numbers and natural logs."""
-    if name == _STIMULUS:
+    """The unit of the axis of a quantity; empty for pure numbers."""
+    quantity = QUANTITY_BY_NAME[name]
+    if quantity.display == "stimulus" and unit.of_stimuli:
         return unit.of_stimuli
-    return unit.of_differences if _is_difference(name, unit) else ""
+    if quantity.display == "percent":
+        return "%"
+    if _is_difference(name, unit):
+        return unit.of_differences
+    return {LOG_INTENSITY_UNIT: "ln", PER_LOG_INTENSITY: "per ln"}.get(quantity.unit, "")
 
 
 def axis_limits(
@@ -404,22 +413,18 @@ def corner_package() -> Any:
 def _draw_posterior(
     figure: Figure, panel: _SubjectDraws, spans: Sequence[Span], *, is_single: bool
 ) -> None:
-    """Histograms, contours and true values of one subject, over what the panels have already."""
+    """Densities, contours and true values of one subject, over what the panels have already."""
     library = corner_package()
-    hist_style: Style = {"color": panel.colour}
-    if not is_single:
-        hist_style |= {"linestyle": panel.line, "linewidth": 1.4}
     library.corner(
         panel.columns.T,
         fig=figure,
-        bins=BINS,
         range=list(spans),
         labels=[axis_label(name, panel.target.subject.unit) for name in panel.names],
         label_kwargs={"fontsize": _LABEL},
         labelpad=0.05,
         max_n_ticks=0,
         color=panel.colour,
-        hist_kwargs=hist_style,
+        hist_kwargs={"alpha": 0.0},  # curves instead
         quantiles=MARKED if is_single else None,
         plot_datapoints=False,
         plot_density=False,
@@ -429,8 +434,16 @@ def _draw_posterior(
     for j, i in combinations(range(len(spans)), 2):
         density = Density.from_draws(panel.columns[j], panel.columns[i], spans[j], spans[i])
         _draw_contours(axes[i, j], density, panel, filled=is_single)
+    for ax, values, span in zip(axes.diagonal(), panel.columns, spans, strict=True):
+        ax.plot(*_smooth_density(values, span), color=panel.colour, lw=1.4, ls=panel.line)
     truths = [panel.true_value(name) for name in panel.names]
     if is_single:
+        for ax, values in zip(axes.diagonal(), panel.columns, strict=True):
+            low, median, high = np.quantile(values, MARKED)
+            texts = rounded(low, high, median, low, high)
+            if len(texts[0]) > _LONG_NUMBER:
+                texts = list(map("{:.2g}".format, (median, low, high)))
+            ax.set_title("{} [{}, {}]".format(*texts), fontsize=_TITLE)
         library.overplot_points(figure, [truths], marker="s", color=TRUTH)
         _draw_lines(axes, truths, color=TRUTH)
     else:  # lines would be taken for medians
@@ -472,13 +485,20 @@ def _draw_prior(
     model: str,
     prior: Prior,
 ) -> None:
-    """Marginals of a prior, in numbers of draws of the posterior."""
+    """Marginals of a prior, on the scale of the posterior."""
     subject = panel.target.subject
     drawn = prior_values(model_posterior(stored_model(model, subject.task), subject, prior))
-    scale = panel.columns.shape[1] / PRIOR_DRAWS
     for ax, name, span in zip(diagonal, panel.names, spans, strict=True):
-        counts, edges = np.histogram(axis_values(name, drawn[name], subject.unit), BINS, span)
-        ax.stairs(scale * counts, edges, color=PRIOR, lw=1.4, ls=panel.line, label="prior")
+        values = axis_values(name, drawn[name], subject.unit)
+        ax.plot(*_smooth_density(values, span), color=PRIOR, lw=1.4, ls=panel.line)
+
+
+def _smooth_density(values: FloatArray, span: Span) -> tuple[FloatArray, FloatArray]:
+    """Points of a curve on the diagonal, and the density there."""
+    counts, edges = np.histogram(values, _FINE, span)
+    n_distinct = len(np.unique(values))
+    smooth = gaussian_filter(counts / len(values), _SMOOTHING_OF_CURVE * n_distinct**-0.2)
+    return 0.5 * (edges[1:] + edges[:-1]), smooth
 
 
 # --- key and layout -------------------------------------------------------------------------------
@@ -552,10 +572,9 @@ def _write_key(
 ) -> None:
     """Subjects, model, lines and marks: above few panels, or in the corner that more leave free."""
     style: Style = {"frameon": False, "borderaxespad": 0.4, "labelspacing": 0.35}
-    if len(spans) > _FEW_PANELS:
-        style |= {"loc": "upper right", "markerfirst": False, "alignment": "right"}
-    else:
-        style |= {"loc": "upper left", "alignment": "left"}
+    style |= {"loc": "upper right", "alignment": "left"}
+    if len(spans) <= _FEW_PANELS:
+        style["loc"] = "upper left"
         margins = figure.subplotpars
         figure.subplots_adjust(bottom=_BELOW_KEY * margins.bottom, top=_BELOW_KEY * margins.top)
     names = []
@@ -564,17 +583,21 @@ def _write_key(
         missing = "\nNOT CONVERGED" if name in draws.not_converged else ""
         names.append(plain(name, 24) + missing)
     synthetic = ", synthetic data" if draws.synthetic else ""
-    handles = [_note(model_title(draws.model) + synthetic)]
-    if len(spans) > 1:
-        handles.append(_note("contours: 50 and 95 %"))
+    handles: list[Artist] = []
     inside, outside = _true_values(subjects, spans)
     if len(names) == 1:
         style |= {"title": names[0], "title_fontproperties": {"size": 14.0, "weight": "bold"}}
+        if len(spans) > 1:
+            handles.append(Patch(color=POSTERIOR, label="50 % of the draws"))
+            handles.append(Patch(fc=(POSTERIOR, 1.0 / 3.0), ec=POSTERIOR, label="95 %"))
         handles.append(_line("median, 95 % interval", color=POSTERIOR, ls="dashed"))
         truth = _line("true value", color=TRUTH, marker="s")
     else:
         for panel, name in zip(subjects, names, strict=True):
             handles.append(_line(f"{name}, median", color=panel.colour, ls=panel.line))
+        if len(spans) > 1:
+            ring: Style = {"ls": "", "marker": "o", "ms": 8, "mfc": "none", "mec": "black"}
+            handles.append(_line("50 and 95 % of the draws", **ring))
         truth = _line("true values", ls="", marker="^", ms=7, mfc="white", mec="black")
     if has_prior:
         handles.append(_line("prior", color=PRIOR))
@@ -582,12 +605,7 @@ def _write_key(
         handles.append(truth)
     if outside:
         handles.append(_note(f"true value outside: {', '.join(outside)}"))
-    unit = subjects[0].target.subject.unit
-    has_unit = {*DIFFERENCES, *_WITHOUT_UNIT}
-    if unit.of_stimuli:
-        has_unit |= {_STIMULUS, *_IN_KNOWN_UNIT}
-    if unit.of_differences != "ln" and not has_unit.issuperset(subjects[0].names):
-        handles.append(_note("intensities: natural log"))
+    handles.append(_note(model_title(draws.model) + synthetic))
     figure.legend(handles=handles, **style)
 
 

@@ -1,70 +1,67 @@
 """Fitted curves with the responses of one subject.
 
-`curves` draws the whole figure, `order_panel` and `distance_panel` one panel; other figures use the
-panels too.
+`curves` draws the whole figure, the other functions one panel; the report uses the panels too.
 
-The axis depends on the task. In 'same or different' it is the stronger stimulus, with a curve for
-each order. In 'which is stronger' it is s2 - s1, with a curve for each first stimulus, which
-crosses one half at the point of subjective equality (PSE). Bands are central 50 % and 95 %
-intervals of the posterior.
+In 'same or different' a panel has the pairs with one weaker stimulus, over the stronger one, with a
+curve for each order. In 'which is stronger' it has the pairs with one first stimulus, over s2 - s1;
+the curve crosses one half at the point of subjective equality (PSE). `responses_panel` pools the
+pairs of a subject in one panel. Bands are central 95 % intervals of
+the posterior.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.transforms import ScaledTranslation
 from scipy.stats import mode
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.models import model_title
 from bayes_toe.plots.style import (
-    BANDS,
     EQUAL,
+    LETTERS,
     ORDERS,
-    Band,
+    SMALL,
     Mark,
     Style,
     difference_scale,
     draw_band,
+    even_columns,
+    explain_curves,
     grid_panels,
+    label_outer,
     legend_below,
     n_rows,
     new_figure,
     plain,
-    probability_label,
+    proportion_axis,
     rows_by_order,
     stimulus_axis,
+    write_note,
     zero_line,
 )
 
-#: Panels of one weaker stimulus each, beyond which curves give way to a single panel.
+#: Panels of one stimulus each, at most; pooled points of an order in a panel.
 MOST_PANELS = 6
 CURVE_DRAWS = 600
-_LONG_LABEL = 20  # letters, beyond which a legend has two columns
 #: From the stimuli of pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws,
 #: pairs).
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
-#: How far marks of several lines stand beside their stimulus, so that none hides another, in sizes
-#: of a mark.
-_MARK_SHIFT = 0.7
-#: What panels of answers are drawn over.
-_ALONG = {
-    SAME_DIFFERENT: "stronger stimulus (ln intensity)",
-    WHICH_STRONGER: "$s_2 - s_1$ (ln intensity)",
-}
+_INK = "#333333"
+POINTS = 60  # along a curve
+#: Of the trials that are pooled, where the steps lie that stand for all of them.
+_SHARES = (np.arange(12) + 0.5) / 12
+#: How far marks stand beside their stimulus, so that none hides another, as a share of the stimuli.
+_SHIFT = 0.008
 
 
 # --- one subject, over the stimuli ----------------------------------------------------------------
@@ -73,12 +70,11 @@ _ALONG = {
 def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) -> Figure:
     """Responses of one subject in both orders, with the fitted probabilities.
 
-    The lines are posterior means with central 50 % and 95 % bands: P('equal'), or P('second') over
-    s2 - s1 with 50 % bands, a curve for each of up to six first stimuli or groups of them. Where a
-    curve of P('second') crosses one half is the point of subjective equality (PSE).
+    The lines are posterior means with central 95 % bands: P('equal') in a panel for each weaker
+    stimulus, or P('second') over s2 - s1 in a panel for each first stimulus or neighbouring ones.
+    Where P('second') crosses one half is the point of subjective equality (PSE).
 
-    One panel per weaker stimulus; designs with more than six of those are shown over the distance
-    z.
+    Designs with more than six weaker stimuli are shown over the distance z.
 
     Parameters
     ----------
@@ -111,25 +107,23 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
 def fitted_figure(fitted: Predictor, title: str) -> Figure:
     """The responses and curves of the subject whose posterior draws these are."""
     counts = fitted.target.subject
-    stimuli = _panels(counts)
-    if len(stimuli) > MOST_PANELS:
-        stimuli = []
-    n_panels = max(1, len(stimuli))
-    n_columns = min(2, n_panels)
-    figure = new_figure(6.0, max(3.8, 2.5 * n_rows(n_panels, n_columns) + 0.6))
-    panels = grid_panels(figure, n_panels, n_columns, sharey=True)
-    if not stimuli:
-        distance_panel(panels[0], fitted)
-    for ax, stimulus in zip(panels, stimuli, strict=False):
-        order_panel(ax, counts, fitted.yes, stimulus)
-        label_along(ax, counts)
-        if n_panels > 1:
-            ax.set_title(_describe_weaker(counts, stimulus), fontsize=10)
-    for ax in panels[::n_columns]:
-        ax.set_ylabel(probability_label(counts.task))
-    figure.suptitle(title, fontsize=12)
-    labels = panels[0].get_legend_handles_labels()[1]
-    legend_below(figure, columns=2 if max(map(len, labels)) > _LONG_LABEL else 3)
+    groups = _groups(counts)
+    n_columns = even_columns(len(groups), largest=2)
+    figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * n_rows(len(groups), n_columns) + 0.9)
+    below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
+    panels = grid_panels(below_title, len(groups), n_columns, sharey=True)
+    for ax, group in zip(panels, groups, strict=True):
+        if counts.task == WHICH_STRONGER:
+            first_panel(ax, counts, fitted.yes, group)
+        elif len(group) == 1:
+            order_panel(ax, counts, fitted.yes, float(group[0]))
+        else:
+            distance_panel(ax, fitted)
+        if len(groups) > 1:
+            ax.set_title(_describe_group(counts, group), loc="left", fontsize=LETTERS)
+    finish_panels(panels, n_columns)
+    legend_below(below_title, size=SMALL, side="upper")
+    figure.suptitle(title, fontsize=LETTERS + 1.0)
     return figure
 
 
@@ -138,19 +132,31 @@ def mean_first(counts: Subject) -> float:
     return float(np.average(counts.s1, weights=counts.n_trials))
 
 
-def label_along(ax: Axes, counts: Subject) -> None:
-    """The axis below :func:`order_panel` in the unit of the stimuli."""
+def finish_panels(panels: Sequence[Axes], n_columns: int) -> None:
+    """Axes of panels of responses that share their limits, and what the legend says of curves."""
+    proportion_axis(panels[0])
+    label_outer(panels, n_columns)
+    explain_curves(panels[0])
+
+
+def _groups(counts: Subject) -> list[FloatArray]:
+    """The stimuli of every panel: weaker ones, or first ones in 'which is stronger'.
+
+    Neighbouring first stimuli share a panel where there are more than six; more than six weaker
+    stimuli have one panel in all.
+    """
     if counts.task == WHICH_STRONGER:
-        difference_scale(counts.unit, ax.get_xlim()).draw(ax)
-    else:
-        stimulus_axis(ax, "stronger stimulus", counts.unit, mean_first(counts))
+        firsts = np.unique(counts.s1)
+        return np.array_split(firsts, min(len(firsts), MOST_PANELS))
+    weaker = np.unique(_weaker(counts))
+    return [*weaker[:, None]] if 0 < len(weaker) <= MOST_PANELS else [weaker]
 
 
-def _describe_weaker(counts: Subject, weaker: float) -> str:
-    """Words for a panel that shows the pairs with one weaker stimulus (ln)."""
-    unit = counts.unit.or_percent_of(mean_first(counts))
-    digits = ".4g" if counts.unit.of_stimuli else ".0f"
-    return f"weaker stimulus {unit.stimuli(weaker):{digits}} {unit.of_stimuli}"
+def _describe_group(counts: Subject, group: FloatArray) -> str:
+    """Words for the panel of these stimuli (ln)."""
+    numbers, unit = counts.unit.numbers(group[[0, -1]], mean_first(counts))
+    ends = " to ".join(dict.fromkeys(numbers))
+    return f"{counts.task.slice_stimulus} stimulus {ends} {unit}".replace("-", "−")
 
 
 def _unconverged(draws: Draws, subject: str) -> str:
@@ -161,114 +167,116 @@ def _unconverged(draws: Draws, subject: str) -> str:
 # --- panels ---------------------------------------------------------------------------------------
 
 
-class Line(NamedTuple):
-    """A curve along a panel, and the responses to which it belongs.
+def responses_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
+    """Draw the responses and curves of a subject by order.
 
-    Attributes
-    ----------
-    mark : Mark
-    rows : ndarray of bool, shape (pairs,)
-        The pairs of these responses.
-    position : ndarray, shape (pairs,)
-        Where every pair stands along the panel.
-    shift : float
-        How far to the side the marks are set, in steps.
-    x, s1, s2 : ndarray, shape (points,)
-        Positions along the curve and the pairs there.
-    """
-
-    mark: Mark
-    rows: BoolArray
-    position: FloatArray
-    shift: float
-    x: FloatArray
-    s1: FloatArray
-    s2: FloatArray
-
-
-def lines_along(counts: Subject, weaker: float, points: int) -> list[Line]:
-    """The curves of a panel.
-
-    In 'same or different' there is a curve for each order and one for equal stimuli, for pairs with
-    one weaker stimulus (ln). In 'which is stronger' there is a curve for each first stimulus.
+    In 'which is stronger' all pairs are pooled. In 'same or different' these are the pairs with
+    the weaker stimulus that most pairs share.
     """
     if counts.task == WHICH_STRONGER:
-        return _lines_by_first(counts, points)
+        correct_panel(ax, counts, curve)
+        return
+    weaker = main_weaker(counts)
+    if weaker is None:
+        weaker = float(counts.s1.min())
+    order_panel(ax, counts, curve, weaker)
+    if len(np.unique(_weaker(counts))) > 1:
+        write_note(ax, _describe_group(counts, np.array([weaker])))
+
+
+def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
+    """P('equal') over the stronger stimulus of all pairs with one weaker stimulus (ln), by order.
+
+    As in Fig. 3, upper row.
+    """
     stronger = np.maximum(counts.s1, counts.s2)
     is_in_panel = _has_weaker(counts, weaker)
     low = float(stronger[is_in_panel].min(initial=weaker))
     high = max(float(stronger[is_in_panel].max(initial=weaker)), weaker + 1e-9)
-    x = np.linspace(weaker, high, points)
-    equal = np.linspace(low, high, points)
+    x, equal = np.linspace([weaker, low], high, POINTS, axis=1)
     fixed = np.full_like(x, weaker)
-    along = {0: (equal, equal, equal), -1: (x, fixed, x), 1: (x, x, fixed)}
+    pairs = {0: (equal, equal), -1: (fixed, x), 1: (x, fixed)}
     order = presentation_order(counts)
-    lines = []
     for sign, mark in ORDERS.items():
         rows = is_in_panel & (order == sign)
-        if rows.any():
-            lines.append(Line(mark, rows, stronger, sign, *along[sign]))
-    return lines
+        if not rows.any():
+            continue
+        first, second = pairs[sign]
+        draw_band(ax, np.maximum(first, second), curve(first, second), mark.colour)
+        position = stronger[rows] + sign * _SHIFT * (high - low)
+        draw_shares(ax, position, counts.n_yes[rows], counts.n_trials[rows], mark)
+    stimulus_axis(ax, "stronger stimulus", counts.unit, mean_first(counts))
+    ax.set_ylabel(f"proportion '{counts.task.yes}'")
 
 
-def _lines_by_first(counts: Subject, points: int) -> list[Line]:
-    """P('second') over s2 - s1 by the first stimulus.
+def first_panel(ax: Axes, counts: Subject, curve: Curve, firsts: FloatArray) -> None:
+    """P('second') over s2 - s1 of all pairs with one of these first stimuli (ln).
 
-    Neighbouring first stimuli are taken together where there are more than six.
+    The curve is that of the first stimulus in the middle of them.
     """
     difference = counts.s2 - counts.s1
     pad = 0.05 * max(float(np.ptp(difference)), 1e-9)
-    x = np.linspace(difference.min() - pad, difference.max() + pad, points)
-    firsts = np.unique(counts.s1)
-    groups = np.array_split(firsts, min(len(firsts), MOST_PANELS))
-    colours = colormaps["viridis"](np.linspace(0.0, 0.85, len(groups)))
-    numbers, unit = counts.unit.numbers(firsts, mean_first(counts))
-    numbers_of_groups = np.array_split(numbers, len(groups))
-    lines = []
-    for i, group in enumerate(groups):
-        ends = dict.fromkeys(numbers_of_groups[i][[0, -1]].tolist())
-        label = f"$s_1$ = {' to '.join(ends)} {unit}".replace("-", "−")
-        mark = Mark(to_hex(colours[i]), "osD^vh"[i], label)
-        rows = np.isin(counts.s1, group)
-        fixed = np.full_like(x, group[len(group) // 2])
-        shift = i - 0.5 * (len(groups) - 1)
-        lines.append(Line(mark, rows, difference, shift, x, fixed, fixed + x))
-    return lines
+    x = np.linspace(difference.min() - pad, difference.max() + pad, POINTS)
+    fixed = np.full_like(x, firsts[len(firsts) // 2])
+    draw_band(ax, x, curve(fixed, fixed + x), _INK)
+    is_in_panel = np.isin(counts.s1, firsts)
+    for mark, has_order in rows_by_order(presentation_order(counts)):
+        rows = has_order & is_in_panel
+        draw_shares(ax, difference[rows], counts.n_yes[rows], counts.n_trials[rows], mark)
+    _draw_half(ax, "one half: PSE")
+    zero_line(ax)
+    difference_scale(counts.unit, ax.get_xlim()).draw(ax)
+    ax.set_ylabel(f"proportion '{counts.task.yes}'")
 
 
-def order_panel(
-    ax: Axes,
-    counts: Subject,
-    curve: Curve | None,
-    weaker: float,
-    *,
-    size: float = 5.5,
-    points: int = 120,
-    bands: Sequence[Band] | None = None,
-) -> Axes:
-    """Draw both orders of all pairs with one weaker stimulus (ln), as in Fig. 3, upper row.
+def correct_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
+    """The proportion correct over the middle of the pair, of all steps between the stimuli.
 
-    The axis is the stronger stimulus; `size` is that of the marks in points.
-
-    In 'which is stronger' there is a psychometric curve after every first stimulus, whatever the
-    weaker one is. `curve` gives P of the counted response; None draws no curve. By default bands
-    hold 50 and 95 %, and 50 % in 'which is stronger', where wide bands hide each other.
+    Pairs with neighbouring middles are pooled where there are more than six middles.
     """
-    if bands is None:
-        bands = BANDS if counts.task == SAME_DIFFERENT else BANDS[1:]
-    for line in lines_along(counts, weaker, points):
-        if curve is not None:
-            draw_band(ax, line.x, curve(line.s1, line.s2), line.mark.colour, 0.3 * size, bands)
-        n_yes, n_trials = counts.n_yes[line.rows], counts.n_trials[line.rows]
-        shift = _MARK_SHIFT * line.shift * size
-        draw_shares(
-            ax, line.position[line.rows], n_yes, n_trials, line.mark, size=size, shift=shift
-        )
-    if counts.task == WHICH_STRONGER:
-        ax.axhline(0.5, color=EQUAL, lw=0.8, ls=":", zorder=0, label="one half: PSE")
-        zero_line(ax)
-    ax.set(xlabel=_ALONG[counts.task], ylim=(-0.03, 1.03))
-    return ax
+    middle = 0.5 * (counts.s1 + counts.s2)
+    groups = np.array_split(np.unique(middle[counts.s1 != counts.s2]), MOST_PANELS)
+    for mark, has_order in rows_by_order(presentation_order(counts)):
+        if mark is not ORDERS[0]:
+            pools = [has_order & np.isin(middle, group) for group in groups]
+            _draw_correct(ax, counts, curve, mark, [rows for rows in pools if rows.any()])
+    _draw_half(ax, "chance")
+    stimulus_axis(ax, "middle of the pair", counts.unit, mean_first(counts))
+    ax.set_ylabel("proportion correct")
+
+
+def _draw_correct(
+    ax: Axes, counts: Subject, curve: Curve, mark: Mark, pools: Sequence[BoolArray]
+) -> None:
+    """Proportions correct in one order, of the pairs of each pool, and their curve.
+
+    The curve is a mean over the steps of the trials, which change from pool to pool.
+    """
+    middle, step = 0.5 * (counts.s1 + counts.s2), np.abs(counts.s2 - counts.s1)
+    is_weaker_first = mark is ORDERS[-1]
+    n_correct = counts.n_yes
+    if not is_weaker_first:
+        n_correct = counts.n_trials - counts.n_yes
+    positions, steps, totals = [], [], []
+    for rows in pools:
+        n_trials = counts.n_trials[rows]
+        positions.append(np.average(middle[rows], weights=n_trials))
+        of_trials = np.repeat(step[rows], n_trials)
+        steps.append(np.quantile(of_trials, _SHARES, method="inverted_cdf"))
+        totals.append((n_correct[rows].sum(), n_trials.sum()))
+    x = np.linspace(positions[0], positions[-1], POINTS)
+    half_steps = [0.5 * np.interp(x, positions, values) for values in np.transpose(steps)]
+    weaker, stronger = np.ravel(x - half_steps), np.ravel(x + half_steps)
+    p_correct = curve(weaker, stronger) if is_weaker_first else 1.0 - curve(stronger, weaker)
+    by_step = p_correct.reshape(-1, len(_SHARES), POINTS)
+    draw_band(ax, x, by_step.mean(axis=1), mark.colour)
+    shift = _SHIFT * np.ptp(middle) * (-1.0 if is_weaker_first else 1.0)
+    n_pooled, n_trials = np.transpose(totals)
+    draw_shares(ax, np.array(positions) + shift, n_pooled, n_trials, mark)
+
+
+def _draw_half(ax: Axes, label: str) -> None:
+    ax.axhline(0.5, color=EQUAL, lw=0.8, ls=":", zorder=0, label=label)
 
 
 def distance_panel(ax: Axes, fitted: Predictor) -> None:
@@ -280,17 +288,10 @@ def distance_panel(ax: Axes, fitted: Predictor) -> None:
     z = np.median(fitted.target.distance(fitted.x), axis=0)
     reach = 1.05 * max(float(np.abs(z).max()), 1.43)
     x = np.linspace(-reach, reach, 200)
-    draw_band(ax, x, fitted.target.yes_at_distance(fitted.x, x), "#333333")
+    draw_band(ax, x, fitted.target.yes_at_distance(fitted.x, x), _INK)
     for mark, rows in rows_by_order(presentation_order(counts)):
         draw_shares(ax, z[rows], counts.n_yes[rows], counts.n_trials[rows], mark)
-    ax.set(xlabel="normalised distance $z$", ylim=(-0.03, 1.03))
-
-
-def _panels(counts: Subject) -> Sequence[float]:
-    """The weaker stimulus of every panel; 'which is stronger' has one panel for all pairs."""
-    if counts.task == WHICH_STRONGER:
-        return [0.0]
-    return sorted(set(_weaker(counts).tolist()))
+    ax.set(xlabel="normalised distance $z$", ylabel=f"proportion '{counts.task.yes}'")
 
 
 def _weaker(counts: Subject) -> FloatArray:
@@ -307,11 +308,6 @@ def main_weaker(counts: Subject) -> float | None:
     return float(mode(weaker).mode) if weaker.size else None
 
 
-def has_several_weaker(counts: Subject) -> bool:
-    """Whether a panel of one weaker stimulus shows only some of the pairs."""
-    return len(_panels(counts)) > 1
-
-
 def _has_weaker(counts: Subject, weaker: float) -> BoolArray:
     """Pairs with this weaker stimulus, and pairs of equal stimuli that are not weaker.
 
@@ -323,29 +319,11 @@ def _has_weaker(counts: Subject, weaker: float) -> BoolArray:
     return has_weaker | (is_equal & ((counts.s1 >= weaker) | is_weakest))
 
 
-def draw_shares(
-    ax: Axes,
-    x: FloatArray,
-    n_yes: IntArray,
-    n_trials: IntArray,
-    mark: Mark,
-    *,
-    size: float = 5.5,
-    shift: float = 0.0,
-) -> None:
-    """The Laplace estimator and its standard deviation, Eq. e:2b.
-
-    `size` of the marks, and by how much they are moved to the right, points.
-    """
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    moved = ax.transData + ScaledTranslation(shift / 72.0, 0.0, figure.dpi_scale_trans)
-    style: Style = {"ms": size, "elinewidth": size / 4.6}
+def draw_shares(ax: Axes, x: FloatArray, n_yes: IntArray, n_trials: IntArray, mark: Mark) -> None:
+    """The Laplace estimator and its standard deviation, Eq. e:2b."""
+    style: Style = {"ms": 4.0, "elinewidth": 0.9}
     if len(x) > 25:
         style = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4}
-    style |= {"color": mark.colour, "mec": "white", "mew": 0.5, "transform": moved}
+    style |= {"color": mark.colour, "mec": "white", "mew": 0.5}
     value, error = laplace_estimate(n_yes, n_trials), laplace_error(n_yes, n_trials)
     ax.errorbar(x, value, error, fmt=mark.marker, label=mark.label, **style)
-    # Marks that are moved do not say where data are.
-    ax.update_datalim(np.column_stack([x, value]))
-    ax.autoscale_view()

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
 
 from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.answers.words import Word
@@ -35,8 +34,7 @@ _UNKNOWN = Word.CANNOT_BE_TOLD.value
 _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7")
 _MARKERS = "Dos^vP"
 _LARGEST = 160.0  # area of the most frequent pair, square points
-_MARGIN = 1.25  # factor from the outermost numbers of trials to the ends of a panel
-_KIND_SHIFT = 0.02  # between the lines of two kinds, in natural logs of trials
+_SPREAD = 0.8  # of the kinds about their number of trials, in distances between two numbers
 
 
 def power(table: PowerTable) -> Figure:
@@ -52,12 +50,16 @@ def power(table: PowerTable) -> Figure:
     for design, row in zip(designs, axes, strict=True):
         for question, ax in zip(QUESTIONS, row, strict=True):
             _draw_question(ax, table, design, question)
-        row[0].set_ylabel(f"share, {plain(design)}")
+        row[0].set_ylabel(f"proportion, {plain(design)}")
     for question, ax in zip(QUESTIONS, axes[0], strict=True):
         ax.set_title(f"{question.replace('_', ' ')}: yes or probably", fontsize=LETTERS)
     for ax in axes[-1]:
         ax.set_xlabel("trials of a subject")
-    legend_below(figure, size=LETTERS, columns=3)
+    axes[0, 0].plot(
+        [], [], "o", mec=EQUAL, mfc="white", ms=3.6, label="hollow: without this effect"
+    )
+    axes[0, 0].plot([], [], "|", color=EQUAL, ms=9.0, label="95 % interval")
+    legend_below(figure, size=LETTERS, columns=4, side="upper")
     return figure
 
 
@@ -67,30 +69,28 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
     kinds = table.different("observers")
     for index, kind in enumerate(kinds):
         points = []
-        for number in trials:
+        shift = _SPREAD * ((index + 0.5) / len(kinds) - 0.5)
+        for position, number in enumerate(trials):
             unknown = table[design, number, kind, question, _UNKNOWN]
             if unknown.value < 1.0:
                 share = table[design, number, kind, question, DETECTED]
-                points.append((number, share.value, share.low, share.high))
+                points.append((position + shift, share.value, share.low, share.high))
         if not points:
             continue
         x, y, low, high = np.array(points).T
-        x *= np.exp(_KIND_SHIFT * (index - 0.5 * (len(kinds) - 1)))
         colour = _COLOURS[index % len(_COLOURS)]
-        style: Style = {"fmt": _MARKERS[index % len(_MARKERS)], "color": colour, "ms": 4.0}
+        style: Style = {"fmt": _MARKERS[index % len(_MARKERS)], "color": colour, "ms": 3.6}
         if not table.has_effect(kind, question):
             style |= {"ls": ":", "mfc": "white"}
         else:
             style["ls"] = "-"
         if question == "order_effect":  # most have it
             style["label"] = plain(kind)
-        ax.errorbar(x, y, (y - low, high - y), lw=1.1, elinewidth=0.8, **style)
+        ax.errorbar(x, y, (y - low, high - y), lw=0.8, elinewidth=0.8, **style)
     if not ax.lines:
         ax.text(0.5, 0.5, _UNKNOWN, transform=ax.transAxes, ha="center", fontsize=LETTERS)
-    ax.set(xscale="log", ylim=(-0.04, 1.04))
-    ax.set_xlim(min(trials) / _MARGIN, max(trials) * _MARGIN)
-    ax.set_xticks(trials, [f"{number:,}" for number in trials])
-    ax.xaxis.set_minor_locator(NullLocator())
+    ax.set(xlim=(-0.5, len(trials) - 0.5), ylim=(-0.04, 1.04))
+    ax.set_xticks(range(len(trials)), list(map("{:,}".format, trials)))
     style_axes(ax)
 
 

@@ -1,4 +1,4 @@
-"""Posterior predictive checks: observed shares over their 95 % predictive intervals."""
+"""Posterior predictive checks: observed proportions and their 95 % predictive intervals."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.plots.curves import mean_first
 from bayes_toe.plots.style import (
+    BAD,
     COLUMN,
     LETTERS,
     MARKED,
@@ -33,27 +34,22 @@ from bayes_toe.plots.style import (
 )
 from bayes_toe.seeds import generator
 
-#: Subjects that a page has room for.
-MOST_SUBJECTS = 40
-_MOST_OF_FOUR_COLUMNS = 12
-#: By columns of panels: inches across the figure and down a row, characters of a name.
-_PANEL_SIZES = {
-    1: (COLUMN, 2.1, 20),
-    2: (COLUMN, 1.6, 20),
-    3: (PAGE, 1.5, 20),
-    4: (PAGE, 1.5, 20),
-    5: (PAGE, 1.0, 14),
-}
+#: Subjects that a page has room for, and those that have one row of panels.
+MOST_SUBJECTS, _MOST_IN_ONE_ROW = 40, 4
+#: Columns of further panels and inches of one of them; inches of a pair in one row of panels, and
+#: of such a panel.
+_COLUMNS, _LOW = 5, 1.0
+_PAIR, _LOWEST, _HIGHEST = 0.15, 1.2, 6.0
+_FEW_PAIRS = 40  # with large marks
 _REPLICATES_PER_DRAW = 10  # replicated studies for each draw
-_LABEL_WIDE = 0.1  # inches of a pair with its label
-_INTERVAL = "#BDBDBD"
+_INTERVAL = "#C8C8C8"
 
 
 def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = None) -> Figure:
-    """Draw observed shares of every ordered pair before the 95 % posterior predictive interval.
+    """Draw observed proportions of every ordered pair over 95 % posterior predictive intervals.
 
     The interval is that of a replicated study under the average of the four models. A model that
-    describes a subject leaves about one point in twenty outside.
+    describes a subject leaves about one pair in twenty outside; these have a red ring.
 
     Parameters
     ----------
@@ -71,19 +67,23 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
         For an unknown subject, or more than 40 subjects.
     """
     selected = _select_subjects(analysis, subjects)
-    figure, panels = _small_multiples(analysis, selected)
-    n_columns = _n_columns(len(panels))
+    n_columns, height = _COLUMNS, _LOW
+    has_room = len(selected) <= _MOST_IN_ONE_ROW
+    if has_room:
+        n_columns = len(selected)
+        n_pairs = max(counts.n_pairs for counts in selected)
+        height = min(max(_PAIR * n_pairs, _LOWEST), _HIGHEST)
+    width = COLUMN if n_columns == 1 else PAGE
+    figure = new_figure(width, n_rows(len(selected), n_columns) * height + 1.0)
+    below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
+    panels = grid_panels(below_title, len(selected), n_columns, sharex=True)
     for ax, counts in zip(panels, selected, strict=True):
-        fitted = analysis.curve(counts.name)
-        _draw_pairs(ax, counts, predictive_interval(fitted, analysis.settings.seed))
-        ax.set_ylabel(f"share '{counts.task.yes}'")
-    labels = _pair_labels(selected, figure.get_figwidth() / n_columns - 0.3)
-    for ax in panels[-n_columns:]:
-        ax.set_xticks(range(len(labels)), labels, rotation=90)
-        unit = selected[0].unit.of_stimuli or "% of mean"
-        ax.set_xlabel(f"first, second stimulus ({unit})" if labels else "pairs by order")
+        _draw_subject(ax, analysis, counts, has_room=has_room)
+        if has_room and _PAIR * counts.n_pairs <= height:
+            _label_pairs(ax, counts)
     label_outer(panels, n_columns)
-    legend_below(figure, size=SMALL, columns=4 if figure.get_figwidth() > COLUMN else 2)
+    legend_below(below_title, size=SMALL, columns=2 if n_columns == 1 else 5, side="upper")
+    mark_synthetic(figure, analysis.study.synthetic)
     return figure
 
 
@@ -111,60 +111,46 @@ def _select_subjects(analysis: Analysis, subjects: Sequence[str] | None) -> list
     return [analysis.study[name] for name in names]
 
 
-def _n_columns(n_subjects: int) -> int:
-    if n_subjects > _MOST_OF_FOUR_COLUMNS:
-        return 5
-    return min(n_subjects, 4)
-
-
-def _small_multiples(analysis: Analysis, subjects: Sequence[Subject]) -> tuple[Figure, list[Axes]]:
-    """A figure as wide as a column or a page, and a panel for each subject."""
-    n_columns = _n_columns(len(subjects))
-    width, row_height, name_length = _PANEL_SIZES[n_columns]
-    figure = new_figure(width, n_rows(len(subjects), n_columns) * row_height + 0.8)
-    panels = grid_panels(figure, len(subjects), n_columns, sharey=True)
-    answers = {answer.subject: answer for answer in analysis.answers}
-    for ax, counts in zip(panels, subjects, strict=True):
-        title = plain(counts.name, name_length)
-        answer = answers.get(counts.name)
-        if answer is not None and not answer.is_interpretable:
-            title += "\nnot interpreted"
-        ax.set_title(title, loc="left", fontsize=LETTERS)
-    mark_synthetic(figure, analysis.study.synthetic)
-    return figure, panels
-
-
 def _in_order(counts: Subject) -> IndexArray:
     """Pairs by their order, weaker first to stronger first, and then by their intensity."""
     return np.lexsort((counts.s1 + counts.s2, presentation_order(counts)))
 
 
-def _draw_pairs(ax: Axes, counts: Subject, ends: FloatArray) -> None:
-    """Observed shares in the colour of their order, before the intervals."""
+def _draw_subject(ax: Axes, analysis: Analysis, counts: Subject, *, has_room: bool) -> None:
+    """Intervals, and before them observed proportions in the colour of their order."""
     index = _in_order(counts)
     share = (counts.n_yes / counts.n_trials)[index]
     order = presentation_order(counts)[index]
-    x = np.arange(len(index))
+    y = np.arange(len(index))
+    ends = predictive_interval(analysis.curve(counts.name), analysis.settings.seed)
     low, high = ends[:, index]
-    ax.bar(x, high - low, 0.7, low, color=_INTERVAL, lw=0, label="95 % predictive interval")
-    # A bar of no height would not be seen.
-    ax.hlines(0.5 * (low + high), x - 0.35, x + 0.35, color=_INTERVAL, lw=1.0)
-    size = 4.0 if len(index) <= 20 else 2.0
-    style: Style = {"ms": size, "mec": "white", "mew": 0.3, "clip_on": False, "zorder": 3}
+    ax.barh(y, high - low, 0.7, low, color=_INTERVAL, lw=0, label="95 % predictive interval")
+    # A bar of no length would not be seen.
+    ax.vlines(0.5 * (low + high), y - 0.35, y + 0.35, color=_INTERVAL, lw=1.0)
+    size = 4.5 if has_room and len(index) <= _FEW_PAIRS else 2.8
+    style: Style = {"ms": size, "mec": "white", "mew": 0.4, "zorder": 3}
     for mark, rows in rows_by_order(order):
         style |= {"color": mark.colour, "label": mark.label}
-        ax.plot(x[rows], share[rows], mark.marker, **style)
-    ax.set(ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0], xlim=(-0.7, len(index) - 0.3), xticks=[])
+        ax.plot(share[rows], y[rows], mark.marker, **style)
+    is_outside = (share < low) | (share > high)
+    ring: Style = {"ms": 2.0 * size, "mfc": "none", "mec": BAD, "mew": 1.0}
+    ax.plot(share[is_outside], y[is_outside], "o", label="outside", **ring)
+    is_interpreted = {answer.subject: answer.is_interpretable for answer in analysis.answers}
+    title = plain(counts.name, 20)
+    if not is_interpreted.get(counts.name, True):
+        title += "\nnot interpreted"
+    elif has_room:
+        title += f"\n{is_outside.sum()} of {len(index)} pairs outside"
+    ax.set_title(title, loc="left", fontsize=LETTERS)
+    ax.set(xlim=(-0.06, 1.06), xticks=[0.0, 0.5, 1.0], ylim=(len(index) - 0.3, -0.7), yticks=[])
+    ax.set(xlabel=f"proportion '{counts.task.yes}'", ylabel="pairs by order")
 
 
-def _pair_labels(subjects: Sequence[Subject], width: float) -> list[str]:
-    """Labels of the pairs, if all subjects have the same ones and there is room, in inches."""
-    first = subjects[0]
-    pairs = np.array([first.s1, first.s2])
-    index = _in_order(first)
-    has_same_pairs = all(np.array_equal([subject.s1, subject.s2], pairs) for subject in subjects)
-    if not has_same_pairs or len(index) * _LABEL_WIDE > width:
-        return []
-    stimuli = first.unit.or_percent_of(mean_first(first)).stimuli(pairs[:, index])
-    digits = ".3g" if first.unit.of_stimuli else ".0f"
-    return [f"{s1:{digits}}, {s2:{digits}}" for s1, s2 in stimuli.T]
+def _label_pairs(ax: Axes, counts: Subject) -> None:
+    """The stimuli of every pair, left of its row."""
+    index = _in_order(counts)
+    middle = mean_first(counts)
+    firsts, unit = counts.unit.numbers(counts.s1, middle)
+    seconds, _ = counts.unit.numbers(counts.s2, middle)
+    ax.set_yticks(range(len(index)), [f"{firsts[pair]}, {seconds[pair]}" for pair in index])
+    ax.set_ylabel(f"first, second\n({unit})")

@@ -23,6 +23,7 @@ from bayes_toe.plots.style import (
     SMALL,
     Style,
     draw_band,
+    explain_curves,
     legend_below,
     new_figure,
     plain,
@@ -35,7 +36,6 @@ _MOST_DISTINCT, _GROUPS = 8, 5
 #: Subjects that one figure shows.
 MOST_ROWS = 6
 _HIGH = 2.1  # inches of a row
-_BAND = ((0.025, 0.975, 0.25),)
 
 
 def serial(table: SerialDependence, *subjects: str) -> Figure:
@@ -69,7 +69,8 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
         notes.append("synthetic data")
     if notes:
         figure.suptitle("; ".join(notes), fontsize=SMALL)
-    legend_below(figure, size=SMALL, columns=3)
+    explain_curves(axes[0, 0], "best of the four models", POSTERIOR)
+    legend_below(figure, size=SMALL, columns=2)
     return figure
 
 
@@ -89,9 +90,9 @@ class _Residuals(NamedTuple):
         errors = [np.sqrt(self.variance[group].sum()) / len(group) for group in groups]
         lines = np.stack([self.change[:, group].mean(axis=1) for group in groups], axis=1)
         ax.axhline(0.0, color=EQUAL, linestyle="--", linewidth=0.8, label="no history")
-        draw_band(ax, x, lines, POSTERIOR, 1.2, _BAND, "best of the four models")
+        draw_band(ax, x, lines, POSTERIOR)
         style: Style = {"fmt": "o", "color": "black", "ms": 3.5, "lw": 0.8}
-        ax.errorbar(x, means, errors, label="responses, 1 s.e.", **style)
+        ax.errorbar(x, means, errors, label="responses", **style)
 
 
 def _log_evidence_gain(row: SubjectDependence) -> float:

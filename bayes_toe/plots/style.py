@@ -18,12 +18,14 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.colorbar import Colorbar
+from matplotlib.container import Container, ErrorbarContainer
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
-from bayes_toe.data.tasks import Task
 
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
 POSTERIOR = "#0072B2"
@@ -37,19 +39,13 @@ SMALL, LETTERS = 7.0, 8.0
 #: Subjects beyond which figures of a study sort them and name none; inches of such a panel.
 MAX_NAMES, HIGH = 60, 5.6
 #: Inches of a panel with room for a label in one line, and letters of a line below another panel.
-_WIDE_PANEL, _LABEL_LETTERS = 2.0, 20
+_WIDE_PANEL, _LABEL_LETTERS = 2.3, 20
 #: Quantiles that lines and intervals mark.
 MARKED = (0.025, 0.5, 0.975)
-Band = tuple[float, float, float]
 #: Arguments that several calls of matplotlib share.
 Style = dict[str, Any]
-#: Of fitted curves: lower and upper quantile, opacity.
-BANDS: tuple[Band, ...] = ((0.025, 0.975, 0.15), (0.25, 0.75, 0.35))
-
-
-def probability_label(task: Task) -> str:
-    """The label of an axis of probabilities of the answer that a task counts."""
-    return f"P('{task.yes}')"
+#: The lowest proportion on an axis that begins at 0.
+_LOW_PROPORTION = 0.3
 
 
 class Mark(NamedTuple):
@@ -143,10 +139,16 @@ def even_columns(n_panels: int, largest: int) -> int:
 
 
 def grid_panels(
-    figure: Figure | SubFigure, n_panels: int, n_columns: int, *, sharey: bool = False
+    figure: Figure | SubFigure,
+    n_panels: int,
+    n_columns: int,
+    *,
+    sharex: bool = False,
+    sharey: bool = False,
 ) -> list[Axes]:
     """Panels in a grid, row by row."""
-    axes = figure.subplots(n_rows(n_panels, n_columns), n_columns, squeeze=False, sharey=sharey)
+    share: Style = {"sharex": sharex, "sharey": sharey}
+    axes = figure.subplots(n_rows(n_panels, n_columns), n_columns, squeeze=False, **share)
     panels = axes.ravel().tolist()
     for ax in panels[n_panels:]:
         ax.remove()
@@ -177,6 +179,11 @@ def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
             yield mark, has_order
 
 
+#: Multiples of powers of ten on a logarithmic axis: the first ones that give enough ticks.
+_MULTIPLES = ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
+_FEWEST_TICKS = 3
+
+
 class Scale(NamedTuple):
     """How an axis of natural logs is labelled.
 
@@ -196,11 +203,14 @@ class Scale(NamedTuple):
         start, end = self.unit.stimuli([low, high])
         locator = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
         numbers = np.asarray(locator.tick_values(start, end))
+        decades = np.array([])
         if not self.unit.is_decibel:
             decades = 10.0 ** np.arange(np.floor(np.log10(start)), np.ceil(np.log10(end)))
-            on_log_axis = np.outer(decades, [1.0, 2.0, 5.0]).ravel()
-            if np.count_nonzero((on_log_axis >= start) & (on_log_axis <= end)) > 2:
+        for multiples in _MULTIPLES:
+            on_log_axis = np.outer(decades, multiples).ravel()
+            if np.count_nonzero((on_log_axis >= start) & (on_log_axis <= end)) >= _FEWEST_TICKS:
                 numbers = on_log_axis
+                break
         numbers = numbers[(numbers >= start) & (numbers <= end)]
         step = np.diff(numbers).min(initial=np.inf)
         digits = max(6, 2 + math.ceil(np.log10(np.abs(numbers).max(initial=0.0) / step + 1.0)))
@@ -241,6 +251,14 @@ def stimulus_axis(ax: Axes, stimulus: str, unit: StimulusUnit, mean: float) -> N
     stimulus_scale(stimulus, unit, mean, ax.get_xlim()).draw(ax)
 
 
+def proportion_axis(ax: Axes) -> None:
+    """Limits and ticks of proportions, from 0 or, where none is below .3, from near the lowest."""
+    lowest, _ = ax.get_ylim()
+    low = np.floor(10.0 * lowest) / 10.0 if lowest >= _LOW_PROPORTION else 0.0
+    ax.set_ylim(low - 0.03, 1.03)
+    ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+
+
 def zero_line(ax: Axes) -> None:
     """A dotted vertical line at 0, behind the marks."""
     ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":", zorder=0)
@@ -272,23 +290,23 @@ def style_colour_bar(bar: Colorbar, label: str) -> None:
     bar.outline.set_linewidth(0.6)
 
 
-def draw_band(
-    ax: Axes,
-    x: FloatArray,
-    values: FloatArray,
-    colour: str,
-    line: float = 1.6,
-    bands: Sequence[Band] = BANDS,
-    label: str | None = None,
-) -> None:
-    """Draw the mean over draws and bands between quantiles, by default of 50 % and 95 %.
+def _band_style(colour: str) -> Style:
+    """A band with edges, which are seen where bands lie over each other."""
+    return {"fc": (colour, 0.15), "ec": (colour, 0.5), "lw": 0.5}
 
-    Draws are the first axis of `values`.
-    """
-    for low, high, opacity in bands:
-        edges = np.quantile(values, [low, high], axis=0)
-        ax.fill_between(x, *edges, color=colour, alpha=opacity, lw=0)
-    ax.plot(x, values.mean(axis=0), color=colour, lw=line, label=label)
+
+def draw_band(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
+    """Draw the mean over draws, which are the first axis of `values`, and the band of 95 %."""
+    low, _, high = np.quantile(values, MARKED, axis=0)
+    ax.fill_between(x, low, high, **_band_style(colour))
+    ax.plot(x, values.mean(axis=0), color=colour, lw=1.2)
+
+
+def explain_curves(ax: Axes, model: str = "model", colour: str = EQUAL) -> None:
+    """Add the curves with their bands, and the error bars, to the legend of a panel's figure."""
+    swatch = Patch(**_band_style(colour)), Line2D([], [], color=colour, lw=1.2)
+    ax.add_container(Container(swatch, label=f"{model}, 95 % band"))
+    ax.plot([], [], "|", color=EQUAL, ms=9.0, mew=0.9, label="standard error")
 
 
 def draw_intervals(
@@ -362,4 +380,4 @@ def _main_first(ax: Axes) -> list[tuple[Any, str]]:
     Matplotlib itself lists all lines first.
     """
     pairs = list(zip(*ax.get_legend_handles_labels(), strict=True))
-    return sorted(pairs, key=lambda pair: not isinstance(pair[0], tuple))
+    return sorted(pairs, key=lambda pair: not isinstance(pair[0], ErrorbarContainer))

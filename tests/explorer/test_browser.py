@@ -163,7 +163,7 @@ def test_the_keyboard_alone_selects_some_or_none_which_have_no_numbers(opened, a
     size, rows = shown_rows(opened)
     theta = thinned(analysis.draws, "A", size)
     assert rows.tolist() == np.flatnonzero(np.float32(theta["q0"]) >= 0.9).tolist()
-    assert opened.page.inner_text("#where") == "selected: q₀ from 0.9"
+    assert opened.page.inner_text("#where") == "selected: peak q₀ from 0.9"
     quantiles = np.quantile(theta["q0"][theta["q0"] >= 0.9], 0.5)
     visible = (
         opened.page.locator("#table-a tr", has_text="q₀").locator("td:nth-child(3) b").inner_text()
@@ -206,13 +206,15 @@ def test_effects_are_averaged_over_the_four_models_with_the_words_of_the_answer(
     answer = analysis.evidence["A"].answer
     words = [f"{key.replace('_', ' ')} {answer.word(key)}" for key in answer.words]
     assert opened.page.locator("#answer-a span").all_inner_texts() == words
-    row = opened.page.locator("#table-a tr", has_text="contraction p")
+    row = opened.page.locator("#table-a tr", has_text="contraction, %")
     size = answer.sizes["contraction_p"]
     visible = row.locator("td:nth-child(2)").inner_text().replace("−", "-")
     numbers = [float(text.strip("[],")) for text in visible.split()]
-    assert numbers == pytest.approx([size.q50, size.q025, size.q975], abs=6e-3)
+    assert numbers == pytest.approx(
+        [100.0 * value for value in (size.q50, size.q025, size.q975)], abs=0.6
+    )
     # Draws without the effect are in no panel of it.
-    n_with = int(row.locator("th small").first.inner_text().split()[1].replace(",", ""))
+    n_with = int(row.locator("th .having").first.inner_text().split()[1].replace(",", ""))
     assert n_with / 4000 == pytest.approx(answer.probabilities["contraction"], abs=0.04)
     drawn = opened.data("kept-a-1-0")
     assert np.isnan(drawn["y"]).mean() == pytest.approx(1.0 - n_with / 4000, abs=0.04)
@@ -266,14 +268,14 @@ def test_what_is_known_and_badged_and_fits_a_wide_screen(opened):
     assert opened.wide() <= 1200
 
 
-def test_a_narrow_screen_has_the_curves_first_and_panels_that_can_be_read(browser, path):
+def test_a_narrow_screen_has_the_corner_first_and_panels_that_can_be_read(browser, path):
     built = Explorer(browser, path, 400)
     assert built.page.evaluate("window.explorer.state.tab") == "effects"
     assert built.visible() == ["constant_error", "contraction", "jnd"]
     curves, corner = (
         built.page.locator(index).bounding_box() for index in ("#curves-a", "#corner")
     )
-    assert curves["y"] + curves["height"] < min(900, corner["y"])
+    assert corner["y"] + corner["height"] <= curves["y"]
     built.drag("1-0", (0.5, 0.2), (0.9, 0.8))
     assert len(built.limits()) == 2
     assert built.wide() <= 400

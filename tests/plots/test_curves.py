@@ -11,23 +11,23 @@ from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.plots.curves import MOST_PANELS, main_weaker
-from bayes_toe.plots.report_figure import responses_figure, responses_panel
+from bayes_toe.plots.curves import MOST_PANELS, POINTS, main_weaker, responses_panel
+from bayes_toe.plots.report_figure import responses_figure
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
 
 
 def drawn_curves(ax):
     """The curves of a panel by their colour."""
-    return {line.get_color(): line.get_data() for line in curves_of(ax, 120)}
+    return {line.get_color(): line.get_data() for line in curves_of(ax, POINTS)}
 
 
 def test_curves_show_both_orders_where_the_data_are(analysis):
     figure = bt.plots.curves(analysis.draws, "A")
     require_legible(figure)
     [ax] = figure.axes
-    assert ax.get_ylabel() == "P('equal')"
-    labels = {container.get_label() for container in ax.containers}
-    assert labels == {"weaker first", "stronger first", "equal stimuli"}
+    assert ax.get_ylabel() == "proportion 'equal'"
+    labels = [container.get_label() for container in ax.containers]
+    assert labels == ["weaker first", "stronger first", "equal stimuli", "model, 95 % band"]
     assert bt.plots.curves(analysis.draws, "A", title="").get_suptitle() == ""
     theta = analysis.draws.natural("A")
     responses = {(s1, s2): (k + 1) / (n + 2) for s1, s2, k, n in counts(analysis.study["A"])}
@@ -49,7 +49,7 @@ def test_designs_without_a_reference_get_panels_and_wild_ones_the_common_curve()
     for figure in figures:
         require_legible(figure)
     panels, [common] = (figure.axes for figure in figures)
-    assert titles_of(panels) == ["weaker stimulus 82 %", "weaker stimulus 99 %"]
+    assert titles_of(panels) == ["weaker stimulus 82 % of mean", "weaker stimulus 99 % of mean"]
     assert "normalised distance" in common.get_xlabel()
     assert MOST_PANELS < 19
 
@@ -68,17 +68,17 @@ def test_curves_of_an_analysis_are_averaged_over_the_four_models(analysis):
         bt.plots.curves(analysis, "Z")
 
 
-def test_curves_of_one_weaker_stimulus_are_shares_of_correct_responses():
+def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
     rows = "0 0.2 30 40, 0 0.4 38 40, 0.2 0 16 40, 0.4 0 3 40"
     subject = made_subject(rows, task=WHICH_STRONGER)
     ax = new_figure(4.0, 3.0).subplots()
     responses_panel(ax, subject, lambda s1, s2: np.tile(0.5 + s2 - 0.9 * s1, (9, 1)))
-    assert ax.get_ylabel() == "share correct"
-    weaker_first, stronger_first = curves_of(ax, 40)
+    assert ax.get_ylabel() == "proportion correct"
+    weaker_first, stronger_first = curves_of(ax, POINTS)
     x, share = weaker_first.get_data()
-    assert share == pytest.approx(0.5 + x)
+    assert share == pytest.approx(0.5 + 2.0 * x)
     x, share = stronger_first.get_data()
-    assert share == pytest.approx(0.5 + 0.9 * x)
+    assert share == pytest.approx(0.5 + 1.8 * x)
 
 
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
@@ -100,25 +100,23 @@ def test_labels_of_the_report_have_only_characters_that_can_be_drawn(analysis):
 def test_psychometric_curves_cross_one_half_at_the_point_of_subjective_equality(stronger):
     figure = bt.plots.curves(stronger.draws, "pulled")
     require_legible(figure)
-    [ax] = figure.axes
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("second stimulus, % of the first", "P('second')")
-    *firsts, half = words_of(figure.legends[0].get_texts())
-    assert half == "one half: PSE"
-    assert all(words.endswith(" % of mean") for words in firsts), "the legend is in per cent, too"
-    draws = stronger.draws
+    panels, draws = figure.axes, stronger.draws
+    assert panels[-1].get_xlabel() == "second stimulus,\n% of the first"
     offset, pull = (draws.values("pulled", name).mean() for name in ("offset", "pull"))
     firsts = np.unique(stronger.study["pulled"].s1)
     shifts = offset - pull * (firsts - draws.posterior("pulled").sbar)
-    for shift, curve in zip(shifts, curves_of(ax, 120), strict=True):
+    for shift, ax in zip(shifts, panels, strict=True):
+        [curve] = curves_of(ax, POINTS)
         assert np.interp(shift, *curve.get_data()) == pytest.approx(0.5, abs=0.04)
+    assert titles_of(panels)[0].endswith(" % of mean")
 
 
 def test_a_corner_plot_has_the_four_parameters_under_their_symbols(stronger):
     axes = bt.plots.corner(stronger.draws, "pulled", prior=stronger.draws.prior).axes
     assert [ax.get_xlabel() for ax in axes[-4:]] == [
-        r"$\mu_1$",
-        r"$\sigma_p$",
-        r"$\sigma_\ell$",
+        r"prior mean $\mu_1$, ln",
+        r"memory noise $\sigma_p$, ln",
+        r"sensory noise $\sigma_\ell$, ln",
         r"lapse rate $\lambda$",
     ]
 

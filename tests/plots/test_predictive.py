@@ -39,7 +39,7 @@ def test_the_predictive_interval_of_one_draw_is_that_of_the_binomial_distributio
     assert counts.n_trials * ends == pytest.approx(expected, abs=1.0)
 
 
-def test_observed_shares_stand_in_the_colour_of_their_order(analysis):
+def test_observed_proportions_stand_in_the_colour_of_their_order(analysis):
     ax = bt.plots.posterior_predictive(analysis, ["B"]).axes[0]
     subject = analysis.study["B"]
     shares = subject.n_yes / subject.n_trials
@@ -50,7 +50,7 @@ def test_observed_shares_stand_in_the_colour_of_their_order(analysis):
         ("stronger first", STRONGER_FIRST, 1),
     ):
         expected = np.sort(shares[direction == sign])
-        assert np.sort(lines[label].get_ydata()) == pytest.approx(expected)
+        assert np.sort(lines[label].get_xdata()) == pytest.approx(expected)
         assert to_hex(lines[label].get_color()) == colour.lower()
 
 
