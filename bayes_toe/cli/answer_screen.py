@@ -39,7 +39,7 @@ _HEADINGS = (
     "constant\nerror",
     "contraction",
     "PSE shift, {unit}\n[95 % interval]",
-    "contraction p\n[95 % int.]",
+    "contraction, %\n[95 % interval]",
 )
 #: Words beside which no size stands.
 _WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.NOT_INTERPRETABLE, Word.CANNOT_BE_TOLD)
@@ -158,7 +158,7 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     for question, reason in zip(QUESTIONS, reasons, strict=True):
         cells.append(letters.get(reason) or str(answer.words[question]))
     for question in SIZE_OF:
-        cells.append(effect_size(answer, question).replace(unit, "") or "-")
+        cells.append(effect_size(answer, question).replace(unit, "").replace(" %", "") or "-")
     return cells
 
 
@@ -217,10 +217,12 @@ def print_answer(
     study: Study,
     group: Sequence[str] = (),
     closing: Sequence[str] = (),
+    mean_words: Mapping[str, Word] | None = None,
 ) -> None:
     """The answer of a study: counts, directions, the group, and what is not counted."""
     units = study.conditions is not None
-    lines = [*study_lines(answers, synthetic=study.synthetic, units=units), *group]
+    lines = study_lines(answers, mean_words, synthetic=study.synthetic, units=units)
+    lines += group
     for answer in answers:
         notes = [note for note in answer.notes if note not in answer.reasons.values()]
         lines += [f"{capitalized(note)}." for note in notes]

@@ -182,6 +182,8 @@ class Entry:
             interval = self.estimates.get(name, np.quantile(present[name], MARKED))
             if name in self.estimates and name in DIFFERENCES:
                 interval = self.unit.from_percent(interval)
+            elif name in self.estimates:
+                interval = axis_values(name, interval, self.unit)
             marked.append([*map(float, interval)])
             if name in true_values:
                 truth[name] = true_values[name]

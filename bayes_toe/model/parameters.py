@@ -332,8 +332,8 @@ CONSTANT_ERROR = Parameter(
 CONTRACTION = Parameter(
     "contraction",
     r"contraction $p$",
-    "contraction p",
-    "above 0: contraction to the mean; below 0: repulsion",
+    "contraction",
+    "share of the way to the mean; below 0: repulsion",
     PURE_NUMBER,
     prior="Normal(0, {contraction_sd:g}) on (-1, 1)",
     prior_keys=(("sd", "sd of the normal prior of p on (-1, 1)"),),
@@ -375,7 +375,7 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
         Quantity(
             "pull",
             "contraction $p$",
-            "contraction p",
+            "contraction",
             "share of the way to the centre; 0: none",
             PURE_NUMBER,
         ),

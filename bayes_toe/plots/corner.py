@@ -65,7 +65,9 @@ _IN_KNOWN_UNIT = ("sigma_p", "sigma_l", "sigma1", "width", "offset")
 #: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: about
 #: the normal reference rule where a panel is six standard deviations wide.
 _SMOOTHING = 8.0
-_WITHOUT_UNIT = ("contraction", "pull", "gain", "gamma", "q0", "lapse_rate")
+#: Contraction, by its names in the observer and in the paper's model.
+_IN_PERCENT = ("contraction", "pull")
+_WITHOUT_UNIT = (*_IN_PERCENT, "gain", "gamma", "q0", "lapse_rate")
 PRIOR, TRUTH = "#999999", WEAKER_FIRST
 #: Of several subjects in the same panels: colour, and the line that tells them apart in grey.
 OVERLAID = (
@@ -264,6 +266,8 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
     values = np.asarray(values, np.float64)
     if name == _STIMULUS and unit.of_stimuli:
         return unit.stimuli(values)
+    if name in _IN_PERCENT:
+        return 100.0 * values
     return unit.differences(values) if _is_difference(name, unit) else values
 
 
@@ -276,6 +280,8 @@ def axis_unit(name: str, unit: StimulusUnit) -> str:
     """The unit of the axis of a quantity; empty for pure numbers and natural logs."""
     if name == _STIMULUS:
         return unit.of_stimuli
+    if name in _IN_PERCENT:
+        return "%"
     return unit.of_differences if _is_difference(name, unit) else ""
 
 

@@ -249,6 +249,11 @@ def plain_log_axis(axis: Axis, multiples: Sequence[float] = (1.0, 2.0, 5.0)) -> 
     axis.set_minor_formatter(NullFormatter())
 
 
+def percent_ticks(ax: Axes) -> None:
+    """Write shares on the axis along x in per cent."""
+    ax.xaxis.set_major_formatter(lambda value, _: f"{100.0 * value:g}".replace("-", "−"))
+
+
 def zero_line(ax: Axes) -> None:
     """A dotted vertical line at 0, behind the marks."""
     ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":", zorder=0)
