@@ -89,9 +89,9 @@ _DIRECTIONS = {
     ),
 }
 _MEANS = {CONSTANT_ERROR.name: "PSE shift", CONTRACTION.name: "contraction"}
-#: Shares of subjects with an effect, and of the rarer direction among these, from which on the
-#: directions explain a group mean near 0.
-_FEWEST_WITH_EFFECT, _FEWEST_IN_DIRECTION = 1 / 3, 1 / 4
+#: Share of subjects with the rarer direction from which on the directions explain a group mean
+#: near 0, if the other direction is at most twice as frequent.
+_FEWEST_IN_DIRECTION = 1 / 6
 
 
 def describe_meaning(
@@ -143,28 +143,19 @@ def _describe_subject(answer: OrderEffect) -> str:
 def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
     """How many subjects the order matters for, and what holds for most of the others."""
     counts = Counter(answer.words["order_effect"] for answer in answers)
-    n_total = len(answers)
-    positive = [word for word in (Word.YES, Word.PROBABLY) if counts[word]]
-    sentences = []
-    if positive:
-        first, *others = positive
-        text = f"{_in_subjects(counts[first], n_total, noun)} {_changes(first)}"
-        if others:
-            text += f", and probably in {counts[Word.PROBABLY]} more"
-        sentences.append(f"{text}.")
-    n_not = counts[Word.NO] + counts[Word.PROBABLY_NOT]
-    negative = Word.PROBABLY_NOT if counts[Word.PROBABLY_NOT] else Word.NO
-    n_undecided, n_untold = counts[Word.UNDECIDED], counts[Word.CANNOT_BE_TOLD]
-    rows = ((negative, n_not), (Word.UNDECIDED, n_undecided), (Word.CANNOT_BE_TOLD, n_untold))
-    for word, count in rows:
-        if count and (not positive or count > n_total / 2):
-            sentences.append(f"{_in_subjects(count, n_total, noun)} {_changes(word)}.")
-    return sentences
-
-
-def _changes(word: Word) -> str:
-    """Whether the order changes the response."""
-    return claim(word, "the order", "change", "the response")
+    n_total, sentences = len(answers), list[str]()
+    # One sentence for 'no' and 'probably not', by the less sure word.
+    if counts[Word.PROBABLY_NOT]:
+        counts[Word.PROBABLY_NOT] += counts.pop(Word.NO, 0)
+    has_effects = bool(counts[Word.YES] or counts[Word.PROBABLY])
+    for word in Word:
+        count = counts[word]
+        if count and word is Word.PROBABLY and counts[Word.YES]:
+            sentences[0] += f", and probably in {count} more"
+        elif count and (word.is_positive or not has_effects or count > n_total / 2):
+            text = claim(word, "the order", "change", "the response")
+            sentences.append(f"{_in_subjects(count, n_total, noun)} {text}")
+    return [f"{sentence}." for sentence in sentences]
 
 
 def _in_subjects(count: int, n_total: int, noun: str) -> str:
@@ -207,7 +198,7 @@ def _direction_sentences(
     for answer in answers:
         if answer.words[effect] is word:
             directions[_direction(answer, effect)] += 1
-    parts = []
+    parts = list[str]()
     for direction in _DIRECTIONS[effect]:
         count = directions[direction]
         if count and not parts:
@@ -218,10 +209,9 @@ def _direction_sentences(
         return []
     probably = "probably " if word is Word.PROBABLY else ""
     sentences = [f"The first stimulus is {probably}{' and '.join(parts)}."]
-    counts = [directions[direction] for direction in _DIRECTIONS[effect]]
-    is_frequent = sum(counts) >= _FEWEST_WITH_EFFECT * len(answers)
-    is_mixed = min(counts) >= _FEWEST_IN_DIRECTION * sum(counts)
-    if is_frequent and is_mixed and mean_words.get(effect) in (Word.NO, Word.PROBABLY_NOT):
+    fewest, most = sorted(directions[direction] for direction in _DIRECTIONS[effect])
+    is_mixed = fewest >= max(_FEWEST_IN_DIRECTION * len(answers), 0.5 * most)
+    if is_mixed and mean_words.get(effect) in (Word.NO, Word.PROBABLY_NOT):
         sentences.append(f"These directions differ, so the mean {_MEANS[effect]} is near 0.")
     return sentences
 

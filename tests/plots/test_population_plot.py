@@ -33,7 +33,7 @@ def panels(figure):
 
 def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(few):
     forests = panels(bt.plots.population(few, CHECK))
-    ax = forests["contraction p"]
+    ax = forests["contraction (%)"]
     lines = {line.get_label(): line.get_xdata() for line in ax.lines}
     medians = np.median(few.draws.subjects, axis=(0, 1))
     assert lines["subject, median and 95 % interval"] == pytest.approx(medians[:, 1])
