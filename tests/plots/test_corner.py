@@ -137,6 +137,7 @@ def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis
         "offset": (1 - REFERENCE["gain"])
         * (TRUE["mu1"] - paper_posterior(analysis.study["A"]).sbar)
     }
+    true["pull"] = 100.0 * true["pull"]  # axes show it in per cent
     axes = np.array(
         bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes
     ).reshape(len(names), len(names))
@@ -227,7 +228,7 @@ def test_the_four_models_show_constant_error_contraction_and_jnd(joint):
     figure = bt.plots.corner(joint, "A", prior=bt.Prior(), truths={"contraction": 0.1})
     require_legible(figure)
     labels = [ax.get_xlabel() for ax in figure.axes[-3:]]
-    assert labels == ["constant error $c$, %", "contraction $p$", "JND, %"]
+    assert labels == ["constant error $c$, %", "contraction $p$, %", "JND, %"]
     assert "model 'both'" in words(figure)
     assert marked(figure.axes[4]) == ([0.1], [])
     middle = 100.0 * np.expm1(np.median(joint.values("A", "jnd")))
