@@ -178,11 +178,10 @@ def _direction(answer: OrderEffect, effect: str) -> str:
     if not answer.words[effect].is_positive:
         return ""
     one, other = _DIRECTIONS[effect]
+    is_one = answer.first_is_overestimated
     if effect == CONTRACTION.name:
-        return one if answer.direction == "contraction" else other
-    if answer.first_is_overestimated is None:
-        return ""
-    return one if answer.first_is_overestimated else other
+        is_one = answer.direction == "contraction"
+    return {True: one, False: other, None: ""}[is_one]
 
 
 def _direction_sentences(

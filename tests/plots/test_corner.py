@@ -230,7 +230,7 @@ def test_the_four_models_show_constant_error_contraction_and_jnd(joint):
     labels = [ax.get_xlabel() for ax in figure.axes[-3:]]
     assert labels == ["constant error $c$, %", "contraction $p$, %", "JND, %"]
     assert "model 'both'" in words(figure)
-    assert marked(figure.axes[4]) == ([0.1], [])
+    assert marked(figure.axes[4]) == ([10.0], [])
     middle = 100.0 * np.expm1(np.median(joint.values("A", "jnd")))
     assert np.isclose([line.get_xdata()[0] for line in figure.axes[8].lines], middle).any()
     assert "natural log" not in words(figure)
