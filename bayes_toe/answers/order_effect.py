@@ -57,7 +57,7 @@ SIZES = ("pse_shift_percent", "pse_shift_jnd", "contraction_p", "jnd_percent", "
 SIZE_OF = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
 #: Words beside which no size stands.
 _WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.NOT_INTERPRETABLE, Word.CANNOT_BE_TOLD)
-_SIZE_LABELS = {"constant_error": "PSE shift", "contraction": "p ="}
+_SIZE_LABELS = {"constant_error": "PSE shift", "contraction": "size"}
 QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
 _EVIDENCES = tuple(f"log_evidence_{name.replace(' ', '_')}" for name in MODEL_NAMES)
 #: Columns with which evidence.csv begins.
@@ -388,14 +388,19 @@ def format_signed(size: Size, unit: str = "") -> str:
     ('+0.000030 % [+0.000020, +0.000040]', '+5.61 [+5.60, +5.62]')
     """
     finite = filter(np.isfinite, size)
-    digits = decimals_of(max(map(abs, finite), default=0.0))
+    digits = _distinct_decimals(size, decimals_of(max(map(abs, finite), default=0.0)))
+    low, median, high = (_format_finite(value, digits, "+") for value in size)
+    estimate = f"{median} {unit}".rstrip()
+    return f"{estimate} [{low}, {high}]"
+
+
+def _distinct_decimals(size: Size, digits: int) -> int:
+    """So many decimals, or as many as the ends of an interval need to look different."""
     while size.q025 < size.q975 and digits < _MOST_DECIMALS:
         if round(size.q025, digits) < round(size.q975, digits):
             break
         digits += 1
-    low, median, high = (_format_finite(value, digits, "+") for value in size)
-    estimate = f"{median} {unit}".rstrip()
-    return f"{estimate} [{low}, {high}]"
+    return digits
 
 
 def decimals_of(value: float) -> int:
@@ -424,15 +429,19 @@ def format_number(value: float) -> str:
 
 
 def format_share(size: Size, sign: str = "") -> str:
-    """A contraction with its 95 % interval; `sign` '+' shows the sign always.
+    """A share with its 95 % interval, in per cent; a contraction is a share of the way to the mean.
+
+    `sign` '+' shows the sign always.
 
     Examples
     --------
-    >>> format_share(Size(-0.001, 0.16, 0.22)), format_share(Size(0.03, 0.17, 0.31), "+")
-    ('.16 [.00, .22]', '+.17 [+.03, +.31]')
+    >>> format_share(Size(-0.001, 0.16, 0.22)), format_share(Size(0.1, 0.2, 0.3), "+")
+    ('16 % [0, 22]', '+20 % [+10, +30]')
     """
-    low, median, high = (format_decimals(value, sign=sign) for value in size)
-    return f"{median} [{low}, {high}]"
+    in_percent = Size(*(100.0 * value for value in size))
+    digits = _distinct_decimals(in_percent, 0)
+    low, median, high = (f"{round(value, digits) + 0.0:{sign}.{digits}f}" for value in in_percent)
+    return f"{median} % [{low}, {high}]"
 
 
 def format_decimals(value: float, sign: str = "") -> str:

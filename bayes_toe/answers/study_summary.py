@@ -1,8 +1,8 @@
 """The sentences about a whole study.
 
-`study_lines` counts how many subjects have which answer. `effect_frequency` estimates how
-frequent an effect is in the population. `describe_pair` describes a pair that the model does not
-fit.
+`study_lines` says what the answers mean, and counts how many subjects have which word.
+`effect_frequency` estimates how frequent an effect is in the population. `describe_pair` describes
+a pair that the model does not fit.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
-from bayes_toe.answers.words import Word
+from bayes_toe.answers.words import Word, claim
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
 from bayes_toe.data.messages import capitalized, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
@@ -39,33 +39,180 @@ APPENDIX_C = (
 
 
 def study_lines(
-    answers: Sequence[OrderEffect], *, synthetic: bool = False, units: bool = False
+    answers: Sequence[OrderEffect],
+    mean_words: Mapping[str, Word] | None = None,
+    *,
+    synthetic: bool = False,
+    units: bool = False,
 ) -> list[str]:
-    """The answer of a study: for each question how many subjects have which word.
+    """The answer of a study: its meaning, then for each question how many subjects have which word.
 
     Subjects that are not interpreted do not count.
 
     Parameters
     ----------
     answers : sequence of OrderEffect
+    mean_words : mapping of str to Word, optional
+        For each effect, whether the mean of the group differs from 0.
     synthetic : bool
         Whether the subjects are simulated.
     units : bool
         Whether each is a subject in one condition.
     """
-    if len(answers) == 1:
-        return [f"{answers[0].subject}: {answers[0].describe()}", *misfit_lines(answers)]
+    noun = "condition" if units else "subject"
+    meaning = describe_meaning(answers, mean_words, noun)
     counted_answers = [answer for answer in answers if answer.is_interpretable]
+    if len(answers) == 1:
+        text = f"{answers[0].subject}: {answers[0].describe()}"
+        lines = [f"{answers[0].subject}: {meaning}", text] if counted_answers else [text]
+        return lines + misfit_lines(answers)
     if not counted_answers:
-        return ["No subject can be interpreted."]
+        return [meaning]
     noun = "synthetic subject" if synthetic else "subject"
     of_total = f" of {count_all(counted_answers, noun, units)}"
-    lines = []
+    lines = [meaning]
     for question in QUESTIONS:
         text = _count_answers(counted_answers, question, of_total)
         lines.append(f"{capitalized(question.replace('_', ' '))}: {text}.")
         of_total = ""
     return lines + misfit_lines(counted_answers)
+
+
+# --- What the answer means ------------------------------------------------------------------------
+
+#: How the first stimulus seems by an effect, in one direction and in the other.
+_DIRECTIONS = {
+    CONSTANT_ERROR.name: ("overestimated", "underestimated"),
+    CONTRACTION.name: (
+        "remembered as nearer to the mean",
+        "remembered as farther from the mean",
+    ),
+}
+_MEANS = {CONSTANT_ERROR.name: "PSE shift", CONTRACTION.name: "contraction"}
+#: Share of subjects with the rarer direction from which on the directions explain a group mean
+#: near 0, if the other direction is at most twice as frequent.
+_FEWEST_IN_DIRECTION = 1 / 6
+
+
+def describe_meaning(
+    answers: Sequence[OrderEffect],
+    mean_words: Mapping[str, Word] | None = None,
+    noun: str = "subject",
+) -> str:
+    """What the answers say of perception, in a few sentences.
+
+    Subjects that are not interpreted do not count.
+
+    Parameters
+    ----------
+    answers : sequence of OrderEffect
+    mean_words : mapping of str to Word, optional
+        For each effect, whether the mean of the group differs from 0.
+    noun : str
+        What each answer is about.
+    """
+    interpretable = [answer for answer in answers if answer.is_interpretable]
+    if not interpretable:
+        return f"No {noun} can be interpreted."
+    if len(interpretable) == 1:
+        name = f"{interpretable[0].subject}: " if len(answers) > 1 else ""
+        return name + _describe_subject(interpretable[0])
+    sentences = _order_sentences(interpretable, noun)
+    for effect in _DIRECTIONS:
+        sentences += _direction_sentences(interpretable, effect, noun, mean_words or {})
+    return " ".join(sentences)
+
+
+def _describe_subject(answer: OrderEffect) -> str:
+    """The meaning of one answer: whether the order matters, and how the first stimulus seems."""
+    word = answer.words["order_effect"]
+    text = capitalized(claim(word, "the order", "change", "the response"))
+    if not word.is_positive:
+        return f"{text}."
+    effects = []
+    for effect in _DIRECTIONS:
+        direction = _direction(answer, effect)
+        if direction:
+            probably = "probably " if answer.words[effect] is Word.PROBABLY else ""
+            effects.append(probably + direction)
+    if effects:
+        return f"{text}: the first stimulus is {' and '.join(effects)}."
+    return f"{text}. The data do not show by which effect."
+
+
+def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
+    """How many subjects the order matters for, and what holds for most of the others."""
+    counts = Counter(answer.words["order_effect"] for answer in answers)
+    n_total, sentences = len(answers), list[str]()
+    # One sentence for 'no' and 'probably not', by the less sure word.
+    if counts[Word.PROBABLY_NOT]:
+        counts[Word.PROBABLY_NOT] += counts.pop(Word.NO, 0)
+    has_effects = bool(counts[Word.YES] or counts[Word.PROBABLY])
+    for word in Word:
+        count = counts[word]
+        if count and word is Word.PROBABLY and counts[Word.YES]:
+            sentences[0] += f", and probably in {count} more"
+        elif count and (word.is_positive or not has_effects or count > n_total / 2):
+            text = claim(word, "the order", "change", "the response")
+            sentences.append(f"{_in_subjects(count, n_total, noun)} {text}")
+    return [f"{sentence}." for sentence in sentences]
+
+
+def _in_subjects(count: int, n_total: int, noun: str) -> str:
+    """A share of subjects at the head of a sentence.
+
+    Examples
+    --------
+    >>> [_in_subjects(count, 12, "subject") for count in (12, 9, 4)]
+    ['In all 12 subjects', 'In most subjects (9 of 12)', 'In 4 of 12 subjects']
+    """
+    if count == n_total:
+        return f"In both {noun}s" if count == 2 else f"In all {count} {noun}s"
+    if count > n_total / 2:
+        return f"In most {noun}s ({count} of {n_total})"
+    return f"In {count} of {n_total} {noun}s"
+
+
+def _direction(answer: OrderEffect, effect: str) -> str:
+    """How the first stimulus seems by an effect; empty without one or without a direction."""
+    if not answer.words[effect].is_positive:
+        return ""
+    one, other = _DIRECTIONS[effect]
+    is_one = answer.first_is_overestimated
+    if effect == CONTRACTION.name:
+        is_one = answer.direction == "contraction"
+    return {True: one, False: other, None: ""}[is_one]
+
+
+def _direction_sentences(
+    answers: Sequence[OrderEffect], effect: str, noun: str, mean_words: Mapping[str, Word]
+) -> list[str]:
+    """How many subjects have which direction, and whether that explains a mean near 0.
+
+    The subjects with a 'yes', or with a 'probably' if there is no 'yes'.
+    """
+    words = [answer.words[effect] for answer in answers]
+    word = Word.YES if Word.YES in words else Word.PROBABLY
+    directions = Counter[str]()
+    for answer in answers:
+        if answer.words[effect] is word:
+            directions[_direction(answer, effect)] += 1
+    parts = list[str]()
+    for direction in _DIRECTIONS[effect]:
+        count = directions[direction]
+        if count and not parts:
+            parts.append(f"{direction} in {plural(count, noun)}")
+        elif count:
+            parts.append(f"{direction.removeprefix('remembered ')} in {count}")
+    if not parts:
+        return []
+    probably = "probably " if word is Word.PROBABLY else ""
+    sentences = [f"The first stimulus is {probably}{' and '.join(parts)}."]
+    fewest, most = sorted(directions[direction] for direction in _DIRECTIONS[effect])
+    is_mixed = fewest >= max(_FEWEST_IN_DIRECTION * len(answers), 0.5 * most)
+    if is_mixed and mean_words.get(effect) in (Word.NO, Word.PROBABLY_NOT):
+        sentences.append(f"These directions differ, so the mean {_MEANS[effect]} is near 0.")
+    return sentences
 
 
 def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
@@ -134,8 +281,7 @@ def _count_answers(answers: Sequence[OrderEffect], question: str, of_total: str)
     words = [str(answer.words[question]) for answer in answers]
     if set(words) == {Word.CANNOT_BE_TOLD}:
         return f"{Word.CANNOT_BE_TOLD} in any subject"
-    directions = {str(word): describe_directions(answers, question, word) for word in Word}
-    return count_words(words, of_total, directions)
+    return count_words(words, of_total)
 
 
 def count_all(answers: Sequence[OrderEffect], noun: str, units: bool) -> str:
@@ -144,34 +290,6 @@ def count_all(answers: Sequence[OrderEffect], noun: str, units: bool) -> str:
         return plural(len(answers), noun)
     n_subjects = len({answer.subject.rpartition(CONDITION_SEPARATOR)[0] for answer in answers})
     return f"{plural(len(answers), 'condition')} of {plural(n_subjects, noun)}"
-
-
-def describe_directions(answers: Sequence[OrderEffect], question: str, word: Word) -> str:
-    """The directions of the effects of a word, with their numbers; empty if they need no saying."""
-    chosen = [answer for answer in answers if answer.words[question] is word]
-    if not word.is_positive or question == "order_effect":
-        return ""
-    if question == "contraction":
-        return _contraction_directions(chosen)
-    return _error_directions(chosen)
-
-
-def _contraction_directions(chosen: Sequence[OrderEffect]) -> str:
-    counts = Counter(sorted(answer.direction for answer in chosen))
-    if not counts["repulsion"]:
-        return ""
-    return ", ".join(f"{count} {direction}" for direction, count in counts.items())
-
-
-def _error_directions(chosen: Sequence[OrderEffect]) -> str:
-    parts = []
-    stimulus = "the first stimulus"
-    for is_over, verb in ((True, "overestimate"), (False, "underestimate")):
-        count = sum(answer.first_is_overestimated is is_over for answer in chosen)
-        if count:
-            parts.append(f"{count} {verb}{'s' if count == 1 else ''} {stimulus}")
-            stimulus = "it"
-    return ", ".join(parts)
 
 
 # --- Few subjects: how frequent an effect is ------------------------------------------------------

@@ -64,3 +64,24 @@ def remains(word: Word, other: Word) -> bool:
     if word is Word.NO:
         return other in (Word.NO, Word.PROBABLY_NOT)
     return True
+
+
+def claim(word: Word, noun: str, verb: str, complement: str) -> str:
+    """What a word says of a noun, a verb and its complement, without a full stop.
+
+    Examples
+    --------
+    >>> claim(Word.PROBABLY_NOT, "the mean", "differ", "from 0")
+    'the mean probably does not differ from 0'
+    >>> claim(Word.UNDECIDED, "the mean", "differ", "from 0")
+    'the data do not show whether the mean differs from 0'
+    """
+    positive = f"{noun} {verb}s {complement}"
+    claims = {
+        Word.YES: positive,
+        Word.PROBABLY: f"{noun} probably {verb}s {complement}",
+        Word.UNDECIDED: f"the data do not show whether {positive}",
+        Word.PROBABLY_NOT: f"{noun} probably does not {verb} {complement}",
+        Word.NO: f"{noun} does not {verb} {complement}",
+    }
+    return claims.get(word, f"the design cannot show whether {positive}")

@@ -18,6 +18,7 @@ from bayes_toe.answers.order_effect import (
     format_small_p,
 )
 from bayes_toe.answers.study_summary import describe_pair, study_lines
+from bayes_toe.answers.words import Word
 from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
     OUTPUT,
@@ -38,7 +39,7 @@ _HEADINGS = (
     "constant\nerror",
     "contraction",
     "PSE shift, {unit}\n[95 % interval]",
-    "contraction p\n[95 % int.]",
+    "contraction, %\n[95 % interval]",
 )
 _MOST_EXCLUDED = 5  # names of subjects that are not counted
 
@@ -144,7 +145,7 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     for question, reason in zip(QUESTIONS, reasons, strict=True):
         cells.append(letters.get(reason) or str(answer.words[question]))
     for question in SIZE_OF:
-        cells.append(answer.effect_size(question).replace(unit, "") or "-")
+        cells.append(answer.effect_size(question).replace(unit, "").replace(" %", "") or "-")
     return cells
 
 
@@ -203,10 +204,12 @@ def print_answer(
     study: Study,
     group: Sequence[str] = (),
     closing: Sequence[str] = (),
+    mean_words: Mapping[str, Word] | None = None,
 ) -> None:
     """The answer of a study: counts, directions, the group, and what is not counted."""
     units = study.conditions is not None
-    lines = [*study_lines(answers, synthetic=study.synthetic, units=units), *group]
+    lines = study_lines(answers, mean_words, synthetic=study.synthetic, units=units)
+    lines += group
     for answer in answers:
         notes = [note for note in answer.notes if note not in answer.reasons.values()]
         lines += [f"{capitalized(note)}." for note in notes]

@@ -14,13 +14,13 @@ import numpy as np
 from bayes_toe.answers.order_effect import (
     Size,
     format_bayes_factor,
-    format_decimals,
     format_difference,
     format_number,
     format_share,
     format_signed,
     word_of_bayes_factor,
 )
+from bayes_toe.answers.words import Word, claim
 from bayes_toe.cli.terminal import Terminal
 from bayes_toe.data.messages import capitalized, plural
 from bayes_toe.inference.diagnostics import worst
@@ -37,7 +37,7 @@ _QUANTITIES = (*_EFFECTS, NOISE.name)
 #: Parameters between 0 and 1, or -1 and 1; the others are in the unit of differences.
 _SHARES = (CONTRACTION.name, PEAK.name)
 #: Names of the parameters of a group in sentences, as rows of its table, and of differences.
-_LABELS = {CONSTANT_ERROR.name: "PSE shift", CONTRACTION.name: "contraction p", NOISE.name: "JND"}
+_LABELS = {CONSTANT_ERROR.name: "PSE shift", CONTRACTION.name: "contraction", NOISE.name: "JND"}
 _ROW_LABELS = {
     **_LABELS,
     CONSTANT_ERROR.name: "constant error",
@@ -84,17 +84,17 @@ def group_answer(result: PopulationResult) -> list[str]:
     parts = []
     for name in _EFFECTS:
         if name not in result.identified:
-            parts.append(f"{_ROW_LABELS[name].removesuffix(' p')} cannot be told")
+            parts.append(f"The {_ROW_LABELS[name]} cannot be told.")
             continue
-        estimate = f"mean {_LABELS[name]} {group_estimate(result, name)}"
+        estimate = f"The mean {_LABELS[name]} is {group_estimate(result, name)}"
         sd = _spread(result, name).partition(" [")[0]
-        factor, word = _factor_and_word(log_factor_of_mean(result, name))
-        parts.append(f"{estimate}, SD {sd}, differs from 0: {word} (BF {factor})")
+        difference = _differs_from_0(log_factor_of_mean(result, name))
+        parts.append(f"{estimate}, SD between subjects {sd}; {difference}.")
     n_subjects = len(result.subjects)
-    lines = [f"{badge}Group of {n_subjects}{_reference(result)}: {'; '.join(parts)}."]
+    lines = [f"{badge}Group of {n_subjects}{_reference(result)}. {' '.join(parts)}"]
     differences: dict[str, list[str]] = {}
     for level, label, difference, factor, word in _comparison_rows(result, "difference"):
-        text = f"{label} {difference}, differs from 0: {word} (BF {factor})"
+        text = f"{label} {difference}, {claim(Word(word), 'it', 'differ', 'from 0')} (BF {factor})"
         differences.setdefault(level, []).append(text)
     for level, texts in differences.items():
         lines.append(f"{badge}Difference {level} in the group: {'; '.join(texts)}.")
@@ -107,12 +107,30 @@ def good_fits_answer(group: PopulationResult, of_good_fits: PopulationResult | N
     for name in _EFFECTS:
         if of_good_fits is None or name not in group.identified:
             continue
-        factor, word = _factor_and_word(log_factor_of_mean(of_good_fits, name))
-        if word != _factor_and_word(log_factor_of_mean(group, name))[1]:
-            changes.append(f"mean {_LABELS[name]} differs from 0: {word} (BF {factor})")
+        log_factor = log_factor_of_mean(of_good_fits, name)
+        word = word_of_bayes_factor(log_factor)
+        if word != word_of_bayes_factor(log_factor_of_mean(group, name)):
+            changes.append(_differs_from_0(log_factor, f"the mean {_LABELS[name]}"))
     if not changes:
         return []
-    return [f"Group without subjects whom the model does not fit: {'; '.join(changes)}."]
+    return [f"Without the subjects whom the model does not fit, {' and '.join(changes)}."]
+
+
+def mean_words(result: PopulationResult | None) -> dict[str, Word]:
+    """For each effect that can be told, whether the mean of the group differs from 0."""
+    if result is None:
+        return {}
+    words = {}
+    for name in _EFFECTS:
+        if name in result.identified:
+            words[name] = word_of_bayes_factor(log_factor_of_mean(result, name))
+    return words
+
+
+def _differs_from_0(log_factor: float, noun: str = "it") -> str:
+    """Whether a mean differs from 0, with its Bayes factor."""
+    text = claim(word_of_bayes_factor(log_factor), noun, "differ", "from 0")
+    return f"{text} (BF {format_bayes_factor(log_factor)})"
 
 
 def _parameter_row(result: PopulationResult, name: str) -> list[str]:
@@ -171,7 +189,7 @@ def _spread(result: PopulationResult, name: str) -> str:
         text = format_signed(Size(low, median, high), shown_unit.of_differences)
         return text.replace("+", "")
     if name in _SHARES:
-        return f"at most {format_decimals(bound)}"
+        return f"at most {100.0 * bound:.0f} %"
     return f"at most {format_number(bound)} {shown_unit.of_differences}"
 
 

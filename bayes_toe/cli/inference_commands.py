@@ -32,7 +32,7 @@ _PAPER_COLUMNS = ("mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate")
 _ORDER_COLUMNS = ("constant_error", "contraction", "jnd")
 _HEADINGS = {
     "constant_error": "constant\nerror, ln",
-    "contraction": "contraction p",
+    "contraction": "contraction, %",
     "jnd": "JND, ln",
     "lapse_rate": "lapse\nrate",
 }
@@ -121,10 +121,12 @@ def _print_conclusion(
 ) -> None:
     """The answer of the study and of the group, and where to go on."""
     from bayes_toe.cli.answer_screen import print_answer, without_decision
+    from bayes_toe.cli.group_screen import mean_words
 
     closing = without_decision(analysis.answers, problems)
     closing += [f"Start with {folder / 'report.html'}.", f"Seed {analysis.settings.seed}."]
-    print_answer(out, analysis.answers, analysis.study, _group_lines(analysis), closing)
+    lines, words = _group_lines(analysis), mean_words(analysis.group)
+    print_answer(out, analysis.answers, analysis.study, lines, closing, words)
 
 
 def _group_lines(analysis: Analysis) -> list[str]:
@@ -233,7 +235,11 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
         n_effective = float(stats["min_ess"][index[name]])
         row = [f"{name} !" if name in missed else name]
         for key in keys:
-            low, median, high = quantile_texts(draws.values(name, key), n_effective, 2)
+            values = draws.values(name, key)
+            if key == "contraction":
+                low, median, high = quantile_texts(100.0 * values, n_effective, 0)
+            else:
+                low, median, high = quantile_texts(values, n_effective, 2)
             text = f"{median} [{low}, {high}]" if key in _WITH_RANGE else median
             row.append(without_zeros(text))
         row.append(f"{n_effective:.0f}")

@@ -25,7 +25,7 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.answers.study_summary import (
     count_all,
     count_words,
-    describe_directions,
+    describe_meaning,
     few_subjects_lines,
     misfit_lines,
 )
@@ -40,7 +40,12 @@ from bayes_toe.answers.words import (
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
 from bayes_toe.checks.identification import identify
 from bayes_toe.cli.answer_screen import doubtful_subjects
-from bayes_toe.cli.group_screen import good_fits_answer, group_estimate, log_factor_of_mean
+from bayes_toe.cli.group_screen import (
+    good_fits_answer,
+    group_estimate,
+    log_factor_of_mean,
+    mean_words,
+)
 from bayes_toe.data.messages import capitalized, join_names, plural, visible
 from bayes_toe.data.study import Study, units_by_subject
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -96,9 +101,9 @@ def _methods(analysis: Analysis, version: str) -> list[str]:
         "depended on presentation order through a constant error, a contraction bias, or both. "
         "A constant error shifts the PSE by the same amount at every intensity; the shift is "
         "positive if the first stimulus is overestimated. Contraction moves the remembered first "
-        "stimulus by a share p toward the mean first stimulus. We compared four models: no order "
-        "effect (prior probability 1/2), constant error, contraction, and both (1/6 each), all "
-        f"with free {_NUISANCE[is_2afc]}.",
+        "stimulus toward the mean first stimulus, by a percentage of the way. We compared four "
+        "models: no order effect (prior probability 1/2), constant error, contraction, and both "
+        f"(1/6 each), all with free {_NUISANCE[is_2afc]}.",
         "Marginal likelihoods were computed by adaptive importance sampling [@cornuet2012] in "
         f"bayes_toe {version} [@bayes_toe; @avetta2026], seed {analysis.draws.seed}.",
         "An effect was called present ('yes') if its posterior probability was at least "
@@ -146,6 +151,9 @@ def _results(analysis: Analysis) -> list[str]:
     answers = [answer for answer in analysis.answers if answer.is_interpretable]
     is_by_unit = analysis.study.conditions is not None
     sentences = []
+    if answers:
+        noun = "condition" if is_by_unit else "participant"
+        sentences.append(describe_meaning(answers, mean_words(analysis.group), noun))
     if len(answers) == 1:
         sentences.append(answers[0].describe())
     elif answers:
@@ -164,7 +172,7 @@ def _results(analysis: Analysis) -> list[str]:
 
 
 def _count_present(answers: Sequence[OrderEffect], of_total: str) -> list[str]:
-    """The number of participants with each effect and direction, and with the other words."""
+    """The number of participants with each effect, and with the other words."""
     sentences = []
     for question in QUESTIONS:
         words = [str(answer.words[question]) for answer in answers]
@@ -174,9 +182,6 @@ def _count_present(answers: Sequence[OrderEffect], of_total: str) -> list[str]:
         name = question.replace("_", " ")
         article = "An" if name.startswith("order") else "A"
         text = f"{article} {name} was present in {len(words) - len(other_words)}{of_total}"
-        directions = describe_directions(answers, question, Word.YES)
-        if directions:
-            text += f" ({directions})"
         if other_words:
             text += f"; the others: {count_words(other_words)}"
         sentences.append(f"{text}.")
@@ -244,7 +249,7 @@ def _limits_of_design(study: Study) -> list[str]:
 def _table(answers: Sequence[OrderEffect]) -> list[str]:
     """The conclusions and sizes of every participant, in Markdown."""
     heads = "participant | order effect | constant error | contraction | PSE shift [95 %]"
-    lines = [f"| {heads} | contraction p [95 %] |", f"|{'---|' * 6}"]
+    lines = [f"| {heads} | contraction [95 %] |", f"|{'---|' * 6}"]
     for answer in answers:
         cells = ["not interpreted", "", "", "", ""]
         if answer.is_interpretable:
@@ -259,8 +264,8 @@ def _table(answers: Sequence[OrderEffect]) -> list[str]:
 def _table_note(analysis: Analysis) -> str:
     """The note of the table: signs, marks and priors."""
     note = (
-        "Note. Estimates are averaged over the models that have the effect. p above 0 is "
-        "contraction, below 0 repulsion."
+        "Note. Estimates are averaged over the models that have the effect. Contraction is in per "
+        "cent of the way to the mean first stimulus, below 0 repulsion."
     )
     if any(answer.fits is False for answer in analysis.answers):
         note += " !: the model does not fit."

@@ -62,7 +62,7 @@ from bayes_toe.cli.answer_screen import (
     doubtful_subjects,
     not_counted,
 )
-from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables
+from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables, mean_words
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
 from bayes_toe.data.messages import (
     capitalized,
@@ -137,7 +137,7 @@ _FITS = {True: "good", False: "poor", None: "not testable"}
 _SIZES = {
     "pse_shift_percent": ("PSE shift", "constant_error"),
     "pse_shift_jnd": ("PSE shift, JND", "constant_error"),
-    "contraction_p": ("contraction p", "contraction"),
+    "contraction_p": ("contraction", "contraction"),
     "jnd_percent": ("JND", ""),
     "zone_percent": ("zone of 'equal'", ""),
 }
@@ -348,7 +348,7 @@ def _evidence_image(analysis: Analysis) -> str:
 def _caption(analysis: Analysis) -> str:
     """The caption of figure 1."""
     sizes = (
-        "PSE shift and contraction p: medians with 95 % intervals, averaged over the models that "
+        "PSE shift and contraction: medians with 95 % intervals, averaged over the models that "
         "have the effect. A full marker of a subject means 'yes', a half marker 'probably'"
     )
     if analysis.group is not None:
@@ -387,7 +387,8 @@ def _answer(analysis: Analysis) -> list[str]:
     """The answer of the study, sentence by sentence."""
     units = analysis.study.conditions is not None
     answers = analysis.answers
-    lines = study_lines(answers, synthetic=analysis.study.synthetic, units=units)
+    words = mean_words(analysis.group)
+    lines = study_lines(answers, words, synthetic=analysis.study.synthetic, units=units)
     if not units:
         lines += few_subjects_lines(answers)
     lines += not_counted(answers)

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from bayes_toe.answers.order_effect import Size, format_share
+from bayes_toe.answers.order_effect import format_decimals
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.cli.terminal import MANY_SUBJECTS, OUTPUT, Terminal
 from bayes_toe.data.messages import plural
@@ -93,7 +93,8 @@ def _size(word: str, quantiles: tuple[float, ...]) -> str:
     """The size of an effect; '-' if there is probably none."""
     if word in ("no", "probably not") or not quantiles:
         return "-"
-    return format_share(Size(*quantiles))
+    low, median, high = map(format_decimals, quantiles)
+    return f"{median} [{low}, {high}]"
 
 
 def history_lines(table: SerialDependence) -> list[str]:

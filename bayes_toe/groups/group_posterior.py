@@ -44,6 +44,8 @@ from bayes_toe.model.posterior_array import LinearLikelihood
 #: With these units a coordinate of the likelihood is c/D, p, log(sigma_d/D) or logit q0 itself.
 PLAIN_UNITS = ObserverPrior(noise_sd=1.0, constant_error_scale=1.0, contraction_sd=1.0)
 _SCORING_STEPS = 40
+#: Expected gain, nats, below which rounding errors hide whether a value is the larger one.
+_SMALL_GAIN = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +167,8 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
         step = np.linalg.solve(information, slope[..., None])[..., 0]
         trial = w + share * step
         new_value, new_slope, new_information = scored(trial)
-        is_better = new_value > value
+        gain = (step * slope).sum(axis=1)
+        is_better = (new_value > value) | (gain < _SMALL_GAIN)
         w[is_better] = trial[is_better]
         value = np.where(is_better, new_value, value)
         slope[is_better] = new_slope[is_better]
@@ -178,7 +181,9 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     ridge = np.asarray(-np.linalg.solve(information[:, q:, q:], information[:, q:, :q]))
     # The lapse rate comes first. It trades off against the noise along a curve, not a line.
     ridge[:, 0] = 0.0
-    return SeparateFits(w, np.sqrt(variance), weighted_centre, by_responses, ridge)
+    parts = (w, np.sqrt(variance), weighted_centre, by_responses, ridge)
+    # Single precision is enough, and the same on processors whose last bits differ.
+    return SeparateFits(*(part.astype(np.float32).astype(np.float64) for part in parts))
 
 
 class GroupPoint(NamedTuple):

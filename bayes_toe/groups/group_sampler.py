@@ -36,6 +36,8 @@ _MOST_STEPS = 256
 #: Draws while chains settle, and the most steps of each; and of the first round.
 _SETTLING, _FEW_STEPS, _FIRST_STEPS = 40, 8, 32
 _ROUNDS = (40, 40, 60, 80)
+#: Decimals of positions during warm-up. Small differences grow until the metric is learnt.
+_WARM_UP_DECIMALS = 4
 #: Share of trajectories with shorter steps, and how much shorter they are.
 _CAREFUL_SHARE, _CAREFUL_STEP = 0.125, 0.2
 #: Steps of the second attempt over those of the first.
@@ -199,14 +201,20 @@ class Hamiltonian:
         draws = []
         for t in range(1, size + 1):
             trajectory = self._trajectory(most_steps=most_steps)
-            draws.append(trajectory.x)
+            self._round_position()
+            draws.append(self._x)
             shortfall = _TARGET_ACCEPTANCE - float(summary(trajectory.acceptance))
             error += (shortfall - error) / (t + 10.0)
-            log_step = anchor - error * np.sqrt(t) / 0.1
+            log_step = np.round(anchor - error * np.sqrt(t) / 0.1, _WARM_UP_DECIMALS)
             averaged += t**-0.75 * (log_step - averaged)
             self.step = float(np.exp(log_step))
-        self.step = float(np.exp(averaged))
+        self.step = float(np.exp(np.round(averaged, _WARM_UP_DECIMALS)))
         return np.stack(draws)
+
+    def _round_position(self) -> None:
+        """Round the positions, so that they are the same where processors differ in last bits."""
+        self._x = np.round(self._x, _WARM_UP_DECIMALS)
+        self._value, self._gradient = self._density(self._x)
 
     def _trajectory(self, factor: float = 1.0, most_steps: int = _MOST_STEPS) -> _Trajectory:
         """One trajectory of every chain."""

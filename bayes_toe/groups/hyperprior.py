@@ -68,7 +68,7 @@ class GroupParameter(NamedTuple):
 
 _GROUP_PARAMETERS = (
     GroupParameter(CONSTANT_ERROR, "constant error, D"),
-    GroupParameter(CONTRACTION, "contraction p"),
+    GroupParameter(CONTRACTION, "contraction"),
     GroupParameter(NOISE, "log(sigma_d/D)"),
     GroupParameter(PEAK, "logit q0"),
 )

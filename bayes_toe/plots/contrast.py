@@ -24,6 +24,7 @@ from bayes_toe.plots.style import (
     SMALL,
     legend_below,
     new_figure,
+    percent_ticks,
     plain,
     style_axes,
     zero_line,
@@ -72,7 +73,8 @@ def contrast(
             _draw_group(ax, group, quantity, table.conditions.comparisons[row], unit)
         label = f"{quantity}, {plain(comparison)} ({unit.of_differences})"
         if quantity == CONTRACTION.name:
-            label = f"contraction p, {plain(comparison)}"
+            label = f"contraction, {plain(comparison)} (%)"
+            percent_ticks(ax)
         ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
         ax.tick_params(labelleft=column == 0)
     title = f"What differs by {plain(table.conditions.name)}"

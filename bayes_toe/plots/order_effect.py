@@ -24,6 +24,7 @@ from bayes_toe.data.messages import plural
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.errors import InputError
 from bayes_toe.groups.population import PopulationResult
+from bayes_toe.model.parameters import CONTRACTION
 from bayes_toe.plots.style import (
     EQUAL,
     HIGH,
@@ -36,6 +37,7 @@ from bayes_toe.plots.style import (
     Style,
     mark_synthetic,
     new_figure,
+    percent_ticks,
     plain,
     style_axes,
     write_note,
@@ -68,8 +70,8 @@ QUESTION_STYLES = (
         "#C06A9B",
         "D",
         "contraction_p",
-        "Contraction p",
-        "p (above 0: contraction,\nbelow: repulsion)",
+        "Contraction",
+        "% of the way to the mean\nbelow 0: repulsion",
     ),
 )
 #: How much of a marker is filled, by the word.
@@ -85,7 +87,7 @@ _LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
 def order_effect(
     table: EvidenceTable, group: PopulationResult | None = None, *, synthetic: bool = False
 ) -> Figure:
-    """Draw the PSE shift and the contraction p of every subject, and of the group below them.
+    """Draw the PSE shift and the contraction of every subject, and of the group below them.
 
     Points are posterior medians with 95 % intervals, averaged over the models that have the effect.
     A marker is full for the word 'yes', half for 'probably', and empty otherwise. The words stand
@@ -162,6 +164,8 @@ def forests(
         label = question.axis.format(unit=unit.of_differences)
         ax.set(xlabel=label, xlim=limits, ylim=(last_row, -0.6), yticks=[])
         style_axes(ax)
+        if question.name == CONTRACTION.name:
+            percent_ticks(ax)
         if not is_crowded:
             _write_words(ax, answers, question)
     _write_names(panels[0], answers, group, is_crowded=is_crowded)

@@ -40,6 +40,7 @@ from bayes_toe.plots.style import (
     legend_below,
     n_rows,
     new_figure,
+    percent_ticks,
     plain,
     rounded,
     style_axes,
@@ -52,7 +53,7 @@ _MEAN_COLOUR = "#BDB3DD"
 _EFFECTS_ACROSS = 4
 _LABELS = {
     CONSTANT_ERROR.name: "PSE shift ({unit})",
-    CONTRACTION.name: "contraction p",
+    CONTRACTION.name: "contraction (%)",
     NOISE.name: "JND ({unit})",
     PEAK.name: "largest P('equal')",
 }
@@ -115,6 +116,8 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
         for i, (name, ax) in enumerate(zip(effects, panels, strict=True)):
             draws, label = _shown_effects(result, name, effects[name])
             effects_panel(ax, draws, label, labels)
+            if name == CONTRACTION.name:
+                percent_ticks(ax)
             ax.tick_params(labelleft=i % n_columns == 0)
     return figure
 
@@ -126,7 +129,7 @@ def _heading(result: PopulationResult) -> str:
     if not result.is_reliable:
         lines.append("NOT RELIABLE, not to be reported as it stands")
     lines.append(f"Group of {len(result.subjects)} subjects{synthetic}")
-    for name, label in ((CONSTANT_ERROR.name, "PSE shift"), (CONTRACTION.name, "contraction p")):
+    for name, label in ((CONSTANT_ERROR.name, "PSE shift"), (CONTRACTION.name, "contraction")):
         if name not in result.identified:
             lines.append(f"{label} cannot be told")
             continue
@@ -165,6 +168,8 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     ax.set(xlim=(values[0], values[-1]), xlabel=_label(name, unit), yticks=[])
     zero_line(ax)
     ax.locator_params(axis="x", nbins=4)
+    if name == CONTRACTION.name:
+        percent_ticks(ax)
     style_axes(ax).spines["left"].set_visible(False)
 
 
@@ -183,6 +188,8 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     ax.axvline(middle, color=BELIEF, lw=0.8)
     if name in (CONSTANT_ERROR.name, CONTRACTION.name):
         zero_line(ax)
+    if name == CONTRACTION.name:
+        percent_ticks(ax)
     quantiles = np.quantile(subjects, MARKED, axis=(0, 1))
     n_subjects = quantiles.shape[1]
     style: Style = {"label": "subject, median and 95 % interval"}
@@ -218,7 +225,7 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
         ax.plot(position, i, marker, ms=4.0, color=colour, label=observed_label, ls="")
         interval_label, observed_label = "", ""  # one row is enough for the legend
         low, high, observed = rounded(row.q05, row.q95, row.q05, row.q95, row.observed)
-        text = f"{observed}, expected {low} to {high}, p = {row.p_value:.2g}"
+        text = f"{observed}, expected {low} to {high}, test p = {row.p_value:.2g}"
         ax.text(0.0, i - 0.24, text, ha="center", va="bottom", fontsize=SMALL, color=colour)
     n_rows = len(check.statistics)
     ax.set_yticks(range(n_rows), [fill(row.label, 30) for row in check.statistics])

@@ -259,6 +259,11 @@ def proportion_axis(ax: Axes) -> None:
     ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
 
 
+def percent_ticks(ax: Axes) -> None:
+    """Write shares on the axis along x in per cent."""
+    ax.xaxis.set_major_formatter(lambda value, _: f"{100.0 * value:g}".replace("-", "−"))
+
+
 def zero_line(ax: Axes) -> None:
     """A dotted vertical line at 0, behind the marks."""
     ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":", zorder=0)

@@ -8,6 +8,7 @@ from bayes_toe.analysis import _group
 from bayes_toe.answers.order_effect import Size
 from bayes_toe.answers.study_summary import (
     FALSE_ALARMS,
+    describe_meaning,
     effect_frequency,
     few_subjects_lines,
     study_lines,
@@ -33,13 +34,135 @@ STUDY = [
 
 def test_directions_and_exceptions_are_named():
     assert study_lines(STUDY) == [
+        "In most subjects (2 of 3) the order changes the response, and probably in 1 more. "
+        "The first stimulus is overestimated in 1 subject and underestimated in 1. "
+        "The first stimulus is remembered as nearer to the mean in 1 subject.",
         "Order effect: 2 of 3 subjects yes, 1 probably.",
-        "Constant error: 2 yes (1 overestimates the first stimulus, 1 underestimates it), "
-        "1 undecided.",
-        "Contraction: 1 yes, 1 probably (1 repulsion), 1 no.",
+        "Constant error: 2 yes, 1 undecided.",
+        "Contraction: 1 yes, 1 probably, 1 no.",
         f"The model does not fit 1 subject: C. {FALSE_ALARMS}",
         "Without C, yes or probably: order effect 2 of 2.",
     ]
+
+
+LETTERS = {"y": Word.YES, "p": Word.PROBABLY, "u": Word.UNDECIDED, "q": Word.PROBABLY_NOT}
+LETTERS |= {"n": Word.NO, "c": Word.CANNOT_BE_TOLD, "x": Word.NOT_INTERPRETABLE}
+#: Words for the three questions of each subject, with the signs of the effects (- the other way, 0
+#: no direction), the words for the means of the group, and the meaning.
+MEANINGS = """
+nnn nnn qqq | -
+    In all 3 subjects the order probably does not change the response.
+
+nnn nnn | -
+    In both subjects the order does not change the response.
+
+uuu uuu unn | -
+    In all 3 subjects the data do not show whether the order changes the response.
+
+nnn uuu uuu | -
+    In most subjects (2 of 3) the data do not show whether the order changes the response. In 1
+    of 3 subjects the order does not change the response.
+
+ccc ccc | -
+    In both subjects the design cannot show whether the order changes the response.
+
+ccc nnn | -
+    In 1 of 2 subjects the order does not change the response. In 1 of 2 subjects the design
+    cannot show whether the order changes the response.
+
+yyn yyn | y
+    In both subjects the order changes the response. The first stimulus is overestimated in 2
+    subjects.
+
+yyn yyn yy-n yy-n | q
+    In all 4 subjects the order changes the response. The first stimulus is overestimated in 2
+    subjects and underestimated in 2. These directions differ, so the mean PSE shift is near 0.
+
+yyn yyn yy-n yy-n | u
+    In all 4 subjects the order changes the response. The first stimulus is overestimated in 2
+    subjects and underestimated in 2.
+
+yyn yy-n nnn nnn nnn nnn nnn | n
+    In 2 of 7 subjects the order changes the response. In most subjects (5 of 7) the order does
+    not change the response. The first stimulus is overestimated in 1 subject and underestimated
+    in 1.
+
+yyn yyn yyn yyn yy-n | n
+    In all 5 subjects the order changes the response. The first stimulus is overestimated in 4
+    subjects and underestimated in 1.
+
+yny yny- uuu | qn
+    In most subjects (2 of 3) the order changes the response. The first stimulus is remembered
+    as nearer to the mean in 1 subject and as farther from the mean in 1. These directions
+    differ, so the mean contraction is near 0.
+
+yny- yny- | qy
+    In both subjects the order changes the response. The first stimulus is remembered as farther
+    from the mean in 2 subjects.
+
+ppn puu uuu uuu | -
+    In 2 of 4 subjects the order probably changes the response. The first stimulus is probably
+    overestimated in 1 subject.
+
+yp0n yun nnn | -
+    In most subjects (2 of 3) the order changes the response.
+
+yyy xxx | -
+    A: The order changes the response: the first stimulus is overestimated and remembered as
+    nearer to the mean.
+
+yy-p- | -
+    The order changes the response: the first stimulus is underestimated and probably remembered
+    as farther from the mean.
+
+puu | -
+    The order probably changes the response. The data do not show by which effect.
+
+uun | -
+    The data do not show whether the order changes the response.
+
+qqq | -
+    The order probably does not change the response.
+
+nnn | -
+    The order does not change the response.
+
+ccc | -
+    The design cannot show whether the order changes the response.
+
+yyc | -
+    The order changes the response: the first stimulus is overestimated.
+
+xxx xxx | -
+    No subject can be interpreted.
+"""
+
+
+def answer_of(name, letters):
+    """An answer by its letters; a '-' or '0' belongs to the letter before it."""
+    words, signs = [], []
+    for letter in letters:
+        if letter in LETTERS:
+            words.append(LETTERS[letter])
+            signs.append("+")
+        else:
+            signs[-1] = letter
+    shift = {"+": 5.0, "-": -5.0, "0": 0.0}[signs[1]]
+    direction = "repulsion" if signs[2] == "-" else "contraction"
+    return answer(name, words, shift=shift, direction=direction, flags=("a reason",))
+
+
+@pytest.mark.parametrize("case", MEANINGS.split("\n\n"))
+def test_what_the_answer_of_a_study_means(case):
+    heading, *lines = case.strip().splitlines()
+    subjects, means = heading.split(" | ")
+    meaning = " ".join(map(str.strip, lines))
+    answers = [answer_of(*row) for row in zip("ABCDEFG", subjects.split(), strict=False)]
+    words = [LETTERS[letter] for letter in means if letter in LETTERS]
+    mean_words = dict(zip(("constant_error", "contraction"), words, strict=False))
+    assert describe_meaning(answers, mean_words) == meaning
+    first, *_ = study_lines(answers, mean_words)
+    assert first == (f"A: {meaning}" if len(answers) == 1 else meaning)
 
 
 def test_a_question_that_no_subject_can_answer_has_one_sentence():
@@ -50,9 +173,10 @@ def test_a_question_that_no_subject_can_answer_has_one_sentence():
 
 
 def test_one_subject_is_described_in_full_and_synthetic_ones_are_called_so():
-    (line,) = study_lines(STUDY[:1])
+    _, line = study_lines(STUDY[:1])
     assert line.startswith("A: Order effect: yes (P = .50). Constant error: yes")
-    assert "of 3 synthetic subjects" in study_lines(STUDY, synthetic=True)[0]
+    assert study_lines(STUDY[3:]) == ["D: Not interpreted: responses look swapped."]
+    assert "of 3 synthetic subjects" in study_lines(STUDY, synthetic=True)[1]
 
 
 def test_frequency_is_that_of_the_beta_binomial_where_every_answer_is_certain():

@@ -141,7 +141,7 @@ def test_evidence_leads_with_model_evidence_and_has_the_table_of_run(folder, out
     screen = good(f"evidence one.csv -o evidence.csv {ONE_WORKER}", cwd=folder)
     head, _, of_b = read(out, "evidence.csv").splitlines()
     assert read(folder, "evidence.csv").splitlines() == [head, of_b]  # whatever the company
-    places = ("Log model evidence.", "contraction p", "Answer\nB: Order effect: yes")
+    places = ("Log model evidence.", "contraction, %", "Answer\nB: The order changes the response")
     assert sorted(places, key=screen.index) == [*places]
 
 

@@ -115,7 +115,7 @@ def test_the_group_has_its_means_with_intervals_and_bayes_factors(
     monkeypatch.setattr(type(group), "identified", {"constant_error", "contraction"})
     monkeypatch.setitem(vars(group), "table", replace(group.table, rows=rows))
     shift = r"mean PSE shift of [+-]\S+ % \[\S+, \S+\] \(Bayes factor against 0: ([^)]+)\)"
-    share = r" and a mean contraction of \S+ \[\S+, \S+\] \(Bayes factor against 0: ([^)]+)\)\."
+    share = r" and a mean contraction of \S+ % \[\S+, \S+\] \(Bayes factor against 0: ([^)]+)\)\."
     match = re.search(shift + share, text_of(analysis, tmp_path, group))
     assert match.groups() == (factor, factor)
 

@@ -50,8 +50,8 @@ def finished(folder):
 def test_files_and_answer(finished, folder):
     assert sorted(path.name for path in folder.glob("group*")) == [*FILES]
     text = " ".join(finished.split())
-    assert "Answer Group of 5 (site 0, age mean): mean PSE shift " in text
-    assert re.search(r"\], SD .*, differs from 0: [\w ]+ \(BF .*\)\.", text)
+    assert "Answer Group of 5 (site 0, age mean). The mean PSE shift is " in text
+    assert re.search(r"\], SD between subjects .*; [\w ]+ differs? from 0 \(BF .*\)\.", text)
     assert "Effects of covariates" in text
     assert "! subjects left out: 'P005' (no age)" in text
     assert text.endswith("Written: group.nc, group.csv, group_subjects.csv, group.png. Seed 1.")
@@ -62,8 +62,8 @@ def test_files_are_those_of_the_group(finished, folder):
     text = " ".join(finished.split())
     shift = format_signed(Size(*result.effect("constant_error").percent), "%")
     contraction = format_share(Size(*result.effect("contraction").mean))
-    assert f"mean PSE shift {shift}" in text
-    assert f"mean contraction p {contraction}" in text
+    assert f"mean PSE shift is {shift}" in text
+    assert f"mean contraction is {contraction}" in text
     assert result.subjects == ("P000", "P001", "P002", "P003", "P004")
     assert dict(result.left_out) == {"P005": "no age"}
     assert result.settings.hyperprior.contraction.sd_scale == 0.5
@@ -103,7 +103,7 @@ def test_same_or_different_and_what_is_not_reliable(tmp_path, monkeypatch):
     run = inside(f"population study.csv {OPTIONS}", cwd=tmp_path)
     assert run.returncode == 3
     text = " ".join(run.stdout.split())
-    assert "NOT RELIABLE: Group of 3: mean PSE shift" in text
+    assert "NOT RELIABLE: Group of 3. The mean PSE shift is" in text
     assert "! The group's result is not reliable: 2 of 4000 trajectories diverged" in text
     assert "contraction cannot be told" in text
     result = bt.load(tmp_path / "population.nc")
@@ -116,7 +116,7 @@ def test_an_sd_near_zero_is_given_as_a_bound():
     small = built.draws.sd.copy()
     small[..., 1] = 0.001 + 0.02 * np.random.default_rng(1).uniform(size=small.shape[:2])
     [line] = group_answer(replace(built, draws=replace(built.draws, sd=small)))
-    assert "], SD at most .02, differs from 0: " in line.partition("contraction")[2]
+    assert "], SD between subjects at most 2 %; " in line.partition("contraction")[2]
 
 
 def test_conditions_have_a_line_and_a_table():
@@ -127,7 +127,7 @@ def test_conditions_have_a_line_and_a_table():
     (title, _, differences), (group, _, rows) = group_tables(built)
     assert title == "Differences between conditions"
     assert group == "4 subjects, median [95 % interval]"
-    assert [row[0] for row in rows] == ["constant error", "contraction p", "JND"]
+    assert [row[0] for row in rows] == ["constant error", "contraction", "JND"]
     [ratio] = built.table.select("difference", "noise")
     low, median, high = np.exp([ratio.q025, ratio.q50, ratio.q975])
     assert differences[2][2] == f"{median:.2f} [{low:.2f}, {high:.2f}]"
@@ -143,7 +143,7 @@ def test_means_whose_word_changes_without_poor_fits_are_named(monkeypatch):
         lambda result, name: factors[result is of_good_fits, name],
     )
     assert good_fits_answer(group, of_good_fits) == [
-        "Group without subjects whom the model does not fit: mean contraction p differs from 0: "
-        "yes (BF 55)."
+        "Without the subjects whom the model does not fit, the mean contraction differs from 0 "
+        "(BF 55)."
     ]
     assert good_fits_answer(group, None) == []

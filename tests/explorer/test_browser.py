@@ -210,9 +210,8 @@ def test_effects_are_averaged_over_the_four_models_with_the_words_of_the_answer(
     size = answer.sizes["contraction_p"]
     visible = row.locator("td:nth-child(2)").inner_text().replace("−", "-")
     numbers = [float(text.strip("[],")) for text in visible.split()]
-    assert numbers == pytest.approx(
-        [100.0 * value for value in (size.q50, size.q025, size.q975)], abs=0.6
-    )
+    in_percent = 100.0 * np.array([size.q50, size.q025, size.q975])
+    assert numbers == pytest.approx(in_percent, abs=0.6)
     # Draws without the effect are in no panel of it.
     n_with = int(row.locator("th .having").first.inner_text().split()[1].replace(",", ""))
     assert n_with / 4000 == pytest.approx(answer.probabilities["contraction"], abs=0.04)

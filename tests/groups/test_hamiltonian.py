@@ -54,6 +54,25 @@ def test_a_cliff_makes_trajectories_diverge_and_none_crosses_it():
     assert trace.x[..., 0].min() > 0.0
 
 
+def test_last_bits_do_not_change_the_draws_of_a_group():
+    study = simulated_group(1, n_subjects=6)
+    posterior = group_posterior(study, study_scales(study), Hyperprior(), np.zeros((6, 0)))
+    rows = posterior.rows
+
+    def warm_trace(relative_error):
+        def density(x):
+            value, gradient = posterior(x)
+            return value * (1.0 + relative_error), gradient * (1.0 + relative_error)
+
+        rng = default_rng(4)
+        metric = Metric(posterior.n_shared, rows.n_subjects, rows.n_coordinates)
+        sampler = Hamiltonian(density, posterior.start(4, rng), metric, rng)
+        sampler.warm_up()
+        return sampler.advance(50).x
+
+    assert warm_trace(1e-14) == pytest.approx(warm_trace(0.0), abs=1e-5)
+
+
 def test_draws_that_are_not_reliable_say_why():
     rng = default_rng(3)
     mean, sd = rng.standard_normal((4, 300, 2)), rng.uniform(1.0, 2.0, (4, 300, 2))

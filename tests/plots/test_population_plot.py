@@ -33,7 +33,7 @@ def panels(figure):
 
 def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(few):
     forests = panels(bt.plots.population(few, CHECK))
-    ax = forests["contraction p"]
+    ax = forests["contraction (%)"]
     lines = {line.get_label(): line.get_xdata() for line in ax.lines}
     medians = np.median(few.draws.subjects, axis=(0, 1))
     assert lines["subject, median and 95 % interval"] == pytest.approx(medians[:, 1])
@@ -91,8 +91,8 @@ def test_the_figure_is_legible_and_fits_a_page(n_subjects):
 def test_the_check_marks_what_contradicts_a_normal_group(few):
     ax = bt.plots.population(few, CHECK).axes[6]
     texts = {text.get_text(): text.get_color() for text in ax.texts}
-    assert texts["0.30, expected 0.10 to 0.20, p = 0.004"] == BAD
-    assert texts["1.50, expected 1.40 to 2.20, p = 0.7"] == "black"
+    assert texts["0.30, expected 0.10 to 0.20, test p = 0.004"] == BAD
+    assert texts["1.50, expected 1.40 to 2.20, test p = 0.7"] == "black"
     [red, black] = [line for line in ax.lines if line.get_marker() in "D<>"]
     assert (red.get_marker(), black.get_marker()) == (">", "D")
 
