@@ -79,8 +79,8 @@ class ConditionModels:
     >>> right = Subject("S@right", [0.0, 0.3], [0.3, 0.0], [15, 9], [20, 20], condition="right")
     >>> models = ConditionModels((left, right), np.array([[-0.5], [0.5]]))
     >>> array = models.array([(), (CONTRACTION,)])
-    >>> array.names[-1], array.is_free[:, -1].tolist()
-    ('contraction 1', [False, True])
+    >>> array.is_free[:, array.names.index("contraction 1")].tolist()
+    [False, True]
     """
 
     units: tuple[Subject, ...]
