@@ -27,5 +27,5 @@ from .groups.population import load as load
 from .groups.population import population as population
 from .inference.draws import Draws as Draws
 from .inference.prediction import predict as predict
+from .libraries import __version__ as __version__
 from .model.prior import Prior as Prior
-from .version import __version__ as __version__

@@ -24,7 +24,7 @@ from uuid import uuid4
 from threadpoolctl import threadpool_limits
 
 from bayes_toe.errors import InputError, WorkerError
-from bayes_toe.version import library_versions
+from bayes_toe.libraries import library_versions
 
 if TYPE_CHECKING:
     from distributed import Client

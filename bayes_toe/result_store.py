@@ -40,8 +40,8 @@ from bayes_toe.data.whole_files import (
     write_whole,
 )
 from bayes_toe.errors import InputError, OutputError, require_kind
+from bayes_toe.libraries import library_versions
 from bayes_toe.seeds import root_seed
-from bayes_toe.version import library_versions
 from bayes_toe.workers import Failed, Progress, Workers, report_progress, run_jobs, run_or_fail
 
 Result = TypeVar("Result")

@@ -23,7 +23,7 @@ from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import threadpool_limits
 
 from bayes_toe.errors import InputError, WorkerError
-from bayes_toe.library_settings import ignore_settings_of_folder
+from bayes_toe.libraries import ignore_settings_of_folder
 
 if TYPE_CHECKING:
     from distributed import Client

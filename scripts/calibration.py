@@ -29,7 +29,7 @@ import bayes_toe as bt
 from bayes_toe.cli.terminal import number
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_folder, whole_folder
-from bayes_toe.version import library_versions
+from bayes_toe.libraries import library_versions
 
 #: What the folder of a calibration may hold.
 PRODUCTS = (

@@ -1,6 +1,6 @@
 """Every file is in a subpackage, imports point one way, and a library has one owner.
 
-version errors arrays seeds library_settings cluster workers < data < result_store < model
+libraries errors arrays seeds cluster workers < data < result_store < model
 < inference < checks < groups < classical < answers < analysis < design < plots < explorer
 < app < cli
 """

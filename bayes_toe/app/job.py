@@ -34,6 +34,7 @@ from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.whole_files import reporting, write_whole
 from bayes_toe.errors import InputError
+from bayes_toe.libraries import __version__
 from bayes_toe.result_store import (
     MARK,
     count_stored,
@@ -43,7 +44,6 @@ from bayes_toe.result_store import (
     open_no_link,
     require_ours,
 )
-from bayes_toe.version import __version__
 
 #: Files that a study may have. Files of the page have other names.
 RESULTS = "results"

@@ -22,7 +22,7 @@ from typing import Any
 
 from bayes_toe.data.messages import format_path
 from bayes_toe.data.whole_files import describe_stored, finished
-from bayes_toe.library_settings import ignore_settings_of_folder
+from bayes_toe.libraries import ignore_settings_of_folder
 
 _SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)

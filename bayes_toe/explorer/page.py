@@ -30,10 +30,10 @@ from bayes_toe.explorer.entry import (
     island,
 )
 from bayes_toe.inference.draws import Draws, require_draws
+from bayes_toe.libraries import __version__
 from bayes_toe.model.models import model_title
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.plots.corner import axis_unit, shown_unit
-from bayes_toe.version import __version__
 
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200

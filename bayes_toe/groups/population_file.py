@@ -24,7 +24,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.inference.draws_file import as_netcdf, require_no_links
-from bayes_toe.version import library_versions
+from bayes_toe.libraries import library_versions
 
 _READABLE = "allowed: a population.nc written by bayes-toe"
 _MARK = "group_record"

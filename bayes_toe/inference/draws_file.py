@@ -32,8 +32,8 @@ from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
+from bayes_toe.libraries import library_versions
 from bayes_toe.model.models import describe_prior, stored_model
-from bayes_toe.version import library_versions
 
 READABLE = "allowed: a posterior.nc written by bayes-toe"
 #: Bytes of a file whose draws are read at once. Of a larger one, draws are read subject by subject.

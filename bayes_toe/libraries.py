@@ -1,14 +1,22 @@
-"""Figures do not depend on settings files in the working folder.
-
-matplotlib and ArviZ read such files when they are imported, and a data folder may hold one.
-"""
+"""The versions of the package and its libraries, and the settings files that libraries read."""
 
 from __future__ import annotations
 
 import os
 from contextlib import chdir
 from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
+
+__version__ = version("bayes_toe")
+
+
+def library_versions(*names: str) -> dict[str, str]:
+    """By name, of all that decides numbers, and of others."""
+    return {
+        name: version(name)
+        for name in ("bayes_toe", "numpy", "scipy", "emcee", "arviz", "arviz-stats", *names)
+    }
 
 
 def ignore_settings_of_folder() -> None:
