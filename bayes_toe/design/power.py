@@ -33,7 +33,7 @@ from bayes_toe.answers.words import Word
 from bayes_toe.arrays import StrPath
 from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import StimulusScales
-from bayes_toe.data.messages import capitalized, join_names
+from bayes_toe.data.messages import capitalized, join_names, join_words
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.design.observers import Observer, assume_observers
@@ -149,11 +149,6 @@ class PowerEstimate:
     data_sets: int
 
     @property
-    def counts_text(self) -> str:
-        """The number of data sets that are counted, of all of them, in words."""
-        return f"{self.value * self.data_sets:.0f} of {self.data_sets}"
-
-    @property
     def percent(self) -> str:
         """A share in words."""
         return f"{100 * self.value:.0f} % [{100 * self.low:.0f}, {100 * self.high:.0f}]"
@@ -217,23 +212,6 @@ class PowerTable(Table[PowerEstimate]):
             if data_set.observer.kind == kind
         )
 
-    def detected(
-        self, design: str, trials: int, question: str, *, has_effect: bool
-    ) -> tuple[float, float, float] | None:
-        """The share with 'yes' or 'probably' of all observers with an effect, or of all without.
-
-        With the ends of its 95 % interval; None where there are no such observers.
-        """
-        words = [
-            data_set.answer.words[question]
-            for data_set in self.data_sets
-            if (data_set.design, data_set.trials) == (design, trials)
-            and data_set.observer.has_effect[question] == has_effect
-        ]
-        if not words:
-            return None
-        return share(sum(word.is_positive for word in words), len(words))
-
     def frame(self) -> pd.DataFrame:
         """The table with the columns of power.csv."""
         return frame_of(self.rows, POWER_COLUMNS)
@@ -246,31 +224,41 @@ class PowerTable(Table[PowerEstimate]):
         return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
 
     def sentences(self, selected: str = "") -> list[str]:
-        """How often each effect is detected, and how often wrongly, a line for each design.
+        """The effect that each design detects least often, and its false positives.
 
-        With `selected`, the lines of one design.
+        With `selected`, only those of one design.
         """
-        lines = ["Effects detected (false positives in brackets):"]
+        lines = []
         for design, trials in self.designs:
             if selected in ("", design):
-                effects = [self._describe_effect(design, trials, name) for name in QUESTIONS]
-                lines.append(f"{capitalized(design)}, {trials:,} trials: {', '.join(effects)}.")
+                lines.append(self._describe_design(design, trials))
         return lines
 
-    def _describe_effect(self, design: str, trials: int, question: str) -> str:
-        """The share of observers with an effect who have 'yes' or 'probably', and of others."""
-        text = question.replace("_", " ")
-        kinds = self.different("observers")
-        unknown = Word.CANNOT_BE_TOLD.value
-        if all(self[design, trials, kind, question, unknown].value == 1.0 for kind in kinds):
-            return f"{text} {unknown}"
-        detected = self.detected(design, trials, question, has_effect=True)
-        if detected is not None:
-            text += f" {100.0 * detected[0]:.0f} %"
-        wrong = self.detected(design, trials, question, has_effect=False)
-        if wrong is not None:
-            text += f" ({100.0 * wrong[0]:.0f} %)"
+    def _describe_design(self, design: str, trials: int) -> str:
+        """The kind of observers that gets 'yes' or 'probably' least often, then the others."""
+        effects = list[PowerEstimate]()
+        none = list[PowerEstimate]()
+        for kind in self.different("observers"):
+            estimate = self[design, trials, kind, "order_effect", DETECTED]
+            (effects if self.has_effect(kind, "order_effect") else none).append(estimate)
+        effects.sort(key=attrgetter("value"))
+        parts = []
+        if effects:
+            parts.append(f"{effects[0].observers} detected in {effects[0].percent}")
+        if len(effects) > 1:
+            parts.append(f"every other effect in {100 * effects[1].value:.0f} % or more")
+        parts += [f"false positives {estimate.percent}" for estimate in none]
+        text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(parts)}."
+        for question in QUESTIONS:
+            if self.is_unknown(design, trials, question):
+                text += f" {capitalized(question.replace('_', ' '))}: {Word.CANNOT_BE_TOLD}."
         return text
+
+    def is_unknown(self, design: str, trials: int, question: str) -> bool:
+        """Whether a design cannot show an effect in any observer."""
+        unknown = Word.CANNOT_BE_TOLD.value
+        kinds = self.different("observers")
+        return all(self[design, trials, kind, question, unknown].value == 1.0 for kind in kinds)
 
 
 def _count_words(key: tuple[str, int, str], members: Sequence[DataSet]) -> list[PowerEstimate]:
@@ -458,6 +446,18 @@ class GroupPower:
     power_high: float = np.nan
 
     @property
+    def counts_text(self) -> str:
+        """The number of subjects with its prediction interval."""
+        return f"{self.detected} [{self.detected_low}, {self.detected_high}]"
+
+    @property
+    def percent(self) -> str:
+        """The power of the group mean with its interval, per cent; in brackets without a mean."""
+        low, high = 100.0 * self.power_low, 100.0 * self.power_high
+        text = f"{100.0 * self.power:.0f} [{low:.0f}, {high:.0f}]"
+        return text if self.has_mean else f"({text})"
+
+    @property
     def has_mean(self) -> bool:
         """Whether the true mean is not 0, so that to find it is no false positive."""
         return abs(self.true_mean) > _SAME_MEAN
@@ -466,6 +466,31 @@ class GroupPower:
 @dataclass(frozen=True, eq=False)
 class GroupPowerTable(Table[GroupPower]):
     """A row for each kind of observers, question and number of subjects."""
+
+    def select(self, design: str, trials: int, question: str) -> dict[str, list[GroupPower]]:
+        """The rows of one design and one question, by kind of observers."""
+        rows = defaultdict(list)
+        for row in self.rows:
+            if (row.design, row.trials, row.question) == (design, trials, question):
+                rows[row.observers].append(row)
+        return rows
+
+    def sentences(self) -> list[str]:
+        """The share of studies that find the smallest mean of each effect, a line each."""
+        lines = []
+        for design, trials in dict.fromkeys((row.design, row.trials) for row in self.rows):
+            for question in SIZE_OF:
+                kinds = self.select(design, trials, question).values()
+                found = [rows for rows in kinds if rows[0].has_mean]
+                if found:
+                    smallest = min(found, key=lambda rows: abs(rows[0].true_mean))
+                    shares = [f"{row.percent} % with {row.subjects} subjects" for row in smallest]
+                    lines.append(
+                        f"{capitalized(design)}, {trials:,} trials each: the mean "
+                        f"{question.replace('_', ' ')} of '{smallest[0].observers}' is detected in "
+                        f"{join_words(shares)}."
+                    )
+        return lines
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of power_groups.csv."""
@@ -533,11 +558,14 @@ def _with_group_mean(
     numbers = HyperpriorNumbers.from_rows([hyperprior])
     log_factors = -approximate_zero_mean(estimates, standard_errors, numbers, 0)
     hits = sum(word_of_bayes_factor(value).is_positive for value in log_factors.tolist())
+    power_share, low, high = share(hits, _STUDIES)
     return replace(
         row,
         true_mean=float(truth.mean()),
         true_sd=float(truth.std()),
-        **dict(zip(("power", "power_low", "power_high"), share(hits, _STUDIES), strict=True)),
+        power=power_share,
+        power_low=low,
+        power_high=high,
     )
 
 
