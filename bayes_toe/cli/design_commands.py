@@ -77,7 +77,7 @@ def power(
     from bayes_toe.cli.design_screens import print_groups, print_power
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_files import whole_folder
-    from bayes_toe.design.observers import GROUPS, assume_observers
+    from bayes_toe.design.observers import GROUPS, KINDS_IN_WORDS, assume_observers
     from bayes_toe.design.power import group_power, observer_prior
 
     numbers = _whole_numbers("--trials", trials)
@@ -115,6 +115,8 @@ def power(
         context.out.answer([*groups.sentences(), written])
         return
     print_power(context.out, table)
+    if observers is None:
+        context.out.line(KINDS_IN_WORDS)
     context.out.answer([*table.sentences(), written])
 
 
@@ -324,6 +326,7 @@ def design(
     from bayes_toe.cli.design_screens import print_power
     from bayes_toe.cli.terminal import repeated_command
     from bayes_toe.data.tables import write_table
+    from bayes_toe.design.observers import KINDS_IN_WORDS
     from bayes_toe.seeds import root_seed
 
     list_files = [] if lists.list_output is None else [lists.list_output]
@@ -334,8 +337,8 @@ def design(
             raise bt.InputError(f"{file}: a given design has its trials. Leave out --trials.")
         context.require_files(*list_files)
         seed = root_seed(context.seed)
-        given = bt.design.read_study_design(file, question, goal.unit)
-        lists.write(given, seed, goal.shown_unit(), context)
+        study_design = bt.design.read_study_design(file, question, goal.unit)
+        lists.write(study_design, seed, goal.shown_unit(), context)
         return
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
@@ -362,6 +365,8 @@ def design(
     }
     context.write(files)
     print_power(context.out, optimal.power)
+    if observers is None:
+        context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:
         context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
     problem = ""

@@ -6,6 +6,7 @@ studies of several subjects find.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,14 +57,13 @@ def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
 def print_groups(
     out: Terminal, table: PowerTable, groups: GroupPowerTable, unit: StimulusUnit = UNKNOWN_UNIT
 ) -> None:
-    """Subjects with 'yes' or 'probably', and group means, by the number of subjects."""
+    """Subjects and group means that studies detect, by the number of subjects."""
     for design, trials in table.designs:
-        heading = f"{capitalized(design)}, {trials:,} trials of each subject: "
+        heading = f"{capitalized(design)}, {trials:,} trials"
         kinds = groups.select(design, trials, "order_effect")
         sizes = [f"{row.subjects} subjects" for row in next(iter(kinds.values()))]
-        rows = [[kind, *(row.counts_text for row in of_kind)] for kind, of_kind in kinds.items()]
-        title = f"{heading}subjects with an order effect,\n'yes' or 'probably' [95 % of studies]"
-        out.table(["observers", *sizes], rows, title=title)
+        rows = [[kind, *_texts(of_kind, "counts_text")] for kind, of_kind in kinds.items()]
+        out.table(["observers", *sizes], rows, title=f"{heading}: subjects with an order effect")
         for question in SIZE_OF:
             name = question.replace("_", " ")
             if table.is_unknown(design, trials, question):
@@ -71,14 +71,19 @@ def print_groups(
                 continue
             rows = []
             for kind, of_kind in groups.select(design, trials, question).items():
-                mean = _true_mean(of_kind[0], unit)
-                rows.append([kind, mean, *(row.percent for row in of_kind)])
-            title = (
-                f"{heading}group mean of the\n{name}, per cent of studies with 'yes' or "
-                "'probably' [95 % interval]"
-            )
+                rows.append([kind, _true_mean(of_kind[0], unit), *_texts(of_kind, "percent")])
+            title = f"{heading}: % of studies that detect the mean {name}"
             out.table(["observers", "mean (SD)", *sizes], rows, title=title)
-    out.line("In brackets: false positives, where the true mean is 0.")
+    out.line()
+    out.line(
+        "Detected: 'yes' or 'probably', with 95 % intervals. SD: between subjects. In brackets: "
+        "false positives, because the true mean is 0."
+    )
+
+
+def _texts(rows: Sequence[GroupPower], name: str) -> list[str]:
+    """A text of each row."""
+    return [getattr(row, name) for row in rows]
 
 
 def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:

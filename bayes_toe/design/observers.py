@@ -44,6 +44,9 @@ KINDS: Mapping[str, Mapping[str, Range]] = {
     "repulsion": {"contraction": (-0.35, -0.2)},
     "both": {"constant_error": (0.1, 0.3), "contraction": (0.2, 0.35)},
 }
+KINDS_IN_WORDS = (
+    "Small: a PSE shift of 5 to 11 %; large: 22 to 49 %. Contraction, repulsion: 20 to 35 %."
+)
 #: Kinds for a group: subjects differ with an SD of 10 %, about a mean that the name says.
 GROUP_KINDS: Mapping[str, Mapping[str, Range]] = {
     "mean 0": {"constant_error": (-0.17, 0.17), "contraction": (-0.17, 0.17)},

@@ -13,11 +13,11 @@ import pandas as pd
 
 from bayes_toe.arrays import FloatArray, IndexArray, StrPath
 from bayes_toe.checks.identification import TYPICAL_TRIALS, contraction_information
-from bayes_toe.data.messages import join_words, quoted
+from bayes_toe.data.messages import join_words
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.stimulus_unit import LOG_UNITS, UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
-from bayes_toe.data.validation import read_numbers
+from bayes_toe.data.validation import number, read_numbers
 from bayes_toe.design.information import AIMS, exchange_trials, information
 from bayes_toe.design.observers import Observer, assume_observers
 from bayes_toe.design.power import PowerTable, observer_prior, simulate_power
@@ -224,49 +224,51 @@ def levels_between(
     >>> levels_between(0.0, 20.0, "10", ReadOptions(unit="dB")).round(3).tolist()
     [0.0, 1.151, 2.303]
     """
-    log_unit = 1.0 if options.has_intensities else LOG_UNITS[options.unit or "ln"]
-    if step is None:
-        step = f"{_STEP_LOG / log_unit:.1g}"
-        if options.has_intensities:
-            step = f"{_STEP_PERCENT:g}%"
-    try:
-        size = float(step.removesuffix("%"))
-    except ValueError:
-        raise InputError(
-            f"--step: found {quoted(step)}, allowed: a number in the unit of the levels, or per "
-            "cent of intensity, such as 5%"
-        ) from None
-    ends, is_percent = np.array([lowest, highest]), step.endswith("%")
+    step = step or _default_step(options)
+    ends, size = np.array([lowest, highest]), _step_size(step)
+    is_percent = step.endswith("%")
     if is_percent:
-        ends = log_levels(ends, options)
-        size = float(np.log1p(max(0.01 * size, 0.0)))
+        ends, size = log_levels(ends, options), float(np.log1p(0.01 * size))
     if not (np.isfinite(ends).all() and lowest < highest):
         raise InputError(
             f"--lowest {lowest:g} --highest {highest:g}: allowed are finite numbers, the first the "
             "smaller one"
         )
     width = float(np.ptp(ends))
-    if not 0.0 < size <= width:
-        most = f"{100.0 * np.expm1(width):.3g}%" if is_percent else f"{width:g}"
-        raise InputError(f"--step {step}: allowed is above 0 and at most the range, {most}")
-    if width / size > _MOST_LEVELS - 1:
-        least = width / (_MOST_LEVELS - 2)
-        enough = f"{1000.0 * np.expm1(least) // 1.0 / 10.0 + 0.1:.1f}%"
-        if not is_percent:
-            enough = f"{least:.3g}"
+    if not width / (_MOST_LEVELS - 1) <= size <= width:
+        least = 1.01 * width / (_MOST_LEVELS - 1)
+        remedy = f"{100.0 * np.expm1(least):.3g}%" if is_percent else f"{least:.3g}"
         raise InputError(
-            f"--step {step}: makes {width / size + 1.0:,.0f} levels from {lowest:g} to "
-            f"{highest:g}, allowed: {_MOST_LEVELS}",
-            [Remedy("step", enough, "or a larger one")],
+            f"--step {step}: allowed is a step that makes 2 to {_MOST_LEVELS} levels from "
+            f"{lowest:g} to {highest:g}",
+            [Remedy("step", remedy, "or a larger one")],
         )
     if is_percent:
         levels = np.linspace(ends[0], ends[1], round(width / size) + 1)
     else:
         levels = log_levels(grid(lowest, highest, size), options)
     if options.has_intensities:
-        rounded = [float(f"{value:.4g}") for value in options.stimulus_unit.stimuli(levels)]
-        levels = np.unique(log_levels(np.array(rounded), options))
+        stimuli = [float(f"{value:.4g}") for value in options.stimulus_unit.stimuli(levels)]
+        levels = np.unique(log_levels(np.array(stimuli), options))
     return levels
+
+
+def _default_step(options: ReadOptions) -> str:
+    """5 per cent of intensity, or 0.05 natural logs as a round number of the log unit."""
+    if options.has_intensities:
+        return f"{_STEP_PERCENT:g}%"
+    return f"{_STEP_LOG / LOG_UNITS[options.unit or 'ln']:.1g}"
+
+
+def _step_size(step: str) -> float:
+    """The number of a step, which is above 0."""
+    size = number(step.removesuffix("%"), decimal_comma=False)
+    if not size > 0.0:
+        raise InputError(
+            f"--step {step}: allowed is a number above 0 in the unit of the levels, or per cent of "
+            "intensity, such as 5%"
+        )
+    return size
 
 
 def read_levels(
@@ -375,8 +377,8 @@ def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observ
     Neighbours differ by the noise of the observers if so many pairs are allowed.
     """
     noise = float(np.mean([observer.parameters["noise"] for observer in observers]))
-    wanted = round(float(np.ptp(levels)) / noise) + 1
-    n_first = max(2, min(wanted, (goal.max_pairs + 2) // 3, len(levels)))
+    n_steps = round(float(np.ptp(levels)) / noise)
+    n_first = max(2, min(n_steps + 1, (goal.max_pairs + 2) // 3, len(levels)))
     targets = np.linspace(levels[0], levels[-1], n_first)
     first = levels[np.abs(levels[:, None] - targets).argmin(axis=0)]
     index = np.arange(n_first)

@@ -2,8 +2,7 @@
 
 `power` simulates their responses, analyses each data set as that of a real subject, and counts the
 words ('yes', 'probably' and so on) about the order effect, the constant error and the
-contraction. It also averages the widths of the 95 % intervals. The result is a
-:class:`PowerTable`.
+contraction. The result is a :class:`PowerTable`.
 
 `group_power` plans the number of subjects. It draws studies from these observers, and counts the
 subjects and the group means with 'yes' or 'probably'.
@@ -20,7 +19,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import betaincinv, betaln, stdtrit
+from scipy.special import betaincinv, betaln
 
 from bayes_toe.answers.order_effect import (
     QUESTIONS,
@@ -64,7 +63,7 @@ POWER_COLUMNS = (
     "high",
     "data_sets",
 )
-#: Sizes whose 95 % intervals are measured.
+#: Sizes whose 95 % intervals have their width in power_data_sets.csv.
 WIDTHS = ("pse_shift_jnd", "contraction_p")
 DATA_SET_COLUMNS = (
     *("design", "trials", "observers", "observer", "true_constant_error", "true_contraction"),
@@ -77,8 +76,8 @@ GROUP_COLUMNS = (
     *("design", "trials", "observers", "question", "subjects", "true_mean", "true_sd"),
     *("detected", "detected_low", "detected_high", "power", "power_low", "power_high"),
 )
-#: The answer 'yes' or 'probably', and the entry of the mean width of an interval.
-DETECTED, WIDTH = "yes or probably", "95 % width"
+#: The answer 'yes' or 'probably'.
+DETECTED = "yes or probably"
 TRIALS, DATA_SETS = (325, 650, 1300), 50
 _WORDS = tuple(word for word in Word if word is not Word.NOT_INTERPRETABLE)
 _TAIL = 0.025  # of the intervals of Monte Carlo error, on each side
@@ -122,7 +121,7 @@ class DataSet:
 
 @dataclass(frozen=True)
 class PowerEstimate:
-    """A share or a mean over simulated data sets, with the 95 % interval of its Monte Carlo error.
+    """A share of simulated data sets, with the 95 % interval of its Monte Carlo error.
 
     Attributes
     ----------
@@ -131,9 +130,9 @@ class PowerEstimate:
     observers : str
         The kind.
     quantity : str
-        One of the three questions, or one of :data:`WIDTHS`.
+        One of the three questions.
     answer : str
-        The word that is counted, :data:`DETECTED`, or :data:`WIDTH`.
+        The word that is counted, or :data:`DETECTED`.
     value, low, high : float
     data_sets : int
     """
@@ -156,7 +155,7 @@ class PowerEstimate:
 
 @dataclass(frozen=True, eq=False)
 class PowerTable(Table[PowerEstimate]):
-    """Shares and means over simulated data sets, one in each row.
+    """Shares of simulated data sets, one in each row.
 
     Attributes
     ----------
@@ -170,7 +169,7 @@ class PowerTable(Table[PowerEstimate]):
 
     @classmethod
     def from_data_sets(cls, data_sets: Iterable[DataSet], seed: int) -> PowerTable:
-        """Count the words and average the widths."""
+        """Count the words."""
         data_sets = tuple(data_sets)
         groups = defaultdict(list)
         for data_set in data_sets:
@@ -178,9 +177,6 @@ class PowerTable(Table[PowerEstimate]):
         rows: list[PowerEstimate] = []
         for key, members in groups.items():
             rows += _count_words(key, members)
-            for size in WIDTHS:
-                estimate = mean([member.width(size) for member in members])
-                rows.append(PowerEstimate(*key, size, WIDTH, *estimate, len(members)))
         return cls(tuple(rows), data_sets, seed)
 
     @cached_property
@@ -246,7 +242,7 @@ class PowerTable(Table[PowerEstimate]):
         if effects:
             parts.append(f"{effects[0].observers} detected in {effects[0].percent}")
         if len(effects) > 1:
-            parts.append(f"every other effect in {100 * effects[1].value:.0f} % or more")
+            parts.append(f"every other effect in at least {100 * effects[1].value:.0f} %")
         parts += [f"false positives {estimate.percent}" for estimate in none]
         text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(parts)}."
         for question in QUESTIONS:
@@ -288,15 +284,6 @@ def share(hits: int, size: int) -> tuple[float, float, float]:
     low = 0.0 if hits == 0 else float(betaincinv(a, b, _TAIL))
     high = 1.0 if hits == size else float(betaincinv(a, b, 1.0 - _TAIL))
     return hits / size, low, high
-
-
-def mean(values: Sequence[float]) -> tuple[float, float, float]:
-    """A mean and its 95 % interval, whose ends are NaN where there is one value only."""
-    middle, error, size = float(np.mean(values)), float("nan"), len(values)
-    if size > 1:
-        standard_error = np.std(values, ddof=1) / np.sqrt(size)
-        error = float(standard_error * stdtrit(size - 1, 1.0 - _TAIL))
-    return middle, middle - error, middle + error
 
 
 # --- Simulation -----------------------------------------------------------------------------------
@@ -481,14 +468,12 @@ class GroupPowerTable(Table[GroupPower]):
         for design, trials in dict.fromkeys((row.design, row.trials) for row in self.rows):
             for question in SIZE_OF:
                 kinds = self.select(design, trials, question).values()
-                found = [rows for rows in kinds if rows[0].has_mean]
-                if found:
-                    smallest = min(found, key=lambda rows: abs(rows[0].true_mean))
-                    shares = [f"{row.percent} % with {row.subjects} subjects" for row in smallest]
+                with_mean = [rows for rows in kinds if rows[0].has_mean]
+                for rows in sorted(with_mean, key=lambda rows: abs(rows[0].true_mean))[:1]:
+                    shares = [f"{row.percent} % with {row.subjects} subjects" for row in rows]
                     lines.append(
-                        f"{capitalized(design)}, {trials:,} trials each: the mean "
-                        f"{question.replace('_', ' ')} of '{smallest[0].observers}' is detected in "
-                        f"{join_words(shares)}."
+                        f"{capitalized(design)}, {trials:,} trials: studies detect the mean of "
+                        f"'{rows[0].observers}' in {join_words(shares)}."
                     )
         return lines
 
@@ -590,9 +575,9 @@ def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]
     """
     a, b = hits + 0.5, size - hits + 0.5
     count = np.arange(subjects + 1)
-    rest = subjects - count
-    log_ways = -betaln(rest + 1.0, count + 1.0) - np.log(subjects + 1.0)
-    log_probability = log_ways + betaln(count + a, rest + b) - betaln(a, b)
+    n_other = subjects - count
+    log_ways = -betaln(n_other + 1.0, count + 1.0) - np.log(subjects + 1.0)
+    log_probability = log_ways + betaln(count + a, n_other + b) - betaln(a, b)
     below = np.cumsum(np.exp(log_probability))
     median, low, high = np.searchsorted(below, (0.5, _TAIL, 1.0 - _TAIL)).tolist()
     return median, low, high
