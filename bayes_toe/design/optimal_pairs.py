@@ -139,10 +139,12 @@ class OptimalDesign:
             f"{level} {name} ({100 * of_first[i]:.0f} %)"
             for level, i in zip(levels, frequent, strict=True)
         )
-        lines = [
-            f"Most trials have these first stimuli: {firsts}. Only first stimuli far apart "
-            "distinguish a contraction from a constant error."
-        ]
+        lines = list[str]()
+        if self.name == OPTIMISED:
+            lines.append(
+                f"Most trials have these first stimuli: {firsts}. Only first stimuli far apart "
+                "distinguish a contraction from a constant error."
+            )
         if contraction_information(self.design.unanswered) < 1.0:
             lines.append(
                 f"These pairs cannot show a contraction: {TYPICAL_TRIALS} trials have less "
@@ -275,8 +277,6 @@ def read_levels(
     path: StrPath, reference: float | None = None, unit: str | None = None
 ) -> FloatArray:
     """Levels in the column s or i of a CSV file, in a unit; natural logs where none is given."""
-    if reference is not None and not 0.0 < reference < np.inf:
-        raise InputError(f"--reference {reference:g}: allowed is a positive number")
     options = ReadOptions(intensity=reference, unit=unit)
     (name,) = stimulus_names(path, ("s",), ("i",), options)
     (logs,) = to_logs(path, [read_numbers(path, (name,))[1][name]], options)
@@ -329,7 +329,7 @@ def optimal_design(
     plane = _pairs_to_show(levels, goal)
     assumed = assume_observers(observers, ASSUMED, root, [plane], own_prior)
     judges = assume_observers(observers, data_sets, root, [plane], own_prior, is_even=True)
-    best, worth = best_design(plane, trials, goal, assumed, own_prior)
+    best, worth = best_design(levels, trials, goal, assumed, own_prior)
     designs = {OPTIMISED: best}
     even = even_design(levels, goal, assumed)
     if even.n_pairs <= trials:
@@ -341,16 +341,17 @@ def optimal_design(
 
 
 def best_design(
-    plane: StudyDesign,
+    levels: FloatArray,
     trials: int,
     goal: DesignGoal,
     observers: Sequence[Observer],
     prior: ObserverPrior = DEFAULT_PRIOR,
 ) -> tuple[StudyDesign, FloatArray]:
-    """The most informative design, by the closed form, of the pairs in a plane.
+    """The most informative design, by the closed form, of pairs of levels.
 
     The second value is what one more trial of each pair adds.
     """
+    plane = _pairs_to_show(levels, goal)
     fixed = np.zeros(plane.n_pairs, np.int64)
     if goal.keep is not None:
         fixed[[plane.pairs.index(pair) for pair in goal.keep.pairs]] = goal.keep.n_trials

@@ -242,7 +242,8 @@ class PowerTable(Table[PowerEstimate]):
         if effects:
             parts.append(f"{effects[0].observers} detected in {effects[0].percent}")
         if len(effects) > 1:
-            parts.append(f"every other effect in at least {100 * effects[1].value:.0f} %")
+            least = "at least " if effects[1].value < 1.0 else ""
+            parts.append(f"every other effect in {least}{100 * effects[1].value:.0f} %")
         parts += [f"false positives {estimate.percent}" for estimate in none]
         text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(parts)}."
         for question in QUESTIONS:

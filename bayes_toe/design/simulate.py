@@ -614,17 +614,15 @@ def make_batch_design(
         batch_design = _DESIGNS[design](_amplitudes(amplitudes, options), batches)
     else:
         require_file(design, "--design", _DESIGNS)
-        batch_design = _read_batches(design, batches, options)
+        batch_design = _read_batches(design, batches, trials, options)
     if batch_design.batches < 1:
         raise InputError(f"design: batches={batch_design.batches} must be at least 1")
     if isi is not None:
         batch_design = at_intervals(batch_design, _numbers("--isi", isi))
-    if trials is None:
-        return batch_design
     n_pairs = len(batch_design.s1)
-    if trials < n_pairs:
-        raise InputError(f"--trials {trials}: allowed is at least {n_pairs}, one for each row")
-    return _repeated(batch_design, apportioned(np.ones(n_pairs), trials))
+    if trials in (None, n_pairs * batch_design.batches):
+        return batch_design
+    return _repeated(batch_design, np.ones(n_pairs), trials)
 
 
 def _amplitudes(values: str | Sequence[float] | None, options: ReadOptions) -> FloatArray:
@@ -637,7 +635,7 @@ def _amplitudes(values: str | Sequence[float] | None, options: ReadOptions) -> F
     return amplitudes if options.unit is None else np.exp(log_levels(amplitudes, options))
 
 
-def _read_batches(path: str, batches: int, options: ReadOptions) -> BatchDesign:
+def _read_batches(path: str, batches: int, trials: int | None, options: ReadOptions) -> BatchDesign:
     """The pairs of a file, each once in a batch or as often as the column n_trials says."""
     columns = read_pairs(path, options, optional=("n_trials",))
     if "isi" in columns:
@@ -645,11 +643,15 @@ def _read_batches(path: str, batches: int, options: ReadOptions) -> BatchDesign:
     pairs = BatchDesign(columns["s1"], columns["s2"], batches, columns.get("isi"))
     if "n_trials" not in columns:
         return pairs
-    return _repeated(pairs, columns["n_trials"].astype(np.int64))
+    counts = columns["n_trials"]
+    return _repeated(pairs, counts, trials or int(counts.sum()))
 
 
-def _repeated(design: BatchDesign, n_trials: IntArray) -> BatchDesign:
-    """The pairs with these numbers of trials, in as many equal batches as there can be."""
+def _repeated(design: BatchDesign, share: FloatArray, trials: int | None) -> BatchDesign:
+    """The pairs with shares of so many trials, in as many equal batches as there can be."""
+    if trials is None or trials < len(share):
+        raise InputError(f"--trials {trials}: allowed is at least {len(share)}, one for each pair")
+    n_trials = apportioned(share, trials)
     batches = int(np.gcd.reduce(n_trials))
     row = np.repeat(np.arange(len(n_trials)), n_trials // batches)
     isi = None if design.isi is None else design.isi[row]
