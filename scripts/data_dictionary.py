@@ -22,7 +22,7 @@ from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, Subject
 from bayes_toe.classical.fit import SubjectFit, fit_columns
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.design.power import DATA_SET_COLUMNS, POWER_COLUMNS
+from bayes_toe.design.power import DATA_SET_COLUMNS, GROUP_COLUMNS, POWER_COLUMNS
 from bayes_toe.design.study_design import DESIGN_COLUMNS
 from bayes_toe.groups.population_table import GroupSubjectRow, PopulationRow
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
@@ -71,6 +71,7 @@ FILES = {
     "asymmetry.csv": File(ASYMMETRY_COLUMNS, [Comparison, SubjectAsymmetry]),
     "power.csv": File(POWER_COLUMNS),
     "power_data_sets.csv": File(DATA_SET_COLUMNS),
+    "power_groups.csv": File(GROUP_COLUMNS),
     "design.csv": File(DESIGN_COLUMNS),
 }
 

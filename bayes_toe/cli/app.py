@@ -47,12 +47,24 @@ COMMANDS = {
     ),
 }
 
+#: Former names of options.
+FORMER_OPTIONS = {
+    "--turn": "--swap",
+    "--leave-out": "--exclude",
+    "--pictures": "--figures",
+    "--data-sets": "--simulated",
+    "--population": "--observers",
+}
+
 
 class Commands(TyperGroup):
     """The commands, of which the words that were typed are kept."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command that the first argument names."""
+        """The command that the first argument names; former names of options become today's."""
+        for i, word in enumerate(args):
+            option, sign, value = word.partition("=")
+            args[i] = f"{FORMER_OPTIONS.get(option, option)}{sign}{value}"
         TYPED[:] = args
         return super().resolve_command(ctx, args)
 

@@ -21,6 +21,7 @@ from bayes_toe.cli.options import (
     Question,
     Text,
     file_name,
+    flag,
     option,
     rare,
     writes,
@@ -35,14 +36,17 @@ if TYPE_CHECKING:
     from bayes_toe.data.options import ReadOptions
     from bayes_toe.data.stimulus_unit import StimulusUnit
     from bayes_toe.design.optimal_pairs import DesignGoal
-    from bayes_toe.design.study_design import StudyDesign
+    from bayes_toe.design.study_design import BatchDesign, StudyDesign
 
 #: Trials of a design that is searched for, if nothing else is said.
-TRIALS = 650
+TRIALS = 480
 #: Natural logs between the weakest and the strongest stimulus beyond which they are intensities.
 _WIDEST = 10.0
 _POWER_FILES = ("power.csv", "power_data_sets.csv", "power.png", "power.pdf")
-Observers = Annotated[Text, rare("--observers", "NAME", "none, contraction, both, a file.")]
+_GROUP_FILE = "power_groups.csv"
+Observers = Annotated[Text, rare("--observers", "NAME", "none, contraction, groups, a file.")]
+Simulated = Annotated[int, rare("--simulated", NUMBER, "Simulated observers of a kind.", min=1)]
+Unit = Annotated[Text, option("--unit", "UNIT", "Of the stimuli: um, dB, log10, ...")]
 
 
 # --- power ----------------------------------------------------------------------------------------
@@ -58,25 +62,35 @@ def power(
         ),
     ] = None,
     output: Annotated[Path, writes("DIR", "Folder.")] = Path("power"),
-    question: Question = "same/different",
-    trials: Annotated[str, option("--trials", "N,N", "Trials of a subject.")] = "325,650,1300",
-    data_sets: Annotated[int, rare("--data-sets", NUMBER, "Observers of each effect.", min=1)] = 50,
+    question: Question = "2afc",
+    unit: Unit = None,
+    trials: Annotated[str, option("--trials", "N,N", "Trials of a subject.")] = "240,480,960",
+    subjects: Annotated[Text, option("--subjects", "N,N", "Subjects of a study.")] = None,
+    simulated: Simulated = 50,
     observers: Observers = None,
     context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Estimate how often a design detects an order effect.
 
-    [bold]Example[/bold]: bayes-toe power design.csv --trials 325,650,1300 -o power --seed 1
+    [bold]Example[/bold]: bayes-toe power design.csv --trials 240 --subjects 10,20,40 --seed 1
     """
-    from bayes_toe.cli.design_screens import print_power
+    from bayes_toe.cli.design_screens import print_groups, print_power
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_files import whole_folder
-    from bayes_toe.design.observers import assume_observers
+    from bayes_toe.design.observers import GROUPS, KINDS_IN_WORDS, assume_observers
+    from bayes_toe.design.power import group_power, observer_prior
 
-    context.require_folder(output, _POWER_FILES)
-    designs, numbers = _read_designs(design, question), _whole_numbers("--trials", trials)
+    numbers = _whole_numbers("--trials", trials)
+    sizes = list[int]()
+    products: tuple[str, ...] = _POWER_FILES
+    if subjects is not None:
+        sizes = _whole_numbers("--subjects", subjects, 2)
+        products = (*_POWER_FILES, _GROUP_FILE)
+        observers = observers or GROUPS
+    context.require_folder(output, products)
+    designs = _read_designs(design, question, unit)
     # Refuses a bad file before any work.
-    assumed = assume_observers(observers, data_sets, 0, list(designs.values()))
+    assumed = assume_observers(observers, simulated, 0, list(designs.values()))
     table = context.work(
         "simulating and analysing",
         len(designs) * len(numbers) * len(assumed),
@@ -84,28 +98,37 @@ def power(
         designs,
         numbers,
         observers,
-        data_sets=data_sets,
+        data_sets=simulated,
         prior=context.prior,
     )
-    with whole_folder(
-        output, _POWER_FILES, required=_POWER_FILES, overwrite=context.overwrite
-    ) as folder:
+    groups = group_power(table, sizes, observer_prior(context.prior))
+    with whole_folder(output, products, required=products, overwrite=context.overwrite) as folder:
         table.save(folder / "power.csv")
         write_table(table.data_sets_frame(), folder / "power_data_sets.csv")
+        if sizes:
+            groups.save(folder / _GROUP_FILE)
         for name in ("power.png", "power.pdf"):
             bt.plots.save_figure(bt.plots.power(table), folder / name)
-    print_power(context.out, table)
     written = f"Tables and figure in {output}. Seed {table.seed}."
+    if sizes:
+        print_groups(context.out, table, groups, bt.ReadOptions(unit=unit).stimulus_unit)
+        context.out.answer([*groups.sentences(), written])
+        return
+    print_power(context.out, table)
+    if observers is None:
+        context.out.line(KINDS_IN_WORDS)
     context.out.answer([*table.sentences(), written])
 
 
-def _read_designs(files: list[Path] | None, question: str) -> Mapping[str, StudyDesign]:
+def _read_designs(
+    files: list[Path] | None, question: str, unit: str | None
+) -> Mapping[str, StudyDesign]:
     """Designs by the names of their files; the paper's where there is none."""
     from bayes_toe.design.power import name_designs
 
     if not files:
         return name_designs(None, question)
-    designs = {file.stem: bt.design.read_study_design(file, question) for file in files}
+    designs = {file.stem: bt.design.read_study_design(file, question, unit) for file in files}
     if len(files) == 1:
         return name_designs(designs[files[0].stem])
     for name in designs:
@@ -116,15 +139,16 @@ def _read_designs(files: list[Path] | None, question: str) -> Mapping[str, Study
     return designs
 
 
-def _whole_numbers(option: str, text: str) -> list[int]:
+def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
     """Whole numbers of an option, ascending, each once."""
     try:
         numbers = sorted({*map(int, text.split(","))})
     except ValueError:
         numbers = []
-    if not numbers or numbers[0] < 1:
+    if not numbers or numbers[0] < least:
         raise bt.InputError(
-            f"{option} is {quoted(text)}. It must be whole numbers from 1, separated by commas."
+            f"{option} is {quoted(text)}. It must be whole numbers from {least}, separated by "
+            "commas."
         )
     return numbers
 
@@ -138,12 +162,15 @@ class GoalOptions:
 
     lowest: Annotated[Number, option("--lowest", NUMBER, "Weakest stimulus, ln or --unit.")] = None
     highest: Annotated[Number, option("--highest", NUMBER, "Strongest stimulus.")] = None
-    step: Annotated[float, rare("--step", NUMBER, "Step, ln.")] = 0.05
+    unit: Unit = None
+    even: Annotated[bool, flag("--even", "Spread the trials evenly over the range.")] = False
+    step: Annotated[
+        Text, rare("--step", "STEP", "Step between levels: 5%, or a number in the unit.")
+    ] = None
     levels: Annotated[File, rare("--levels", "levels.csv", "Levels that can be presented.")] = None
     intensity: Annotated[
-        Number, rare("--intensity", "REF", "Use intensities: s = ln(i / REF).")
+        Number, rare("--intensity", "REF", "Former name of --unit.", hidden=True)
     ] = None
-    unit: Annotated[Text, rare("--unit", "UNIT", "Of the levels: dB, log10, um, ...")] = None
     max_pairs: Annotated[int, rare("--max-pairs", NUMBER, "Most pairs.")] = 26
     aim: Annotated[
         str,
@@ -157,14 +184,7 @@ class GoalOptions:
     keep: Annotated[File, rare("--keep", "DESIGN.csv", "Pairs that must stay.")] = None
 
     def require(self, file: Path | None, has_list: bool) -> None:
-        """Refuse --intensity without a file that uses it, and a design with options of a search."""
-        if self.intensity is not None:
-            if not 0.0 < self.intensity < float("inf"):
-                raise bt.InputError(
-                    f"--intensity is {self.intensity!r}. It must be a positive finite number."
-                )
-            if self.levels is None and self.unit is None and not has_list:
-                raise bt.InputError("--intensity needs --levels levels.csv or --list trials.csv.")
+        """Refuse a given design with options of a search."""
         is_search = replace(self, intensity=None, unit=None) != GoalOptions()
         if file is not None and (not has_list or is_search):
             raise bt.InputError(
@@ -176,7 +196,7 @@ class GoalOptions:
         """Levels, natural-log intensity."""
         import numpy as np
 
-        from bayes_toe.design.optimal_pairs import grid, log_levels, read_levels
+        from bayes_toe.design.optimal_pairs import levels_between, read_levels
 
         if self.levels is not None:
             if self.lowest is not None or self.highest is not None:
@@ -186,29 +206,25 @@ class GoalOptions:
             return read_levels(self.levels, self.intensity, self.unit)
         if self.lowest is None or self.highest is None:
             raise bt.InputError(
-                "No range of stimuli is given. Use --lowest and --highest (natural-log intensity), "
-                "or --levels levels.csv (with --intensity REF)."
+                "No range of stimuli is given. Use --lowest and --highest with --unit (natural "
+                "logs without it), or --levels levels.csv."
             )
-        ends = np.array([self.lowest, self.highest])
         options = self.reading()
+        ends = np.array([self.lowest, self.highest])
         option = f"--lowest {self.lowest:g} --highest {self.highest:g}"
         if options.has_intensities and not (ends > 0.0).all():
             raise bt.InputError(f"{option}: found with a unit, allowed: positive numbers")
-        if self.unit is None and not options.has_intensities and ends[1] - ends[0] > _WIDEST:
+        is_log = self.unit is None and not options.has_intensities
+        if is_log and max(ends[1] - ends[0], ends[0]) > _WIDEST:
             raise bt.InputError(
-                f"{option}: no natural logs of intensities are so far apart",
+                f"{option}: no natural logs of intensities are so large or so far apart",
                 [Remedy("unit", ANY_UNIT, "if they are intensities, or the name of their unit")],
             )
-        low, high = log_levels(ends, options).tolist()
-        return grid(low, high, self.step)
+        return levels_between(self.lowest, self.highest, self.step, options)
 
     def reading(self) -> ReadOptions:
         """The options with which levels are read."""
         return bt.ReadOptions(intensity=self.intensity, unit=self.unit)
-
-    def list_reference(self) -> float | None:
-        """The reference of intensities in a list of trials; None if there are none."""
-        return (self.intensity or 1.0) if self.reading().has_intensities else None
 
     def shown_unit(self) -> StimulusUnit:
         """The unit in which levels are shown."""
@@ -219,8 +235,11 @@ class GoalOptions:
         """The goal of the design."""
         from bayes_toe.data.tasks import task_of
 
-        keep = None if self.keep is None else bt.design.read_study_design(self.keep, question)
-        return bt.design.DesignGoal(self.aim, self.max_pairs, keep, task_of(question))
+        keep = None
+        if self.keep is not None:
+            keep = bt.design.read_study_design(self.keep, question, self.unit)
+        task = task_of(question)
+        return bt.design.DesignGoal(self.aim, self.max_pairs, keep, task, self.even)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,7 +265,7 @@ class ListOptions:
         return () if differences is None else differences.conditions.levels
 
     def write(
-        self, design: StudyDesign, seed: int, reference: float | None, context: RunContext
+        self, design: StudyDesign, seed: int, unit: StimulusUnit, context: RunContext
     ) -> None:
         """A randomised, counterbalanced list, which run reads once the answers are filled in."""
         import pandas as pd
@@ -264,7 +283,7 @@ class ListOptions:
             blocks=self.blocks,
             seed=seed,
             conditions=levels,
-            reference=reference,
+            unit=unit,
         )
         lists = [trial_list(subject=name) for name in subject_names(self.subjects)]
         write_table(pd.concat(lists), self.list_output, overwrite=context.overwrite)
@@ -293,20 +312,21 @@ def design(
     ] = None,
     output: Annotated[Path, writes("FILE.csv", "Design.")] = Path("design.csv"),
     trials: Annotated[int, option("--trials", NUMBER, "Trials of a subject.", min=1)] = TRIALS,
-    question: Question = "same/different",
+    question: Question = "2afc",
     goal: GoalOptions,
-    data_sets: Annotated[int, rare("--data-sets", NUMBER, "Observers of each effect.", min=1)] = 16,
+    simulated: Simulated = 32,
     observers: Observers = None,
     lists: ListOptions,
     context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Find the pairs that show an order effect best.
 
-    [bold]Example[/bold]: bayes-toe design -o design.csv --lowest -0.75 --highest 1.25
+    [bold]Example[/bold]: bayes-toe design -o design.csv --lowest 45 --highest 213 --unit um
     """
-    from bayes_toe.cli.design_screens import print_design
+    from bayes_toe.cli.design_screens import print_power
+    from bayes_toe.cli.terminal import repeated_command
     from bayes_toe.data.tables import write_table
-    from bayes_toe.design.optimal_pairs import OPTIMISED
+    from bayes_toe.design.observers import KINDS_IN_WORDS
     from bayes_toe.seeds import root_seed
 
     list_files = [] if lists.list_output is None else [lists.list_output]
@@ -317,7 +337,8 @@ def design(
             raise bt.InputError(f"{file}: a given design has its trials. Leave out --trials.")
         context.require_files(*list_files)
         seed = root_seed(context.seed)
-        lists.write(bt.design.read_study_design(file), seed, goal.list_reference(), context)
+        study_design = bt.design.read_study_design(file, question, goal.unit)
+        lists.write(study_design, seed, goal.shown_unit(), context)
         return
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
@@ -326,13 +347,13 @@ def design(
     context.require_files(output, compared, text, figure, *list_files)
     optimal = context.work(
         "simulating and analysing",
-        4 * 6 * data_sets,
+        2 * 6 * simulated,
         bt.design.optimal_design,
         goal.log_levels(),
         trials // n_levels,
         goal.goal(question),
         observers,
-        data_sets=data_sets,
+        data_sets=simulated,
         prior=context.prior,
     )
     optimal = replace(optimal, unit=goal.shown_unit())
@@ -343,14 +364,18 @@ def design(
         figure: partial(bt.plots.save_figure, bt.plots.design(optimal)),
     }
     context.write(files)
-    print_design(context.out, optimal)
+    print_power(context.out, optimal.power)
+    if observers is None:
+        context.out.line(KINDS_IN_WORDS)
+    if optimal.learnable:
+        context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
     problem = ""
     try:
-        lists.write(optimal.design, optimal.seed, goal.list_reference(), context)
+        lists.write(optimal.design, optimal.seed, optimal.unit, context)
     except bt.InputError as error:  # The design is not lost.
         problem, list_files = str(error), []
     written = f"Written: {', '.join(map(str, [*files, *list_files]))}. Seed {optimal.seed}."
-    context.out.answer([*optimal.reasons(), *optimal.power.sentences(OPTIMISED), written])
+    context.out.answer([*optimal.power.sentences(), *optimal.reasons(), written])
     if problem:
         raise bt.InputError(
             f"{problem}. For the list, type: bayes-toe design {output} --list "
@@ -362,13 +387,37 @@ def design(
 
 
 @dataclass(frozen=True, kw_only=True)
+class PairOptions:
+    """The pairs of a simulated study, and how often each is shown."""
+
+    design: Annotated[str, option("--design", "NAME", "Pairs: reference, full, or a CSV.")] = (
+        "reference"
+    )
+    unit: Unit = None
+    trials: Annotated[
+        int | None, option("--trials", NUMBER, "Trials of a subject (default: 50 a pair).", min=1)
+    ] = None
+    batches: Annotated[
+        int, option("--batches", NUMBER, "Repetitions of all pairs.", min=1, hidden=True)
+    ] = 50
+    amplitudes: Annotated[
+        Text, rare("--amplitudes", "N,N", "Stimuli in the unit (default: the paper's).")
+    ] = None
+
+    def read(self) -> BatchDesign:
+        """The design."""
+        from bayes_toe.design.simulate import make_batch_design
+
+        options = bt.ReadOptions(unit=self.unit)
+        return make_batch_design(self.design, self.amplitudes, self.batches, self.trials, options)
+
+
+@dataclass(frozen=True, kw_only=True)
 class PopulationOptions:
     """The observers of a simulated study."""
 
     subjects: Annotated[int, option("--subjects", NUMBER, "Number of observers.", min=1)] = 16
-    population: Annotated[
-        str, option("--population", "NAME", "Observers: paper, both, a file.")
-    ] = "paper"
+    kind: Annotated[str, option("--observers", "NAME", "Observers: paper, both, a file.")] = "paper"
     carry_over: Annotated[
         float, rare("--carry-over", NUMBER, "Carry-over from trial to trial, 0 to 1.")
     ] = 0.0
@@ -379,7 +428,7 @@ class PopulationOptions:
     differ: Annotated[
         Text, option("--differ", "NAME=MEAN", "Difference between the conditions.")
     ] = None
-    question: Question = "same/different"
+    question: Question = "2afc"
 
 
 def simulate(
@@ -389,13 +438,7 @@ def simulate(
         File,
         option("--truth", "FILE.csv", "Write the true parameters, too.", parser=file_name),
     ] = None,
-    batches: Annotated[int, option("--batches", NUMBER, "Repetitions of all pairs.", min=1)] = 50,
-    amplitudes: Annotated[
-        str, rare("--amplitudes", "N,N", "Intensities relative to the reference.")
-    ] = "1,1.15,1.36,1.55,1.66",
-    design: Annotated[
-        str, option("--design", "NAME", "Pairs: reference, full, or a CSV.")
-    ] = "reference",
+    pairs: PairOptions,
     observers: PopulationOptions,
     context: Annotated[RunContext, "seed", "overwrite"],
 ) -> None:
@@ -407,7 +450,6 @@ def simulate(
     from bayes_toe.data.tasks import task_of
     from bayes_toe.design.simulate import (
         draw_population,
-        make_batch_design,
         read_differences,
         simulate_trials,
         trial_frame,
@@ -418,20 +460,23 @@ def simulate(
     files = [output] if truth_output is None else [output, truth_output]
     context.require_files(*files)
     seed = root_seed(context.seed)
-    pairs = make_batch_design(design, amplitudes, batches)
-    question = task_of(observers.question)
-    simulated = draw_population(observers.population, observers.subjects, seed, pairs, question)
-    trials = simulate_trials(
+    design, question = pairs.read(), task_of(observers.question)
+    simulated = draw_population(observers.kind, observers.subjects, seed, design, question)
+    answered = simulate_trials(
         simulated,
-        pairs,
+        design,
         seed,
         carry_over=observers.carry_over,
         missed=observers.missed,
         differences=read_differences(observers.conditions, observers.differ),
     )
-    frames = zip(files, (trial_frame(trials), truth_frame(trials)), strict=False)
+    tables = (
+        trial_frame(answered, bt.ReadOptions(unit=pairs.unit).stimulus_unit),
+        truth_frame(answered),
+    )
+    frames = zip(files, tables, strict=False)
     context.write({file: partial(write_table, frame) for file, frame in frames})
-    total = sum(len(answered.yes) for answered in trials)
+    total = sum(len(of_subject.yes) for of_subject in answered)
     context.print_written(
         f"{plural(len(simulated), 'synthetic subject')}, {plural(total, 'trial')} in {output}", seed
     )

@@ -1,29 +1,32 @@
 """The screens of `power` and `design`.
 
-`print_power` shows how often simulated observers get 'yes' or 'probably'. `print_design` shows the
-expected errors of the optimised design and its rivals, then its power.
+`print_power` shows how often simulated observers get 'yes' or 'probably', and `print_groups` what
+studies of several subjects find.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from bayes_toe.answers.order_effect import QUESTIONS
+import numpy as np
+
+from bayes_toe.answers.order_effect import QUESTIONS, SIZE_OF
 from bayes_toe.answers.words import Word
 from bayes_toe.cli.terminal import Terminal
 from bayes_toe.data.messages import capitalized
-from bayes_toe.design.optimal_pairs import OPTIMISED
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.design.power import DETECTED
+from bayes_toe.model.parameters import CONSTANT_ERROR
 
 if TYPE_CHECKING:
-    from bayes_toe.design.optimal_pairs import OptimalDesign
-    from bayes_toe.design.power import PowerTable
+    from bayes_toe.design.power import GroupPower, GroupPowerTable, PowerTable
 
 
-def print_power(out: Terminal, table: PowerTable, selected: str = "") -> None:
-    """Shares of 'yes' and 'probably' by observers: a table for each design, or the selected one."""
+def print_power(out: Terminal, table: PowerTable) -> None:
+    """Shares of 'yes' and 'probably' by observers: a table for each design."""
     headings = ["trials", "observers", *(name.replace("_", " ") for name in QUESTIONS)]
-    for design in [selected] if selected else table.different("design"):
+    for design in table.different("design"):
         rows = []
         for name, trials in table.designs:
             if name == design:
@@ -46,19 +49,50 @@ def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
             elif table.has_effect(kind, question):
                 cells.append(estimate.percent)
             else:
-                cells.append(f"({estimate.counts_text})")
+                cells.append(f"({estimate.percent})")
         rows.append(cells)
     return rows
 
 
-def print_design(out: Terminal, optimal: OptimalDesign) -> None:
-    """The expected errors of the design and its rivals, then the power of the design."""
-    candidates = optimal.candidates
-    effects = list(candidates[OPTIMISED].sd)
-    headings = ["design", *(f"SD of\n{name.replace('_', ' ')}" for name in effects)]
-    rows = []
-    for name, candidate in candidates.items():
-        errors = candidate.errors(optimal.unit)
-        rows.append([name, *(errors[effect] for effect in effects)])
-    out.table(headings, rows, title="Expected posterior SD, smaller is better")
-    print_power(out, optimal.power, OPTIMISED)
+def print_groups(
+    out: Terminal, table: PowerTable, groups: GroupPowerTable, unit: StimulusUnit = UNKNOWN_UNIT
+) -> None:
+    """Subjects and group means that studies detect, by the number of subjects."""
+    for design, trials in table.designs:
+        heading = f"{capitalized(design)}, {trials:,} trials"
+        kinds = groups.select(design, trials, "order_effect")
+        sizes = [f"{row.subjects} subjects" for row in next(iter(kinds.values()))]
+        rows = [[kind, *_texts(of_kind, "counts_text")] for kind, of_kind in kinds.items()]
+        out.table(["observers", *sizes], rows, title=f"{heading}: subjects with an order effect")
+        for question in SIZE_OF:
+            name = question.replace("_", " ")
+            if table.is_unknown(design, trials, question):
+                out.line(f"{capitalized(name)}: {Word.CANNOT_BE_TOLD}.")
+                continue
+            rows = []
+            for kind, of_kind in groups.select(design, trials, question).items():
+                rows.append([kind, _true_mean(of_kind[0], unit), *_texts(of_kind, "percent")])
+            title = f"{heading}: % of studies that detect the mean {name}"
+            out.table(["observers", "mean (SD)", *sizes], rows, title=title)
+    out.line()
+    out.line(
+        "Detected: 'yes' or 'probably', with 95 % intervals. SD: between subjects. In brackets: "
+        "false positives, because the true mean is 0."
+    )
+
+
+def _texts(rows: Sequence[GroupPower], name: str) -> list[str]:
+    """A text of each row."""
+    return [getattr(row, name) for row in rows]
+
+
+def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
+    """The true mean, and the standard deviation between subjects."""
+    values, name = 100.0 * np.array([row.true_mean, row.true_sd]), "%"
+    if row.question == CONSTANT_ERROR.name:
+        values = unit.differences([row.true_mean, row.true_sd])
+        name = unit.of_differences
+    mean, sd = (float(f"{value:.2g}") + 0.0 for value in values)
+    if not row.has_mean:
+        mean = 0.0
+    return f"{mean:g} ({sd:g}) {name}"

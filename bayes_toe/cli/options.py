@@ -67,7 +67,7 @@ TrueValues = Annotated[
     File, rare("--truth", "truth.csv", "True values to mark, as simulate writes them.")
 ]
 Question = Annotated[
-    str, option("--task", "TASK", "same/different (default) or 2afc.", show_default=False)
+    str, option("--task", "TASK", "2afc (default) or same/different.", show_default=False)
 ]
 ModelName = Annotated[
     str, option("--model", "MODEL", "none, constant-error, contraction, both or paper.")

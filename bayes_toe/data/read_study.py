@@ -97,7 +97,8 @@ COMMANDS = (
     "bayes-toe simulate -o example_study.csv --task 2afc --design example_pairs.csv "
     "--population example_truth.csv --batches 40 --seed 2602",
     "bayes-toe simulate -o example_same_different_study.csv "
-    "--truth example_same_different_truth.csv --subjects 16 --batches 50 --seed 2604",
+    "--truth example_same_different_truth.csv --task same/different --subjects 16 --batches 50 "
+    "--seed 2604",
 )
 _EXAMPLES = {WHICH_STRONGER: "example", SAME_DIFFERENT: "example_same_different"}
 _TRUE_PARAMETERS = {

@@ -21,10 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.design.observers import Observer
 from bayes_toe.design.study_design import StudyDesign
-from bayes_toe.model.models import ObserverPosterior, OrderModel
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 
 #: What a design may be made for, with the coordinates that are asked about.
@@ -52,14 +51,11 @@ class Information:
         Curvature of the prior.
     is_target : ndarray of bool, shape (k,)
         The coordinates that are asked about.
-    units : ndarray, shape (k,)
-        Factors by which the coordinates of the targets become quantities.
     """
 
     rows: FloatArray
     prior: FloatArray
     is_target: BoolArray
-    units: FloatArray
 
     def total(self, n_trials: IntArray) -> FloatArray:
         """Information of so many trials of each pair, (pairs,), and the prior.
@@ -85,12 +81,6 @@ class Information:
         gain = 0.5 * (np.log(growth) - np.log(nuisance_growth)).mean(axis=0)
         return self.utility(total) + gain
 
-    def standard_deviations(self, total: FloatArray) -> FloatArray:
-        """Posterior sd of each quantity asked about, root mean square over observers, (k,)."""
-        variance = np.diagonal(np.linalg.inv(total), axis1=1, axis2=2)
-        sd = np.sqrt(variance.mean(axis=0)) * self.units
-        return sd[self.is_target]
-
     def _nuisance_block(self, total: FloatArray) -> FloatArray:
         """The block of all other coordinates."""
         return total[:, ~self.is_target][:, :, ~self.is_target]
@@ -107,17 +97,14 @@ def information(
     observers: Sequence[Observer],
     aim: str,
     prior: ObserverPrior,
-    scales: StimulusScales,
 ) -> Information:
     """Information of every pair about the observers, for one of :data:`AIMS`.
 
-    The prior is that of stimuli with these scales, the constant error that at the mean first
-    stimulus of the pairs. The utility for 'order-effect' hardly depends on that mean: another one
-    adds a multiple of the contraction to the constant error.
+    The constant error is that at the mean first stimulus of the pairs. The utility for
+    'order-effect' hardly depends on that mean: another one adds a multiple of the contraction to
+    the constant error.
     """
-    sbar = float(np.average(pairs.s1, weights=pairs.n_trials))
-    own_scales = scales._replace(sbar=sbar)
-    posterior = ObserverPosterior(pairs.unanswered, OrderModel("both"), prior, own_scales)
+    posterior = OrderModel("both").posterior(pairs.unanswered, prior)
     quantities = []
     for observer in observers:
         lapse_rate = max(observer.parameters["lapse_rate"], _SMALL_LAPSE_RATE)
@@ -132,9 +119,7 @@ def information(
     curvature = posterior.array.prior_slopes(points)[1][0]
     k = curvature.shape[1]
     is_target = np.array([name in AIMS[aim] for name in posterior.coordinates])
-    unit_point = posterior.quantities(np.eye(k))
-    units = [unit_point[name][i] for i, name in enumerate(posterior.coordinates)]
-    return Information(rows, curvature[:, :, None] * np.eye(k), is_target, np.array(units))
+    return Information(rows, curvature[:, :, None] * np.eye(k), is_target)
 
 
 # --- Exchange -------------------------------------------------------------------------------------

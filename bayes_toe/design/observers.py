@@ -45,6 +45,19 @@ KINDS: Mapping[str, Mapping[str, Range]] = {
     "repulsion": {"contraction": (-0.35, -0.2)},
     "both": {"constant_error": (0.1, 0.3), "contraction": (0.2, 0.35)},
 }
+KINDS_IN_WORDS = (
+    "Small: a PSE shift of 5 to 11 %; large: 22 to 49 %. Contraction, repulsion: 20 to 35 %."
+)
+#: Kinds for a group: subjects differ with an SD of 10 %, about a mean that the name says.
+GROUP_KINDS: Mapping[str, Mapping[str, Range]] = {
+    "mean 0": {"constant_error": (-0.17, 0.17), "contraction": (-0.17, 0.17)},
+    "constant error 5 %": {"constant_error": (-0.12, 0.22), "contraction": (-0.17, 0.17)},
+    "constant error 10 %": {"constant_error": (-0.07, 0.27), "contraction": (-0.17, 0.17)},
+    "contraction 10 %": {"constant_error": (-0.17, 0.17), "contraction": (-0.07, 0.27)},
+    "contraction 20 %": {"constant_error": (-0.17, 0.17), "contraction": (0.03, 0.37)},
+}
+#: The source of all of these.
+GROUPS = "groups"
 #: The source of observers that are drawn from the prior of the four models.
 PRIOR = "prior"
 _FORM = "sections such as [contraction] of NAME = NUMBER or NAME = [LOWEST, HIGHEST]"
@@ -172,6 +185,8 @@ def assume_observers(
     seed: int,
     designs: Sequence[StudyDesign],
     prior: ObserverPrior = DEFAULT_PRIOR,
+    *,
+    is_even: bool = False,
 ) -> Sequence[Observer]:
     """Assumed observers, `size` of each kind that the source has.
 
@@ -179,13 +194,17 @@ def assume_observers(
     ----------
     source : str, path or sequence of Observer, optional
         Observers themselves; the name of a kind in :data:`KINDS`, a TOML file of ranges, draws
-        written by `run` or `sample`, or 'prior'; by default all of :data:`KINDS`.
+        written by `run` or `sample`, 'prior', or 'groups' (:data:`GROUP_KINDS`); by default all of
+        :data:`KINDS`.
     size : int
     seed : int
     designs : sequence of StudyDesign
         What will be shown, of one task.
     prior : ObserverPrior
         The one that observers 'prior' are drawn from.
+    is_even : bool
+        Whether a parameter has evenly spaced values in its range, combined at random, and not
+        random ones. Their mean is then the middle of the range.
 
     Raises
     ------
@@ -202,25 +221,30 @@ def assume_observers(
     if size < 1:
         raise InputError(f"data_sets={size}: allowed is at least 1")
     task = designs[0].task
-    kinds = _kinds(task)
+    ranges: Mapping[str, Mapping[str, Range]] = {}
+    observers: Sequence[Observer] = ()
     if source is None:
-        observers: Sequence[Observer] = _in_ranges(kinds, size, seed, task)
+        ranges = KINDS
     elif not isinstance(source, StrPath):
         observers = source
         _require_task(observers, task)
     elif source == PRIOR:
         return _from_prior(prior, _all_pairs_of(designs), size, seed)
+    elif source == GROUPS:
+        ranges = GROUP_KINDS
     elif source in KINDS:
-        observers = _in_ranges({str(source): kinds[str(source)]}, size, seed, task)
+        ranges = {str(source): KINDS[str(source)]}
     elif Path(source).suffix == ".toml":
-        observers = _in_ranges(read_ranges(source, task), size, seed, task)
+        ranges = read_ranges(source, task)
     elif Path(source).suffix == ".nc":
         observers = _from_draws(Path(source), size, seed, task)
     else:
         raise InputError(
-            f"--observers: found {str(source)!r}, allowed: {', '.join(KINDS)}, prior, a .toml file "
-            "of ranges, or draws (posterior.nc)"
+            f"--observers: found {str(source)!r}, allowed: {', '.join(KINDS)}, groups, prior, a "
+            ".toml file of ranges, or draws (posterior.nc)"
         )
+    if ranges:
+        observers = _in_ranges(ranges, size, seed, task, is_even=is_even)
     for design in designs:
         _require_answers(observers, design)
     return observers
@@ -236,28 +260,25 @@ def _require_task(observers: Sequence[Observer], task: Task) -> None:
             )
 
 
-def _kinds(task: Task) -> dict[str, Mapping[str, Range]]:
-    """The default kinds with all ranges of a task."""
-    common = _common_ranges(task)
-    return {kind: {**common, **effects} for kind, effects in KINDS.items()}
-
-
-def _common_ranges(task: Task) -> dict[str, Range]:
-    """Ranges of the parameters of a task that are no effects of order."""
-    names = parameter_names(task)
-    return {name: limits for name, limits in COMMON.items() if name in names}
-
-
 def _in_ranges(
-    kinds: Mapping[str, Mapping[str, Range]], size: int, seed: int, task: Task
+    kinds: Mapping[str, Mapping[str, Range]], size: int, seed: int, task: Task, *, is_even: bool
 ) -> list[Observer]:
-    """Observers that are uniform in ranges."""
+    """Observers that are uniform in ranges; those of :data:`COMMON` hold where none is given."""
+    common = {name: COMMON[name] for name in parameter_names(task) if name in COMMON}
     observers = []
-    for kind, ranges in kinds.items():
-        for number in range(1, size + 1):
-            name = f"{kind} {number}"
+    for kind, effects in kinds.items():
+        ranges = {**common, **effects}
+        positions = {}
+        for key in ranges:
+            order = generator(seed, kind, key, "even").permutation(size)
+            positions[key] = (order + 0.5) / size
+        for i in range(size):
+            name = f"{kind} {i + 1}"
             rng = generator(seed, name, "observer")
-            values = {key: float(rng.uniform(low, high)) for key, (low, high) in ranges.items()}
+            values = {}
+            for key, (low, high) in ranges.items():
+                position = positions[key][i] if is_even else rng.uniform()
+                values[key] = float(low + (high - low) * position)
             observers.append(make_observer(name, kind, values, task))
     return observers
 
@@ -265,8 +286,7 @@ def _in_ranges(
 def read_ranges(path: StrPath, task: Task = SAME_DIFFERENT) -> dict[str, dict[str, Range]]:
     """Ranges of each kind of observers from a TOML file; a number is a range of one value.
 
-    A section is a kind, under any name. Noise, q0 and lapse rate that it does not give are those
-    of :data:`COMMON`; all else that it does not give is 0.
+    A section is a kind, under any name.
 
     Raises
     ------
@@ -283,8 +303,7 @@ def read_ranges(path: StrPath, task: Task = SAME_DIFFERENT) -> dict[str, dict[st
             continue
         lines = _problems(section, names, has_ranges=True)
         problems += [f"[{kind}]: {line}" for line in lines]
-        kinds[kind] = _common_ranges(task)
-        kinds[kind] |= {name: _range(value) for name, value in section.items()}
+        kinds[kind] = {name: _range(value) for name, value in section.items()}
     if problems:
         raise InputError([f"{path}: {problem}" for problem in problems])
     return kinds

@@ -1,22 +1,23 @@
-"""The pairs that tell most about the effects of order, beside other designs of as many trials.
+"""The pairs that tell most about the effects of order, beside an even design of as many trials.
 
-`optimal_design` finds them for a `DesignGoal`, and compares the design with others.
+`optimal_design` finds them for a `DesignGoal`, and compares both designs by simulation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from bayes_toe.arrays import FloatArray, IndexArray, StrPath
 from bayes_toe.checks.identification import TYPICAL_TRIALS, contraction_information
+from bayes_toe.data.messages import join_words
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.stimulus_unit import LOG_UNITS, UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
-from bayes_toe.data.validation import read_numbers
+from bayes_toe.data.validation import number, read_numbers
 from bayes_toe.design.information import AIMS, exchange_trials, information
 from bayes_toe.design.observers import Observer, assume_observers
 from bayes_toe.design.power import PowerTable, observer_prior, simulate_power
@@ -24,26 +25,29 @@ from bayes_toe.design.study_design import (
     StudyDesign,
     all_pairs,
     each_once,
-    paper_study_design,
+    log_levels,
+    stimulus_columns,
+    stimulus_names,
+    to_logs,
 )
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, Remedy
 from bayes_toe.model.observer import DEFAULT_PRIOR
-from bayes_toe.model.parameters import CONSTANT_ERROR, ObserverPrior
+from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
-from bayes_toe.seeds import generator, root_seed
+from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, Workers
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-#: Names of the designs that are compared.
-OPTIMISED, PAPER = "optimised", "the paper's pairs"
-FULL, RANDOM = "full factorial", "random pairs"
+#: Names of the two designs that are compared.
+OPTIMISED, EVEN = "optimised", "even"
 #: Observers of each kind for whom a design is made, and data sets of each by which it is judged.
-ASSUMED, SIMULATED = 5, 16
-_MOST_PAIRS = 20_000  # that can be shown
+ASSUMED, SIMULATED = 5, 32
+#: Pairs that can be shown, and levels of as many pairs.
+_MOST_PAIRS, _MOST_LEVELS = 20_000, 141
 _FEWEST = 4  # trials, and pairs
-_LEVELS = 5  # of the full factorial
+#: Share of the trials on equal pairs, or at the ends of the range, above which subjects may learn.
+_LEARNABLE = 1.0 / 3.0
+#: A step between levels where none is given: per cent, or natural logs.
+_STEP_PERCENT, _STEP_LOG = 5.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +65,16 @@ class DesignGoal:
         Pairs that stay, with at least their trials.
     task : Task
         What is asked; "2afc": which is stronger.
+    is_even : bool
+        Whether the design spreads the trials evenly over the range: each of the first stimuli with
+        itself and its neighbours.
     """
 
     aim: str = "order-effect"
     max_pairs: int = 26
     keep: StudyDesign | None = None
     task: Task = SAME_DIFFERENT
+    is_even: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "task", task_of(self.task))
@@ -74,86 +82,67 @@ class DesignGoal:
             raise InputError(f"--for: found {self.aim!r}, allowed: {', '.join(AIMS)}")
         if self.max_pairs < _FEWEST:
             raise InputError(f"--max-pairs {self.max_pairs}: allowed is at least {_FEWEST}")
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A design with what the closed form says of it.
-
-    Attributes
-    ----------
-    design : StudyDesign
-    utility : float
-        Half the log determinant of the precision of what is asked about; larger is better.
-    sd : mapping of str to float
-        Expected posterior sd of each effect asked about, in the unit of the stimuli.
-    """
-
-    design: StudyDesign
-    utility: float
-    sd: Mapping[str, float]
-
-    def errors(self, unit: StimulusUnit) -> dict[str, str]:
-        """The size of the error of each effect; of differences in the unit, if it is known."""
-        texts = {}
-        for name, value in self.sd.items():
-            texts[name] = f"{value:.2g}"
-            if name == CONSTANT_ERROR.name and unit.of_stimuli:
-                texts[name] = f"{float(unit.differences(value)):.2g} {unit.of_differences}"
-        return texts
-
-    def describe(self, unit: StimulusUnit = UNKNOWN_UNIT) -> str:
-        """The sizes of its errors in words."""
-        errors = self.errors(unit)
-        return ", ".join(f"{name.replace('_', ' ')} {text}" for name, text in errors.items())
+        if self.keep is not None and self.is_even:
+            raise InputError("--even and --keep exclude each other.")
 
 
 @dataclass(frozen=True, eq=False)
 class OptimalDesign:
-    """An optimised design beside others.
+    """An optimised design beside an even one.
 
     Attributes
     ----------
-    design : StudyDesign
     goal : DesignGoal
-    candidates : mapping of str to Candidate
-        The optimised design first, then those it is compared with.
+    designs : mapping of str to StudyDesign
+        The one that is asked for first.
     power : PowerTable
-        That of all of them, by simulation.
+        That of both, by simulation.
     plane : StudyDesign
         Every pair that can be shown, once.
     worth : ndarray, shape (pairs of the plane,)
-        What one more trial of each adds to the utility.
+        What one more trial of each adds to the utility of the optimised design.
     seed : int
     unit : StimulusUnit
         The unit in which levels are shown.
     """
 
-    design: StudyDesign
     goal: DesignGoal
-    candidates: Mapping[str, Candidate]
+    designs: Mapping[str, StudyDesign]
     power: PowerTable
     plane: StudyDesign
     worth: FloatArray
     seed: int
     unit: StimulusUnit = UNKNOWN_UNIT
 
+    @property
+    def name(self) -> str:
+        """The name of the design that is asked for."""
+        return next(iter(self.designs))
+
+    @property
+    def design(self) -> StudyDesign:
+        """The design that is asked for."""
+        return self.designs[self.name]
+
     def reasons(self) -> list[str]:
-        """The reasons for these pairs, and what they cannot show, in sentences."""
+        """The first stimuli, and what these pairs cannot show, in sentences."""
         share = self.design.n_trials / self.design.total
         first, index = np.unique(self.design.s1, return_inverse=True)
         of_first = np.bincount(index, share)
         frequent = np.sort(np.argsort(-of_first)[:4])
-        levels = self.in_unit(first)
-        name = f" {self.unit.of_stimuli}".rstrip()
-        digits = ".4g" if name else "g"
+        levels, name = self.unit.numbers(first[frequent], float(first.mean()))
+        if not self.unit.of_stimuli:
+            levels, name = [f"{value:g}" for value in first[frequent]], "ln"
         firsts = ", ".join(
-            f"{levels[i]:{digits}}{name} ({100 * of_first[i]:.0f} %)" for i in frequent
+            f"{level} {name} ({100 * of_first[i]:.0f} %)"
+            for level, i in zip(levels, frequent, strict=True)
         )
-        lines = [
-            f"Most trials have these first stimuli: {firsts}. Only first stimuli far apart "
-            "distinguish a contraction from a constant error."
-        ]
+        lines = list[str]()
+        if self.name == OPTIMISED:
+            lines.append(
+                f"Most trials have these first stimuli: {firsts}. Only first stimuli far apart "
+                "distinguish a contraction from a constant error."
+            )
         if contraction_information(self.design.unanswered) < 1.0:
             lines.append(
                 f"These pairs cannot show a contraction: {TYPICAL_TRIALS} trials have less "
@@ -161,34 +150,50 @@ class OptimalDesign:
             )
         return lines
 
+    @property
+    def learnable(self) -> str:
+        """Why subjects may learn these pairs, which the model does not include; empty if not."""
+        if self.name == EVEN:
+            return ""
+        design = self.design
+        is_equal = design.s1 == design.s2
+        is_end = np.isin(design.s1, [design.s1.min(), design.s1.max()])
+        parts = []
+        for is_pair, words in (
+            (is_equal, "have equal pairs"),
+            (is_end, "begin with the weakest or strongest stimulus"),
+        ):
+            n_trials = int(design.n_trials[is_pair].sum())
+            if n_trials > _LEARNABLE * design.total:
+                parts.append(f"{n_trials} of {design.total} trials {words}")
+        if not parts:
+            return ""
+        return f"{join_words(parts)}. Subjects may learn this; the model does not include it."
+
     def in_unit(self, logs: FloatArray) -> FloatArray:
         """Stimuli in their unit; natural logs if it is not known."""
         return self.unit.stimuli(logs) if self.unit.of_stimuli else logs
 
     def frame(self) -> pd.DataFrame:
-        """The design, with the stimuli in their unit in columns i1 and i2, if it is known."""
-        frame = self.design.frame()
-        if self.unit.of_stimuli:
-            for name, logs in (("i1", self.design.s1), ("i2", self.design.s2)):
-                frame[name] = [float(f"{value:.6g}") for value in self.in_unit(logs)]
-        return frame
+        """The design, with the stimuli in the columns of its unit."""
+        columns = stimulus_columns(self.design.s1, self.design.s2, self.unit)
+        return pd.DataFrame({**columns, "n_trials": self.design.n_trials})
 
     def sentences(self) -> list[str]:
-        """The reasons for these pairs, and what this design and others can show, in sentences."""
-        lines = self.reasons()
-        for name, candidate in self.candidates.items():
-            lines.append(f"{name}: expected SD of {candidate.describe(self.unit)}.")
-        return [*lines, *self.power.sentences(OPTIMISED)]
+        """How often the design shows an effect, and the reasons for these pairs."""
+        lines = [*self.power.sentences(self.name), *self.reasons()]
+        if self.learnable:
+            lines.append(f"{self.learnable} Type: --even")
+        return lines
 
     def text(self) -> str:
-        """The design, why it is so, and what it and others tell, as a file of Markdown."""
+        """The design, why it is so, and what it shows, as a file of Markdown."""
         frame = self.frame()
         if self.unit.of_stimuli:
-            heads = {
-                "i1": f"first, {self.unit.of_stimuli}",
-                "i2": f"second, {self.unit.of_stimuli}",
-            }
-            frame = frame[["i1", "i2", "n_trials"]].rename(columns=heads)
+            first, second = f"first, {self.unit.of_stimuli}", f"second, {self.unit.of_stimuli}"
+            stimuli = [*frame.columns[-3:-1]]
+            frame = frame[[*stimuli, "n_trials"]]
+            frame = frame.rename(columns=dict(zip(stimuli, (first, second), strict=True)))
         table = [" | ".join(frame.columns), " | ".join("---" for _ in frame.columns)]
         for row in frame.itertuples(index=False):
             table.append(" | ".join(f"{value:g}" for value in row))
@@ -199,39 +204,81 @@ class OptimalDesign:
 
 
 def grid(lowest: float, highest: float, step: float) -> FloatArray:
-    """Levels from lowest to highest, natural-log intensity."""
-    if not (np.isfinite([lowest, highest]).all() and lowest < highest):
-        raise InputError(
-            f"--lowest {lowest:g} --highest {highest:g}: allowed are finite numbers, the first the "
-            "smaller one"
-        )
-    if not 0.0 < step <= highest - lowest:
-        raise InputError(
-            f"--step {step:g}: allowed is above 0 and at most the range, {highest - lowest:g}"
-        )
+    """Levels from lowest to highest."""
     n_steps = np.floor((highest - lowest) / step + 1e-9)
     return np.round(lowest + step * np.arange(n_steps + 1), 12) + 0.0
 
 
-def log_levels(levels: FloatArray, options: ReadOptions) -> FloatArray:
-    """Natural logs of levels in the unit of these options."""
+def levels_between(
+    lowest: float, highest: float, step: str | None, options: ReadOptions
+) -> FloatArray:
+    """Levels from the lowest to the highest stimulus in a unit, natural-log intensity.
+
+    A step is a number in the unit, or per cent of intensity, which is adjusted so that both ends
+    are levels. Intensities have four digits at most.
+
+    Examples
+    --------
+    >>> np.exp(levels_between(45.0, 213.0, "50%", ReadOptions(unit="um"))).round(6).tolist()
+    [45.0, 66.37, 97.9, 144.4, 213.0]
+    >>> levels_between(0.0, 20.0, "10", ReadOptions(unit="dB")).round(3).tolist()
+    [0.0, 1.151, 2.303]
+    """
+    step = step or _default_step(options)
+    ends, size = np.array([lowest, highest]), _step_size(step)
+    is_percent = step.endswith("%")
+    if is_percent:
+        ends, size = log_levels(ends, options), float(np.log1p(0.01 * size))
+    if not (np.isfinite(ends).all() and lowest < highest):
+        raise InputError(
+            f"--lowest {lowest:g} --highest {highest:g}: allowed are finite numbers, the first the "
+            "smaller one"
+        )
+    width = float(np.ptp(ends))
+    if not width / (_MOST_LEVELS - 1) <= size <= width:
+        least = 1.01 * width / (_MOST_LEVELS - 1)
+        remedy = f"{100.0 * np.expm1(least):.3g}%" if is_percent else f"{least:.3g}"
+        raise InputError(
+            f"--step {step}: allowed is a step that makes 2 to {_MOST_LEVELS} levels from "
+            f"{lowest:g} to {highest:g}",
+            [Remedy("step", remedy, "or a larger one")],
+        )
+    if is_percent:
+        levels = np.linspace(ends[0], ends[1], round(width / size) + 1)
+    else:
+        levels = log_levels(grid(lowest, highest, size), options)
     if options.has_intensities:
-        return np.log(levels) - options.stimulus_unit.log_reference
-    return levels * LOG_UNITS[options.unit or "ln"]
+        stimuli = [float(f"{value:.4g}") for value in options.stimulus_unit.stimuli(levels)]
+        levels = np.unique(log_levels(np.array(stimuli), options))
+    return levels
+
+
+def _default_step(options: ReadOptions) -> str:
+    """5 per cent of intensity, or 0.05 natural logs as a round number of the log unit."""
+    if options.has_intensities:
+        return f"{_STEP_PERCENT:g}%"
+    return f"{_STEP_LOG / LOG_UNITS[options.unit or 'ln']:.1g}"
+
+
+def _step_size(step: str) -> float:
+    """The number of a step, which is above 0."""
+    size = number(step.removesuffix("%"), decimal_comma=False)
+    if not size > 0.0:
+        raise InputError(
+            f"--step {step}: allowed is a number above 0 in the unit of the levels, or per cent of "
+            "intensity, such as 5%"
+        )
+    return size
 
 
 def read_levels(
     path: StrPath, reference: float | None = None, unit: str | None = None
 ) -> FloatArray:
-    """Levels in the column s of a CSV file; or intensities in the column i, with their unit."""
-    if reference is not None and not 0.0 < reference < np.inf:
-        raise InputError(f"--reference {reference:g}: allowed is a positive number")
+    """Levels in the column s or i of a CSV file, in a unit; natural logs where none is given."""
     options = ReadOptions(intensity=reference, unit=unit)
-    name = "i" if options.has_intensities else "s"
-    levels = read_numbers(path, (name,))[1][name]
-    if options.has_intensities and (levels <= 0).any():
-        raise InputError(f"{path}: column i: allowed are positive numbers")
-    levels = np.unique(log_levels(levels, options))
+    (name,) = stimulus_names(path, ("s",), ("i",), options)
+    (logs,) = to_logs(path, [read_numbers(path, (name,))[1][name]], options)
+    levels = np.unique(logs)
     if len(levels) < 2:
         raise InputError(
             f"{path}: column {name}: found {len(levels)} level, allowed: at least two different "
@@ -279,23 +326,26 @@ def optimal_design(
     levels = np.unique(np.asarray(levels, np.float64))
     plane = _pairs_to_show(levels, goal)
     assumed = assume_observers(observers, ASSUMED, root, [plane], own_prior)
-    judges = assume_observers(observers, data_sets, root, [plane], own_prior)
-    candidates, worth = compare_designs(levels, trials, goal, assumed, root, own_prior)
-    designs = [(name, candidate.design) for name, candidate in candidates.items()]
-    table = simulate_power(designs, judges, root, own_prior, workers, progress)
-    design = candidates[OPTIMISED].design
-    return OptimalDesign(design, goal, candidates, table, plane, worth, root)
+    judges = assume_observers(observers, data_sets, root, [plane], own_prior, is_even=True)
+    best, worth = best_design(levels, trials, goal, assumed, own_prior)
+    designs = {OPTIMISED: best}
+    even = even_design(levels, goal, assumed)
+    if even.n_pairs <= trials:
+        designs[EVEN] = even.with_total(trials)
+    if goal.is_even:
+        designs = dict(reversed(designs.items()))
+    table = simulate_power([*designs.items()], judges, root, own_prior, workers, progress)
+    return OptimalDesign(goal, designs, table, plane, worth, root)
 
 
-def compare_designs(
+def best_design(
     levels: FloatArray,
     trials: int,
     goal: DesignGoal,
     observers: Sequence[Observer],
-    seed: int = 0,
     prior: ObserverPrior = DEFAULT_PRIOR,
-) -> tuple[dict[str, Candidate], FloatArray]:
-    """The best design and its rivals, by the closed form.
+) -> tuple[StudyDesign, FloatArray]:
+    """The most informative design, by the closed form, of pairs of levels.
 
     The second value is what one more trial of each pair adds.
     """
@@ -311,34 +361,36 @@ def compare_designs(
         raise InputError(
             f"--max-pairs {goal.max_pairs}: --keep has {n_kept} already; allowed is more"
         )
-    scales = plane.unanswered.scales
-    of_plane = information(plane, observers, goal.aim, prior, scales)
+    of_plane = information(plane, observers, goal.aim, prior)
     most_pairs = min(goal.max_pairs, n_left + n_kept)
     n_trials = exchange_trials(of_plane, n_left, most_pairs, fixed, _turned(plane))
-
-    def candidate(design: StudyDesign) -> Candidate:
-        of_design = information(design, observers, goal.aim, prior, scales)
-        total = of_design.total(design.n_trials)
-        sd = dict(zip(AIMS[goal.aim], of_design.standard_deviations(total).tolist(), strict=True))
-        return Candidate(design, of_design.utility(total), sd)
-
     chosen = np.flatnonzero(n_trials)
-    candidates = {OPTIMISED: candidate(plane.select(chosen, n_trials[chosen]))}
-    for name, design in _rivals(levels, plane, goal, seed).items():
-        if design.n_pairs <= trials:
-            candidates[name] = candidate(design.with_total(trials))
     total = of_plane.total(n_trials)
-    return candidates, of_plane.utilities(total, 1.0) - of_plane.utility(total)
+    worth = of_plane.utilities(total, 1.0) - of_plane.utility(total)
+    return plane.select(chosen, n_trials[chosen]), worth
+
+
+def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observer]) -> StudyDesign:
+    """First stimuli all over the range, each with itself and with its neighbours, once.
+
+    Neighbours differ by the noise of the observers if so many pairs are allowed.
+    """
+    noise = float(np.mean([observer.parameters["noise"] for observer in observers]))
+    n_steps = round(float(np.ptp(levels)) / noise)
+    n_first = max(2, min(n_steps + 1, (goal.max_pairs + 2) // 3, len(levels)))
+    targets = np.linspace(levels[0], levels[-1], n_first)
+    first = levels[np.abs(levels[:, None] - targets).argmin(axis=0)]
+    index = np.arange(n_first)
+    near = np.abs(index[:, None] - index) <= 1
+    s1, s2 = np.meshgrid(first, first, indexing="ij")
+    return each_once(s1[near], s2[near], task=goal.task)
 
 
 def _pairs_to_show(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
     """Ordered pairs of levels, and those that are kept."""
     number = len(levels) ** 2
     if number > _MOST_PAIRS:
-        raise InputError(
-            f"{len(levels)} levels make {number:,} pairs: allowed are {_MOST_PAIRS:,}; a larger "
-            "--step"
-        )
+        raise InputError(f"{len(levels)} levels make {number:,} pairs: allowed are {_MOST_PAIRS:,}")
     plane = all_pairs(levels, goal.task)
     if goal.keep is None:
         return plane
@@ -350,19 +402,3 @@ def _turned(plane: StudyDesign) -> IndexArray:
     """The index of each pair in the other order; its own where that cannot be shown."""
     index = {pair: i for i, pair in enumerate(plane.pairs)}
     return np.array([index.get((s2, s1), i) for (s1, s2), i in index.items()])
-
-
-def _rivals(
-    levels: FloatArray, plane: StudyDesign, goal: DesignGoal, seed: int
-) -> dict[str, StudyDesign]:
-    """The paper's pairs where they lie in the range, a full factorial, and random pairs."""
-    rivals = {}
-    paper = paper_study_design(task=goal.task)
-    if levels[0] <= paper.s1.min() and paper.s1.max() <= levels[-1]:
-        rivals[PAPER] = paper
-    index = np.linspace(0, len(levels) - 1, min(_LEVELS, len(levels))).round().astype(int)
-    rivals[FULL] = all_pairs(levels[index], goal.task)
-    n_pairs = min(goal.max_pairs, plane.n_pairs)
-    rng = generator(seed, "random pairs")
-    rivals[RANDOM] = plane.select(rng.choice(plane.n_pairs, n_pairs, replace=False))
-    return rivals

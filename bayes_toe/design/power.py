@@ -1,39 +1,51 @@
 """Power of a design: how often it detects the effects of assumed observers.
 
 `power` simulates their responses, analyses each data set as that of a real subject, and counts the
-verdicts ('yes', 'probably' and so on) about the order effect, the constant error and the
-contraction. It also averages the widths of the 95 % intervals. The result is a
-:class:`PowerTable`.
+words ('yes', 'probably' and so on) about the order effect, the constant error and the
+contraction. The result is a :class:`PowerTable`.
+
+`group_power` plans the number of subjects. It draws studies from these observers, and counts the
+subjects and the group means with 'yes' or 'probably'.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain, product
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import betaincinv, stdtrit
+from scipy.special import betaincinv, betaln
 
-from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, order_effect
+from bayes_toe.answers.order_effect import (
+    QUESTIONS,
+    SIZE_OF,
+    OrderEffect,
+    order_effect,
+    word_of_bayes_factor,
+)
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import StrPath
 from bayes_toe.checks.identification import identify
-from bayes_toe.data.messages import capitalized, join_names
+from bayes_toe.data.conditions import StimulusScales
+from bayes_toe.data.messages import capitalized, join_names, join_words
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.design.observers import Observer, assume_observers
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
 from bayes_toe.errors import InputError
+from bayes_toe.groups.hyperprior import Hyperprior, HyperpriorNumbers
+from bayes_toe.groups.zero_mean import approximate_zero_mean
 from bayes_toe.inference.order_evidence import BATCH, order_evidence
-from bayes_toe.model.parameters import ObserverPrior
+from bayes_toe.model.observer import DEFAULT_PRIOR
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ObserverPrior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import preset_or_file
-from bayes_toe.seeds import root_seed
+from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
@@ -51,7 +63,7 @@ POWER_COLUMNS = (
     "high",
     "data_sets",
 )
-#: Sizes whose 95 % intervals are measured.
+#: Sizes whose 95 % intervals have their width in power_data_sets.csv.
 WIDTHS = ("pse_shift_jnd", "contraction_p")
 DATA_SET_COLUMNS = (
     *("design", "trials", "observers", "observer", "true_constant_error", "true_contraction"),
@@ -59,11 +71,20 @@ DATA_SET_COLUMNS = (
     *(f"p_{question}" for question in QUESTIONS),
     *(f"{size}_width" for size in WIDTHS),
 )
-#: The answer 'yes' or 'probably', and the entry of the mean width of an interval.
-DETECTED, WIDTH = "yes or probably", "95 % width"
+#: Columns of power_groups.csv.
+GROUP_COLUMNS = (
+    *("design", "trials", "observers", "question", "subjects", "true_mean", "true_sd"),
+    *("detected", "detected_low", "detected_high", "power", "power_low", "power_high"),
+)
+#: The answer 'yes' or 'probably'.
+DETECTED = "yes or probably"
 TRIALS, DATA_SETS = (325, 650, 1300), 50
 _WORDS = tuple(word for word in Word if word is not Word.NOT_INTERPRETABLE)
 _TAIL = 0.025  # of the intervals of Monte Carlo error, on each side
+_STUDIES = 400  # that are drawn for a number of subjects
+_INTERVAL_SDS = 3.92  # standard deviations in a 95 % interval
+_LEAST_PRECISION = 1e-4  # of a likelihood whose posterior is as wide as the prior
+_SAME_MEAN = 1e-6  # a true mean nearer to 0 is 0
 
 
 @dataclass(frozen=True)
@@ -74,6 +95,7 @@ class DataSet:
     trials: int
     observer: Observer
     answer: OrderEffect
+    scales: StimulusScales
 
     def width(self, size: str) -> float:
         """The width of the 95 % interval of a size."""
@@ -99,7 +121,7 @@ class DataSet:
 
 @dataclass(frozen=True)
 class PowerEstimate:
-    """A share or a mean over simulated data sets, with the 95 % interval of its Monte Carlo error.
+    """A share of simulated data sets, with the 95 % interval of its Monte Carlo error.
 
     Attributes
     ----------
@@ -108,9 +130,9 @@ class PowerEstimate:
     observers : str
         The kind.
     quantity : str
-        One of the three questions, or one of :data:`WIDTHS`.
+        One of the three questions.
     answer : str
-        The word that is counted, :data:`DETECTED`, or :data:`WIDTH`.
+        The word that is counted, or :data:`DETECTED`.
     value, low, high : float
     data_sets : int
     """
@@ -126,11 +148,6 @@ class PowerEstimate:
     data_sets: int
 
     @property
-    def counts_text(self) -> str:
-        """The number of data sets that are counted, of all of them, in words."""
-        return f"{self.value * self.data_sets:.0f} of {self.data_sets}"
-
-    @property
     def percent(self) -> str:
         """A share in words."""
         return f"{100 * self.value:.0f} % [{100 * self.low:.0f}, {100 * self.high:.0f}]"
@@ -138,7 +155,7 @@ class PowerEstimate:
 
 @dataclass(frozen=True, eq=False)
 class PowerTable(Table[PowerEstimate]):
-    """Shares and means over simulated data sets, one in each row.
+    """Shares of simulated data sets, one in each row.
 
     Attributes
     ----------
@@ -152,7 +169,7 @@ class PowerTable(Table[PowerEstimate]):
 
     @classmethod
     def from_data_sets(cls, data_sets: Iterable[DataSet], seed: int) -> PowerTable:
-        """Count the words and average the widths."""
+        """Count the words."""
         data_sets = tuple(data_sets)
         groups = defaultdict(list)
         for data_set in data_sets:
@@ -160,9 +177,6 @@ class PowerTable(Table[PowerEstimate]):
         rows: list[PowerEstimate] = []
         for key, members in groups.items():
             rows += _count_words(key, members)
-            for size in WIDTHS:
-                estimate = mean([member.width(size) for member in members])
-                rows.append(PowerEstimate(*key, size, WIDTH, *estimate, len(members)))
         return cls(tuple(rows), data_sets, seed)
 
     @cached_property
@@ -194,23 +208,6 @@ class PowerTable(Table[PowerEstimate]):
             if data_set.observer.kind == kind
         )
 
-    def detected(
-        self, design: str, trials: int, question: str, *, has_effect: bool
-    ) -> tuple[float, float, float] | None:
-        """The share with 'yes' or 'probably' of all observers with an effect, or of all without.
-
-        With the ends of its 95 % interval; None where there are no such observers.
-        """
-        words = [
-            data_set.answer.words[question]
-            for data_set in self.data_sets
-            if (data_set.design, data_set.trials) == (design, trials)
-            and data_set.observer.has_effect[question] == has_effect
-        ]
-        if not words:
-            return None
-        return share(sum(word.is_positive for word in words), len(words))
-
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of power.csv."""
         return frame_of(self.rows, POWER_COLUMNS)
@@ -223,31 +220,42 @@ class PowerTable(Table[PowerEstimate]):
         return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
 
     def sentences(self, selected: str = "") -> list[str]:
-        """How often each effect is detected, and how often wrongly, a line for each design.
+        """The effect that each design detects least often, and its false positives.
 
-        With `selected`, the lines of one design.
+        With `selected`, only those of one design.
         """
-        lines = ["Effects detected (false positives in brackets):"]
+        lines = []
         for design, trials in self.designs:
             if selected in ("", design):
-                effects = [self._describe_effect(design, trials, name) for name in QUESTIONS]
-                lines.append(f"{capitalized(design)}, {trials:,} trials: {', '.join(effects)}.")
+                lines.append(self._describe_design(design, trials))
         return lines
 
-    def _describe_effect(self, design: str, trials: int, question: str) -> str:
-        """The share of observers with an effect who have 'yes' or 'probably', and of others."""
-        text = question.replace("_", " ")
-        kinds = self.different("observers")
-        unknown = Word.CANNOT_BE_TOLD.value
-        if all(self[design, trials, kind, question, unknown].value == 1.0 for kind in kinds):
-            return f"{text} {unknown}"
-        detected = self.detected(design, trials, question, has_effect=True)
-        if detected is not None:
-            text += f" {100.0 * detected[0]:.0f} %"
-        wrong = self.detected(design, trials, question, has_effect=False)
-        if wrong is not None:
-            text += f" ({100.0 * wrong[0]:.0f} %)"
+    def _describe_design(self, design: str, trials: int) -> str:
+        """The kind of observers that gets 'yes' or 'probably' least often, then the others."""
+        effects = list[PowerEstimate]()
+        none = list[PowerEstimate]()
+        for kind in self.different("observers"):
+            estimate = self[design, trials, kind, "order_effect", DETECTED]
+            (effects if self.has_effect(kind, "order_effect") else none).append(estimate)
+        effects.sort(key=attrgetter("value"))
+        parts = []
+        if effects:
+            parts.append(f"{effects[0].observers} detected in {effects[0].percent}")
+        if len(effects) > 1:
+            least = "at least " if effects[1].value < 1.0 else ""
+            parts.append(f"every other effect in {least}{100 * effects[1].value:.0f} %")
+        parts += [f"false positives {estimate.percent}" for estimate in none]
+        text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(parts)}."
+        for question in QUESTIONS:
+            if self.is_unknown(design, trials, question):
+                text += f" {capitalized(question.replace('_', ' '))}: {Word.CANNOT_BE_TOLD}."
         return text
+
+    def is_unknown(self, design: str, trials: int, question: str) -> bool:
+        """Whether a design cannot show an effect in any observer."""
+        unknown = Word.CANNOT_BE_TOLD.value
+        kinds = self.different("observers")
+        return all(self[design, trials, kind, question, unknown].value == 1.0 for kind in kinds)
 
 
 def _count_words(key: tuple[str, int, str], members: Sequence[DataSet]) -> list[PowerEstimate]:
@@ -277,15 +285,6 @@ def share(hits: int, size: int) -> tuple[float, float, float]:
     low = 0.0 if hits == 0 else float(betaincinv(a, b, _TAIL))
     high = 1.0 if hits == size else float(betaincinv(a, b, 1.0 - _TAIL))
     return hits / size, low, high
-
-
-def mean(values: Sequence[float]) -> tuple[float, float, float]:
-    """A mean and its 95 % interval, whose ends are NaN where there is one value only."""
-    middle, error, size = float(np.mean(values)), float("nan"), len(values)
-    if size > 1:
-        standard_error = np.std(values, ddof=1) / np.sqrt(size)
-        error = float(standard_error * stdtrit(size - 1, 1.0 - _TAIL))
-    return middle, middle - error, middle + error
 
 
 # --- Simulation -----------------------------------------------------------------------------------
@@ -331,7 +330,9 @@ def power(
     """
     designs = name_designs(design)
     root, numbers = root_seed(seed), observer_prior(prior)
-    assumed = assume_observers(observers, data_sets, root, list(designs.values()), numbers)
+    assumed = assume_observers(
+        observers, data_sets, root, list(designs.values()), numbers, is_even=True
+    )
     totals = dict.fromkeys(trials)
     planned = []
     for (name, own_design), total in product(designs.items(), totals):
@@ -387,5 +388,197 @@ def simulate_batch(
     data_sets = []
     for observer, evidence in zip(observers, order_evidence(subjects, seed, prior), strict=True):
         answer = order_effect(evidence, identification)
-        data_sets.append(DataSet(name, design.total, observer, answer))
+        data_sets.append(DataSet(name, design.total, observer, answer, evidence.scales))
     return data_sets
+
+
+# --- Groups ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class GroupPower:
+    """What studies of so many subjects find; the subjects are observers of one kind.
+
+    Attributes
+    ----------
+    design : str
+    trials : int
+        Of each subject.
+    observers : str
+        The kind.
+    question : str
+        One of the three questions.
+    subjects : int
+    true_mean, true_sd : float
+        Mean of the effect over these observers and standard deviation between them: constant error
+        (natural-log intensity) or contraction. NaN for the order effect.
+    detected, detected_low, detected_high : int
+        Subjects with 'yes' or 'probably' in a study: median and 95 % prediction interval.
+    power, power_low, power_high : float
+        Share of studies in which the group mean differs from 0 by 'yes' or 'probably', with its
+        95 % interval. NaN for the order effect.
+    """
+
+    design: str
+    trials: int
+    observers: str
+    question: str
+    subjects: int
+    true_mean: float
+    true_sd: float
+    detected: int
+    detected_low: int
+    detected_high: int
+    power: float = np.nan
+    power_low: float = np.nan
+    power_high: float = np.nan
+
+    @property
+    def counts_text(self) -> str:
+        """The number of subjects with its prediction interval."""
+        return f"{self.detected} [{self.detected_low}, {self.detected_high}]"
+
+    @property
+    def percent(self) -> str:
+        """The power of the group mean with its interval, per cent; in brackets without a mean."""
+        low, high = 100.0 * self.power_low, 100.0 * self.power_high
+        text = f"{100.0 * self.power:.0f} [{low:.0f}, {high:.0f}]"
+        return text if self.has_mean else f"({text})"
+
+    @property
+    def has_mean(self) -> bool:
+        """Whether the true mean is not 0, so that to find it is no false positive."""
+        return abs(self.true_mean) > _SAME_MEAN
+
+
+@dataclass(frozen=True, eq=False)
+class GroupPowerTable(Table[GroupPower]):
+    """A row for each kind of observers, question and number of subjects."""
+
+    def select(self, design: str, trials: int, question: str) -> dict[str, list[GroupPower]]:
+        """The rows of one design and one question, by kind of observers."""
+        rows = defaultdict(list)
+        for row in self.rows:
+            if (row.design, row.trials, row.question) == (design, trials, question):
+                rows[row.observers].append(row)
+        return rows
+
+    def sentences(self) -> list[str]:
+        """The share of studies that find the smallest mean of each effect, a line each."""
+        lines = []
+        for design, trials in dict.fromkeys((row.design, row.trials) for row in self.rows):
+            for question in SIZE_OF:
+                kinds = self.select(design, trials, question).values()
+                with_mean = [rows for rows in kinds if rows[0].has_mean]
+                for rows in sorted(with_mean, key=lambda rows: abs(rows[0].true_mean))[:1]:
+                    shares = [f"{row.percent} % with {row.subjects} subjects" for row in rows]
+                    lines.append(
+                        f"{capitalized(design)}, {trials:,} trials: studies detect the mean of "
+                        f"'{rows[0].observers}' in {join_words(shares)}."
+                    )
+        return lines
+
+    def _full_frame(self) -> pd.DataFrame:
+        """The table with the columns of power_groups.csv."""
+        return frame_of(self.rows, GROUP_COLUMNS)
+
+
+def group_power(
+    table: PowerTable, subjects: Sequence[int], prior: ObserverPrior = DEFAULT_PRIOR
+) -> GroupPowerTable:
+    """How many subjects a study finds, and how often its group mean differs from 0.
+
+    A study draws its subjects from the observers of a kind. A subject's estimate is its true effect
+    with a normal error, as large as the analysis of that observer says. The Bayes factor of the
+    group mean averages over the prior of the standard deviation between subjects, as `population`
+    does.
+
+    Parameters
+    ----------
+    table : PowerTable
+    subjects : sequence of int
+        Numbers of subjects.
+    prior : ObserverPrior
+        The prior with which the observers were analysed.
+
+    Examples
+    --------
+    >>> table = power(trials=[130], observers="both", data_sets=2, seed=1, workers=1)
+    >>> [row.question for row in group_power(table, [10]).rows]
+    ['order_effect', 'constant_error', 'contraction']
+    """
+    groups = defaultdict(list)
+    for data_set in table.data_sets:
+        groups[data_set.design, data_set.trials, data_set.observer.kind].append(data_set)
+    rows = []
+    for key, members in groups.items():
+        for question in QUESTIONS:
+            words = [member.answer.words[question] for member in members]
+            n_detected = sum(word.is_positive for word in words)
+            for size in subjects:
+                counts = predicted_count(n_detected, len(members), size)
+                row = GroupPower(*key, question, size, np.nan, np.nan, *counts)
+                if question != "order_effect":
+                    row = _with_group_mean(row, members, table.seed, prior)
+                rows.append(row)
+    return GroupPowerTable(tuple(rows))
+
+
+def _with_group_mean(
+    row: GroupPower, members: Sequence[DataSet], seed: int, prior: ObserverPrior
+) -> GroupPower:
+    """The row with the true mean, and with the share of studies that find it."""
+    truth = np.array([member.observer.parameters[row.question] for member in members])
+    rng = generator(seed, row.design, row.observers, f"{row.trials} {row.subjects} {row.question}")
+    drawn = rng.integers(len(members), size=(_STUDIES, row.subjects))
+    scales = members[0].scales
+    unit, hyperprior = scales.step, Hyperprior().constant_error
+    prior_sd = 0.5 * np.sqrt(3.0) * prior.constant_error_scale  # of a normal with that curvature
+    if row.question == CONTRACTION.name:
+        unit, hyperprior = 1.0, Hyperprior().contraction.narrowed(scales.roving_share)
+        prior_sd = prior.contraction_sd * scales.roving_share
+    posterior_sd = np.array([_posterior_sd(member, row.question) for member in members]) / unit
+    precision = np.maximum(posterior_sd**-2.0 - prior_sd**-2.0, _LEAST_PRECISION)
+    standard_errors = (precision**-0.5)[drawn]
+    estimates = truth[drawn] / unit + standard_errors * rng.standard_normal(drawn.shape)
+    numbers = HyperpriorNumbers.from_rows([hyperprior])
+    log_factors = -approximate_zero_mean(estimates, standard_errors, numbers, 0)
+    hits = sum(word_of_bayes_factor(value).is_positive for value in log_factors.tolist())
+    power_share, low, high = share(hits, _STUDIES)
+    return replace(
+        row,
+        true_mean=float(truth.mean()),
+        true_sd=float(truth.std()),
+        power=power_share,
+        power_low=low,
+        power_high=high,
+    )
+
+
+def _posterior_sd(data_set: DataSet, question: str) -> float:
+    """Posterior SD of an effect: constant error (natural-log intensity) or contraction."""
+    size = data_set.answer.sizes[SIZE_OF[question]]
+    low, high = size.q025, size.q975
+    if question == CONSTANT_ERROR.name:
+        low, high = np.log1p([low / 100.0, high / 100.0])
+    return float(high - low) / _INTERVAL_SDS
+
+
+def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]:
+    """How many of so many subjects have what `hits` of `size` had: median, 95 % interval.
+
+    The prediction is beta-binomial, with Jeffreys' prior of the share.
+
+    Examples
+    --------
+    >>> predicted_count(35, 50, 20)
+    (14, 9, 18)
+    """
+    a, b = hits + 0.5, size - hits + 0.5
+    count = np.arange(subjects + 1)
+    n_other = subjects - count
+    log_ways = -betaln(n_other + 1.0, count + 1.0) - np.log(subjects + 1.0)
+    log_probability = log_ways + betaln(count + a, n_other + b) - betaln(a, b)
+    below = np.cumsum(np.exp(log_probability))
+    median, low, high = np.searchsorted(below, (0.5, _TAIL, 1.0 - _TAIL)).tolist()
+    return median, low, high

@@ -21,7 +21,9 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words
 from bayes_toe.data.messages import quoted
+from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_study import Truth
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import Study, Subject, with_shared_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, read_numbers
@@ -38,10 +40,14 @@ from bayes_toe.design.study_design import (
     PAPER_BATCHES,
     BatchDesign,
     StudyDesign,
+    apportioned,
     full_design,
+    log_levels,
+    read_pairs,
     reference_design,
+    stimulus_columns,
 )
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, Remedy
 from bayes_toe.model.paper_equations import (
     Natural,
     equal_probability,
@@ -65,6 +71,8 @@ _ALLOWED_DIFFERENCE = (
     f"QUANTITY=SIZE, or QUANTITY=SIZE:SD with the sd between subjects, of {', '.join(DIFFERING)}, "
     "separated by commas"
 )
+_FAR = 2.0  # natural logs of the mean stimulus, at which the paper's prior means are far away
+_NATURAL_LOGS = ReadOptions()
 _DESIGNS = {"reference": reference_design, "full": full_design}
 Sizes: TypeAlias = Mapping[str, float | tuple[float, float]]
 
@@ -207,7 +215,7 @@ class ConditionDifferences:
         if isinstance(observer, PaperObserver):
             if self.sizes:
                 raise InputError(
-                    "--differ: allowed with observers of the four models, such as --population both"
+                    "--differ: allowed with observers of the four models, such as --observers both"
                 )
             return [replace(observer, name=name) for name in names]
         rng = generator(seed, observer.name, "differences between conditions")
@@ -406,7 +414,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     *,
     population: str = PAPER,
     design: str | BatchDesign = "reference",
-    amplitudes: Sequence[float] = PAPER_AMPLITUDES,
+    amplitudes: Sequence[float] | None = None,
     batches: int = PAPER_BATCHES,
     seed: int | None = None,
     task: Task | str = SAME_DIFFERENT,
@@ -429,8 +437,8 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         parameters.
     design : {"reference", "full"} or BatchDesign
         The paper's pairs, all ordered pairs of the amplitudes, or pairs of your own.
-    amplitudes : sequence of float
-        Stimuli in units of the reference, weakest first.
+    amplitudes : sequence of float, optional
+        Stimuli in units of the reference, weakest first; by default the paper's.
     batches : int
         Repetitions of the whole set of pairs.
     seed : int, optional
@@ -498,8 +506,15 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
 def draw_population(
     population: str, size: int, seed: int, design: BatchDesign, task: Task = SAME_DIFFERENT
 ) -> Sequence[SimulatedObserver]:
-    """Observers that `--population` names; anything but a known word is a CSV of parameters."""
+    """Observers that `--observers` names; anything but a known word is a CSV of parameters."""
     if population == PAPER:
+        mean = float(design.s1.mean())
+        if abs(mean) > _FAR:
+            raise InputError(
+                f"--observers paper: found stimuli about ln {mean:.3g}, far from those of the "
+                "paper, ln 0 to 0.5",
+                [Remedy("observers", "both", "observers for any stimuli")],
+            )
         return paper_population(size, generator(seed, "population"), task)
     if population not in POPULATIONS:
         return read_observers(population, task)
@@ -522,7 +537,7 @@ def draw_population(
 
 def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
     """Observers of a CSV file with subject and parameters, of the four models or of the paper's."""
-    require_file(path, "--population", POPULATIONS)
+    require_file(path, "--observers", POPULATIONS)
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         is_paper = "mu1" in file.readline(10_000)
     if is_paper:
@@ -570,29 +585,64 @@ def require_file(text: str, option: str, words: Iterable[str]) -> None:
 
 
 def make_batch_design(
-    design: str | BatchDesign, amplitudes: str | Sequence[float], batches: int
+    design: str | BatchDesign,
+    amplitudes: str | Sequence[float] | None,
+    batches: int,
+    trials: int | None = None,
+    options: ReadOptions = _NATURAL_LOGS,
 ) -> BatchDesign:
-    """The design of `--design` and `--amplitudes`; no known word is a CSV of s1,s2."""
+    """The design of `--design`, `--amplitudes`, `--trials`, in the unit of the options.
+
+    No known word is a CSV of s1,s2 or s1,s2,n_trials.
+    """
     if isinstance(design, BatchDesign):
         batch_design = design
     elif design in _DESIGNS:
-        batch_design = _DESIGNS[design](_numbers("--amplitudes", amplitudes), batches)
+        batch_design = _DESIGNS[design](_amplitudes(amplitudes, options), batches)
     else:
         require_file(design, "--design", _DESIGNS)
-        _, columns = read_numbers(design, ("s1", "s2"), optional=("isi", "n_trials"))
-        for name in ("n_trials", "isi"):
-            if name in columns:
-                raise InputError(
-                    f"{design}, column {name}: found in a design, allowed: s1, s2; every pair "
-                    "comes once in each batch (--batches)"
-                )
-        batch_design = BatchDesign(columns["s1"], columns["s2"], batches)
+        batch_design = _read_batches(design, batches, trials, options)
     if batch_design.batches < 1:
         raise InputError(f"design: batches={batch_design.batches} must be at least 1")
-    return batch_design
+    n_pairs = len(batch_design.s1)
+    if trials in (None, n_pairs * batch_design.batches):
+        return batch_design
+    return _repeated(batch_design, np.ones(n_pairs), trials)
 
 
-def trial_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
+def _amplitudes(values: str | Sequence[float] | None, options: ReadOptions) -> FloatArray:
+    """Intensities relative to the reference; the paper's where there are none."""
+    if values is None:
+        if options.unit is not None:
+            raise InputError("--unit: allowed with --amplitudes N,N or --design FILE.csv")
+        return np.array(PAPER_AMPLITUDES)
+    amplitudes = np.array(_numbers("--amplitudes", values))
+    return amplitudes if options.unit is None else np.exp(log_levels(amplitudes, options))
+
+
+def _read_batches(path: str, batches: int, trials: int | None, options: ReadOptions) -> BatchDesign:
+    """The pairs of a file, each once in a batch or as often as the column n_trials says."""
+    columns = read_pairs(path, options, optional=("n_trials",))
+    pairs = BatchDesign(columns["s1"], columns["s2"], batches)
+    if "n_trials" not in columns:
+        return pairs
+    counts = columns["n_trials"]
+    return _repeated(pairs, counts, trials or int(counts.sum()))
+
+
+def _repeated(design: BatchDesign, share: FloatArray, trials: int | None) -> BatchDesign:
+    """The pairs with shares of so many trials, in as many equal batches as there can be."""
+    if trials is None or trials < len(share):
+        raise InputError(f"--trials {trials}: allowed is at least {len(share)}, one for each pair")
+    n_trials = apportioned(share, trials)
+    batches = int(np.gcd.reduce(n_trials))
+    row = np.repeat(np.arange(len(n_trials)), n_trials // batches)
+    return BatchDesign(design.s1[row], design.s2[row], batches)
+
+
+def trial_frame(
+    trials: Sequence[SimulatedTrials], unit: StimulusUnit = UNKNOWN_UNIT
+) -> pd.DataFrame:
     """Trials as a table that `bayes-toe` reads, conditions in turn batch by batch.
 
     The column `synthetic` marks them for good.
@@ -605,7 +655,8 @@ def trial_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
         columns: dict[str, npt.ArrayLike] = {"subject": answered.subject.removesuffix(ending)}
         if answered.condition:
             columns["condition"] = answered.condition
-        columns |= {"batch": answered.batch, "trial": 0, "s1": answered.s1, "s2": answered.s2}
+        columns |= {"batch": answered.batch, "trial": 0}
+        columns |= stimulus_columns(answered.s1, answered.s2, unit)
         task = answered.observer.task
         response = np.where(answered.yes, task.yes, task.no)
         columns |= {"response": np.where(answered.is_missed, "", response), "synthetic": 1}

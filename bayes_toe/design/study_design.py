@@ -14,11 +14,22 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, StrPath
+from bayes_toe.data.column_roles import intensity_remedies
+from bayes_toe.data.messages import join_names
+from bayes_toe.data.options import ReadOptions
+from bayes_toe.data.read_table import read_table
+from bayes_toe.data.stimulus_unit import (
+    ANY_UNIT,
+    LOG_UNITS,
+    UNKNOWN_UNIT,
+    StimulusUnit,
+    sign_of_intensities,
+)
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import read_numbers
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, Remedy
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -159,20 +170,107 @@ def apportioned(share: FloatArray, trials: int) -> IntArray:
     return counts
 
 
-def read_study_design(path: StrPath, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
+def read_study_design(
+    path: StrPath, task: Task | str = SAME_DIFFERENT, unit: str | None = None
+) -> StudyDesign:
     """A design from a CSV file with columns s1,s2,n_trials.
+
+    Parameters
+    ----------
+    path : str or path
+    task : Task or str
+    unit : str, optional
+        Of the stimuli, as in :class:`bayes_toe.ReadOptions`; intensities may be in i1 and i2.
 
     Raises
     ------
     InputError
         One line per problem of the file, with row and column.
     """
-    _, columns = read_numbers(path, DESIGN_COLUMNS, counts=("n_trials",))
+    columns = read_pairs(path, ReadOptions(unit=unit), ("n_trials",))
     n_trials = columns["n_trials"].astype(np.int64)
     try:
         return StudyDesign(columns["s1"], columns["s2"], n_trials, task=task_of(task))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def read_pairs(
+    path: StrPath,
+    options: ReadOptions,
+    required: tuple[str, ...] = (),
+    optional: tuple[str, ...] = (),
+) -> dict[str, FloatArray]:
+    """The columns s1 and s2 of a CSV file in natural logs, and these counts."""
+    names = stimulus_names(path, ("s1", "s2"), ("i1", "i2"), options)
+    _, columns = read_numbers(
+        path, (*names, *required), optional=("isi", *optional), counts=("n_trials",)
+    )
+    if "isi" in columns:
+        raise InputError(f"{path}, column isi: found in a design, allowed: s1, s2, n_trials")
+    logs = to_logs(path, [columns.pop(name) for name in names], options)
+    return {**columns, **dict(zip(("s1", "s2"), logs, strict=True))}
+
+
+def stimulus_names(
+    path: StrPath, logs: tuple[str, ...], intensities: tuple[str, ...], options: ReadOptions
+) -> tuple[str, ...]:
+    """The columns of the stimuli in a file: those of intensities if there is a unit for them."""
+    header = {*read_table(path, lambda _: {*logs, *intensities}).names}
+    if not header.issuperset(intensities):
+        return logs
+    if not options.has_intensities and not header.intersection(logs):
+        raise InputError(
+            f"{path}: columns {join_names(intensities)} are intensities without a unit",
+            [Remedy("unit", ANY_UNIT, "or the name of their unit")],
+        )
+    return intensities if options.has_intensities else logs
+
+
+def to_logs(path: StrPath, stimuli: list[FloatArray], options: ReadOptions) -> list[FloatArray]:
+    """Natural logs of stimuli in the unit of these options; a unit that is missing is named."""
+    smallest = min(float(values.min()) for values in stimuli)
+    if options.has_intensities and smallest <= 0.0:
+        raise InputError(f"{path}: found the intensity {smallest:g}, allowed: positive numbers")
+    if options.unit is None and not options.has_intensities:
+        sign, _ = sign_of_intensities(stimuli[0], stimuli[-1])
+        if sign:
+            raise InputError(
+                f"{path}: found {sign}, allowed: natural logs of intensities",
+                intensity_remedies(np.concatenate(stimuli)),
+            )
+    return [log_levels(values, options) for values in stimuli]
+
+
+def log_levels(levels: FloatArray, options: ReadOptions) -> FloatArray:
+    """Natural logs of levels in the unit of these options."""
+    if options.has_intensities:
+        return np.log(levels) - options.stimulus_unit.log_reference
+    return levels * LOG_UNITS[options.unit or "ln"]
+
+
+def stimulus_columns(
+    s1: FloatArray, s2: FloatArray, unit: StimulusUnit = UNKNOWN_UNIT
+) -> dict[str, FloatArray]:
+    """Columns of stimuli as a command reads them with this unit.
+
+    They are s1 and s2, natural logs or in the log unit; intensities are in i1 and i2 besides.
+
+    Examples
+    --------
+    >>> logs = np.log([45.0, 60.0])
+    >>> columns = stimulus_columns(logs, logs[::-1], StimulusUnit("um"))
+    >>> {name: column.round(3).tolist() for name, column in columns.items()}
+    {'s1': [3.807, 4.094], 's2': [4.094, 3.807], 'i1': [45.0, 60.0], 'i2': [60.0, 45.0]}
+    """
+    log_unit = LOG_UNITS.get(unit.name, 1.0)
+    columns = {"s1": s1 / log_unit, "s2": s2 / log_unit}
+    if unit.of_stimuli and not unit.is_decibel:
+        for name, logs in (("i1", s1), ("i2", s2)):
+            # Without the rounding of logarithms: 45, not 44.99999999999997.
+            stimuli = [float(f"{value:.12g}") for value in unit.stimuli(logs)]
+            columns[name] = np.array(stimuli)
+    return columns
 
 
 def paper_study_design(trials: int | None = None, task: Task | str = SAME_DIFFERENT) -> StudyDesign:

@@ -14,7 +14,8 @@ import pandas as pd
 
 from bayes_toe.arrays import BoolArray, IndexArray, IntArray, Rng
 from bayes_toe.data.messages import join_names
-from bayes_toe.design.study_design import StudyDesign
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
+from bayes_toe.design.study_design import StudyDesign, stimulus_columns
 from bayes_toe.errors import InputError
 from bayes_toe.seeds import generator
 
@@ -31,7 +32,7 @@ def trial_list(
     subject: str = "S01",
     seed: int,
     conditions: Sequence[str] = (),
-    reference: float | None = None,
+    unit: StimulusUnit = UNKNOWN_UNIT,
 ) -> pd.DataFrame:
     """A random order of all trials of a design, a row a trial; the responses are still to come.
 
@@ -49,8 +50,8 @@ def trial_list(
     conditions : sequence of str
         Levels of a condition within subjects, each of which has all trials of the design; they are
         mixed within blocks.
-    reference : float, optional
-        With it raw amplitudes i1 and i2 stand beside the natural-log intensities.
+    unit : StimulusUnit
+        Of the columns of the stimuli.
 
     Raises
     ------
@@ -76,12 +77,8 @@ def trial_list(
         columns["condition"] = np.array(conditions)[level]
     columns["block"] = np.repeat(np.arange(1, blocks + 1), [*map(len, order)])
     columns["trial"] = np.arange(1, len(pair) + 1)
-    columns["s1"], columns["s2"] = design.s1[pair], design.s2[pair]
-    if reference is not None:
-        for name, logs in (("i1", design.s1), ("i2", design.s2)):
-            # Without the rounding of logarithms: 45, not 44.99999999999997.
-            amplitudes = [float(f"{value:.12g}") for value in reference * np.exp(logs)]
-            columns[name] = np.array(amplitudes)[pair]
+    for name, values in stimulus_columns(design.s1, design.s2, unit).items():
+        columns[name] = values[pair]
     return pd.DataFrame({**columns, "response": ""})
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, ndtri, stdtrit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.group_sampler import GroupDraws
@@ -33,6 +33,8 @@ _LOG_NORMAL_SHARES = np.log(_WEIGHTS / _WEIGHTS.sum())
 _ANGLES = (np.arange(400) + 0.5) * np.pi / 400 - 0.5 * np.pi
 _STUDENT_NODES = np.sqrt(3.0) * np.tan(_ANGLES)
 _LOG_STUDENT_SHARES = np.log(np.square(np.cos(_ANGLES)) / 200)
+#: Probabilities of the prior of a standard deviation, at the middle of equal shares.
+_SD_PROBABILITIES = (np.arange(24) + 0.5) / 24
 
 
 class ZeroBayesFactor(NamedTuple):
@@ -58,6 +60,47 @@ def zero_mean(
     width = draws.sd[..., j] / np.sqrt(residual.shape[-1])
     log_average = _log_average_prior(centre, width, numbers, j)
     return _average(_log_normal(centre, np.square(width)) - log_average)
+
+
+def approximate_zero_mean(
+    estimates: FloatArray, standard_errors: FloatArray, numbers: HyperpriorNumbers, j: int
+) -> FloatArray:
+    """Log Bayes factors of a mean of 0, from a normal likelihood of each subject.
+
+    Given tau, the likelihood of the mean is normal. It is averaged over the prior of tau.
+
+    Parameters
+    ----------
+    estimates, standard_errors : ndarray, shape (groups, subjects)
+        In the unit of the group's parameters.
+    numbers : HyperpriorNumbers
+    j : int
+        The coefficient.
+
+    Returns
+    -------
+    ndarray, shape (groups,)
+
+    Examples
+    --------
+    >>> from bayes_toe.groups.hyperprior import Hyperprior
+    >>> numbers = HyperpriorNumbers.from_rows([Hyperprior().contraction])
+    >>> estimates = np.array([[0.2, 0.3, 0.25, 0.22], [-0.2, 0.1, 0.2, -0.1]])
+    >>> log_factors = approximate_zero_mean(estimates, np.full((2, 4), 0.05), numbers, 0)
+    >>> (log_factors > 0.0).tolist()
+    [False, True]
+    """
+    quantile = 0.5 + 0.5 * _SD_PROBABILITIES
+    score = stdtrit(3.0, quantile) if numbers.has_heavy_tails[j] else ndtri(quantile)
+    tau = numbers.sd_scale[j] * score
+    variance = np.square(tau)[:, None] + np.square(standard_errors)[:, None]
+    total = (1.0 / variance).sum(axis=-1)
+    centre = (estimates[:, None] / variance).sum(axis=-1) / total
+    squares = np.square(estimates[:, None] - centre[..., None]) / variance
+    log_mass = -0.5 * ((squares + np.log(variance)).sum(axis=-1) + np.log(total))
+    at_zero = logsumexp(log_mass + _log_normal(centre, 1.0 / total), axis=-1)
+    log_prior = _log_average_prior(centre, 1.0 / np.sqrt(total), numbers, j)
+    return np.asarray(at_zero - logsumexp(log_mass + log_prior, axis=-1))
 
 
 def _log_average_prior(

@@ -1,7 +1,7 @@
 """Figures of how often a design detects an effect.
 
 `power` draws the share of simulated observers with 'yes' or 'probably' over the number of trials.
-`design` draws the pairs of an optimised design and compares it with others.
+`design` draws the pairs of an optimised design, and its power beside that of an even design.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.answers.words import Word
-from bayes_toe.design.optimal_pairs import OPTIMISED, PAPER, OptimalDesign
+from bayes_toe.design.optimal_pairs import OptimalDesign
 from bayes_toe.design.power import DETECTED, PowerTable
 from bayes_toe.plots.style import (
     EQUAL,
@@ -33,6 +33,7 @@ from bayes_toe.plots.style import (
 _UNKNOWN = Word.CANNOT_BE_TOLD.value
 _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7")
 _MARKERS = "Dos^vP"
+_DESIGN_COLOURS = (STRONGER_FIRST, EQUAL)
 _LARGEST = 160.0  # area of the most frequent pair, square points
 _SPREAD = 0.8  # of the kinds about their number of trials, in distances between two numbers
 
@@ -98,11 +99,11 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
 
 
 def design(optimal: OptimalDesign) -> Figure:
-    """The design on the stimulus plane, and beside it how often it and others show effects.
+    """The design on the stimulus plane, and beside it how often it and the other one show effects.
 
     Left: the pairs, with an area in proportion to their trials, over the information that one more
-    trial of each pair would add; the paper's pairs are crosses. Right: the share of observers with
-    'yes' or 'probably' about each question; hollow marks are observers without the effect.
+    trial of each pair would add. Right: the share of each kind of observers with 'yes' or
+    'probably' about the order effect; the kinds without one are hollow.
     """
     figure = new_figure(PAGE, 3.5)
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
@@ -122,10 +123,6 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
     bar = ax.figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
     style_colour_bar(bar, "what one more trial adds,\nthousandths of a nat")
     ax.axline((float(first[0]),) * 2, slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
-    if PAPER in optimal.candidates:
-        paper = optimal.candidates[PAPER].design
-        cross: Style = {"color": WEAKER_FIRST, "markersize": 4.0, "markeredgewidth": 1.0}
-        ax.plot(paper.s1, paper.s2, "x", label=PAPER, **cross)
     ax.scatter(
         design.s1,
         design.s2,
@@ -153,27 +150,21 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
 
 
 def _draw_compared(ax: Axes, optimal: OptimalDesign) -> None:
-    names, trials = list(optimal.candidates), optimal.design.total
-    colours = (EQUAL, WEAKER_FIRST, STRONGER_FIRST)
-    for index, (question, colour) in enumerate(zip(QUESTIONS, colours, strict=True)):
-        for has_effect in (True, False):
-            rows, shares = [], []
-            for row, name in enumerate(names):
-                share = optimal.power.detected(name, trials, question, has_effect=has_effect)
-                if share is not None:
-                    rows.append(row)
-                    shares.append(share)
-            x, low, high = np.array(shares).reshape(-1, 3).T
-            y = np.array(rows) + 0.24 * (index - 1)
-            style: Style = {"fmt": _MARKERS[index], "color": colour, "elinewidth": 0.8}
-            if has_effect:
-                label = question.replace("_", " ")
-                ax.errorbar(x, y, xerr=(x - low, high - x), ms=4.5, label=label, **style)
-            else:
-                ax.errorbar(x, y + 0.09, mfc="white", ms=3.0, **style)
-    labels = [plain("this design" if name == OPTIMISED else name) for name in names]
-    ax.set_yticks(np.arange(len(names)), labels)
-    ax.set(xlim=(-0.03, 1.03), ylim=(len(names) - 0.5, -0.5))
-    ax.set_xlabel("share with yes or probably\n(hollow: without effect)")
-    legend_above(ax, columns=3, title=f"{trials:,} trials")
+    """The order effect in each kind of observers, by both designs."""
+    table, trials = optimal.power, optimal.design.total
+    kinds = table.different("observers")
+    for index, (name, colour) in enumerate(zip(optimal.designs, _DESIGN_COLOURS, strict=False)):
+        for row, kind in enumerate(kinds):
+            share = table[name, trials, kind, "order_effect", DETECTED]
+            style: Style = {"fmt": _MARKERS[index], "color": colour, "ms": 4.5, "elinewidth": 0.8}
+            if not table.has_effect(kind, "order_effect"):
+                style["mfc"] = "white"
+            elif row == len(kinds) - 1:
+                style["label"] = f"{name} design"
+            error = [[share.value - share.low], [share.high - share.value]]
+            ax.errorbar(share.value, row + 0.22 * (index - 0.5), xerr=error, **style)
+    ax.set_yticks(np.arange(len(kinds)), [plain(kind) for kind in kinds])
+    ax.set(xlim=(-0.03, 1.03), ylim=(len(kinds) - 0.5, -0.5))
+    ax.set_xlabel("share with order effect yes or probably\n(hollow: without effect)")
+    legend_above(ax, columns=2, title=f"{trials:,} trials")
     style_axes(ax)

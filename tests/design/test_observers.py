@@ -52,11 +52,14 @@ def test_ranges_of_a_file(tmp_path):
     path.write_text('[weak]\ncontraction = 0.1\nnoise = [0.3, 0.4]\n["no effect"]\nq0 = 0.9\n')
     kinds = read_ranges(path)
     assert kinds["weak"]["contraction"] == (0.1, 0.1)
-    assert kinds["weak"]["q0"] == (0.85, 0.98)
+    even = assume_observers("groups", 4, 1, [paper_study_design()], is_even=True)
+    errors = [observer.parameters["constant_error"] for observer in even[:4]]
+    assert sorted(errors) == pytest.approx([-0.1275, -0.0425, 0.0425, 0.1275])
     observers = assume_observers(path, 2, 1, [paper_study_design()])
     names = [observer.name for observer in observers]
     assert names == ["weak 1", "weak 2", "no effect 1", "no effect 2"]
     assert observers[0].parameters["contraction"] == 0.1
+    assert 0.85 <= observers[0].parameters["q0"] <= 0.98
     assert observers[2].parameters["q0"] == 0.9
 
 

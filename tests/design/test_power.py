@@ -13,9 +13,8 @@ from bayes_toe.answers.words import Word
 from bayes_toe.design.observers import assume_observers
 from bayes_toe.design.power import (
     DETECTED,
-    WIDTH,
     PowerTable,
-    mean,
+    group_power,
     power,
     share,
 )
@@ -58,9 +57,8 @@ def test_first_stimuli_far_apart_show_a_contraction_that_the_papers_pairs_do_not
     assert table["wide", 650, "contraction", "constant_error", DETECTED].value == 0.0
     assert table["wide", 650, "large constant error", "constant_error", "yes"].value == 1.0
     assert table["wide", 650, "none", "order_effect", "yes"].value == 0.0
-    of_paper = table["paper", 650, "contraction", "contraction_p", WIDTH].value
-    of_wide = table["wide", 650, "contraction", "contraction_p", WIDTH].value
-    assert of_paper > 2.0 * of_wide
+    widths = table.data_sets_frame().groupby("design").contraction_p_width.mean()
+    assert widths["paper"] > 2.0 * widths["wide"]
 
 
 def test_words_are_counted(table):
@@ -73,36 +71,56 @@ def test_words_are_counted(table):
     for answer, value in {**expected, DETECTED: 0.6}.items():
         share_of_answer = counted["paper", 650, "none", "contraction", answer].value
         assert share_of_answer == pytest.approx(value)
-    assert counted.detected("paper", 650, "contraction", has_effect=False) == share(3, 5)
-    assert counted.detected("paper", 650, "contraction", has_effect=True) is None
-    assert counted.sentences()[1] == (
-        "Paper, 650 trials: order effect (60 %), constant error (60 %), contraction (60 %)."
-    )
+    assert counted.sentences() == ["Paper, 650 trials: false positives 60 % [21, 91]."]
     with pytest.raises(InputError, match="nothing counted for"):
         counted["paper", 650, "none", "contraction", "maybe"]
 
 
-@pytest.mark.parametrize("size", [2, 50])
-def test_intervals_of_shares_and_means_hold_the_truth(size):
-    """95 % do: of Jeffreys' intervals on average over shares, of means by their standard errors."""
+def test_the_effect_that_is_detected_least_comes_first(table):
+    assert table.sentences("wide") == [
+        "Wide, 650 trials: large constant error detected in 100 % [46, 100]; every other effect in "
+        "100 %; false positives 0 % [0, 54]."
+    ]
+    assert table.sentences()[0].endswith(" Contraction: cannot be told.")
+
+
+def test_intervals_of_shares_hold_the_truth():
+    """95 % of Jeffreys' intervals do, on average over shares."""
     rng = np.random.default_rng(0)
-    holds_share, holds_mean = [], []
+    holds_share = []
     for p in rng.uniform(0.05, 0.95, 400):
         _, low, high = share(int(rng.binomial(50, p)), 50)
         holds_share.append(low <= p <= high)
-        _, low, high = mean(rng.normal(p, 1.0, size))
-        holds_mean.append(low <= p <= high)
     assert 0.92 < np.mean(holds_share) < 0.98
-    assert 0.92 < np.mean(holds_mean) < 0.98
+
+
+def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
+    """Without spread between subjects, the false-positive rate of 400 studies is below 10 %."""
+    observers = assume_observers("groups", 12, 1, [designs["wide"]], is_even=True)
+    kinds = ("mean 0", "contraction 20 %")
+    selected = [observer for observer in observers if observer.kind in kinds]
+    single = power({"wide": designs["wide"]}, [650], selected, seed=1, workers=1)
+    groups = group_power(single, [10, 20])
+    rows = groups.select("wide", 650, "contraction")
+    assert [row.true_mean for row in rows["mean 0"]] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert all(row.power < 0.1 for row in rows["mean 0"])
+    first, second = rows["contraction 20 %"]
+    assert (first.true_mean, first.true_sd) == pytest.approx((0.2, 0.098), abs=2e-3)
+    assert 0.9 < first.power <= second.power
+    assert first.detected_low < first.detected < second.detected <= 20
+    assert groups.sentences()[0].startswith("Wide, 650 trials: studies detect the mean of 'contr")
 
 
 def test_the_command(tmp_path):
     paper_study_design(130).save(tmp_path / "short.csv")
     words = "power short.csv --trials 130 --data-sets 1 --observers both --seed 1 --workers 1"
     text = good(words, "-o", "out", cwd=tmp_path)
-    assert "These pairs, 130 trials: order effect 100 %, constant error 100 %, contraction" in text
+    assert "These pairs, 130 trials: both detected in 100 % [15, 100]" in text
+    text = good(words, "-o", "out", "--subjects", "4,8", "--overwrite", cwd=tmp_path)
+    assert "4 subjects  8 subjects" in text
     names = {path.name for path in (tmp_path / "out").glob("power*")}
-    assert names == {"power.csv", "power.pdf", "power.png", "power_data_sets.csv"}
+    tables = {"power.csv", "power_data_sets.csv", "power_groups.csv"}
+    assert names == {*tables, "power.pdf", "power.png"}
 
 
 @pytest.mark.parametrize(
@@ -110,6 +128,7 @@ def test_the_command(tmp_path):
     [
         ("--trials 0", "--trials is '0'. It must be whole numbers from 1"),
         ("--trials 12", "12 trials for 13 pairs"),
+        ("--subjects 1,9", "--subjects is '1,9'. It must be whole numbers from 2"),
         ("--observers nobody", "--observers: found 'nobody'"),
         ("d.csv other/d.csv", "Two design files have the name 'd'."),
     ],

@@ -160,7 +160,6 @@ def test_populations_of_files(tmp_path):
 FILES = {
     "missing.csv": "subject,mu1,sigma_p,sigma_l\nx,0,0.3,0.1\n",
     "negative.csv": "subject,mu1,sigma_p,sigma_l,q0\nx,0,-1,0.1,0.9\n",
-    "numbers.csv": "s1,s2,n_trials\n0,0.3,70\n",
     "interval.csv": "s1,s2,isi\n0,0.3,1\n",
     "twice.csv": "subject,mu1,sigma_p,sigma_l,q0\nx,0,1,0.1,0.9\nx,0,1,0.1,0.9\n",
 }
@@ -184,8 +183,7 @@ REFUSED = [
     ({"amplitudes": "1,two"}, "--amplitudes"),
     ({"amplitudes": (1, -2)}, "positive"),
     ({"design": "mine"}, "--design"),
-    ({"design": "interval.csv"}, "column isi: found in a design, allowed: s1, s2"),
-    ({"design": "numbers.csv"}, "numbers.csv, column n_trials: found in a design"),
+    ({"design": "interval.csv"}, "column isi: found in a design, allowed: s1, s2, n_trials"),
     ({"conditions": "ab"}, "conditions: found the text 'ab', allowed: a list of levels"),
     ({"batches": 0}, "batches=0 must be at least 1"),
     ({"carry_over": 1.0}, "--carry-over: found 1, allowed: a number from 0"),

@@ -8,6 +8,7 @@ from populations import made_result
 from reference.calibration import calibrate
 
 import bayes_toe as bt
+from bayes_toe.design.power import group_power
 
 DOCUMENT = data_dictionary.OUTPUT.read_text(encoding="utf-8")
 REFERENCE = {
@@ -51,6 +52,7 @@ def planned(folder):
     return {
         "power.csv": table.frame(),
         "power_data_sets.csv": table.data_sets_frame(),
+        "power_groups.csv": group_power(table, [2]).frame(),
         "design.csv": pd.read_csv(folder / "design.csv"),
         "trials.csv": pd.read_csv(folder / "trials.csv"),
     }
