@@ -216,7 +216,7 @@ class OrderEffect:
             "much."
         )
         tests = (
-            (MISFIT_FLAG, self.fit_p, "The model does not fit: fit {}."),
+            (MISFIT_FLAG, self.fit_p, "The model does not fit: {}."),
             (PREVIOUS_TRIAL_FLAG, self.history_p, previous_trial),
             (WANDERING_FLAG, self.moving_criterion_p, wandering),
         )
@@ -462,11 +462,11 @@ def format_small_p(p_value: float) -> str:
     Examples
     --------
     >>> format_small_p(0.4), format_small_p(0.00083), format_small_p(0.0)
-    ('p .40', 'p .00083', 'p < .00001')
+    ('test p .40', 'test p .00083', 'test p < .00001')
     """
     if p_value < 1e-5:
-        return "p < .00001"
-    return f"p {format_number(p_value).removeprefix('0')}"
+        return "test p < .00001"
+    return f"test p {format_number(p_value).removeprefix('0')}"
 
 
 def format_limit(p_value: float, n_subjects: int) -> str:
@@ -475,7 +475,7 @@ def format_limit(p_value: float, n_subjects: int) -> str:
     Examples
     --------
     >>> format_limit(0.00083, 12), format_limit(0.0, 1)
-    ('p .00083, below .05/12', 'p < .00001, below .05')
+    ('test p .00083, below .05/12', 'test p < .00001, below .05')
     """
     limit = format_decimals(FALSE_ALARM_SHARE)
     if n_subjects > 1:
@@ -489,13 +489,13 @@ def describe_fit(fit_p: float | None, n_subjects: int) -> str:
     Examples
     --------
     >>> describe_fit(0.4, 12), describe_fit(0.0008, 12), describe_fit(None, 12)
-    ('good, fit p .40', 'poor, fit p .00080, below .05/12', 'not testable')
+    ('good, test p .40', 'poor, test p .00080, below .05/12', 'not testable')
     """
     if fit_p is None:
         return "not testable"
     if fit_p < flag_limit(n_subjects):
-        return f"poor, fit {format_limit(fit_p, n_subjects)}"
-    return f"good, fit {format_small_p(fit_p)}"
+        return f"poor, {format_limit(fit_p, n_subjects)}"
+    return f"good, {format_small_p(fit_p)}"
 
 
 def format_bayes_factor(log_bayes_factor: float) -> str:

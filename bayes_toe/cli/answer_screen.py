@@ -94,7 +94,7 @@ def doubtful_subjects(answers: Iterable[OrderEffect]) -> dict[str, list[str]]:
         if answer.fit_p is None:
             subjects[NO_FIT].append(answer.subject)
         elif answer.fits is False:
-            subjects[POOR_FIT].append(f"{answer.subject} with fit {format_small_p(answer.fit_p)}")
+            subjects[POOR_FIT].append(f"{answer.subject} with {format_small_p(answer.fit_p)}")
         if answer.depends_on_previous_trial:
             subjects[ON_PREVIOUS_TRIAL].append(answer.subject)
     return subjects

@@ -36,7 +36,6 @@ from bayes_toe.answers.order_effect import (
 )
 from bayes_toe.answers.study_summary import (
     APPENDIX_C,
-    FALSE_ALARMS,
     describe_pair,
     few_subjects_lines,
     study_lines,
@@ -401,7 +400,7 @@ def _trust(analysis: Analysis) -> list[tuple[str, str]]:
     misfits = _doubts(interpreted, POOR_FIT, NO_FIT)
     return [
         ("Design", _design(analysis.answers)),
-        ("Fit", misfits or f"No subject has a poor fit. {FALSE_ALARMS}"),
+        ("Fit", misfits or "No subject has a poor fit."),
         ("Prior", _prior(interpreted)),
         ("Convergence", _convergence(analysis)),
         ("Serial dependence", _serial_dependence(interpreted)),
@@ -461,7 +460,7 @@ def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
         return "Not testable: the order of the trials is not known."
     dependent = _doubts(answers, ON_PREVIOUS_TRIAL)
     if not dependent:
-        return f"No subject shows a dependence on the previous trial. {FALSE_ALARMS}"
+        return "No subject shows a dependence on the previous trial."
     return f"{dependent} The command bayes-toe history estimates by how much."
 
 

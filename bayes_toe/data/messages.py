@@ -106,9 +106,9 @@ def format_p_value(value: float) -> str:
 
 
 def describe_p_value(value: float) -> str:
-    """A p-value in a sentence, 'p < .001' or 'p = .012'."""
+    """A p-value in a sentence, 'test p < .001' or 'test p = .012'."""
     number = format_p_value(value)
-    return f"p {number}" if number.startswith("<") else f"p = {number}"
+    return f"test p {number}" if number.startswith("<") else f"test p = {number}"
 
 
 def join_few(names: Sequence[str]) -> str:

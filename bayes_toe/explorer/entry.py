@@ -392,7 +392,7 @@ def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
         return "untold", f"fit: {text}"
     if fit_p < flag_limit(n_subjects):
         return "misfit", text.removeprefix("poor, ")
-    return "fine", f"fit: {text.replace('fit p', 'p')}"
+    return "fine", f"fit: {text}"
 
 
 # --- curves ---------------------------------------------------------------------------------------

@@ -80,7 +80,7 @@ def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
     untestable = {"fit_p": None}
     text = text_of(with_answers(analysis, poor, excluded, untestable), tmp_path)
     first, second, third = analysis.draws.names
-    assert f"The model does not fit {first} with fit p .0010." in text
+    assert f"The model does not fit {first} with test p .0010." in text
     assert f"The fit is not testable for {third}." in text
     assert f"Not interpreted: {second}." in text
     assert "of 2 participants" in text
