@@ -21,7 +21,6 @@ from bayes_toe.cli.options import (
     Question,
     Text,
     file_name,
-    flag,
     option,
     rare,
     writes,
@@ -163,14 +162,14 @@ class GoalOptions:
     lowest: Annotated[Number, option("--lowest", NUMBER, "Weakest stimulus, ln or --unit.")] = None
     highest: Annotated[Number, option("--highest", NUMBER, "Strongest stimulus.")] = None
     unit: Unit = None
-    even: Annotated[bool, flag("--even", "Spread the trials evenly over the range.")] = False
+    even: Annotated[bool, rare("--even", "", "Spread the trials evenly over the range.")] = False
     step: Annotated[
         Text, rare("--step", "STEP", "Step between levels: 5%, or a number in the unit.")
     ] = None
     levels: Annotated[File, rare("--levels", "levels.csv", "Levels that can be presented.")] = None
-    intensity: Annotated[
-        Number, rare("--intensity", "REF", "Former name of --unit.", hidden=True)
-    ] = None
+    intensity: Annotated[Number, rare("--intensity", "REF", "Without --unit: s = ln(i / REF).")] = (
+        None
+    )
     max_pairs: Annotated[int, rare("--max-pairs", NUMBER, "Most pairs.")] = 26
     aim: Annotated[
         str,
@@ -251,9 +250,7 @@ class ListOptions:
     ] = None
     blocks: Annotated[int, rare("--blocks", NUMBER, "Blocks of --list.", min=1)] = 10
     subjects: Annotated[int, option("--subjects", NUMBER, "Subjects of --list.", min=1)] = 1
-    conditions: Annotated[Text, option("--conditions", "left,right", "Conditions of --list.")] = (
-        None
-    )
+    conditions: Annotated[Text, rare("--conditions", "left,right", "Conditions of --list.")] = None
 
     def levels(self) -> tuple[str, ...]:
         """The levels of the condition; none without a condition."""
@@ -398,7 +395,7 @@ class PairOptions:
         int | None, option("--trials", NUMBER, "Trials of a subject (default: 50 a pair).", min=1)
     ] = None
     batches: Annotated[
-        int, option("--batches", NUMBER, "Repetitions of all pairs.", min=1, hidden=True)
+        int, rare("--batches", NUMBER, "Without --trials: repetitions of pairs.", min=1)
     ] = 50
     amplitudes: Annotated[
         Text, rare("--amplitudes", "N,N", "Stimuli in the unit (default: the paper's).")
@@ -425,9 +422,9 @@ class PopulationOptions:
     conditions: Annotated[
         Text, option("--conditions", "left,right", "Conditions, each with all pairs.")
     ] = None
-    differ: Annotated[
-        Text, option("--differ", "NAME=MEAN", "Difference between the conditions.")
-    ] = None
+    differ: Annotated[Text, rare("--differ", "NAME=MEAN", "Difference between the conditions.")] = (
+        None
+    )
     question: Question = "2afc"
 
 

@@ -212,7 +212,7 @@ def test_swapped_responses_are_named_with_what_to_type(screens, name):
 
 
 def test_false_positives_are_counted_in_brackets(screens):
-    assert len(re.findall(r" \(\d+ % \[", screens["power"])) == 2
+    assert len(re.findall(r" \(\d+ % \[", screens["power"])) == 3
 
 
 @pytest.mark.parametrize("is_robust", [True, False])

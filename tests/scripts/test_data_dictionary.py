@@ -23,7 +23,8 @@ AT_TIMES = {"condition"}
 def written(analysis, small_study, tmp_path_factory):
     """By file, the columns of one that is made as its command makes it."""
     folder = tmp_path_factory.mktemp("dictionary")
-    good("simulate -o study.csv --truth truth.csv --subjects 1 --seed 1", cwd=folder)
+    options = "--task same/different --subjects 1 --seed 1"
+    good(f"simulate -o study.csv --truth truth.csv {options}", cwd=folder)
     verdicts = calibrate(studies=1, data_sets=1, seed=3, workers=1)
     group, asymmetry = made_result(small_study), bt.asymmetry(small_study)
     return {
