@@ -359,7 +359,7 @@ def test_lax_blocks_are_unlike_but_not_swapped():
     equal[(block == 4) & (default_rng(2).random(len(block)) < 0.9)] = 1
     finding, *_ = find(from_trials("S", keys, equal, block))
     assert (finding.code, finding.option) == ("block_dispersion", "")
-    assert finding.message.startswith("Block 5 differs from the others (p ")
+    assert finding.message.startswith("Block 5 differs from the others (test p ")
 
 
 def test_drift_is_flagged_with_its_size_and_a_small_one_is_not():
@@ -372,7 +372,7 @@ def test_drift_is_flagged_with_its_size_and_a_small_one_is_not():
         return messages(from_trials("S", keys, yes, task=WHICH_STRONGER))
 
     (text,) = texts(0.3).values()
-    assert text.startswith("Responses drift (p ")
+    assert text.startswith("Responses drift (test p ")
     size = text.partition("The P(second) changes by ")[2].split()[0]
     assert 0.2 < float(size) < 0.5
     assert texts(0.1) == {}

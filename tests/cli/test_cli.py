@@ -60,7 +60,7 @@ def test_run_writes_everything(out, printed):
     assert list(pd.read_csv(out / "evidence.csv").subject) == ["A", "B"]
     start = "study.csv: 2 subjects, 1,300 trials, same-different task, 13 pairs\n"
     assert printed.startswith(start)
-    assert "\nAnswer\nOrder effect: 2 of 2 subjects yes.\n" in printed
+    assert "\nOrder effect: 2 of 2 subjects yes.\n" in printed
     assert printed.endswith("report.html. Seed 1.\n")
     assert not re.search(r"\d+%", printed)  # no progress bar where nobody looks
 

@@ -135,7 +135,7 @@ def test_run_leaves_with_3_if_the_group_did_not_converge(analysis, tmp_path, mon
     finished = inside("run study.csv -o out --figures none --seed 5 --workers 1", cwd=tmp_path)
     assert finished.returncode == 3
     printed = " ".join(finished.stdout.split())
-    assert "NOT RELIABLE: Group of 4: mean PSE shift" in printed
+    assert "NOT RELIABLE: Group of 4. The mean PSE shift" in printed
     assert "! The group's result is not reliable: 2 of 1600 trajectories" in printed
     assert "trajectories diverged" in page(tmp_path / "out")
 

@@ -138,7 +138,6 @@ def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis
         "offset": (1 - REFERENCE["gain"])
         * (TRUE["mu1"] - paper_posterior(analysis.study["A"]).sbar)
     }
-    true["pull"] = 100.0 * true["pull"]  # axes show it in per cent
     axes = np.array(
         bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes
     ).reshape(len(names), len(names))
