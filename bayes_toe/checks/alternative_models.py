@@ -23,8 +23,7 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.engine import Precision
-from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
-from bayes_toe.model.parameters import MODEL_PRIOR
+from bayes_toe.inference.order_evidence import order_evidence
 
 _SEED = 0  # the same alarms for the same study
 _QUICK = Precision(standard_error=0.2, effective_draws=50.0, most_draws=1000)
@@ -104,5 +103,4 @@ def _log_evidence(subjects: Sequence[Subject]) -> FloatArray:
         if len(subjects) == 1:
             return np.full(1, np.nan)
         return np.concatenate([_log_evidence([subject]) for subject in subjects])
-    log_prior = np.log([MODEL_PRIOR[name] for name in MODEL_NAMES])
-    return np.array([logsumexp(evidence.log_evidence + log_prior) for evidence in evidences])
+    return np.array([logsumexp(evidence.log_joint) for evidence in evidences])

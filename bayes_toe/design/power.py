@@ -170,14 +170,19 @@ class PowerTable(Table[PowerEstimate]):
     @classmethod
     def from_data_sets(cls, data_sets: Iterable[DataSet], seed: int) -> PowerTable:
         """Count the words."""
-        data_sets = tuple(data_sets)
-        groups = defaultdict(list)
-        for data_set in data_sets:
-            groups[data_set.design, data_set.trials, data_set.observer.kind].append(data_set)
+        table = cls((), tuple(data_sets), seed)
         rows: list[PowerEstimate] = []
-        for key, members in groups.items():
+        for key, members in table.groups.items():
             rows += _count_words(key, members)
-        return cls(tuple(rows), data_sets, seed)
+        return replace(table, rows=tuple(rows))
+
+    @cached_property
+    def groups(self) -> Mapping[tuple[str, int, str], Sequence[DataSet]]:
+        """The data sets by design, trials and kind of observers."""
+        groups = defaultdict(list)
+        for data_set in self.data_sets:
+            groups[data_set.design, data_set.trials, data_set.observer.kind].append(data_set)
+        return groups
 
     @cached_property
     def _by_key(self) -> dict[tuple[str, int, str, str, str], PowerEstimate]:
@@ -263,12 +268,17 @@ def _count_words(key: tuple[str, int, str], members: Sequence[DataSet]) -> list[
     rows = []
     for question in QUESTIONS:
         words = [member.answer.words[question] for member in members]
-        n_detected = sum(word.is_positive for word in words)
-        counts = {word.value: words.count(word) for word in _WORDS} | {DETECTED: n_detected}
+        counts = {word.value: words.count(word) for word in _WORDS}
+        counts[DETECTED] = _count_detected(members, question)
         for answer, count in counts.items():
             estimate = share(count, len(words))
             rows.append(PowerEstimate(*key, question, answer, *estimate, len(words)))
     return rows
+
+
+def _count_detected(members: Sequence[DataSet], question: str) -> int:
+    """The number of data sets with 'yes' or 'probably' about a question."""
+    return sum(member.answer.words[question].is_positive for member in members)
 
 
 def share(hits: int, size: int) -> tuple[float, float, float]:
@@ -507,14 +517,10 @@ def group_power(
     >>> [row.question for row in group_power(table, [10]).rows]
     ['order_effect', 'constant_error', 'contraction']
     """
-    groups = defaultdict(list)
-    for data_set in table.data_sets:
-        groups[data_set.design, data_set.trials, data_set.observer.kind].append(data_set)
     rows = []
-    for key, members in groups.items():
+    for key, members in table.groups.items():
         for question in QUESTIONS:
-            words = [member.answer.words[question] for member in members]
-            n_detected = sum(word.is_positive for word in words)
+            n_detected = _count_detected(members, question)
             for size in subjects:
                 counts = predicted_count(n_detected, len(members), size)
                 row = GroupPower(*key, question, size, np.nan, np.nan, *counts)

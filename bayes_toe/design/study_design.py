@@ -245,7 +245,7 @@ def to_logs(path: StrPath, stimuli: list[FloatArray], options: ReadOptions) -> l
 def log_levels(levels: FloatArray, options: ReadOptions) -> FloatArray:
     """Natural logs of levels in the unit of these options."""
     if options.has_intensities:
-        return np.log(levels) - options.stimulus_unit.log_reference
+        return options.stimulus_unit.logs(levels)
     return levels * LOG_UNITS[options.unit or "ln"]
 
 

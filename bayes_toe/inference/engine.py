@@ -168,16 +168,11 @@ class _Pool:
 
 @dataclass(eq=False)
 class _Fresh:
-    """Fresh draws of one posterior's fixed mixture by rounds, and how often it went back."""
+    """Fresh draws of one posterior's fixed mixture, and how often it went back."""
 
-    rounds: list[WeightedDraws]
+    draws: WeightedDraws
     returns: int = 0
     poor_returns: int = 0
-
-    @property
-    def draws(self) -> WeightedDraws:
-        """All fresh draws."""
-        return joined_draws(self.rounds)
 
 
 @dataclass(eq=False)
@@ -200,11 +195,11 @@ class _Engine:
                 pools[i].join(self.mixtures[i], draws)
                 self.mixtures[i] = self.mixtures[i].updated(pools[i].draws)
 
-        fresh = [_Fresh([]) for _ in range(n)]
+        fresh = [_Fresh(no_draws) for _ in range(n)]
         active = list(range(n))
         while active:
             for i, draws in zip(active, self._round(active), strict=True):
-                fresh[i].rounds.append(draws)
+                fresh[i].draws = joined_draws([fresh[i].draws, draws])
             active = self._unfinished(active, fresh, pools)
         return [entry.draws for entry in fresh]
 
@@ -232,11 +227,10 @@ class _Engine:
         self, active: Sequence[int], fresh: Sequence[_Fresh], pools: Sequence[_Pool]
     ) -> list[int]:
         """The posteriors that need more draws; those that fit badly get a new mixture first."""
-        all_draws = [entry.draws for entry in fresh]
-        log_evidences = np.array([draws.log_evidence for draws in all_draws])
+        log_evidences = np.array([entry.draws.log_evidence for entry in fresh])
         going = []
         for i in active:
-            draws, log_evidence = all_draws[i], log_evidences[i]
+            draws, log_evidence = fresh[i].draws, log_evidences[i]
             best = log_evidences[self.families == self.families[i]].max()
             is_far = log_evidence + 3.0 * draws.standard_error < best - _FAR
             if is_far or len(draws.x) >= self.precision.most_draws:
@@ -270,7 +264,7 @@ def _refitted(mixture: PriorMixture, pool: _Pool, fresh: _Fresh) -> PriorMixture
     draws = fresh.draws
     heaviest = draws.x[np.argmax(draws.log_weights), mixture.is_free]
     pool.join(mixture, draws)
-    fresh.rounds.clear()  # because the mixture changes
+    fresh.draws = draws.part(slice(0))  # because the mixture changes
     points = pool.draws.x[:, mixture.is_free]
     offsets = points - heaviest
     distance = np.square(offsets / points.std(axis=0)).sum(axis=1)

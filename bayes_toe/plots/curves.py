@@ -5,8 +5,7 @@
 In 'same or different' a panel has the pairs with one weaker stimulus, over the stronger one, with a
 curve for each order. In 'which is stronger' it has the pairs with one first stimulus, over s2 - s1;
 the curve crosses one half at the point of subjective equality (PSE). `responses_panel` pools the
-pairs of a subject in one panel. Bands are central 95 % intervals of
-the posterior.
+pairs of a subject in one panel. Bands are central 95 % intervals of the posterior.
 """
 
 from __future__ import annotations
