@@ -29,7 +29,7 @@ HIGHEST_COMPLEXITY = 15
 LIMITS = {
     "bayes_toe": {
         "files": 142,
-        "nodes": 241_410,
+        "nodes": 241_100,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.80,
@@ -39,8 +39,8 @@ LIMITS = {
         "import circles": 0,
     },
     "tests": {
-        "files": 112,
-        "nodes": 155_190,
+        "files": 111,
+        "nodes": 152_960,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.78,

@@ -54,8 +54,8 @@ parameters. Separate code (`scripts/reference/tempering.py`) simulates their res
 ## Probabilities
 
 If the probabilities are correct, 80 of 100 observers with a probability of .80 have the effect. ECE (expected
-calibration error) is the mean difference from this rule over ten bins. It exceeds 0 by chance: *floor* is the mean ECE
-of correct probabilities, and *p* is how often they have an ECE at least as large as the observed one. A row is
+calibration error) is the mean difference from this rule over ten bins. It exceeds 0 by chance: *floor* is its mean for
+correct probabilities, and *p* is how often they have an ECE at least as large as the observed one. A row is
 calibrated if p is at least {least_p:g}. The log score is in bits; lower is better.
 
 | design | question | observers | with the effect | ECE | floor | p | log score | calibrated |
