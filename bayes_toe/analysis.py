@@ -47,7 +47,6 @@ from bayes_toe.inference.subject import (
     SummaryRow,
     fitted_result,
     subject_draws,
-    weighted_fit,
 )
 from bayes_toe.model.models import OrderModel, model_posterior, require_model, stored_model
 from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
@@ -376,8 +375,7 @@ def _analysed(
         fit = subject_fit(subject, prior, seed=seed)
         if is_paper_task:
             by_bootstrap = bootstrap_evidence(fit, prior)
-    described = weighted_fit(fitted, seed) if result.fit is None else result.fit
-    row = subject_evidence(result, fitted, by_bootstrap, answer=answer, fit=described)
+    row = subject_evidence(result, fitted, by_bootstrap, answer=answer, fit=result.fit)
     curve_draws, drawn = None, None
     if request.chains is None:
         fit = None  # not wanted

@@ -35,8 +35,9 @@ from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, WorkerError
 from bayes_toe.inference.engine import Precision, mixture_of_maxima, weighted_draws
+from bayes_toe.inference.maxima import ascend_from
 from bayes_toe.inference.model_set import ModelSet
-from bayes_toe.inference.order_evidence import ascend_from, observer_maxima
+from bayes_toe.inference.observer_maxima import observer_maxima
 from bayes_toe.model.condition_model import ConditionModels
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import (

@@ -23,11 +23,12 @@ from bayes_toe.answers.order_effect import ANSWER_COLUMNS, OrderEffect
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.inference.evidence import Evidence, laplace_evidence, laplace_evidence_natural
+from bayes_toe.inference.evidence import Evidence
+from bayes_toe.inference.fitted import Fitted
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
-from bayes_toe.inference.subject import Fitted, SubjectResult
-from bayes_toe.model.distributions import LOG_2PI
-from bayes_toe.model.paper_model import PaperPosterior
+from bayes_toe.inference.maxima import laplace
+from bayes_toe.inference.subject import SubjectResult
+from bayes_toe.model.densities import LOG_2PI
 from bayes_toe.model.prior import Prior
 
 if TYPE_CHECKING:
@@ -45,7 +46,6 @@ _COMPARISON_COLUMNS = (
     "log_evidence_h0_laplace",
     "log_bayes_factor_laplace",
     "pareto_k",
-    "log_evidence_h1_laplace_natural",
     "log_evidence_h1_bootstrap",
 )
 #: Columns of evidence.csv: the answer, then the paper's comparison.
@@ -79,7 +79,6 @@ class SubjectEvidence:
     log_evidence_h0: float
     log_evidence_h1_laplace: float | None
     log_evidence_h0_laplace: float
-    log_evidence_h1_laplace_natural: float | None
     log_evidence_h1_bootstrap: float | None
     efficiency: float
     pareto_k: float
@@ -179,17 +178,10 @@ def subject_evidence(
     `by_bootstrap` is the evidence by Appendix C's recipe with a note on it
     (:mod:`bayes_toe.classical.fit`); `fit` is None where draws of H1 cannot be trusted.
     """
-    posterior = cast(PaperPosterior, fitted.proposal.proposal.posterior)
     estimate = cast(Evidence, result.evidence)
-    subject = posterior.subject
-    laplace, why_no_laplace = laplace_evidence(fitted.maxima)
-    natural: float | None = None
+    subject = result.subject
+    by_laplace, why_no_laplace = _laplace(fitted)
     notes = [why_no_laplace]
-    # The paper's coordinates are those of its task.
-    is_paper_task = "q0" in posterior.names.natural
-    if is_paper_task:
-        natural, why_no_natural = laplace_evidence_natural(posterior, fitted.maxima)
-        notes.append(why_no_natural)
     bootstrap: float | None = None
     if by_bootstrap is not None:
         bootstrap, about_bootstrap = by_bootstrap
@@ -201,9 +193,8 @@ def subject_evidence(
         log_evidence_h1=estimate.value,
         log_evidence_h1_se=estimate.se,
         log_evidence_h0=frequency_evidence(subject),
-        log_evidence_h1_laplace=laplace,
+        log_evidence_h1_laplace=by_laplace,
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
-        log_evidence_h1_laplace_natural=natural,
         log_evidence_h1_bootstrap=bootstrap,
         efficiency=estimate.efficiency,
         pareto_k=estimate.pareto_k,
@@ -212,6 +203,16 @@ def subject_evidence(
         notes=(f"H1: {estimate.why_not}",) if estimate.why_not else (),
         footnotes=tuple(note for note in notes if note),
     )
+
+
+def _laplace(fitted: Fitted) -> tuple[float | None, str]:
+    """Laplace's log evidence of H1, nats; or None and the reason."""
+    value = float(laplace(fitted.target.array, [fitted.maxima])[1][0])
+    if np.isnan(value):
+        return None, (
+            "Laplace of H1 does not exist: the Hessian at the maximum is not negative definite"
+        )
+    return value, ""
 
 
 def frequency_evidence(subject: Subject) -> float:

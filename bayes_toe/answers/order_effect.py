@@ -40,9 +40,10 @@ from bayes_toe.inference.order_evidence import (
     OrderEvidence,
     order_evidence,
 )
+from bayes_toe.model.densities import CutNormal, StandardStudent
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR
-from bayes_toe.model.parameters import CutNormal, ObserverPrior, StandardStudent
+from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.seeds import generator
 
 #: The questions in the order of all tables, with the models that say yes to each.

@@ -26,9 +26,9 @@ from bayes_toe.arrays import BoolArray, FloatArray, Rng, StrPath
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.inference.engine import Precision, mixture_of_points, weighted_draws
+from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.model_set import log_bayes_factor, probability_of, weighted_quantiles
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
-from bayes_toe.inference.proposal import WeightedDraws
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior

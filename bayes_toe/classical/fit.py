@@ -26,7 +26,7 @@ from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, require_kind, require_share
-from bayes_toe.model.distributions import LOG_2PI
+from bayes_toe.model.densities import LOG_2PI
 from bayes_toe.model.paper_equations import Natural, natural_names
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for

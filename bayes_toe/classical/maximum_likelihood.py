@@ -32,13 +32,13 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, IntArray
+from bayes_toe.classical.identified_curve import PaperPosterior, paper_posterior
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import TASKS, Task
 from bayes_toe.inference.maxima import Ascent, Differenced, ascend
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.answer_curves import log_likelihoods
 from bayes_toe.model.paper_equations import MAX_PULL, natural_names
-from bayes_toe.model.paper_model import PaperPosterior, paper_posterior
 from bayes_toe.model.prior import DEFAULT, Prior
 
 #: Where a maximum may lie beyond the open domain, in the order in which `at_edge` names them.

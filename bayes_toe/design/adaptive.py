@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,10 @@ from bayes_toe.data.whole_files import whole_file
 from bayes_toe.design.power import observer_prior
 from bayes_toe.design.study_design import StudyDesign, each_once
 from bayes_toe.errors import InputError
-from bayes_toe.inference.adaptation import adapt_proposal, redrawn, refreshed
+from bayes_toe.inference.engine import SHARP, PriorMixture, fresh_draws
+from bayes_toe.inference.fitted import fit_posterior
+from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.model_set import weighted_quantiles
-from bayes_toe.inference.proposal import FittedProposal, efficiency
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import MODEL_PRIOR, ORDER_MODELS, ObserverPrior
 from bayes_toe.model.prior import Prior
@@ -50,78 +51,63 @@ _POOR = 0.25
 class Particles:
     """Draws of one model with their weights, which change when answers come.
 
-    When the effective number of draws has halved, the mixture that they came from is refitted to
+    When the effective number of draws has halved, the mixture that they came from is adapted to
     them, and all are drawn again with new weights, so that errors do not accumulate.
 
     Attributes
     ----------
     rule : ObserverPosterior
         That of the pairs without answers: prior and scales.
-    x : ndarray, shape (draws, k)
-    log_posterior : ndarray, shape (draws,)
-        Joint log density of draws and answers.
-    log_weight : ndarray, shape (draws,)
-        The same over the density that draws came from.
-    fitted : FittedProposal, optional
-        The mixture that they came from; none before the first renewal.
+    draws : WeightedDraws
+        With all coordinates of the task; their posterior density is that of all answers.
+    first_efficiency : float
+        Efficiency of the draws when they were made.
+    mixture : PriorMixture, optional
+        What they came from; none before the first renewal.
     generation : int
         How often they were made anew.
     """
 
     rule: ObserverPosterior
-    x: FloatArray
-    log_posterior: FloatArray
-    log_weight: FloatArray
-    fitted: FittedProposal | None = None
+    draws: WeightedDraws
+    first_efficiency: float = 1.0
+    mixture: PriorMixture | None = None
     generation: int = 0
 
     @classmethod
-    def from_prior(cls, rule: ObserverPosterior, draws: int, rng: Rng) -> Particles:
+    def from_prior(cls, rule: ObserverPosterior, n_draws: int, rng: Rng) -> Particles:
         """Before any answer."""
-        x = rule.sample_prior(rng, draws)
-        return cls(rule, x, rule.log_prior(x), np.zeros(draws))
+        full = rule.full_points(rule.sample_prior(rng, n_draws))
+        log_prior = rule.array.log_prior(full)[0]
+        return cls(rule, WeightedDraws(full[0], log_prior, log_prior, log_prior))
 
     @property
-    def shares(self) -> FloatArray:
-        """Weights that sum to 1, shape (draws,)."""
-        return np.exp(self.log_weight - logsumexp(self.log_weight))
-
-    @property
-    def log_evidence(self) -> float:
-        """Log evidence of all answers, nats."""
-        return float(logsumexp(self.log_weight) - np.log(len(self.x)))
-
-    @property
-    def effective(self) -> float:
-        """The effective number of draws."""
-        return efficiency(self.log_weight) * len(self.x)
+    def x(self) -> FloatArray:
+        """The draws in the coordinates of the model, shape (draws, k)."""
+        return self.draws.x[:, self.rule.is_free]
 
     @property
     def remaining_share(self) -> float:
         """Effective number of draws over the effective number when they were made."""
-        first_efficiency = 1.0 if self.fitted is None else self.fitted.efficiency
-        return self.effective / (len(self.x) * first_efficiency)
+        return self.draws.efficiency / self.first_efficiency
 
     def add(self, answer: Subject) -> None:
         """Take in further answers."""
         gained = self.rule.for_subject(answer).log_likelihood(self.x)
-        self.log_posterior = self.log_posterior + gained
-        self.log_weight = self.log_weight + gained
+        self.draws = replace(self.draws, log_posterior=self.draws.log_posterior + gained)
 
     def renew(self, subject: Subject, rng: Rng) -> None:
         """Make the draws anew, for all answers so far."""
-        posterior, size = self.rule.for_subject(subject), len(self.x)
-        fitted = None
-        if self.fitted is not None:
-            fitted = refreshed(self.fitted, posterior, self.log_posterior, rng)
-        if fitted is None or not fitted.trusted or fitted.efficiency < _POOR:
-            fitted = adapt_proposal(posterior, rng, draws=size)
-            if not fitted.independent:
-                fitted = redrawn(fitted, rng, size)
-        self.x = fitted.draws.x
-        self.log_posterior = fitted.draws.log_posterior
-        self.log_weight = fitted.draws.log_weights
-        self.fitted = fitted
+        posterior, size = self.rule.for_subject(subject), len(self.draws.x)
+        mixture, draws = self.mixture, self.draws
+        if mixture is not None:
+            mixture = mixture.updated(draws, SHARP)
+            (draws,) = fresh_draws(posterior.array, [mixture], [rng], size)
+        if mixture is None or draws.efficiency < _POOR:
+            fitted = fit_posterior(posterior, rng)
+            mixture, draws = fitted.mixture, fitted.fresh(rng, size)
+        self.mixture, self.draws = mixture, draws
+        self.first_efficiency = draws.efficiency
         self.generation += 1
 
 
@@ -228,7 +214,7 @@ class Adaptive:
         """Make the draws of one model anew, where too few count: the one that matters most."""
         share = self.probabilities
         error = {
-            name: share[name] / np.sqrt(particles.effective)
+            name: share[name] / np.sqrt(particles.draws.effective_number)
             for name, particles in self._particles.items()
             if particles.remaining_share < _RENEWAL_SHARE
         }
@@ -258,7 +244,7 @@ class Adaptive:
         if name not in self._predicted or self._predicted[name][0] != particles.generation:
             p_yes = np.exp(particles.rule.log_answers(particles.x[: self._n_judges]).yes)
             self._predicted[name] = particles.generation, p_yes
-        log_weight = particles.log_weight[: self._n_judges]
+        log_weight = particles.draws.log_weights[: self._n_judges]
         return self._predicted[name][1], np.exp(log_weight - logsumexp(log_weight))
 
     # --- What is known ----------------------------------------------------------------------------
@@ -290,7 +276,7 @@ class Adaptive:
         """Log posterior probability of each model."""
         values = np.array(
             [
-                particles.log_evidence + np.log(MODEL_PRIOR[name])
+                particles.draws.log_evidence + np.log(MODEL_PRIOR[name])
                 for name, particles in self._particles.items()
             ]
         )
@@ -334,7 +320,7 @@ class Adaptive:
             quantities = particles.rule.quantities(particles.x)
             if quantity in quantities:
                 values.append(quantities[quantity])
-                weights.append(particles.shares * np.exp(log_share[name]))
+                weights.append(particles.draws.shares * np.exp(log_share[name]))
         joined = np.concatenate(weights)
         return weighted_quantiles(np.concatenate(values), joined / joined.sum(), levels)
 
@@ -343,7 +329,9 @@ class Adaptive:
 
         The error of a log evidence is about one over the square root of it.
         """
-        return {name: particles.effective for name, particles in self._particles.items()}
+        return {
+            name: particles.draws.effective_number for name, particles in self._particles.items()
+        }
 
     # --- Files ------------------------------------------------------------------------------------
 

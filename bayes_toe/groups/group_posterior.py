@@ -35,8 +35,8 @@ from bayes_toe.data.study import Subject
 from bayes_toe.groups.hyperprior import (
     HyperpriorNumbers,
     group_parameters,
-    half_normal_score,
 )
+from bayes_toe.model.densities import half_normal_score
 from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.parameters import ObserverPrior, task_parameters
 from bayes_toe.model.posterior_array import LinearLikelihood

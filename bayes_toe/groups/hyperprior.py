@@ -23,24 +23,18 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import log_ndtr, ndtr, ndtri_exp
 
 from bayes_toe.arrays import BoolArray, FloatArray, StrPath
 from bayes_toe.data.messages import format_path
 from bayes_toe.data.read_table import toml_table
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
-from bayes_toe.model.answer_curves import half_normal_quantile
-from bayes_toe.model.paper_equations import LN2
-from bayes_toe.model.parameters import (
-    CONSTANT_ERROR,
-    CONTRACTION,
-    NOISE,
-    PEAK,
-    Parameter,
+from bayes_toe.model.densities import (
     StandardNormal,
     StandardStudent,
+    from_half_normal_score,
 )
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK, Parameter
 from bayes_toe.model.prior_fields import real
 
 _LARGEST = 1e3
@@ -241,23 +235,6 @@ class StandardDeviations(NamedTuple):
     rise: FloatArray
     log_prior: FloatArray
     prior_slope: FloatArray
-
-
-def from_half_normal_score(score: FloatArray) -> FloatArray:
-    """The u >= 0 with 2 Phi(u) - 1 = Phi(score), accurate in both tails.
-
-    Examples
-    --------
-    >>> from_half_normal_score(np.array([-10.0, 0.0, 10.0])).round(4).tolist()
-    [0.0, 0.6745, 10.0684]
-    """
-    probability, log_rest = ndtr(np.minimum(score, 0.0)), log_ndtr(-np.maximum(score, 0.0))
-    return half_normal_quantile(score < 0.0, probability, log_rest)
-
-
-def half_normal_score(u: FloatArray) -> FloatArray:
-    """Inverse of :func:`from_half_normal_score`."""
-    return -ndtri_exp(log_ndtr(-u) + LN2)
 
 
 class HyperpriorNumbers(NamedTuple):

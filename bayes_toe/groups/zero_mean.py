@@ -24,7 +24,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.inference.diagnostics import errors
-from bayes_toe.model.parameters import StandardStudent
+from bayes_toe.model.densities import StandardStudent
 
 #: Nodes of a normal density, in standard deviations, and of Student's t with 3 degrees of freedom,
 #: which is 2 cos^2(angle)/pi at sqrt(3) tan(angle); each with the logs of their shares.

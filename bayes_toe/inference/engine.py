@@ -12,38 +12,40 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, Self
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, Rng
+from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, IndexArray, Rng
+from bayes_toe.inference.diagnostics import pareto_k
 from bayes_toe.inference.maxima import Ascent
-from bayes_toe.inference.proposal import (
+from bayes_toe.inference.mixture import (
     StudentMixture,
     WeightedDraws,
     joined_draws,
     tempered,
 )
-from bayes_toe.model.posterior_array import PosteriorArray
 
 # --- Mixture ---
-_PRIOR_SHARE = 0.1
 _LEAST_WEIGHT = 0.05  # of a component, beside the root of its Laplace evidence
-_TEMPERED = 60.0  # effective draws that weights are flattened to
-_FLOOR = 0.4  # weight that all components keep, beside the 1 that the draws distribute
+_COMPONENTS = 12  # about, of a mixture of clouds
+_PRIOR_DRAWS, _PRIOR_EFFECTIVE = 2000, 200.0
+_CLOUD_DF = 8
+_CLOUD = 400  # points of the normal about a maximum
+_SHRINKAGE = 0.7  # of components in a cloud, toward its mean
+_LEAST_CURVATURE = 0.2  # flatter than this is a ridge that only the prior ends
 _NEIGHBOURS = 120  # draws that give a component its shape where one is added at a heavy draw
-_ADDED_SHARE = 1.0 / 16.0  # of that component
 
 # --- Draws ---
 _FAR = 8.0  # nats below the best of its family at which a posterior needs no further draws
 _FEWEST_ASSESSED = 1000
-_HEAVY = 0.03  # share of the weight of one draw that sends a posterior back
 _POOR = 0.25  # efficiency that sends a posterior back, twice at most
-_MOST_RETURNS, _MOST_POOR_RETURNS = 8, 2
+_MOST_POOR_RETURNS = 2
 
 
 @dataclass(frozen=True)
 class Precision:
-    """The precision at which a posterior has enough fresh draws.
+    """How well a mixture is to fit, and how precise its fresh draws are to be.
 
     Attributes
     ----------
@@ -57,6 +59,20 @@ class Precision:
         Draws of a round.
     pool_rounds : int
         Rounds of draws by which a mixture is adapted.
+    prior_share : float
+        Of the prior in the proposal.
+    floor : float
+        Weight that all components share, beside the 1 that the draws distribute.
+    tempered : float
+        Effective draws that weights are flattened to.
+    em_steps : int
+        Of a round.
+    added_share : float
+        Of the component that a mixture gets at a heavy draw.
+    largest_share, largest_weight, largest_k : float
+        Share of all weight, and weight over the mean, of one draw, and Pareto k of the weights,
+        above which a posterior goes back to get a better mixture.
+    most_returns : int
     """
 
     standard_error: float = 0.03
@@ -64,9 +80,64 @@ class Precision:
     most_draws: int = 6000
     round_draws: int = 500
     pool_rounds: int = 2
+    prior_share: float = 0.1
+    floor: float = 0.4
+    tempered: float = 60.0
+    em_steps: int = 1
+    added_share: float = 1.0 / 16.0
+    largest_share: float = 0.03
+    largest_weight: float = np.inf
+    largest_k: float = np.inf
+    most_returns: int = 8
 
 
+#: Enough for an evidence.
 USUAL = Precision()
+#: For emcee. A walker stays at a draw of weight w for about w steps.
+SHARP = Precision(
+    standard_error=0.0,
+    most_draws=8000,
+    round_draws=2000,
+    pool_rounds=4,
+    prior_share=0.02,
+    floor=0.05,
+    tempered=400.0,
+    em_steps=3,
+    added_share=1.0 / 32.0,
+    largest_share=1.0,
+    largest_weight=6.0,
+    largest_k=0.5,
+    most_returns=12,
+)
+
+
+class EngineArray(Protocol):
+    """Posteriors in the coordinates w of their mixtures, (posteriors, points, d)."""
+
+    def __len__(self) -> int: ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the d coordinates."""
+
+    @property
+    def is_free(self) -> BoolArray:
+        """The coordinates that each posterior has, (posteriors, d)."""
+
+    def part(self, index: IndexArray) -> Self:
+        """Some posteriors, in this order; one may come more than once."""
+
+    def prior_points(self, probability: FloatArray) -> FloatArray:
+        """Points of the prior by the quantiles of its coordinates."""
+
+    def densities(self, w: FloatArray) -> ArrayPair:
+        """Log prior and log posterior density, (posteriors, points)."""
+
+    def log_prior(self, w: FloatArray) -> FloatArray:
+        """Log prior density, (posteriors, points)."""
+
+    def original(self, w: FloatArray) -> ArrayPair:
+        """Points u of the posteriors, and log |dw/du| there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,37 +149,85 @@ class PriorMixture:
 
     is_free: BoolArray  # (d,)
     student: StudentMixture
+    prior_share: float = USUAL.prior_share
 
     def log_density(self, points: FloatArray, log_prior: FloatArray) -> FloatArray:
         """Log density at points, (n, d) -> (n,)."""
-        student = self.student.log_density(points[:, self.is_free]) + np.log1p(-_PRIOR_SHARE)
-        return np.logaddexp(student, log_prior + np.log(_PRIOR_SHARE))
+        student = self.student.log_density(points[:, self.is_free]) + np.log1p(-self.prior_share)
+        return np.logaddexp(student, log_prior + np.log(self.prior_share))
 
-    def updated(self, draws: WeightedDraws) -> PriorMixture:
-        """A step of EM toward draws whose weights are flattened."""
-        weights = tempered(draws.log_weights, _TEMPERED)
+    def updated(self, draws: WeightedDraws, precision: Precision) -> PriorMixture:
+        """Steps of EM toward draws whose weights are flattened."""
+        weights = tempered(draws.log_weights, precision.tempered)
         inertia = 2.0 * len(self.is_free)
-        student = self.student.drawn_toward(draws.x[:, self.is_free], weights, _FLOOR, inertia)
+        points = draws.x[:, self.is_free]
+        student = self.student
+        for _ in range(precision.em_steps):
+            student = student.drawn_toward(points, weights, precision.floor, inertia)
         return replace(self, student=student)
 
-    def sample(self, rng: Rng, size: int) -> tuple[FloatArray, BoolArray]:
+    def sample(self, rng: AnyRng, size: int) -> tuple[FloatArray, BoolArray]:
         """Draws, shape (n, d), and which of them are to come from the prior instead, (n,)."""
         d = len(self.is_free)
         component = self.student.sample_components(rng, size)
         normal = rng.standard_normal((size, d))[:, self.is_free]
         points = np.zeros((size, d))
         points[:, self.is_free] = self.student.offset(component, normal, rng)
-        return points, rng.uniform(size=size) < _PRIOR_SHARE
+        return points, rng.uniform(size=size) < self.prior_share
 
 
 def mixture_of_maxima(maxima: Ascent, is_free: BoolArray) -> PriorMixture:
     """A component at every maximum of a posterior, weighted by the root of its Laplace evidence."""
-    log_mass = maxima.value - 0.5 * np.linalg.slogdet(maxima.curvature)[1]
-    weights = np.exp(0.5 * (log_mass - log_mass.max())) + _LEAST_WEIGHT
+    weights = _laplace_weights(maxima)
     scales = np.asarray(np.linalg.inv(maxima.curvature[:, is_free][:, :, is_free]))
     df = _degrees_of_freedom(is_free)
-    student = StudentMixture(weights / weights.sum(), maxima.x[:, is_free], scales, df)
-    return PriorMixture(is_free, student)
+    return PriorMixture(is_free, StudentMixture(weights, maxima.x[:, is_free], scales, df))
+
+
+def mixture_of_clouds(
+    clouds: Sequence[FloatArray], maxima: Ascent, is_free: BoolArray, prior_share: float
+) -> PriorMixture:
+    """Several components in a cloud of points about every maximum, (n, d) each."""
+    n_each = _COMPONENTS // len(clouds) + 1
+    df = _CLOUD_DF + int(is_free.sum()) % 2  # because its sum with the dimension is even
+    means, scales = [], []
+    for cloud in clouds:
+        points = cloud[:, is_free]
+        centre = points.mean(axis=0)
+        means.append(centre + _SHRINKAGE * (points[:n_each] - centre))
+        scales.append(np.repeat(np.atleast_2d(np.cov(points.T))[None], n_each, axis=0))
+    weights = np.repeat(_laplace_weights(maxima), n_each) / n_each
+    columns = np.concatenate(means), np.concatenate(scales), df
+    return PriorMixture(is_free, StudentMixture(weights, *columns), prior_share)
+
+
+def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:
+    """Points of Laplace's normal about every maximum, (n, d) each."""
+    clouds = []
+    for x, curvature in zip(maxima.x, maxima.curvature, strict=True):
+        values, axes = np.linalg.eigh(curvature)
+        sds = 1.0 / np.sqrt(np.maximum(values, _LEAST_CURVATURE))
+        clouds.append(x + (rng.standard_normal((_CLOUD, len(x))) * sds) @ axes.T)
+    return clouds
+
+
+def with_prior_components(mixture: PriorMixture, array: EngineArray, rng: Rng) -> PriorMixture:
+    """The mixture, and components at draws of the prior that a flattened likelihood chose.
+
+    They find what lies far from every maximum, such as a ridge.
+    """
+    probability = rng.uniform(size=(1, _PRIOR_DRAWS, len(array.names)))
+    points = array.prior_points(probability)
+    log_prior, log_posterior = array.densities(points)
+    weights = tempered((log_posterior - log_prior)[0], _PRIOR_EFFECTIVE)
+
+    free_points, student = points[0][:, mixture.is_free], mixture.student
+    n_added = _COMPONENTS // 2
+    chosen = free_points[rng.choice(_PRIOR_DRAWS, n_added, p=weights)]
+    scale = np.atleast_2d(np.cov(free_points.T, aweights=weights))
+    scales = np.repeat(scale[None], n_added, axis=0)
+    added = StudentMixture(np.full(n_added, 1.0 / n_added), chosen, scales, student.df)
+    return replace(mixture, student=student.joined([added], 0.5))
 
 
 def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
@@ -119,23 +238,41 @@ def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
     return PriorMixture(is_free, StudentMixture(np.ones(1), means, scale[None], df))
 
 
+def _laplace_weights(maxima: Ascent) -> FloatArray:
+    """Weights of maxima by the root of their Laplace evidence, (maxima,)."""
+    log_mass = maxima.value - 0.5 * np.linalg.slogdet(maxima.curvature)[1]
+    weights = np.exp(0.5 * (log_mass - log_mass.max())) + _LEAST_WEIGHT
+    return np.asarray(weights / weights.sum())
+
+
 def _degrees_of_freedom(is_free: BoolArray) -> int:
     """Degrees of freedom that add up with the dimensions to the same even number in all models."""
     return 2 * ((len(is_free) + 5) // 2) - int(is_free.sum())
 
 
 def weighted_draws(
-    array: PosteriorArray,
+    array: EngineArray,
     mixtures: Sequence[PriorMixture],
     generators: Sequence[Rng],
     families: IndexArray,
     precision: Precision = USUAL,
 ) -> list[WeightedDraws]:
-    """Fresh draws of every posterior's fixed mixture.
+    """Fresh draws of every posterior's fixed mixture; see :func:`fitted_draws`."""
+    return fitted_draws(array, mixtures, generators, families, precision)[1]
+
+
+def fitted_draws(
+    array: EngineArray,
+    mixtures: Sequence[PriorMixture],
+    generators: Sequence[Rng],
+    families: IndexArray,
+    precision: Precision = USUAL,
+) -> tuple[list[PriorMixture], list[WeightedDraws]]:
+    """Mixtures that are adapted to posteriors, and fresh draws of each.
 
     Parameters
     ----------
-    array : PosteriorArray
+    array : EngineArray
     mixtures : sequence of PriorMixture
         To begin with, one for each posterior.
     generators : sequence of Generator
@@ -145,7 +282,30 @@ def weighted_draws(
         of its family needs no precision.
     precision : Precision
     """
-    return _Engine(array, list(mixtures), generators, families, precision).run()
+    engine = _Engine(array, list(mixtures), generators, families, precision)
+    draws = engine.run()
+    return engine.mixtures, draws
+
+
+def fresh_draws(
+    array: EngineArray, mixtures: Sequence[PriorMixture], generators: Sequence[AnyRng], size: int
+) -> list[WeightedDraws]:
+    """So many draws of every posterior, each from its own mixture."""
+    shape = (len(array), size, len(array.names))
+    probability, points = np.empty(shape), np.empty(shape)
+    is_prior = np.empty(shape[:2], np.bool_)
+    for i, (mixture, rng) in enumerate(zip(mixtures, generators, strict=True)):
+        probability[i] = rng.uniform(size=shape[1:])
+        points[i], is_prior[i] = mixture.sample(rng, size)
+
+    points = np.where(is_prior[..., None], array.prior_points(probability), points)
+    log_prior, log_posterior = array.densities(points)
+    draws = []
+    columns = zip(mixtures, points, log_prior, log_posterior, strict=True)
+    for mixture, x, of_prior, of_posterior in columns:
+        log_proposal = mixture.log_density(x, of_prior)
+        draws.append(WeightedDraws(x, of_prior, of_posterior, log_proposal))
+    return draws
 
 
 @dataclass(eq=False)
@@ -173,13 +333,14 @@ class _Fresh:
     draws: WeightedDraws
     returns: int = 0
     poor_returns: int = 0
+    best: tuple[float, PriorMixture | None] = 0.0, None  # efficiency and mixture, of those before
 
 
 @dataclass(eq=False)
 class _Engine:
     """The posteriors of an array, from the first mixtures to fresh draws."""
 
-    array: PosteriorArray
+    array: EngineArray
     mixtures: list[PriorMixture]
     generators: Sequence[Rng]
     families: IndexArray
@@ -193,7 +354,7 @@ class _Engine:
         for _ in range(self.precision.pool_rounds):
             for i, draws in enumerate(self._round(range(n))):
                 pools[i].join(self.mixtures[i], draws)
-                self.mixtures[i] = self.mixtures[i].updated(pools[i].draws)
+                self.mixtures[i] = self.mixtures[i].updated(pools[i].draws, self.precision)
 
         fresh = [_Fresh(no_draws) for _ in range(n)]
         active = list(range(n))
@@ -205,23 +366,10 @@ class _Engine:
 
     def _round(self, active: Sequence[int]) -> list[WeightedDraws]:
         """Draws of some posteriors, each from its own mixture."""
-        n_draws = self.precision.round_draws
-        shape = (len(active), n_draws, len(self.array.names))
-        probability, points = np.empty(shape), np.empty(shape)
-        is_prior = np.empty(shape[:2], np.bool_)
-        for row, i in enumerate(active):
-            rng = self.generators[i]
-            probability[row] = rng.uniform(size=shape[1:])
-            points[row], is_prior[row] = self.mixtures[i].sample(rng, n_draws)
-
+        mixtures = [self.mixtures[i] for i in active]
+        generators = [self.generators[i] for i in active]
         array = self.array.part(np.array(active))
-        points = np.where(is_prior[..., None], array.prior_points(probability), points)
-        log_prior, log_posterior = array.densities(points)
-        draws = []
-        for i, x, prior, posterior in zip(active, points, log_prior, log_posterior, strict=True):
-            log_proposal = self.mixtures[i].log_density(x, prior)
-            draws.append(WeightedDraws(x, prior, posterior, log_proposal))
-        return draws
+        return fresh_draws(array, mixtures, generators, self.precision.round_draws)
 
     def _unfinished(
         self, active: Sequence[int], fresh: Sequence[_Fresh], pools: Sequence[_Pool]
@@ -235,8 +383,8 @@ class _Engine:
             is_far = log_evidence + 3.0 * draws.standard_error < best - _FAR
             if is_far or len(draws.x) >= self.precision.most_draws:
                 continue
-            if _must_return(fresh[i], draws):
-                self.mixtures[i] = _refitted(self.mixtures[i], pools[i], fresh[i])
+            if _must_return(fresh[i], self.precision):
+                self.mixtures[i] = self._next_mixture(i, pools[i], fresh[i])
                 going.append(i)
                 continue
             is_precise = draws.standard_error <= self.precision.standard_error
@@ -244,22 +392,36 @@ class _Engine:
                 going.append(i)
         return going
 
+    def _next_mixture(self, i: int, pool: _Pool, fresh: _Fresh) -> PriorMixture:
+        """A better mixture of a posterior, or the best so far where it returned too often."""
+        mixture, efficiency = self.mixtures[i], fresh.draws.efficiency
+        if efficiency > fresh.best[0]:
+            fresh.best = efficiency, mixture
+        refitted = _refitted(mixture, pool, fresh, self.precision)
+        if fresh.returns < self.precision.most_returns or fresh.best[1] is None:
+            return refitted
+        return fresh.best[1]
 
-def _must_return(fresh: _Fresh, draws: WeightedDraws) -> bool:
+
+def _must_return(fresh: _Fresh, precision: Precision) -> bool:
     """Whether a mixture misses a part of its posterior; counts how often it did."""
-    n_draws = len(draws.x)
-    if n_draws < _FEWEST_ASSESSED or fresh.returns >= _MOST_RETURNS:
+    draws, n_draws = fresh.draws, len(fresh.draws.x)
+    if n_draws < _FEWEST_ASSESSED or fresh.returns >= precision.most_returns:
         return False
-    is_heavy = draws.shares.max() > _HEAVY
+    largest = float(draws.shares.max())
+    is_heavy = largest > precision.largest_share or largest * n_draws > precision.largest_weight
     is_poor = draws.effective_number < _POOR * n_draws and fresh.poor_returns < _MOST_POOR_RETURNS
-    if not (is_heavy or is_poor):
+    has_tail = precision.largest_k < np.inf and pareto_k(draws.log_weights) > precision.largest_k
+    if not (is_heavy or is_poor or has_tail):
         return False
     fresh.returns += 1
-    fresh.poor_returns += not is_heavy
+    fresh.poor_returns += not (is_heavy or has_tail)
     return True
 
 
-def _refitted(mixture: PriorMixture, pool: _Pool, fresh: _Fresh) -> PriorMixture:
+def _refitted(
+    mixture: PriorMixture, pool: _Pool, fresh: _Fresh, precision: Precision
+) -> PriorMixture:
     """A mixture with a component at its heaviest draw, adapted to all draws that were made."""
     draws = fresh.draws
     heaviest = draws.x[np.argmax(draws.log_weights), mixture.is_free]
@@ -272,5 +434,5 @@ def _refitted(mixture: PriorMixture, pool: _Pool, fresh: _Fresh) -> PriorMixture
     scale = offsets[near].T @ offsets[near] / _NEIGHBOURS
     student = mixture.student
     component = StudentMixture(np.ones(1), heaviest[None], scale[None], student.df)
-    widened = replace(mixture, student=student.joined([component], _ADDED_SHARE))
-    return widened.updated(pool.draws)
+    widened = replace(mixture, student=student.joined([component], precision.added_share))
+    return widened.updated(pool.draws, precision)

@@ -22,7 +22,7 @@ from bayes_toe.arrays import ArrayPair, FloatArray, thinned
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.answer_curves import times_counts
-from bayes_toe.model.posterior import AnswerPosterior, require_points
+from bayes_toe.model.posterior import SubjectPosterior, require_points
 
 _OFTEN = 20.0  # expected rarer answers from which chi-square holds for a pair
 _COUNTS = 101  # counts that matter where there are fewer
@@ -136,12 +136,12 @@ class GoodnessOfFit:
     worst: tuple[PairResidual, ...] = ()
 
 
-def summarise_fit(posterior: AnswerPosterior, x: FloatArray, maximum: FloatArray) -> GoodnessOfFit:
+def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArray) -> GoodnessOfFit:
     """Goodness of fit of one subject.
 
     Parameters
     ----------
-    posterior : AnswerPosterior
+    posterior : SubjectPosterior
     x : ndarray, shape (draws, k)
         Draws from it, unconstrained.
     maximum : ndarray, shape (k,)

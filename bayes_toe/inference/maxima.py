@@ -1,31 +1,34 @@
 """The maxima of log densities: damped Newton ascent of many points at once, inside bounds.
 
-`ascend` searches from every start, with a density of its own for each if wanted. `find_maxima`
-gives the distinct maxima of one posterior.
+`ascend` searches from every start, with a density of its own for each if wanted. `ascend_from`
+searches the posteriors of an array, and `laplace` has Laplace's approximation at their maxima.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
+from bayes_toe.model.densities import LOG_2PI
 from bayes_toe.model.derivatives import hessian, one_sided_hessian
-from bayes_toe.model.posterior import SampledPosterior
+from bayes_toe.model.posterior_array import PosteriorArray
 
 _CONVERGED = 5e-13  # predicted gain, in nats, at which a search has converged
 _ROUNDING = 1e-3  # of the value, in units of this, where that is large
 _LIGHT, _HEAVY = 1e-2, 1e12  # damping of a search that converges, and of one that fails
 _FIRST, _LEAST = 1e-3, 1e-12  # damping to begin with, and the smallest
-_SMALL_DISTANCE = 1e-3  # distance, in every coordinate, of points that are one maximum
-_FAR = 30.0  # nats below the best at which a maximum does not matter
 _TINY = 1e-300
-#: What differences cannot distinguish from 0 is no curvature.
-LEAST_CURVATURE = 1e-8
+# --- Of posteriors ---
+_GAIN = 0.03  # nats of predicted gain below which a search ends
+_LARGEST_STEP = 2.0
+_MOST_STEPS = 12
+_POLISH_GAIN = 1e-8  # the same for the maximum of which Laplace's evidence is
+_SAME = 0.5  # standard deviations, in every coordinate, within which two ends are one maximum
+_FAR = 8.0  # nats below the highest at which a maximum does not matter
 
 
 class Expansion(NamedTuple):
@@ -83,13 +86,25 @@ class Ascent(NamedTuple):
     curvature: FloatArray  # (starts, k, k)
     has_converged: BoolArray  # (starts,)
 
-    def part(self, is_chosen: BoolArray) -> Ascent:
+    def part(self, is_chosen: BoolArray | IndexArray) -> Ascent:
         """Some of the searches."""
         return Ascent._make([values[is_chosen] for values in self])
 
     def joined(self, other: Ascent) -> Ascent:
         """These searches and those of another ascent."""
         return Ascent._make([np.concatenate(pair) for pair in zip(self, other, strict=True)])
+
+    def distinct(self) -> Ascent:
+        """The distinct ends that matter, the highest first."""
+        ranked = np.argsort(-self.value, kind="stable")
+        ranked = ranked[self.value[ranked] >= self.value[ranked[0]] - _FAR]
+        chosen: list[int] = []
+        for i in ranked.tolist():
+            precision = np.sqrt(np.abs(np.diagonal(self.curvature[i])))
+            distances = np.abs(self.x[chosen] - self.x[i]) * precision
+            if (distances.max(axis=1, initial=0.0) > _SAME).all():
+                chosen.append(i)
+        return self.part(np.array(chosen))
 
 
 def ascend(
@@ -187,52 +202,77 @@ def _steps(
         return step * scale, 0.5 * step * slope
 
 
-# --- The maxima of a posterior -------------------------------------------------------------------
+# --- Posteriors ----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class Maxima:
-    """Distinct local maxima of a log density that matter, best first, unconstrained coordinates.
+def ascend_from(
+    array: PosteriorArray,
+    owners: IndexArray,
+    starts: FloatArray,
+    is_held: BoolArray | bool = False,
+    least_gain: float = _GAIN,
+) -> Ascent:
+    """Fisher scoring from many starts at once.
 
-    Attributes
+    Parameters
     ----------
-    x : ndarray, shape (modes, k)
-    value : ndarray, shape (modes,)
-    curvature : ndarray, shape (modes, k, k)
-        The negative Hessian; positive definite at a proper maximum.
-    has_converged : bool
-        False where no search converged; the points are then the best ones that were reached.
+    array : PosteriorArray
+    owners : ndarray of int, shape (searches,)
+        The posterior of each search.
+    starts : ndarray, shape (searches, d)
+    is_held : ndarray of bool, shape (searches, d)
+        Further coordinates that stay where they start.
+    least_gain : float
+        A search ends where the predicted gain, nats, is below this.
     """
+    return ascend(
+        lambda x, index: _expansion(array.part(owners[index]), x),
+        starts,
+        is_held=~array.is_free[owners] | is_held,
+        least_gain=least_gain,
+        largest_step=_LARGEST_STEP,
+        most_steps=_MOST_STEPS,
+        retry_damping=0.0,
+    )
 
-    x: FloatArray
-    value: FloatArray
-    curvature: FloatArray
-    has_converged: bool
 
+def _expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
+    """The log density of each posterior about its point, (posteriors, d).
 
-def find_maxima(target: SampledPosterior, starts: FloatArray | None = None) -> Maxima:
-    """Maxima of the log density from several starts, shape (starts, k), of finite density.
-
-    The default starts are those that the data suggest.
+    The curvature is that of Fisher information and prior.
     """
-    if starts is None:
-        starts = target.starts()
-    density = Differenced(lambda x, _: target.gradient(x), *starts.shape)
-    ascent = ascend(density.expand, starts)
-    is_candidate = ascent.has_converged
-    if not is_candidate.any():
-        is_candidate = np.ones(len(starts), np.bool_)
-    distinct: list[int] = []
-    for i in np.argsort(-ascent.value).tolist():
-        distances = np.abs(ascent.x[distinct] - ascent.x[i]).max(axis=1)
-        if is_candidate[i] and (distances > _SMALL_DISTANCE).all():
-            distinct.append(i)
-    best = np.array(distinct)
-    best = best[ascent.value[best] > ascent.value[best[0]] - _FAR]
-    curvature = density.curvature(ascent.x[best], best)
-    # Without curvature in a coordinate a search has come to an edge, not to a maximum.
-    is_proper = np.diagonal(curvature, axis1=1, axis2=2).min(axis=1) > LEAST_CURVATURE
-    is_proper[0] = True
-    best, curvature = best[is_proper], curvature[is_proper]
-    has_converged = bool(ascent.has_converged.any())
-    return Maxima(ascent.x[best], ascent.value[best], curvature, has_converged)
+    w, is_free = points[:, None, :], array.is_free
+    log_likelihood, gradient, information = array.likelihood.scoring(w)
+    slopes, curvatures = array.prior_slopes(w)
+    value = log_likelihood[:, 0] + array.log_prior(w)[:, 0]
+    gradient = np.where(is_free, (gradient + slopes)[:, 0], 0.0)
+
+    both_free = is_free[:, :, None] & is_free[:, None, :]
+    curvature = np.where(both_free, information[:, 0], 0.0)
+    diagonal = np.arange(points.shape[1])
+    curvature[:, diagonal, diagonal] += np.where(is_free, curvatures[:, 0], 1.0)
+    return Expansion(value, gradient, curvature)
+
+
+def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
+    """The highest maximum of every posterior, (n, d), and Laplace's log evidence, (n,)."""
+    n, d = array.is_free.shape
+    owners = np.arange(n)
+    highest = np.array([ends.x[np.argmax(ends.value)] for ends in maxima])
+    top = ascend_from(array, owners, highest, least_gain=_POLISH_GAIN)
+
+    def gradient(points: FloatArray) -> FloatArray:
+        repeated = array.part(np.resize(owners, len(points)))
+        w = points[:, None, :]
+        slope = repeated.likelihood.gradient(w)[1] + repeated.prior_slopes(w)[0]
+        return slope[:, 0]
+
+    diagonal = np.arange(d)
+    curvature = -hessian(gradient, top.x, top.curvature[:, diagonal, diagonal])
+    both_free = array.is_free[:, :, None] & array.is_free[:, None, :]
+    curvature = np.where(both_free, curvature, np.eye(d))
+    is_proper = np.linalg.eigvalsh(curvature)[:, 0] > 0.0
+    log_determinant = np.linalg.slogdet(curvature)[1]
+    dimensions = array.is_free.sum(axis=1)
+    laplace = top.value + 0.5 * dimensions * LOG_2PI - 0.5 * log_determinant
+    return top.x, np.where(is_proper, laplace, np.nan)

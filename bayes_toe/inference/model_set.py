@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_toe.arrays import BoolArray, FloatArray, Rng
-from bayes_toe.inference.proposal import WeightedDraws
+from bayes_toe.inference.mixture import WeightedDraws
 
 
 def probability_of(

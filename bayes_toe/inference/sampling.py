@@ -15,15 +15,15 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
-from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
-from bayes_toe.model.posterior import SampledPosterior, judged_quantities, require_defined
+from bayes_toe.inference.fitted import Fitted
+from bayes_toe.inference.mixture import WeightedDraws
+from bayes_toe.model.posterior import SubjectPosterior, judged_quantities, require_defined
 from bayes_toe.seeds import stream
 
 #: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long
 #: tails too uncertain.
 _QUANTILE_DRAWS = 10_000
 _DISPERSION = 4.0  # starting points have this many times the posterior's variance
-_USUAL_BURN_IN = 5
 _BATCH = 1024  # draws made at once where those of the judging are used up
 _SAFE = 0.85  # of the largest error of a quantile: what the draws that are asked for aim at
 #: Efficiency of a proposal below which two draws of successive steps are worth less than one
@@ -87,14 +87,6 @@ class SamplerSettings:
         return max(16, -(-n_draws // (self.ensembles * self.walkers)))
 
     @property
-    def proposals(self) -> int:
-        """About how many proposals the ensembles need.
-
-        As many draws judge a proposal, and the ensembles then use these draws first.
-        """
-        return self.ensembles * self.walkers * (self.kept_steps + _USUAL_BURN_IN)
-
-    @property
     def required(self) -> int:
         """Effective draws to reach: those asked for, but at least four a walker.
 
@@ -126,14 +118,14 @@ class Chains:
     imprecise: str = ""
 
 
-def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> Chains:
+def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chains:
     """Run the ensembles until every judged quantity meets the settings, or up to their limit.
 
     Each pass goes on from where the last one ended and replaces its draws. It keeps the same number
     of draws over twice as many steps. So from the second pass on about half of all steps are
     burn-in, and the number of kept draws does not grow.
     """
-    posterior = fitted.proposal.posterior
+    posterior = fitted.target
     ensembles = [_Ensemble(fitted, settings, seed, k) for k in range(settings.ensembles)]
     steps = burn_in(fitted)
     thin = 2 if fitted.efficiency < _SLOW and settings.max_thin > 1 else 1
@@ -163,135 +155,151 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
         thin = min(2 * thin, settings.max_thin)
 
 
-def burn_in(fitted: FittedProposal) -> int:
+def burn_in(fitted: Fitted) -> int:
     """Steps before the first pass, at most 8.
 
     Without this limit about one walker in a thousand would still stand where it started. The share
     of steps at which a walker moves is about the efficiency of the proposal.
     """
-    if not fitted.trusted:
+    if not fitted.is_trusted:
         return 8
     return min(8, int(np.ceil(np.log(1e-3) / np.log1p(-fitted.efficiency))))
 
 
 class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
-    """Independence Metropolis move: all walkers propose from the fitted proposal at once.
+    """Independence Metropolis move: all walkers propose from the fitted mixture at once.
 
-    The first proposals are the draws by which the proposal was judged, because their posterior
+    The first proposals are the draws by which the mixture was judged, because their posterior
     densities are known. Later ones are drawn in large batches. The first draws are selected, since
-    draws with very large weights would have led to a refit. The selection concerns some
+    draws with very large weights would have led to another mixture. The selection concerns some
     ten-thousandths of the posterior, far less than the Monte Carlo error of as many draws.
     """
 
-    def __init__(self, proposal: Proposal, first: WeightedDraws) -> None:
-        self.proposal, self._left = proposal, first
+    def __init__(self, fitted: Fitted, first: WeightedDraws) -> None:
+        self.fitted, self._left = fitted, first
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Any]:
         """One step of all walkers, as emcee asks for it."""
         fresh = self.take(len(state.coords), model.random)
-        log_old = self.proposal.log_density(
-            state.coords, self.proposal.posterior.log_prior(state.coords)
-        )
-        accepted = np.log(model.random.rand(len(fresh.x))) < fresh.log_weights - (
-            state.log_prob - log_old
-        )
-        return self.update(
-            state, emcee.State(fresh.x, log_prob=fresh.log_posterior), accepted
-        ), accepted
+        log_old = self._log_proposal(state.coords)
+        log_ratio = fresh.log_weights - (state.log_prob - log_old)
+        is_accepted = np.log(model.random.rand(len(fresh.x))) < log_ratio
+        coordinates = fresh.x[:, self.fitted.target.is_free]
+        proposed = emcee.State(coordinates, log_prob=fresh.log_posterior)
+        return self.update(state, proposed, is_accepted), is_accepted
+
+    def _log_proposal(self, coordinates: FloatArray) -> FloatArray:
+        """Log density of the mixture where walkers stand."""
+        w = full_coordinates(self.fitted, coordinates)
+        log_prior = self.fitted.array.log_prior(w[None])[0]
+        return self.fitted.mixture.log_density(w, log_prior)
 
     def take(self, size: int, random: np.random.RandomState) -> WeightedDraws:
-        """The next draws from the proposal."""
+        """The next draws from the mixture."""
         if len(self._left.x) < size:
-            self._left = importance_draws(self.proposal, random, max(size, _BATCH))
+            self._left = self.fitted.fresh(random, max(size, _BATCH))
         draws, self._left = self._left.part(slice(size)), self._left.part(slice(size, None))
         return draws
 
 
-def moves(fitted: FittedProposal, first: WeightedDraws) -> list[tuple[Any, float]]:
-    """Emcee moves and their weights: the better the proposal, the fewer local moves.
+def full_coordinates(fitted: Fitted, coordinates: FloatArray) -> FloatArray:
+    """Points with all coordinates of the task, (points, d), from those that walkers have."""
+    w = np.zeros((len(coordinates), len(fitted.target.is_free)))
+    w[:, fitted.target.is_free] = coordinates
+    return w
+
+
+def moves(fitted: Fitted, first: WeightedDraws) -> list[tuple[Any, float]]:
+    """Emcee moves and their weights: the better the mixture, the fewer local moves.
 
     Mostly local ones where it may not be trusted.
 
     emcee's snooker move is never used: in release 3.1.6 it is biased.
     """
-    local = 0.02 + 0.3 * (1.0 - fitted.efficiency) if fitted.trusted else 0.8
-    every = GlobalMove(fitted.proposal, first), emcee.moves.DEMove(), emcee.moves.StretchMove()
+    local = 0.02 + 0.3 * (1.0 - fitted.efficiency) if fitted.is_trusted else 0.8
+    every = GlobalMove(fitted, first), emcee.moves.DEMove(), emcee.moves.StretchMove()
     return list(zip(every, (1.0 - local, 0.8 * local, 0.2 * local), strict=True))
 
 
 class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no types
-    """One ensemble with a random stream of its own, after its burn-in."""
+    """One ensemble with a random stream of its own, after its burn-in.
 
-    def __init__(
-        self, fitted: FittedProposal, settings: SamplerSettings, seed: int, index: int
-    ) -> None:
-        self._posterior = posterior = fitted.proposal.posterior
-        random = np.random.RandomState(
-            np.random.MT19937(
-                stream(seed, posterior.subject.name, posterior.model.name, "ensemble", index)
-            )
-        )
+    Walkers have the coordinates of the mixture.
+    """
+
+    def __init__(self, fitted: Fitted, settings: SamplerSettings, seed: int, index: int) -> None:
+        self._fitted, target = fitted, fitted.target
+        key = stream(seed, target.subject.name, target.model.name, "ensemble", index)
+        random = np.random.RandomState(np.random.MT19937(key))
         judging = len(fitted.draws.x) // settings.ensembles
-        mixed = moves(fitted, fitted.draws.part(slice(index * judging, (index + 1) * judging)))
+        first = fitted.draws.part(slice(index * judging, (index + 1) * judging))
         super().__init__(
             settings.walkers,
-            len(posterior.coordinates),
-            posterior.log_density,
+            len(target.coordinates),
+            self._log_density,
             vectorize=True,
-            moves=mixed,
+            moves=moves(fitted, first),
         )
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches
         # it.
         self.random_state = random.get_state()
-        self._state = self._run(
-            _dispersed(fitted, random, settings.walkers), burn_in(fitted), store=False
-        )
+        start = self._dispersed(random)
+        self._state = self._run(start, burn_in(fitted), store=False)
 
     def advance(self, thin: int, n_steps: int) -> tuple[FloatArray, FloatArray, float]:
-        """Draws of one pass, (walkers x steps, k), walker-major, log densities and acceptance."""
+        """Draws of one pass, (walkers x steps, k), walker-major, log densities and acceptance.
+
+        Both are in the coordinates of the posterior.
+        """
         self.reset()
         self._state = self._run(self._state, n_steps, thin_by=thin)
         chain = self.get_chain()
-        x = chain.transpose(1, 0, 2).reshape(-1, chain.shape[2])
-        return x, self.get_log_prob().T.ravel(), float(np.mean(self.acceptance_fraction))
+        walker_major = chain.transpose(1, 0, 2).reshape(-1, chain.shape[2])
+        x, log_volume = self._fitted.original(full_coordinates(self._fitted, walker_major))
+        log_density = self.get_log_prob().T.ravel() + log_volume
+        return x, log_density, float(np.mean(self.acceptance_fraction))
 
     def compute_log_prob(self, coords: FloatArray) -> tuple[FloatArray, None]:
         """Log densities as the array that they come in.
 
         emcee itself goes through them one by one.
         """
-        log_density = self._posterior.log_density(coords)
-        require_defined(log_density, self._posterior)
-        return log_density, None
+        return self._log_density(coords), None
+
+    def _log_density(self, coordinates: FloatArray) -> FloatArray:
+        """Log posterior density in the coordinates of the mixture, (points,)."""
+        w = full_coordinates(self._fitted, coordinates)
+        log_density = self._fitted.array.densities(w[None])[1][0]
+        require_defined(log_density, self._fitted.target)
+        return log_density
 
     def _run(self, state: Any, steps: int, **options: Any) -> Any:
         # emcee refuses walkers that are close to one plane, where local moves stay. A posterior may
         # be so thin (100 million trials), and global moves leave the plane.
         return self.run_mcmc(state, steps, skip_initial_state_check=True, **options)
 
+    def _dispersed(self, random: np.random.RandomState) -> emcee.State:
+        """Starting points wider than the posterior: draws, blown up about the posterior mean.
 
-def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: int) -> emcee.State:
-    """Starting points wider than the posterior: weighted draws, blown up about the posterior mean.
-
-    Points of zero density are drawn again: emcee would leave such walkers there for good, without a
-    word.
-    """
-    posterior, draws = fitted.proposal.posterior, fitted.draws
-    mean = draws.shares @ draws.x
-    start, log_density = np.empty((0, draws.x.shape[1])), np.empty(0)
-    while len(start) < walkers:
-        chosen = draws.resampled(random, walkers)
-        jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
-        points = mean + np.sqrt(_DISPERSION) * (chosen + jitter - mean)
-        heights = posterior.log_density(points)
-        is_finite = np.isfinite(heights)
-        start = np.concatenate([start, points[is_finite]])
-        log_density = np.concatenate([log_density, heights[is_finite]])
-    return emcee.State(start[:walkers], log_prob=log_density[:walkers])
+        Points of zero density are drawn again: emcee would leave such walkers there for good,
+        without a word.
+        """
+        draws, is_free = self._fitted.draws, self._fitted.target.is_free
+        mean = (draws.shares @ draws.x)[is_free]
+        start, log_density = np.empty((0, self.ndim)), np.empty(0)
+        while len(start) < self.nwalkers:
+            chosen = draws.resampled(random, self.nwalkers)[:, is_free]
+            jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
+            points = mean + np.sqrt(_DISPERSION) * (chosen + jitter - mean)
+            heights = self._log_density(points)
+            is_finite = np.isfinite(heights)
+            start = np.concatenate([start, points[is_finite]])
+            log_density = np.concatenate([log_density, heights[is_finite]])
+        return emcee.State(start[: self.nwalkers], log_prob=log_density[: self.nwalkers])
 
 
 def _uncertain_quantile(
-    posterior: SampledPosterior, x: FloatArray, diagnostics: dict[str, Convergence], limit: float
+    posterior: SubjectPosterior, x: FloatArray, diagnostics: dict[str, Convergence], limit: float
 ) -> tuple[str, bool]:
     """The natural quantity with the most uncertain 5 or 95 % quantile, in words.
 

@@ -1,6 +1,6 @@
 """The steps of the analysis of one subject under one model.
 
-They are maxima, proposal, chains, evidence and goodness of fit. `fitted_result` runs those that an
+They are a fitted mixture, chains, evidence and goodness of fit. `fitted_result` runs those that an
 `AnalysisRequest` names. `subject_draws` makes the arrays that a file stores.
 """
 
@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, NamedArrays
+from bayes_toe.arrays import FloatArray, NamedArrays, Rng
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
-from bayes_toe.inference.adaptation import EVIDENCE_DRAWS as EVIDENCE_DRAWS
-from bayes_toe.inference.adaptation import adapt_proposal, with_trusted_draws
 from bayes_toe.inference.diagnostics import (
     Convergence,
     Errors,
@@ -26,15 +24,17 @@ from bayes_toe.inference.diagnostics import (
     worst,
 )
 from bayes_toe.inference.evidence import Evidence, importance_evidence
+from bayes_toe.inference.fitted import Fitted, fit_posterior
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, summarise_fit
-from bayes_toe.inference.maxima import Maxima, find_maxima
-from bayes_toe.inference.proposal import FittedProposal
+from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
-from bayes_toe.model.posterior import AnswerPosterior, SampledPosterior, posterior_contraction
+from bayes_toe.model.posterior import SubjectPosterior, posterior_contraction
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.seeds import generator
 
+#: Independent draws behind the evidence of H1, unless more are asked for.
+EVIDENCE_DRAWS = 4000
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 _MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
 SUMMARY_COLUMNS = (
@@ -79,18 +79,6 @@ class AnalysisRequest:
     chains: SamplerSettings | None = None  # posterior draws by these; with them, goodness of fit
     evidence_draws: int = 0  # independent ones behind the evidence; 0 for no evidence
 
-    @property
-    def judging_draws(self) -> int:
-        """The number of draws that judge a proposal.
-
-        It is that of an evidence, whether one is asked for or not, so that the chains are the same.
-        It is larger if the chains need more proposals.
-        """
-        return max(
-            self.evidence_draws or EVIDENCE_DRAWS,
-            0 if self.chains is None else self.chains.proposals,
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class SubjectResult:
@@ -99,7 +87,7 @@ class SubjectResult:
     Small enough to send to another process.
     """
 
-    target: AnswerPosterior
+    target: SubjectPosterior
     # and k-hat: how good the fitted proposal is; 1 and NaN where draws come from the posterior
     # itself
     efficiency: float
@@ -114,43 +102,33 @@ class SubjectResult:
         return self.target.subject
 
 
-class Fitted(NamedTuple):
-    """Maxima and proposal of the pipeline, with fresh draws where an evidence was asked for."""
-
-    maxima: Maxima
-    proposal: FittedProposal
-
-
 def fitted_result(
-    target: SampledPosterior, seed: int, request: AnalysisRequest
+    target: SubjectPosterior, seed: int, request: AnalysisRequest
 ) -> tuple[SubjectResult, Fitted]:
-    """The pipeline where a proposal has to be fitted, with what it found on its way."""
-    maxima = find_maxima(target)
-    rng = generator(seed, target.subject.name, target.model.name, "proposal")
-    adapted = adapt_proposal(target, rng, start=maxima, draws=request.judging_draws)
-    chains = None if request.chains is None else sample_chains(adapted, request.chains, seed)
-    fitted = with_trusted_draws(adapted, rng) if request.evidence_draws else adapted
-    evidence = importance_evidence(fitted) if request.evidence_draws else None
-    fit = None
-    if chains is not None:
+    """The results that are wanted of one posterior, and the mixture that is fitted to it."""
+    key = seed, target.subject.name, target.model.name
+    fitted = fit_posterior(target, generator(*key, "proposal"))
+    chains, fit, evidence = None, None, None
+    if request.chains is not None:
+        chains = sample_chains(fitted, request.chains, seed)
         x = chains.x.reshape(-1, chains.x.shape[-1])
-        fit = summarise_fit(target, x, maxima.x[0])
-    quality = adapted.efficiency, adapted.pareto_k
-    return SubjectResult(target, *quality, evidence, chains, fit), Fitted(maxima, fitted)
+        fit = summarise_fit(target, x, fitted.maximum)
+
+    if request.evidence_draws:
+        draws = fitted.fresh(generator(*key, "evidence"), request.evidence_draws)
+        evidence = importance_evidence(draws)
+        if fit is None and evidence.value is not None:
+            fit = _weighted_fit(fitted, draws, generator(*key, "resampling"))
+    result = SubjectResult(target, fitted.efficiency, fitted.pareto_k, evidence, chains, fit)
+    return result, fitted
 
 
-def weighted_fit(fitted: Fitted, seed: int) -> GoodnessOfFit | None:
-    """Goodness of fit without chains: by the draws of a proposal, resampled by their weights.
-
-    None where these cannot be trusted.
-    """
-    if not fitted.proposal.trusted:
-        return None
-    target, draws = fitted.proposal.proposal.posterior, fitted.proposal.draws
+def _weighted_fit(fitted: Fitted, draws: WeightedDraws, rng: Rng) -> GoodnessOfFit:
+    """Goodness of fit without chains: by draws that are resampled by their weights."""
     weights = np.exp(smoothed_weights(draws.log_weights).log_weights)
-    rng = generator(seed, target.subject.name, target.model.name, "resampling")
     rows = rng.choice(len(weights), len(weights), p=weights / weights.sum())
-    return summarise_fit(target, draws.x[rows], fitted.maxima.x[0])
+    x, _ = fitted.original(draws.x[rows])
+    return summarise_fit(fitted.target, x, fitted.maximum)
 
 
 # --- What a file of draws keeps, and tables say ---------------------------------------------------
@@ -212,7 +190,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
 
 
 def summary_rows(
-    target: AnswerPosterior,
+    target: SubjectPosterior,
     values: NamedArrays,
     convergences: Mapping[str, Convergence] | None = None,
 ) -> tuple[SummaryRow, ...]:

@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import erfcx, erfinv, expit, log_expit, log_ndtr, ndtri_exp
+from scipy.special import erfcx, expit, log_expit, log_ndtr
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IntArray
-from bayes_toe.model.distributions import LOG_2PI
+from bayes_toe.model.densities import LOG_2PI, half_normal_quantile
 from bayes_toe.model.paper_equations import LN2
 
 #: Nodes and weights of Gauss and Legendre on (0, 1), for windows in which the density is level.
@@ -100,23 +100,6 @@ def criterion(logit_peak: npt.ArrayLike) -> FloatArray:
     logits = np.asarray(logit_peak, np.float64)
     peak, log_rest = expit(np.minimum(logits, 0.0)), log_expit(-np.maximum(logits, 0.0))
     return half_normal_quantile(logits < 0.0, peak, log_rest)
-
-
-def half_normal_quantile(
-    is_lower: BoolArray, probability: FloatArray, log_rest: FloatArray
-) -> FloatArray:
-    """The quantile u >= 0 with 2 Phi(u) - 1 = P, accurate in both tails.
-
-    Parameters
-    ----------
-    is_lower : ndarray of bool
-        Whether u follows from P, as it must where P is small, or from the log of 1 - P.
-    probability, log_rest : ndarray
-        P and ln(1 - P), each where it is used.
-    """
-    lower = np.sqrt(2.0) * erfinv(probability)
-    upper = -ndtri_exp(log_rest - LN2)
-    return np.where(is_lower, lower, upper)
 
 
 def criterion_slope(logit_peak: FloatArray, k: FloatArray) -> FloatArray:

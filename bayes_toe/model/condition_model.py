@@ -32,6 +32,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject, pooled
+from bayes_toe.model.densities import StandardNormal
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
 from bayes_toe.model.parameters import (
@@ -42,7 +43,6 @@ from bayes_toe.model.parameters import (
     PEAK,
     ObserverPrior,
     Parameter,
-    StandardNormal,
     task_parameters,
 )
 from bayes_toe.model.posterior_array import LinearLikelihood, PosteriorArray

@@ -11,38 +11,36 @@ files and in the keys of its random streams.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
+from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import expit, logit
 
-from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, NamedArrays
+from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
-from bayes_toe.model.answer_curves import LogAnswers, criterion
+from bayes_toe.model.answer_curves import criterion
 from bayes_toe.model.observer import DEFAULT_PRIOR, JND_OVER_NOISE, ObserverRows
 from bayes_toe.model.paper_model import PAPER_MODEL, PaperModel, PaperPosterior
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
     CONTRACTION,
     ORDER_MODELS,
-    LogitOfBeta,
     ObserverPrior,
     Parameter,
     lapse_logs,
     lapse_score,
     task_parameters,
 )
-from bayes_toe.model.posterior import Names, SameCoordinates, Transform, require_points
-from bayes_toe.model.posterior_array import PosteriorArray, observer_array
+from bayes_toe.model.posterior import Names, SubjectPosterior
+from bayes_toe.model.posterior_array import PosteriorArray, independent_array
 from bayes_toe.model.prior import DEFAULT, Prior
 
-_PRIOR_DRAWS = 100_000
 #: What the models say of the order of the stimuli.
 _MODEL_WORDS = {
     "none": "no order effect",
@@ -92,11 +90,11 @@ class OrderModel:
 
 
 @dataclass(frozen=True, eq=False)
-class ObserverPosterior:
+class ObserverPosterior(SubjectPosterior):
     """The posterior of one subject under one of the four models.
 
-    Points have the shape (points, k), with the coordinates that are free in the model, in the
-    order of :func:`bayes_toe.model.parameters.task_parameters`.
+    The coordinates are those that are free in the model, in the order of
+    :func:`bayes_toe.model.parameters.task_parameters`.
 
     Examples
     --------
@@ -124,101 +122,32 @@ class ObserverPosterior:
     def array(self) -> PosteriorArray:
         """The same posterior as an array of one, with all coordinates of the task."""
         rows = ObserverRows.from_subjects([self.subject], self.prior, [self.scales])
-        return observer_array(rows, [self.coordinates])
-
-    @property
-    def rows(self) -> ObserverRows:
-        """The counts, as one row."""
-        return self.array.likelihood.rows
-
-    @property
-    def is_free(self) -> BoolArray:
-        """Which coordinates of the task are free in the model, shape (all,)."""
-        return self.array.is_free[0]
-
-    @cached_property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the free coordinates."""
-        return self.model.coordinates(self.subject.task)
-
-    def for_subject(self, subject: Subject) -> ObserverPosterior:
-        """The same model with the same prior and scales for other answers or other pairs."""
-        return replace(self, subject=subject, given_scales=self.scales)
+        return independent_array(rows, [self.model.coordinates(self.subject.task)])
 
     @property
     def sbar(self) -> float:
         """Mean first stimulus, natural-log intensity."""
         return self.scales.sbar
 
-    def full_points(self, x: npt.ArrayLike) -> FloatArray:
-        """Points with all coordinates of the task, (points, k) -> (1, points, all)."""
-        points = require_points(x, len(self.coordinates))
-        full = np.zeros((1, len(points), len(self.array.names)))
-        full[0][:, self.is_free] = points
-        return full
+    @property
+    def rows(self) -> ObserverRows:
+        """The counts, as one row."""
+        return cast(ObserverRows, self.array.likelihood.rows)
 
-    def log_answers(self, x: npt.ArrayLike) -> LogAnswers:
-        """Log probability of both answers to every pair, (points, pairs) each."""
-        yes, no = self.rows.log_answers(self.full_points(x))
-        return LogAnswers(yes[0], no[0])
+    def for_subject(self, subject: Subject) -> ObserverPosterior:
+        """The same model with the same prior and scales for other answers or other pairs."""
+        return replace(self, subject=subject, given_scales=self.scales)
 
-    def distance(self, x: npt.ArrayLike) -> FloatArray:
-        """The distance z of every pair in standard deviations of the noise, (points, pairs)."""
-        return self.rows.distance(self.full_points(x))[0]
+    @cached_property
+    def names(self) -> Names:
+        """The names of the quantities."""
+        derived = ("jnd", "zone") if "q0" in self.coordinates else ("jnd",)
+        return Names(self.coordinates, self.coordinates, derived, ("jnd",))
 
-    def yes_at_distance(self, x: npt.ArrayLike, z: FloatArray) -> FloatArray:
-        """P of the answer that the task counts at distances z, (n,) -> (points, n)."""
-        return np.exp(self.rows.answers_at_distance(self.full_points(x), z).yes[0])
-
-    def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
-        """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
-        return self.array.likelihood.value(self.full_points(x))[0]
-
-    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
-        """Log prior density of the coordinates, (points, k) -> (points,)."""
-        return self.array.log_prior(self.full_points(x))[0]
-
-    def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """Log posterior density, (points, k) -> (points,); its integral is the evidence."""
-        full = self.full_points(x)
-        return self.array.likelihood.value(full)[0] + self.array.log_prior(full)[0]
-
-    def gradient(self, x: npt.ArrayLike) -> ArrayPair:
-        """Log posterior density, (points,), and its gradient, (points, k)."""
-        full = self.full_points(x)
-        value, slope = self.array.likelihood.gradient(full)
-        slope = slope + self.array.prior_slopes(full)[0]
-        return (value + self.array.log_prior(full))[0], slope[0][:, self.is_free]
-
-    # --- What engines ask for --------------------------------------------------------------------
-
-    def starts(self) -> FloatArray:
-        """A grid over noise, lapse rate, constant error and contraction, shape (starts, k)."""
-        subject = self.subject
-        largest_share = float(((subject.n_yes + 1.0) / (subject.n_trials + 2.0)).max())
-        sd = float(self.rows.contraction_sd[0, 0])
-        starts: dict[str, Sequence[float]] = {
-            "noise": (-1.4, 0.0, 1.4),
-            "q0": (float(logit(largest_share)),),
-            "lapse_rate": (-1.5, 1.0),
-            "noise_slope": (0.0,),
-            "criterion_slope": (0.0,),
-            "constant_error": tuple(
-                c / self.prior.constant_error_scale for c in (-0.93, 0.07, 1.01)
-            ),
-            "contraction": (-min(1.6, 0.4 / sd), min(3.2, 0.8 / sd)),
-        }
-        axes = np.meshgrid(*(starts[name] for name in self.coordinates))
-        return np.stack([axis.ravel() for axis in axes], axis=-1)
-
-    def transform(self, modes: FloatArray) -> Transform:
-        """The coordinates as they are: no parameter's posterior narrows as another one vanishes."""
-        return SameCoordinates()
-
-    def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
-        """Independent draws from the prior, shape (size, k)."""
-        uniform = rng.uniform(size=(size, len(self.array.names)))
-        return self.array.prior_points(uniform[None])[0][:, self.is_free]
+    @property
+    def monotone_in(self) -> Mapping[str, tuple[str, int]]:
+        """The quantities that one coordinate determines: its name, and 1 if they rise with it."""
+        return {name: (name, 1) for name in self.coordinates} | {"jnd": ("noise", 1)}
 
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, each with the shape of x without its last axis.
@@ -246,23 +175,6 @@ class ObserverPosterior:
         names = self.names.all
         return {name: by_name[name].reshape(x.shape[:-1]) for name in names}
 
-    def prior_quantile(self, name: str, probability: float) -> float:
-        """Prior quantile of a quantity; that of the zone by draws."""
-        if name == "zone" and name in self.names.all:
-            return self.scales.step * float(np.quantile(_prior_zones(self.prior), probability))
-        parameter = "noise" if name == "jnd" else name
-        if parameter not in self.coordinates:
-            raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
-        probabilities = np.full((1, len(self.array.names)), probability)
-        point = self.array.prior_points(probabilities[None])[0][:, self.is_free]
-        return float(self.quantities(point)[name][0])
-
-    @cached_property
-    def names(self) -> Names:
-        """The names of the quantities."""
-        derived = ("jnd", "zone") if "q0" in self.coordinates else ("jnd",)
-        return Names(self.coordinates, self.coordinates, derived, ("jnd",))
-
     def points(self, quantities: NamedArrays) -> FloatArray:
         """Points, shape (..., k), from quantities of shape (...).
 
@@ -282,15 +194,6 @@ class ObserverPosterior:
             else:
                 columns.append(values / at_one[name])
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
-
-
-@lru_cache(maxsize=4)
-def _prior_zones(prior: ObserverPrior) -> FloatArray:
-    """Draws of the zone from the prior, in D; the same for all subjects."""
-    rng = np.random.default_rng(0)
-    noise = prior.noise_median * np.exp(prior.noise_sd * rng.standard_normal(_PRIOR_DRAWS))
-    peak = LogitOfBeta(prior.q0_a, prior.q0_b).quantile(rng.uniform(size=_PRIOR_DRAWS))
-    return criterion(peak) * noise
 
 
 # --- Models by name ------------------------------------------------------------------------------

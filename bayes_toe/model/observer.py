@@ -36,20 +36,18 @@ from bayes_toe.model.answer_curves import (
     equal_slopes,
     second_answers,
     second_slopes,
-    times_counts,
 )
-from bayes_toe.model.distributions import LOG_2PI
-from bayes_toe.model.paper_equations import LN2
-from bayes_toe.model.parameters import (
+from bayes_toe.model.answer_rows import AnswerRows
+from bayes_toe.model.densities import (
+    LOG_2PI,
     CutNormal,
     LogitOfBeta,
-    ObserverPrior,
     PriorDensity,
     StandardNormal,
     StandardStudent,
-    lapse_logs,
-    task_parameters,
 )
+from bayes_toe.model.paper_equations import LN2
+from bayes_toe.model.parameters import ObserverPrior, lapse_logs, task_parameters
 
 #: Criterion below which the density is level over the window of 'equal', to 12 digits.
 _NARROW = 1e-6
@@ -64,11 +62,8 @@ _NO_SLOPES = Slopes(np.zeros(1), np.zeros(1))
 
 
 @dataclass(frozen=True, eq=False)
-class ObserverRows:
-    """Counts of one or several subjects of a task, and their likelihoods as rows of one array.
-
-    Points have the shape (rows, points, k), with all k coordinates of the task. Pairs of subjects
-    who have fewer than others are filled up with pairs that nobody answered.
+class ObserverRows(AnswerRows):
+    """Counts of one or several subjects of a task, with all k coordinates of the task.
 
     Attributes
     ----------
@@ -211,12 +206,6 @@ class ObserverRows:
         log_lapse, log_attend = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
         return log_lapse[..., None], log_attend[..., None]
 
-    def log_likelihood(self, u: FloatArray) -> FloatArray:
-        """Log likelihood without binomial coefficients, (rows, points, k) -> (rows, points)."""
-        answers = self.log_answers(u)
-        terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
-        return terms.sum(axis=-1)
-
     def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
         """:meth:`log_likelihood` by plain probabilities, at a third of its cost.
 
@@ -350,30 +339,6 @@ class ObserverRows:
             units = [noise, log_criterion, lapse, noise_slope, criterion_slope]
         units += [np.full((1, 1), prior.constant_error_scale), self.contraction_sd]
         return np.stack(np.broadcast_arrays(*units), axis=-1)
-
-    def gradient(self, u: FloatArray) -> ArrayPair:
-        """Log likelihood (rows, points), and its gradient (rows, points, k)."""
-        return self._summed(*self.answer_slopes(u))
-
-    def _summed(
-        self, answers: LogAnswers, yes_slopes: FloatArray, no_slopes: FloatArray
-    ) -> ArrayPair:
-        """Log likelihood and its gradient, from what an answer to each pair adds."""
-        terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
-        in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
-        in_no = times_counts(self.n_no[:, :, None], no_slopes)
-        return terms.sum(axis=-1), (in_yes + in_no).sum(axis=-1)
-
-    def scoring(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Log likelihood, gradient and Fisher information, (rows, points[, k[, k]])."""
-        answers, yes_slopes, no_slopes = self.answer_slopes(u)
-        value, gradient = self._summed(answers, yes_slopes, no_slopes)
-        n_trials = self.n_yes + self.n_no
-        yes_weight = (n_trials * np.exp(answers.yes))[..., None, :]
-        no_weight = (n_trials * np.exp(answers.no))[..., None, :]
-        information = (yes_weight * yes_slopes) @ np.swapaxes(yes_slopes, -1, -2)
-        information += (no_weight * no_slopes) @ np.swapaxes(no_slopes, -1, -2)
-        return value, gradient, information
 
     # --- Prior -----------------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 """The parameters of the observer: one row each, with names, unit, words, prior and limits.
 
-`ObserverPrior` has the numbers of their prior, and the classes of densities are those of its
-coordinates. The names of all quantities in tables and figures, and the four models, are here too.
+`ObserverPrior` has the numbers of their prior. The names of all quantities in tables and figures,
+and the four models, are here too.
 
 The observer of one subject works on stimuli about sbar in units of D, so that no unit of intensity
 matters. Every parameter has one unconstrained coordinate u, in units of its prior:
@@ -19,30 +19,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
-from typing import Protocol
 
 import numpy as np
-from scipy.special import (
-    betaincinv,
-    betaln,
-    expit,
-    log_expit,
-    log_ndtr,
-    ndtr,
-    ndtri,
-    ndtri_exp,
-    stdtrit,
-)
+from scipy.special import log_ndtr, ndtri_exp
 
 from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
-from bayes_toe.model.distributions import LOG_2PI
 
 LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, PURE_NUMBER = "ln intensity", "1 / ln intensity", "1"
-#: A quantile above this one is a float with all its digits.
-_SMALLEST_QUANTILE = 1e-200
-_STUDENT_LOG_NORM = float(np.log(2.0 / (np.pi * np.sqrt(3.0))))
 
 
 @dataclass(frozen=True)
@@ -95,122 +80,6 @@ class ObserverPrior:
             if not isinstance(value, int | float) or not 1e-3 <= value <= 1e3:
                 number_range = "allowed is a number from 0.001 to 1000"
                 raise InputError(f"prior: {field.name} is {value!r}; {number_range}")
-
-
-class PriorDensity(Protocol):
-    """The prior of a coordinate u, for arrays of any shape."""
-
-    def log_density(self, u: FloatArray) -> FloatArray:
-        """Normalised log density."""
-
-    def slope(self, u: FloatArray) -> FloatArray:
-        """Its derivative."""
-
-    def curvature(self, u: FloatArray) -> FloatArray:
-        """A positive stand-in for the negative second derivative, for Fisher scoring."""
-
-    def quantile(self, probability: FloatArray) -> FloatArray:
-        """Inverse of the distribution function."""
-
-
-@dataclass(frozen=True)
-class StandardNormal:
-    """Normal(0, 1)."""
-
-    def log_density(self, u: FloatArray) -> FloatArray:
-        """-u^2/2 - ln(2 pi)/2."""
-        return -0.5 * (np.square(u) + LOG_2PI)
-
-    def slope(self, u: FloatArray) -> FloatArray:
-        """-u."""
-        return -u
-
-    def curvature(self, u: FloatArray) -> FloatArray:
-        """1."""
-        return np.ones_like(u)
-
-    def quantile(self, probability: FloatArray) -> FloatArray:
-        """Inverse of the distribution function."""
-        return ndtri(probability)
-
-
-@dataclass(frozen=True)
-class StandardStudent:
-    """Student's t with 3 degrees of freedom and scale 1."""
-
-    def log_density(self, u: FloatArray) -> FloatArray:
-        """ln(2 / (pi sqrt 3)) - 2 ln(1 + u^2 / 3)."""
-        return _STUDENT_LOG_NORM - 2.0 * np.log1p(np.square(u) / 3.0)
-
-    def slope(self, u: FloatArray) -> FloatArray:
-        """-4 u / (3 + u^2)."""
-        return -4.0 * u / (3.0 + np.square(u))
-
-    def curvature(self, u: FloatArray) -> FloatArray:
-        """4 / (3 + u^2), the weight of a normal that touches the density from below."""
-        return 4.0 / (3.0 + np.square(u))
-
-    def quantile(self, probability: FloatArray) -> FloatArray:
-        """Inverse of the distribution function."""
-        values = stdtrit(3.0, probability)
-        return np.where(np.asarray(probability) == 0.0, -np.inf, values)
-
-
-@dataclass(frozen=True)
-class CutNormal(StandardNormal):
-    """Normal(0, 1) on (-limit, limit); `limit` may be an array that broadcasts with u."""
-
-    limit: FloatArray | float
-
-    def log_density(self, u: FloatArray) -> FloatArray:
-        """Log density of the normal over its mass inside; -inf outside."""
-        log_mass = np.log1p(-2.0 * ndtr(-np.asarray(self.limit)))
-        inside = -0.5 * (np.square(u) + LOG_2PI) - log_mass
-        return np.where(np.abs(u) < self.limit, inside, -np.inf)
-
-    def quantile(self, probability: FloatArray) -> FloatArray:
-        """Inverse of the distribution function."""
-        outside = ndtr(-np.asarray(self.limit))
-        return ndtri(outside + probability * (1.0 - 2.0 * outside))
-
-
-@dataclass(frozen=True)
-class LogitOfBeta:
-    """The logit of a share with the distribution Beta(a, b)."""
-
-    a: float
-    b: float
-
-    def log_density(self, u: FloatArray) -> FloatArray:
-        """Log of q^a (1 - q)^b / B(a, b), with respect to the logit."""
-        log_norm = betaln(self.a, self.b)
-        return self.a * log_expit(u) + self.b * log_expit(-u) - log_norm
-
-    def slope(self, u: FloatArray) -> FloatArray:
-        """Its derivative, a (1 - q) - b q."""
-        return self.a * expit(-u) - self.b * expit(u)
-
-    def curvature(self, u: FloatArray) -> FloatArray:
-        """(a + b) q (1 - q)."""
-        return (self.a + self.b) * expit(u) * expit(-u)
-
-    def quantile(self, probability: FloatArray) -> FloatArray:
-        """Inverse of the distribution function, finite also where the share rounds to 0 or 1."""
-        log_share = _log_beta_quantile(self.a, self.b, probability)
-        log_rest = _log_beta_quantile(self.b, self.a, 1.0 - probability)
-        return log_share - log_rest
-
-
-def _log_beta_quantile(a: float, b: float, probability: FloatArray) -> FloatArray:
-    """Log of the quantile of Beta(a, b).
-
-    The distribution function of a small x is x^a / (a B(a, b)), which gives the quantiles that are
-    no floats.
-    """
-    quantile = betaincinv(a, b, probability)
-    with np.errstate(divide="ignore"):
-        log_of_small = (np.log(probability) + np.log(a) + betaln(a, b)) / a
-        return np.where(quantile > _SMALLEST_QUANTILE, np.log(quantile), log_of_small)
 
 
 @dataclass(frozen=True)

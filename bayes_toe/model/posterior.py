@@ -1,27 +1,36 @@
-"""What the posteriors of all models have in common.
+"""The posterior of one subject under one model.
 
-`AnswerPosterior` is what figures and checks need. `SampledPosterior` is what optimisers and
-samplers need.
+`SubjectPosterior` has what the posteriors of all models have in common: their densities, as those
+of a :class:`bayes_toe.model.posterior_array.PosteriorArray` of one, and the quantiles of the prior.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property
+from typing import Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import qmc
 
-from bayes_toe.arrays import AnyRng, ArrayPair, FloatArray, NamedArrays
+from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
-from bayes_toe.errors import NumericalError
+from bayes_toe.errors import InputError, NumericalError
+from bayes_toe.model.answer_curves import LogAnswers
+from bayes_toe.model.answer_rows import AnswerRows
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
+from bayes_toe.model.posterior_array import PosteriorArray
 
 #: The range of quantiles that :func:`posterior_contraction` compares.
 RANGE = (0.05, 0.95)
 #: Contraction below which a parameter is said to be dominated by its prior: a range narrowed by
 #: less than three tenths.
 DOMINATED = 0.5
+#: Log2 of the number of prior points behind the quantiles of a quantity without a prior of its own.
+_LOG2_PRIOR_POINTS = 14
 
 
 @dataclass(frozen=True)
@@ -59,35 +68,10 @@ def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
     return points
 
 
-def require_defined(log_posterior: FloatArray, target: AnswerPosterior) -> None:
+def require_defined(log_posterior: FloatArray, target: SubjectPosterior) -> None:
     """Refuse log densities among which there is a NaN."""
     if np.isnan(log_posterior).any():
         raise NumericalError(f"subject {target.subject.name!r}: log posterior is NaN")
-
-
-class Transform(Protocol):
-    """A bijection between the coordinates x and others, y, in which mixtures fit the posterior."""
-
-    def forward(self, x: FloatArray) -> ArrayPair:
-        """Coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""
-
-    def inverse(self, y: FloatArray) -> ArrayPair:
-        """Coordinates x of y, shape (points, k), and log |dy/dx| there.
-
-        Points beyond all floats go where the density is 0.
-        """
-
-
-class SameCoordinates:
-    """The transform that changes nothing."""
-
-    def forward(self, x: FloatArray) -> ArrayPair:
-        """A copy of x, and 0."""
-        return x.copy(), np.zeros(len(x))
-
-    def inverse(self, y: FloatArray) -> ArrayPair:
-        """A copy of y, and 0."""
-        return y.copy(), np.zeros(len(y))
 
 
 class NamedModel(Protocol):
@@ -98,74 +82,153 @@ class NamedModel(Protocol):
         """Its name."""
 
 
-class AnswerPosterior(Protocol):
-    """The posterior of one subject that gives the answers their probabilities.
+class SubjectPosterior(ABC):
+    """The posterior of one subject under one model.
 
-    Points x have the shape (points, k), with unconstrained coordinates.
+    Points x have the shape (points, k), with the coordinates that the model has.
     """
 
-    @property
-    def subject(self) -> Subject:
-        """The counts."""
+    subject: Subject
 
     @property
+    @abstractmethod
     def model(self) -> NamedModel:
         """The model."""
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates."""
+    @abstractmethod
+    def array(self) -> PosteriorArray:
+        """The same posterior as an array of one, with all coordinates of the task."""
 
     @property
-    def names(self) -> Names:
-        """Names of the quantities."""
+    @abstractmethod
+    def sbar(self) -> float:
+        """The intensity from which constant errors and offsets count, natural-log units."""
 
-    def log_answers(self, x: npt.ArrayLike) -> ArrayPair:
+    @property
+    @abstractmethod
+    def names(self) -> Names:
+        """The names of the quantities."""
+
+    @property
+    @abstractmethod
+    def monotone_in(self) -> Mapping[str, tuple[str, int]]:
+        """The quantities that one coordinate determines: its name, and 1 if they rise with it."""
+
+    @abstractmethod
+    def for_subject(self, subject: Subject) -> Self:
+        """The same model with the same prior and scales for other answers or other pairs."""
+
+    @abstractmethod
+    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+        """Every named quantity, each with the shape of x without its last axis."""
+
+    @abstractmethod
+    def points(self, quantities: NamedArrays) -> FloatArray:
+        """Points, shape (..., k), from natural quantities of shape (...)."""
+
+    @property
+    def rows(self) -> AnswerRows:
+        """The counts, as one row."""
+        return self.array.likelihood.rows
+
+    @property
+    def is_free(self) -> BoolArray:
+        """Which coordinates of the task the model has, shape (all,)."""
+        return self.array.is_free[0]
+
+    @cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that the model has."""
+        return tuple(np.array(self.array.names)[self.is_free].tolist())
+
+    def full_points(self, x: npt.ArrayLike) -> FloatArray:
+        """Points with all coordinates of the task, (points, k) -> (1, points, all)."""
+        points = require_points(x, len(self.coordinates))
+        full = np.zeros((1, len(points), len(self.array.names)))
+        full[0][:, self.is_free] = points
+        return full
+
+    # --- Densities -------------------------------------------------------------------------------
+
+    def log_answers(self, x: npt.ArrayLike) -> LogAnswers:
         """Log probability of both answers to every pair, (points, pairs) each."""
+        yes, no = self.rows.log_answers(self.full_points(x))
+        return LogAnswers(yes[0], no[0])
+
+    def distance(self, x: npt.ArrayLike) -> FloatArray:
+        """The distance z of every pair in units of the noise or width, (points, pairs)."""
+        return self.rows.distance(self.full_points(x))[0]
+
+    def yes_at_distance(self, x: npt.ArrayLike, z: FloatArray) -> FloatArray:
+        """P of the answer that the task counts at distances z, (n,) -> (points, n)."""
+        return np.exp(self.rows.answers_at_distance(self.full_points(x), z).yes[0])
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
-        """Log likelihood without binomial coefficients, (points,)."""
+        """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
+        return self.array.likelihood.value(self.full_points(x))[0]
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
-        """Log prior density, (points,)."""
+        """Log prior density of the coordinates, (points, k) -> (points,)."""
+        return self.array.log_prior(self.full_points(x))[0]
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """Sum of both, (points,); its integral is the evidence."""
-
-    def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
-        """Independent draws from the prior, (size, k)."""
-
-    def prior_quantile(self, name: str, probability: float) -> float:
-        """Prior quantile of a quantity."""
-
-    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
-        """Every quantity, each with the shape of x without its last axis."""
-
-    def points(self, quantities: NamedArrays) -> FloatArray:
-        """Points from quantities, the inverse of :meth:`quantities`."""
-
-
-class SampledPosterior(AnswerPosterior, Protocol):
-    """A posterior that has to be explored: for maxima, importance sampling and emcee."""
+        """Log posterior density, (points, k) -> (points,); its integral is the evidence."""
+        full = self.full_points(x)
+        return self.array.likelihood.value(full)[0] + self.array.log_prior(full)[0]
 
     def gradient(self, x: npt.ArrayLike) -> ArrayPair:
-        """Log density, (points,), and its gradient, (points, k)."""
+        """Log posterior density, (points,), and its gradient, (points, k)."""
+        full = self.full_points(x)
+        value, slope = self.array.likelihood.gradient(full)
+        slope = slope + self.array.prior_slopes(full)[0]
+        return (value + self.array.log_prior(full))[0], slope[0][:, self.is_free]
 
-    def starts(self) -> FloatArray:
-        """Points of finite density from which maxima are looked for, (starts, k)."""
+    # --- Prior -----------------------------------------------------------------------------------
 
-    def transform(self, modes: FloatArray) -> Transform:
-        """Coordinates in which mixtures of Student-t densities fit the posterior."""
+    def sample_prior(self, rng: AnyRng, size: int) -> FloatArray:
+        """Independent draws from the prior, shape (size, k)."""
+        return self._prior_points(rng.uniform(size=(size, len(self.array.names))))
+
+    def _prior_points(self, probability: FloatArray) -> FloatArray:
+        """Points at quantiles of the prior, (points, all) -> (points, k)."""
+        return self.array.prior_points(probability[None])[0][:, self.is_free]
+
+    def prior_quantile(self, name: str, probability: float) -> float:
+        """Prior quantile of a quantity.
+
+        That of a quantity without a prior of its own comes from evenly spread points of the prior.
+
+        Raises
+        ------
+        InputError
+            If there is no such quantity.
+        """
+        if name not in self.names.all:
+            raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
+        if name not in self.monotone_in:
+            return float(np.quantile(self._prior_quantities[name], probability))
+        coordinate, direction = self.monotone_in[name]
+        probabilities = np.full((1, len(self.array.names)), 0.5)
+        is_coordinate = np.array(self.array.names) == coordinate
+        probabilities[:, is_coordinate] = probability if direction > 0 else 1.0 - probability
+        return float(self.quantities(self._prior_points(probabilities))[name][0])
+
+    @cached_property
+    def _prior_quantities(self) -> dict[str, FloatArray]:
+        """Every named quantity at evenly spread points of the prior."""
+        spread_points = qmc.Sobol(len(self.array.names), rng=np.random.default_rng(0))
+        return self.quantities(self._prior_points(spread_points.random_base2(_LOG2_PRIOR_POINTS)))
 
 
-def judged_quantities(target: AnswerPosterior, x: FloatArray) -> dict[str, FloatArray]:
+def judged_quantities(target: SubjectPosterior, x: FloatArray) -> dict[str, FloatArray]:
     """The quantities by which draws are judged: those that follow from no single other one."""
     repeated = target.names.monotone
     return {name: values for name, values in target.quantities(x).items() if name not in repeated}
 
 
 def posterior_contraction(
-    target: AnswerPosterior, parameter: str, low: float, high: float
+    target: SubjectPosterior, parameter: str, low: float, high: float
 ) -> float:
     """How much the answers narrow a parameter.
 

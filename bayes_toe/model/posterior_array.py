@@ -17,8 +17,8 @@ from functools import cached_property
 import numpy as np
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
-from bayes_toe.model.observer import ObserverRows
-from bayes_toe.model.parameters import PriorDensity
+from bayes_toe.model.answer_rows import AnswerRows
+from bayes_toe.model.densities import PriorDensity
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +29,13 @@ class LinearLikelihood:
 
     Attributes
     ----------
-    rows : ObserverRows
+    rows : AnswerRows
     loading : ndarray, shape (rows, k, d)
     first_row : ndarray of int, shape (posteriors,)
         The rows of a posterior stand together.
     """
 
-    rows: ObserverRows
+    rows: AnswerRows
     loading: FloatArray
     first_row: IndexArray
 
@@ -159,17 +159,21 @@ class PosteriorArray:
         log_posterior[~np.isfinite(log_prior)] = -np.inf
         return log_prior, log_posterior
 
+    def original(self, w: FloatArray) -> ArrayPair:
+        """Points of the posteriors themselves, and log |dw/du| there: here w, and 0."""
+        return w, np.zeros(w.shape[:-1])
 
-def observer_array(rows: ObserverRows, free_names: Sequence[Sequence[str]]) -> PosteriorArray:
-    """A posterior for each row, with the observer's coordinates of these names.
+
+def independent_array(rows: AnswerRows, free_names: Sequence[Sequence[str]]) -> PosteriorArray:
+    """A posterior for each row, with the row's coordinates of these names.
 
     Parameters
     ----------
-    rows : ObserverRows
+    rows : AnswerRows
     free_names : sequence of (sequence of str)
         For each row the coordinates that its model has.
     """
-    names, n_rows = rows.coordinates, len(rows.first)
+    names, n_rows = rows.coordinates, len(rows.n_yes)
     loading = np.broadcast_to(np.eye(len(names)), (n_rows, len(names), len(names)))
     likelihood = LinearLikelihood(rows, loading, np.arange(n_rows))
     is_free = np.array([np.isin(names, list(free)) for free in free_names])

@@ -27,6 +27,7 @@ from bayes_toe.data.messages import join_names
 from bayes_toe.data.study import Subject, common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
+from bayes_toe.model.densities import ProbitOfBeta
 from bayes_toe.model.distributions import (
     Beta,
     Distribution,
@@ -191,6 +192,22 @@ class Prior(PriorFields):
         if family is Beta and words == ["1", "1"]:
             return "Uniform(0, 1)"
         return f"{family.__name__}({', '.join(words)})"
+
+    @property
+    def spread_scale(self) -> float:
+        """The median of the width, or the scale of sigma_p, natural-log intensity."""
+        scale = self.sigma_p_scale if self.width_median is None else self.width_median
+        return cast(float, scale)
+
+    @property
+    def gamma_density(self) -> ProbitOfBeta:
+        """The density of the probit of gamma."""
+        return ProbitOfBeta(self.gamma_a, self.gamma_b)
+
+    def share_density(self, task: Task) -> ProbitOfBeta:
+        """The density of the probit of the task's q0 or lapse rate."""
+        name = task.lapses
+        return ProbitOfBeta(getattr(self, f"{name}_a"), getattr(self, f"{name}_b"))
 
     @property
     def penalty(self) -> Normal:

@@ -31,10 +31,11 @@ from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
+from bayes_toe.model.densities import PriorDensity, StandardNormal
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
-from bayes_toe.model.parameters import ObserverPrior, PriorDensity, StandardNormal
-from bayes_toe.model.posterior_array import PosteriorArray, observer_array
+from bayes_toe.model.parameters import ObserverPrior
+from bayes_toe.model.posterior_array import PosteriorArray, independent_array
 
 #: Values of a temporary array of points times trials.
 _BLOCK = 1 << 17
@@ -250,7 +251,7 @@ class TrialHistoryPosterior:
     def array(self) -> PosteriorArray:
         """The posterior as an array of one."""
         of_order = self.model.order.coordinates(self.subject.task)
-        return observer_array(self.rows, [(*of_order, *self.model.effects)])
+        return independent_array(self.rows, [(*of_order, *self.model.effects)])
 
     def quantities(self, points: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, (points,) each."""

@@ -38,7 +38,7 @@ from bayes_toe.model.models import ObserverPosterior, model_posterior, model_tit
 from bayes_toe.model.paper_equations import NATURAL, Natural, quantities
 from bayes_toe.model.paper_model import PRIOR_DRAWS, PaperPosterior
 from bayes_toe.model.parameters import LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, QUANTITY_BY_NAME
-from bayes_toe.model.posterior import AnswerPosterior
+from bayes_toe.model.posterior import SubjectPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, Style, new_figure, plain, rounded
 
@@ -186,7 +186,7 @@ def _truths_by_subject(
 class _SubjectDraws(NamedTuple):
     """Draws of a subject as axes show them, (quantities, draws), its true values, its line."""
 
-    target: AnswerPosterior
+    target: SubjectPosterior
     names: tuple[str, ...]
     columns: FloatArray
     truth: Values
@@ -198,7 +198,7 @@ class _SubjectDraws(NamedTuple):
         return self.truth.get(name, np.nan)
 
 
-def _quantity_names(target: AnswerPosterior, coordinates: str | Sequence[str]) -> tuple[str, ...]:
+def _quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -> tuple[str, ...]:
     """The quantities of a choice.
 
     For the four models, 'natural' has constant error, contraction and JND.
@@ -254,7 +254,7 @@ def _is_difference(name: str, unit: StimulusUnit) -> bool:
     return display == "difference" or (unit.of_stimuli != "" and display == "known difference")
 
 
-def prior_values(target: AnswerPosterior) -> NamedArrays:
+def prior_values(target: SubjectPosterior) -> NamedArrays:
     """Draws from the prior of a posterior by quantity, shape (PRIOR_DRAWS,) each."""
     return target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
 
@@ -288,7 +288,7 @@ def axis_unit(name: str, unit: StimulusUnit) -> str:
 
 
 def axis_limits(
-    columns: Iterable[FloatArray], names: Sequence[str], target: AnswerPosterior
+    columns: Iterable[FloatArray], names: Sequence[str], target: SubjectPosterior
 ) -> list[Span]:
     """Axis limits of quantities, within their support.
 
@@ -303,7 +303,7 @@ def axis_limits(
     return spans
 
 
-def support(target: AnswerPosterior, name: str) -> Span:
+def support(target: SubjectPosterior, name: str) -> Span:
     """The range of a quantity."""
     if name in ("mu1", "offset", "pse_shift"):
         return -np.inf, np.inf
@@ -314,7 +314,7 @@ def support(target: AnswerPosterior, name: str) -> Span:
     return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)
 
 
-def _require_possible(name: str, value: float, target: AnswerPosterior) -> None:
+def _require_possible(name: str, value: float, target: SubjectPosterior) -> None:
     """Refuse a true value that the quantity cannot have."""
     low, high = support(target, name)
     rule = f"a finite number from {low:g} to {high:g}"
@@ -326,7 +326,7 @@ def _require_possible(name: str, value: float, target: AnswerPosterior) -> None:
         raise InputError(f"truths: {name}={value!r}, allowed: {rule}")
 
 
-def all_true_values(truths: Values, target: AnswerPosterior) -> dict[str, float]:
+def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float]:
     """True values and all that follow from them, as axes show them."""
     for name, value in truths.items():
         if name not in target.names.all:

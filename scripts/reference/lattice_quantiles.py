@@ -12,7 +12,7 @@ from scipy.special import expit, sici
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.paper_equations import MAX_PULL
-from bayes_toe.model.paper_model import reach
+from bayes_toe.classical.identified_curve import reach
 from reference.lattice import keys
 from reference.lattice_sums import CHARACTERS, Audit
 from reference.panels import COEFFICIENTS, WEIGHTS, joined

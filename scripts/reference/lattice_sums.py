@@ -9,7 +9,7 @@ from scipy.special import expit, logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.paper_equations import MAX_PULL
-from bayes_toe.model.paper_model import reach
+from bayes_toe.classical.identified_curve import reach
 from reference.lattice import Lattice
 
 CHARACTERS = tuple(sign for sign in product((0, 1), repeat=3) if any(sign))

@@ -11,11 +11,10 @@ from bayes_toe.groups.hyperprior import (
     Hyperprior,
     HyperpriorNumbers,
     ParameterHyperprior,
-    from_half_normal_score,
     group_parameters,
-    half_normal_score,
     read_hyperprior,
 )
+from bayes_toe.model.densities import from_half_normal_score, half_normal_score
 
 ROWS = [getattr(Hyperprior(), row.name) for row in group_parameters(SAME_DIFFERENT)]
 NUMBERS = HyperpriorNumbers.from_rows(ROWS)

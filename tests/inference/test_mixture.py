@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.proposal import (
+from bayes_toe.inference.mixture import (
     StudentMixture,
     WeightedDraws,
     importance_draws,

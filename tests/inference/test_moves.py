@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.special import digamma, polygamma
 
-from bayes_toe.inference.proposal import (
+from bayes_toe.inference.mixture import (
     FittedProposal,
     Proposal,
     StudentMixture,

@@ -14,7 +14,7 @@ import bayes_toe as bt
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import TAIL, convergence, errors
-from bayes_toe.inference.proposal import importance_draws
+from bayes_toe.inference.mixture import importance_draws
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.posterior import judged_quantities

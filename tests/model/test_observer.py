@@ -18,17 +18,11 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.model.answer_curves import criterion, equal_answers, second_answers
+from bayes_toe.model.densities import CutNormal, LogitOfBeta, StandardNormal, StandardStudent
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import ObserverRows
-from bayes_toe.model.parameters import (
-    ORDER_MODELS,
-    CutNormal,
-    LogitOfBeta,
-    ObserverPrior,
-    StandardNormal,
-    StandardStudent,
-)
-from bayes_toe.model.posterior_array import observer_array
+from bayes_toe.model.parameters import ORDER_MODELS, ObserverPrior
+from bayes_toe.model.posterior_array import independent_array
 
 TASKS = (SAME_DIFFERENT, WHICH_STRONGER)
 PRIOR = ObserverPrior(noise_median=0.8, noise_sd=0.6, q0_a=3.0, q0_b=1.5, lapse_rate_b=7.0)
@@ -176,7 +170,7 @@ def test_rows_are_single_posteriors_and_pairs_without_trials_change_nothing(task
     first, second, third = bt.example_study(task).subjects[:3]
     subjects = [first, first_pairs(second, second.n_pairs - 2), third]
     rows = ObserverRows.from_subjects(subjects, PRIOR)
-    array = observer_array(rows, [rows.coordinates] * 3)
+    array = independent_array(rows, [rows.coordinates] * 3)
     u = default_rng(6).normal(size=(3, 50, len(array.names)))
     values, slopes = array.likelihood.gradient(u)
     values = values + array.log_prior(u)

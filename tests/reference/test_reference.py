@@ -34,7 +34,7 @@ from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
-from bayes_toe.inference.proposal import WeightedDraws, efficiency
+from bayes_toe.inference.mixture import WeightedDraws, efficiency
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.parameters import ObserverPrior
 

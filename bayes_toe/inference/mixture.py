@@ -1,18 +1,11 @@
-"""The density from which importance samples of one posterior are drawn.
+"""Mixtures of Student-t densities, and weighted draws.
 
-`Proposal` is a sum of three parts: a Student-t mixture that is fitted to the posterior, a wider
-mixture (the cover) for its tails, and the prior. `importance_draws` makes `WeightedDraws` from it,
-and `FittedProposal` has both with their quality.
+`StudentMixture` is the proposal of every posterior, and `WeightedDraws` are draws of a proposal
+with the densities that their weights need.
 
-The cover, a few Student-t components fitted to the posterior flattened by a power, shows long thin
-tails that hold little mass. With the prior in the mixture, importance weights are bounded by the
-largest likelihood over the prior's share. So their variance is finite, their error bars mean
-something, and the sampler reaches every region that the prior reaches. How the mixture is fitted:
-:mod:`bayes_toe.inference.adaptation`.
-
-Two choices make the mixture cheap, and fitting a proposal is mostly this. Points are whitened for
-all components by one matrix product. And half the sum of degrees of freedom and dimension is a
-whole number, so that each density is a power by multiplication, without a logarithm.
+Two choices make a mixture cheap, and fitting a proposal is mostly this. Points are whitened for all
+components by one matrix product. And half the sum of degrees of freedom and dimension is a whole
+number, so that each density is a power by multiplication, without a logarithm.
 """
 
 from __future__ import annotations
@@ -26,9 +19,7 @@ import numpy as np
 from scipy.special import gammaln, logsumexp
 
 from bayes_toe.arrays import AnyRng, FloatArray, IndexArray
-from bayes_toe.model.posterior import SampledPosterior, Transform, require_defined
 
-_LEAST_SHARE = 1e-4  # of a component
 _TINY = 1e-300  # weight of a component that no point comes near
 # points done together: with some tens of components the temporary arrays stay in the processor's
 # cache
@@ -107,34 +98,13 @@ class StudentMixture:
         offsets = np.einsum("nij,nj->ni", self._factors[component], normal)
         return self.means[component] + offsets * stretch[:, None]
 
-    def updated(self, x: FloatArray, weights: FloatArray) -> StudentMixture:
-        """One EM step toward points x, shape (N, D), with normalised weights, (N,).
-
-        Components that no longer hold any weight are dropped.
-        """
-        dim = x.shape[1]
-        sums = self._sums(x, weights)
-        # A component needs some points of its own for a covariance: the effective number behind its
-        # share.
-        has_points = (sums.weight > _LEAST_SHARE) & (sums.weight**2 > 3 * dim * sums.squares)
-        if not has_points.any():
-            return self
-        weight, means = sums.weight[has_points], sums.means[has_points]
-        scales = sums.scales[has_points]
-        centre = weights @ x
-        spread = weights @ np.square(x - centre)
-        # A thousandth of the overall spread is added, so that no component collapses onto a few
-        # points.
-        return StudentMixture(
-            weight / weight.sum(), means, scales + 1e-3 * np.diag(spread), self.df
-        )
-
     def drawn_toward(
         self, x: FloatArray, weights: FloatArray, floor: float, inertia: float
     ) -> StudentMixture:
-        """The same step for few points: every component stays, and shares `floor` with all others.
+        """One EM step toward points x, shape (N, D), with normalised weights, (N,).
 
-        A component that holds `inertia` effective points goes half the way from its old shape.
+        Every component stays, and shares `floor` with all others. One that holds `inertia`
+        effective points goes half the way from its old shape.
         """
         sums = self._sums(x, weights)
         effective = sums.weight * effective_number(weights)
@@ -190,13 +160,6 @@ class StudentMixture:
             self.df,
         )
 
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance, shape (D, D); df is above 2."""
-        offsets = self.means - self.weights @ self.means
-        second = self.scales * (self.df / (self.df - 2)) + _outer(offsets)
-        return np.einsum("j,jab->ab", self.weights, second)
-
     def _distances(self, x: FloatArray) -> FloatArray:
         """1 + (squared Mahalanobis distance) / df to every component, shape (J, N)."""
         dim = x.shape[1]
@@ -239,52 +202,6 @@ def _outer(vectors: FloatArray) -> FloatArray:
     return vectors[:, :, None] * vectors[:, None, :]
 
 
-#: Pareto k-hat above which, and efficiency below which, a proposal is not trusted.
-TRUSTED_K, TRUSTED_EFFICIENCY = 0.7, 0.02
-_PRIOR_SHARE = 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """Density over unconstrained coordinates: a fitted mixture, with shares of prior and cover.
-
-    Mixture and cover live in the coordinates of the transform, in which the posterior has no
-    funnel.
-    """
-
-    posterior: SampledPosterior
-    transform: Transform
-    mixture: StudentMixture
-    cover: StudentMixture
-    cover_share: float
-
-    def log_density(self, x: FloatArray, log_prior: FloatArray) -> FloatArray:
-        """Log density at x, (points, k) -> (points,), where the prior has this log density."""
-        return self.transformed_log_density(*self.transform.forward(x), log_prior)
-
-    def transformed_log_density(
-        self, y: FloatArray, log_volume: FloatArray, log_prior: FloatArray
-    ) -> FloatArray:
-        """The same where the coordinates y and log |dy/dx| are known already."""
-        return self.combined(
-            self.mixture.log_density(y), self.cover.log_density(y), log_volume, log_prior
-        )
-
-    def combined(
-        self,
-        of_mixture: FloatArray,
-        of_cover: FloatArray,
-        log_volume: FloatArray,
-        log_prior: FloatArray,
-    ) -> FloatArray:
-        """Log density from those of mixture and cover, in the coordinates y, and of the prior."""
-        fitted = np.logaddexp(
-            np.log1p(-_PRIOR_SHARE - self.cover_share) + of_mixture,
-            np.log(self.cover_share) + of_cover,
-        )
-        return np.logaddexp(fitted + log_volume, np.log(_PRIOR_SHARE) + log_prior)
-
-
 @dataclass(frozen=True, eq=False)
 class WeightedDraws:
     """Draws with the log densities that their weights need, each of shape (draws,)."""
@@ -310,6 +227,11 @@ class WeightedDraws:
     def effective_number(self) -> float:
         """Effective number of draws."""
         return effective_number(self.shares)
+
+    @property
+    def efficiency(self) -> float:
+        """Efficiency of importance sampling, (sum w)^2 / (n sum w^2), 0 to 1."""
+        return self.effective_number / len(self.x)
 
     @property
     def log_evidence(self) -> float:
@@ -364,52 +286,3 @@ def tempered(log_weights: FloatArray, least: float) -> FloatArray:
         if effective_number(weights) >= least:
             break
     return weights / weights.sum()
-
-
-def importance_draws(proposal: Proposal, rng: AnyRng, size: int) -> WeightedDraws:
-    """Independent draws from the proposal with everything their weights need."""
-    target = proposal.posterior
-    mark = rng.uniform(size=size)
-    y = proposal.mixture.sample(rng, size)
-    from_prior, from_cover = mark < _PRIOR_SHARE, mark > 1.0 - proposal.cover_share
-    y[from_cover] = proposal.cover.sample(rng, int(from_cover.sum()))
-    x, log_volume = proposal.transform.inverse(y)
-    x[from_prior] = target.sample_prior(rng, int(from_prior.sum()))
-    y[from_prior], log_volume[from_prior] = proposal.transform.forward(x[from_prior])
-    log_prior = target.log_prior(x)
-    # From y, which is cheaper than from x.
-    log_proposal = proposal.transformed_log_density(y, log_volume, log_prior)
-    log_posterior = target.log_likelihood(x) + log_prior
-    require_defined(log_posterior, target)
-    return WeightedDraws(x, log_prior, log_posterior, log_proposal)
-
-
-@dataclass(frozen=True, eq=False)
-class FittedProposal:
-    """A fitted proposal and what a large sample from it, made after fitting, says of its quality.
-
-    If these draws decided which of several proposals it is, they are not `independent`. An evidence
-    from them would be biased, because the proposal was chosen for its good draws. A sampler may
-    start from them. See :func:`bayes_toe.inference.adaptation.with_fresh_draws`.
-    """
-
-    proposal: Proposal
-    draws: WeightedDraws
-    efficiency: float  # of importance sampling, 0..1
-    # of the weights; above 0.7 neither averages nor their error bars can be trusted
-    pareto_k: float
-    independent: bool = True
-
-    @property
-    def trusted(self) -> bool:
-        """Whether the weights suffice for importance sampling and a mostly global sampler."""
-        return self.pareto_k < TRUSTED_K and self.efficiency > TRUSTED_EFFICIENCY
-
-    @property
-    def heaviest(self) -> float:
-        """The largest weight over the mean weight.
-
-        About the number of steps for which a global sampler can stay at one point.
-        """
-        log_weights = self.draws.log_weights
-        return float(len(log_weights) / np.exp(log_weights - log_weights.max()).sum())

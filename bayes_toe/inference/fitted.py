@@ -1,0 +1,138 @@
+"""The posterior of one subject under one model, fitted by the engine for emcee and an evidence.
+
+`find_maxima` finds its maxima, and `fit_posterior` fits a mixture to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_toe.arrays import AnyRng, FloatArray, Rng
+from bayes_toe.inference.diagnostics import pareto_k
+from bayes_toe.inference.engine import (
+    SHARP,
+    EngineArray,
+    PriorMixture,
+    fitted_draws,
+    fresh_draws,
+    mixture_of_clouds,
+    normal_clouds,
+    with_prior_components,
+)
+from bayes_toe.inference.maxima import Ascent, ascend_from
+from bayes_toe.inference.mixture import WeightedDraws
+from bayes_toe.inference.observer_maxima import observer_maxima
+from bayes_toe.inference.paper_maxima import funnel_of_maxima, paper_maxima
+from bayes_toe.model.funnel import FunnelArray
+from bayes_toe.model.models import ObserverPosterior, OrderModel
+from bayes_toe.model.paper_model import PaperPosterior
+from bayes_toe.model.parameters import ORDER_MODELS
+from bayes_toe.model.posterior import SubjectPosterior
+from bayes_toe.model.posterior_array import independent_array
+
+#: Pareto k above which, and efficiency below which, weights are not trusted.
+TRUSTED_K, TRUSTED_EFFICIENCY = 0.7, 0.02
+_POLISH_GAIN = 1e-8  # nats of predicted gain at which a maximum is exact
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A mixture that is fitted to the posterior of one subject.
+
+    Attributes
+    ----------
+    target : SubjectPosterior
+    maxima : Ascent
+        Distinct maxima, the highest first, with all coordinates of the task.
+    array : EngineArray
+        The posterior as an array of one, in the coordinates w of the mixture.
+    mixture : PriorMixture
+    draws : WeightedDraws
+        Draws of the mixture by which it was judged. An evidence needs other ones
+        (:meth:`fresh`), because a mixture with heavy draws would have been refitted.
+    """
+
+    target: SubjectPosterior
+    maxima: Ascent
+    array: EngineArray
+    mixture: PriorMixture
+    draws: WeightedDraws
+
+    @property
+    def efficiency(self) -> float:
+        """Efficiency of importance sampling, 0 to 1."""
+        return self.draws.efficiency
+
+    @property
+    def pareto_k(self) -> float:
+        """Pareto k of the weights."""
+        return pareto_k(self.draws.log_weights)
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether the mixture suffices for a mostly global sampler."""
+        return is_trusted(self.pareto_k, self.efficiency)
+
+    @property
+    def maximum(self) -> FloatArray:
+        """The highest maximum of the posterior, (k,)."""
+        return self.maxima.x[0, self.target.is_free]
+
+    def fresh(self, rng: AnyRng, size: int) -> WeightedDraws:
+        """So many further draws of the mixture."""
+        return fresh_draws(self.array, [self.mixture], [rng], size)[0]
+
+    def original(self, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Points of the posterior, (points, k), and log |dw/du| there, from points (points, d)."""
+        u, log_volume = self.array.original(w[None])
+        return u[0][:, self.target.is_free], log_volume[0]
+
+
+def is_trusted(k: float, efficiency: float) -> bool:
+    """Whether averages by importance weights, and their errors, can be trusted."""
+    return k < TRUSTED_K and efficiency > TRUSTED_EFFICIENCY
+
+
+def fit_posterior(target: SubjectPosterior, rng: Rng) -> Fitted:
+    """Fit a mixture to a posterior, as sharp as emcee needs it.
+
+    Examples
+    --------
+    >>> from bayes_toe.data.study import Subject
+    >>> from bayes_toe.model.paper_model import paper_posterior
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> fitted = fit_posterior(paper_posterior(subject), np.random.default_rng(1))
+    >>> fitted.is_trusted
+    True
+    """
+    maxima, array = find_maxima(target), target.array
+    clouds = normal_clouds(maxima, rng)
+    engine_array: EngineArray = array
+    if isinstance(target, PaperPosterior):
+        # Far from a maximum, the normal about it does not follow the funnel; its points do.
+        engine_array = FunnelArray(array, funnel_of_maxima(array, [maxima]))
+        clouds = [engine_array.funnel.forward(cloud[None])[0][0] for cloud in clouds]
+    first = mixture_of_clouds(clouds, maxima, target.is_free, SHARP.prior_share)
+    first = with_prior_components(first, engine_array, rng)
+    (mixture,), (draws,) = fitted_draws(engine_array, [first], [rng], np.zeros(1, np.intp), SHARP)
+    return Fitted(target, maxima, engine_array, mixture, draws)
+
+
+def find_maxima(target: SubjectPosterior) -> Ascent:
+    """Distinct maxima of a posterior, the highest first, with all coordinates of the task."""
+    searches = _searches(target).distinct()
+    owners = np.zeros(len(searches.x), np.intp)
+    return ascend_from(target.array, owners, searches.x, least_gain=_POLISH_GAIN).distinct()
+
+
+def _searches(target: SubjectPosterior) -> Ascent:
+    """The ends of searches for the maxima of a posterior."""
+    if not isinstance(target, ObserverPosterior):
+        return paper_maxima(target.array)[0]
+    # A search begins at the maxima of its neighbour, so that the four models belong together.
+    coordinates = [OrderModel(name).coordinates(target.subject.task) for name in ORDER_MODELS]
+    rows = target.array.likelihood.rows.part(np.zeros(len(coordinates), np.intp))
+    maxima = observer_maxima(independent_array(rows, coordinates))
+    return maxima[list(ORDER_MODELS).index(target.model.name)]

@@ -1,0 +1,247 @@
+"""The densities of coordinates: the prior of every coordinate of every model is one of them.
+
+A score is the standard normal quantile of the probability that the prior gives to smaller values,
+so that a coordinate which is a score has the density :class:`StandardNormal`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.special import (
+    betaincinv,
+    betaln,
+    erfcx,
+    erfinv,
+    expit,
+    log_expit,
+    log_ndtr,
+    ndtr,
+    ndtri,
+    ndtri_exp,
+    stdtrit,
+)
+
+from bayes_toe.arrays import BoolArray, FloatArray
+
+LOG_2PI = float(np.log(2.0 * np.pi))
+_LN2 = float(np.log(2.0))
+#: A quantile above this one is a float with all its digits.
+_SMALLEST_QUANTILE = 1e-200
+_STUDENT_LOG_NORM = float(np.log(2.0 / (np.pi * np.sqrt(3.0))))
+
+
+class PriorDensity(Protocol):
+    """The prior of a coordinate u, for arrays of any shape."""
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """Normalised log density."""
+
+    def slope(self, u: FloatArray) -> FloatArray:
+        """Its derivative."""
+
+    def curvature(self, u: FloatArray) -> FloatArray:
+        """A positive stand-in for the negative second derivative, for Fisher scoring."""
+
+    def quantile(self, probability: FloatArray) -> FloatArray:
+        """Inverse of the distribution function."""
+
+
+@dataclass(frozen=True)
+class StandardNormal:
+    """Normal(0, 1)."""
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """-u^2/2 - ln(2 pi)/2."""
+        return -0.5 * (np.square(u) + LOG_2PI)
+
+    def slope(self, u: FloatArray) -> FloatArray:
+        """-u."""
+        return -u
+
+    def curvature(self, u: FloatArray) -> FloatArray:
+        """1."""
+        return np.ones_like(u)
+
+    def quantile(self, probability: FloatArray) -> FloatArray:
+        """Inverse of the distribution function."""
+        return ndtri(probability)
+
+
+@dataclass(frozen=True)
+class StandardStudent:
+    """Student's t with 3 degrees of freedom and scale 1."""
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """ln(2 / (pi sqrt 3)) - 2 ln(1 + u^2 / 3)."""
+        return _STUDENT_LOG_NORM - 2.0 * np.log1p(np.square(u) / 3.0)
+
+    def slope(self, u: FloatArray) -> FloatArray:
+        """-4 u / (3 + u^2)."""
+        return -4.0 * u / (3.0 + np.square(u))
+
+    def curvature(self, u: FloatArray) -> FloatArray:
+        """4 / (3 + u^2), the weight of a normal that touches the density from below."""
+        return 4.0 / (3.0 + np.square(u))
+
+    def quantile(self, probability: FloatArray) -> FloatArray:
+        """Inverse of the distribution function."""
+        values = stdtrit(3.0, probability)
+        return np.where(np.asarray(probability) == 0.0, -np.inf, values)
+
+
+@dataclass(frozen=True)
+class CutNormal(StandardNormal):
+    """Normal(0, 1) on (-limit, limit); `limit` may be an array that broadcasts with u."""
+
+    limit: FloatArray | float
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """Log density of the normal over its mass inside; -inf outside."""
+        log_mass = np.log1p(-2.0 * ndtr(-np.asarray(self.limit)))
+        inside = -0.5 * (np.square(u) + LOG_2PI) - log_mass
+        return np.where(np.abs(u) < self.limit, inside, -np.inf)
+
+    def quantile(self, probability: FloatArray) -> FloatArray:
+        """Inverse of the distribution function."""
+        outside = ndtr(-np.asarray(self.limit))
+        return ndtri(outside + probability * (1.0 - 2.0 * outside))
+
+
+@dataclass(frozen=True)
+class LogitOfBeta:
+    """The logit of a share with the distribution Beta(a, b)."""
+
+    a: float
+    b: float
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """Log of q^a (1 - q)^b / B(a, b), with respect to the logit."""
+        log_norm = betaln(self.a, self.b)
+        return self.a * log_expit(u) + self.b * log_expit(-u) - log_norm
+
+    def slope(self, u: FloatArray) -> FloatArray:
+        """Its derivative, a (1 - q) - b q."""
+        return self.a * expit(-u) - self.b * expit(u)
+
+    def curvature(self, u: FloatArray) -> FloatArray:
+        """(a + b) q (1 - q)."""
+        return (self.a + self.b) * expit(u) * expit(-u)
+
+    def quantile(self, probability: FloatArray) -> FloatArray:
+        """Inverse of the distribution function, finite also where the share rounds to 0 or 1."""
+        log_share = _log_beta_quantile(self.a, self.b, probability)
+        log_rest = _log_beta_quantile(self.b, self.a, 1.0 - probability)
+        return log_share - log_rest
+
+
+@dataclass(frozen=True)
+class ProbitOfBeta:
+    """The probit v of a share with the distribution Beta(a, b): the share is Phi(v).
+
+    Where the data leave the share open its posterior has normal tails in v.
+    """
+
+    a: float
+    b: float
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """Log of phi(v) Phi(v)^(a - 1) Phi(-v)^(b - 1) / B(a, b)."""
+        log_norm = betaln(self.a, self.b) + 0.5 * LOG_2PI
+        shares = (self.a - 1.0) * log_ndtr(u) + (self.b - 1.0) * log_ndtr(-u)
+        return shares - 0.5 * np.square(u) - log_norm
+
+    def slope(self, u: FloatArray) -> FloatArray:
+        """Its derivative."""
+        return (self.a - 1.0) * normal_hazard(-u) - (self.b - 1.0) * normal_hazard(u) - u
+
+    def curvature(self, u: FloatArray) -> FloatArray:
+        """A positive stand-in for its negative second derivative."""
+        below, above = normal_hazard(-u), normal_hazard(u)
+        of_share = max(self.a - 1.0, 0.0) * below * (below + u)
+        of_rest = max(self.b - 1.0, 0.0) * above * (above - u)
+        return 1.0 + of_share + of_rest
+
+    def quantile(self, probability: FloatArray) -> FloatArray:
+        """Inverse of the distribution function, finite also where the share rounds to 0 or 1."""
+        return probit_of_logit(LogitOfBeta(self.a, self.b).quantile(probability))
+
+
+def normal_hazard(u: FloatArray) -> FloatArray:
+    """phi(u) / Phi(-u), by Mills' ratio.
+
+    Examples
+    --------
+    >>> normal_hazard(np.array([-40.0, 0.0, 1e8])).round(4).tolist()
+    [0.0, 0.7979, 100000000.0]
+    """
+    return np.sqrt(2.0 / np.pi) / erfcx(u * np.sqrt(0.5))
+
+
+def probit_of_logit(logits: FloatArray) -> FloatArray:
+    """Standard normal quantile of expit(logit)."""
+    return np.sign(logits) * -ndtri_exp(log_expit(-np.abs(logits)))
+
+
+def logit_of_probit(probits: FloatArray) -> FloatArray:
+    """Inverse of :func:`probit_of_logit`."""
+    return log_ndtr(probits) - log_ndtr(-probits)
+
+
+def logit_rise(probits: FloatArray) -> FloatArray:
+    """Derivative of :func:`logit_of_probit`, phi / (Phi Phi(-v)): the sum of both hazards."""
+    return normal_hazard(probits) + normal_hazard(-probits)
+
+
+def _log_beta_quantile(a: float, b: float, probability: FloatArray) -> FloatArray:
+    """Log of the quantile of Beta(a, b).
+
+    The distribution function of a small x is x^a / (a B(a, b)), which gives the quantiles that are
+    no floats.
+    """
+    quantile = betaincinv(a, b, probability)
+    with np.errstate(divide="ignore"):
+        log_of_small = (np.log(probability) + np.log(a) + betaln(a, b)) / a
+        return np.where(quantile > _SMALLEST_QUANTILE, np.log(quantile), log_of_small)
+
+
+def half_normal_quantile(
+    is_lower: BoolArray, probability: FloatArray, log_rest: FloatArray
+) -> FloatArray:
+    """The quantile u >= 0 with 2 Phi(u) - 1 = P, accurate in both tails.
+
+    Parameters
+    ----------
+    is_lower : ndarray of bool
+        Whether u follows from P, as it must where P is small, or from the log of 1 - P.
+    probability, log_rest : ndarray
+        P and ln(1 - P), each where it is used.
+    """
+    lower = np.sqrt(2.0) * erfinv(probability)
+    upper = -ndtri_exp(log_rest - _LN2)
+    return np.where(is_lower, lower, upper)
+
+
+def from_half_normal_score(score: FloatArray) -> FloatArray:
+    """The u >= 0 with 2 Phi(u) - 1 = Phi(score), accurate in both tails.
+
+    Examples
+    --------
+    >>> from_half_normal_score(np.array([-10.0, 0.0, 10.0])).round(4).tolist()
+    [0.0, 0.6745, 10.0684]
+    """
+    probability, log_rest = ndtr(np.minimum(score, 0.0)), log_ndtr(-np.maximum(score, 0.0))
+    return half_normal_quantile(score < 0.0, probability, log_rest)
+
+
+def half_normal_score(u: FloatArray) -> FloatArray:
+    """Inverse of :func:`from_half_normal_score`."""
+    return -ndtri_exp(log_ndtr(-u) + _LN2)
+
+
+def half_normal_rise(score: FloatArray) -> FloatArray:
+    """Derivative of :func:`from_half_normal_score`."""
+    u = from_half_normal_score(score)
+    return 0.5 * np.exp(0.5 * (np.square(u) - np.square(score)))

@@ -1,0 +1,127 @@
+"""Coordinates in which the posteriors of the paper's model (H1) have no funnel.
+
+The answers determine the offset c = p (mu1 - sbar), so that mu1 is the more open the smaller the
+pull p is. Given pull and width, the score of mu1 is about normal with
+
+    s^-2 = 1 + kappa sd^2 p^2 / (w^2 + w_0^2),   mean = (1 - s^2) (sbar + c/p - m) / sd,
+
+where m and sd are those of the prior of mu1, and the answers give c, kappa and w_0 at the highest
+maximum. A curve that is much steeper than the steps of the stimuli tells c no better. The
+coordinates y have (u_0 - mean)/s in the place of u_0, and the others as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
+from bayes_toe.model.densities import logit_of_probit
+from bayes_toe.model.paper_rows import PaperRows, log_pull_at
+from bayes_toe.model.posterior_array import PosteriorArray
+
+
+@dataclass(frozen=True, eq=False)
+class Funnel:
+    """The normal distribution of the score of mu1 given pull and width.
+
+    Attributes
+    ----------
+    rows : PaperRows
+    centre : ndarray, shape (posteriors, 1)
+        The score at which mu1 is sbar.
+    offset : ndarray, shape (posteriors, 1)
+        c over the prior standard deviation of mu1.
+    log_precision : ndarray, shape (posteriors, 1)
+        Of kappa sd^2.
+    log_least_width : ndarray, shape (posteriors, 1)
+        Of w_0.
+    follows_width : ndarray, shape (posteriors, 1)
+        1, or 0 where the precision does not depend on the width: several maxima leave c open.
+    """
+
+    rows: PaperRows
+    centre: FloatArray
+    offset: FloatArray
+    log_precision: FloatArray
+    log_least_width: FloatArray
+    follows_width: FloatArray
+
+    def part(self, index: IndexArray) -> Funnel:
+        """The funnels of some posteriors, in this order."""
+        rows, *columns = [getattr(self, field.name) for field in fields(self)]
+        return Funnel(rows.part(index), *[column[index] for column in columns])
+
+    def conditional(self, u: FloatArray) -> ArrayPair:
+        """Mean and log standard deviation, (posteriors, points) each."""
+        log_pull = log_pull_at(logit_of_probit(u[..., 2]))
+        log_of_answers = self.log_precision + 2.0 * log_pull
+        log_square = np.logaddexp(2.0 * self.rows.log_width(u), 2.0 * self.log_least_width)
+        log_of_answers = log_of_answers - self.follows_width * log_square
+        log_sd = -0.5 * np.logaddexp(0.0, log_of_answers)
+        log_share = log_of_answers + 2.0 * log_sd
+        # c/p in logs, because p may be below the smallest float.
+        mean = np.exp(log_share) * self.centre + np.exp(log_share - log_pull) * self.offset
+        return mean, log_sd
+
+    def forward(self, u: FloatArray) -> ArrayPair:
+        """Coordinates y of u, (posteriors, points, 4), and log |dy/du|, (posteriors, points)."""
+        mean, log_sd = self.conditional(u)
+        y = u.copy()
+        y[..., 0] = (u[..., 0] - mean) * np.exp(-log_sd)
+        return y, -log_sd
+
+    def inverse(self, y: FloatArray) -> ArrayPair:
+        """Coordinates u of y, and log |dy/du| there."""
+        mean, log_sd = self.conditional(y)
+        u = y.copy()
+        u[..., 0] = mean + y[..., 0] * np.exp(log_sd)
+        return u, -log_sd
+
+
+@dataclass(frozen=True, eq=False)
+class FunnelArray:
+    """Posteriors of H1 in the coordinates y of their funnels.
+
+    Densities are with respect to y, those of the array with respect to u.
+    """
+
+    array: PosteriorArray
+    funnel: Funnel
+
+    def __len__(self) -> int:
+        return len(self.array)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the four coordinates."""
+        return self.array.names
+
+    @property
+    def is_free(self) -> BoolArray:
+        """The coordinates that each posterior has, (posteriors, 4): all."""
+        return self.array.is_free
+
+    def part(self, index: IndexArray) -> FunnelArray:
+        """Some posteriors, in this order; one may come more than once."""
+        return FunnelArray(self.array.part(index), self.funnel.part(index))
+
+    def prior_points(self, probability: FloatArray) -> FloatArray:
+        """Points of the prior by the quantiles of its coordinates, (posteriors, points, 4)."""
+        return self.funnel.forward(self.array.prior_points(probability))[0]
+
+    def log_prior(self, y: FloatArray) -> FloatArray:
+        """Log prior density, (posteriors, points)."""
+        u, log_volume = self.funnel.inverse(y)
+        return self.array.log_prior(u) - log_volume
+
+    def densities(self, y: FloatArray) -> ArrayPair:
+        """Log prior and log posterior density, (posteriors, points)."""
+        u, log_volume = self.funnel.inverse(y)
+        log_prior, log_posterior = self.array.densities(u)
+        return log_prior - log_volume, log_posterior - log_volume
+
+    def original(self, y: FloatArray) -> ArrayPair:
+        """Points u of the posteriors, and log |dy/du| there."""
+        return self.funnel.inverse(y)

@@ -1,0 +1,274 @@
+"""The paper's model (H1) as rows of counts, in scores of its prior.
+
+    z = ((s2 - s1) + p (s1 - mu1)) / w,   p = 2 gamma / (1 + 2 gamma + (1 + 4 gamma)^(1/2))
+    same or different   P(equal) = q0 2^(-z^2),                       w = sigma_p (1 - p)^(-3/2)
+    which is stronger   P(second) = lambda/2 + (1 - lambda) Phi(z),   w = sigma_p (1 - p)^(-1)
+
+There are four coordinates u: the score of mu1; the score of the width w or of sigma_p, whichever
+has a prior of its own; the logit of gamma; the logit of q0 or of the lapse rate lambda. A score is
+that of :mod:`bayes_toe.model.densities`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import expit, log_expit
+
+from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import Task
+from bayes_toe.model.answer_curves import LogAnswers, Slopes, second_answers, second_slopes
+from bayes_toe.model.answer_rows import AnswerRows
+from bayes_toe.model.densities import (
+    PriorDensity,
+    StandardNormal,
+    from_half_normal_score,
+    half_normal_rise,
+    logit_of_probit,
+    logit_rise,
+)
+from bayes_toe.model.paper_equations import LN2, log_different, log_equal
+from bayes_toe.model.prior import Prior
+
+#: Of G = 1 / (1 - p) in the width sigma_p G^power, by the parameter of the task.
+POWERS = {"q0": 1.5, "lapse_rate": 1.0}
+#: The arrays that have rows.
+_ROW_ARRAYS = ("first", "difference", "n_yes", "n_no", "mu1_mean", "mu1_sd", "spread_scale")
+
+
+@dataclass(frozen=True, eq=False)
+class PaperRows(AnswerRows):
+    """Counts of one or several subjects of a task, with the four coordinates of H1.
+
+    Attributes
+    ----------
+    task : Task
+    prior : Prior
+        Its numbers that do not depend on the stimuli count.
+    first, difference : ndarray, shape (rows, 1, pairs)
+        s1 and s2 - s1, natural-log intensity.
+    n_yes, n_no : ndarray, shape (rows, 1, pairs)
+    mu1_mean, mu1_sd : ndarray, shape (rows, 1)
+        Of the prior of mu1.
+    spread_scale : ndarray, shape (rows, 1)
+        Median of the width, or scale of sigma_p.
+    """
+
+    task: Task
+    prior: Prior
+    first: FloatArray
+    difference: FloatArray
+    n_yes: FloatArray
+    n_no: FloatArray
+    mu1_mean: FloatArray
+    mu1_sd: FloatArray
+    spread_scale: FloatArray
+
+    @classmethod
+    def from_subjects(cls, subjects: Sequence[Subject], prior: Prior) -> PaperRows:
+        """A row for each subject; all of one task."""
+        n_pairs = max(subject.n_pairs for subject in subjects)
+        arrays = np.zeros((4, len(subjects), 1, n_pairs))
+        numbers = np.empty((3, len(subjects), 1))
+        for i, subject in enumerate(subjects):
+            n_no = subject.n_trials - subject.n_yes
+            columns = (subject.s1, subject.s2 - subject.s1, subject.n_yes, n_no)
+            arrays[:, i, 0, : subject.n_pairs] = columns
+            own = prior.for_subjects(subject)
+            numbers[:, i, 0] = (own.mu1_mean, own.mu1_sd, own.spread_scale)
+        values = dict(zip(_ROW_ARRAYS, (*arrays, *numbers), strict=True))
+        return cls(subjects[0].task, prior, **values)
+
+    def part(self, index: IndexArray) -> PaperRows:
+        """Some rows, in this order; a row may come more than once."""
+        return replace(self, **{name: getattr(self, name)[index] for name in _ROW_ARRAYS})
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the parameters that have a coordinate."""
+        return self.prior.paper_parameters(self.task)
+
+    @property
+    def power(self) -> float:
+        """The power of G in the width sigma_p G^power."""
+        return POWERS[self.task.lapses]
+
+    @cached_property
+    def priors(self) -> tuple[PriorDensity, ...]:
+        """The prior of every coordinate."""
+        normal = StandardNormal()
+        return normal, normal, self.prior.gamma_density, self.prior.share_density(self.task)
+
+    # --- Quantities ------------------------------------------------------------------------------
+
+    def mu1(self, u: FloatArray) -> FloatArray:
+        """Prior mean of the observer, natural-log intensity, (rows, points)."""
+        return self.mu1_mean + self.mu1_sd * u[..., 0]
+
+    def pull(self, u: FloatArray) -> FloatArray:
+        """Pull p, (rows, points)."""
+        return pull_at(logit_of_probit(u[..., 2]))
+
+    def _pull_slope(self, u: FloatArray) -> FloatArray:
+        """Its derivative in the third coordinate."""
+        return pull_slope(logit_of_probit(u[..., 2])) * logit_rise(u[..., 2])
+
+    def log_width(self, u: FloatArray) -> FloatArray:
+        """Log of the width w, (rows, points)."""
+        if self.prior.spread == "width":
+            return np.log(self.spread_scale) + self.prior.width_sd * u[..., 1]
+        log_gain = np.log1p(-self.pull(u))
+        with np.errstate(divide="ignore"):  # sigma_p may be below the smallest float
+            log_sigma_p = np.log(self.spread_scale * from_half_normal_score(u[..., 1]))
+        return log_sigma_p - self.power * log_gain
+
+    def _log_width_slopes(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Slopes of the log width in the second and in the third coordinate, (rows, points)."""
+        if self.prior.spread == "width":
+            return np.full(u.shape[:-1], self.prior.width_sd), np.zeros(u.shape[:-1])
+        p = self.pull(u)
+        by_gamma = self.power * self._pull_slope(u) / (1.0 - p)
+        with np.errstate(divide="ignore", over="ignore"):
+            by_score = half_normal_rise(u[..., 1]) / from_half_normal_score(u[..., 1])
+        return by_score, by_gamma
+
+    def distance(self, u: FloatArray) -> FloatArray:
+        """Distance z of the second stimulus from the evolved mean, in w, (rows, points, pairs)."""
+        lever = self.first - self.mu1(u)[..., None]
+        numerator = self.difference + self.pull(u)[..., None] * lever
+        with np.errstate(divide="ignore", over="ignore"):
+            # In logs, because 0 over a width below the smallest float is 0.
+            log_distance = np.log(np.abs(numerator)) - self.log_width(u)[..., None]
+            return np.sign(numerator) * np.exp(log_distance)
+
+    # --- Answers ---------------------------------------------------------------------------------
+
+    def log_answers(self, u: FloatArray) -> LogAnswers:
+        """Log probability of both answers to every pair, (rows, points, pairs) each."""
+        return self.answers_at_distance(u, self.distance(u))
+
+    def answers_at_distance(self, u: FloatArray, z: FloatArray) -> LogAnswers:
+        """Log probability of both answers at distances z, (n,) or (rows, points, n)."""
+        z = np.broadcast_to(z, (*u.shape[:-1], z.shape[-1]))
+        logit_share = logit_of_probit(u[..., 3:])
+        if self.task.lapses == "q0":
+            return bell_answers(z, logit_share)
+        return guessing_answers(z, logit_share)
+
+    def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
+        """Log answers, and the slopes of both in every coordinate, (rows, points, 4, pairs)."""
+        z, logit_share = self.distance(u), logit_of_probit(u[..., 3:])
+        answers = self.answers_at_distance(u, z)
+        curve_slopes = bell_slopes if self.task.lapses == "q0" else guessing_slopes
+        in_z, in_share = curve_slopes(z, logit_share, answers)
+
+        by_spread, by_gamma = self._log_width_slopes(u)
+        lever = self.first - self.mu1(u)[..., None]
+        slopes = []
+        with np.errstate(over="ignore", invalid="ignore"):  # far out, where the density is 0
+            inverse_width = np.exp(-self.log_width(u))[..., None]
+            z_by_mu1 = -(self.pull(u) * self.mu1_sd)[..., None] * inverse_width
+            z_by_pull = self._pull_slope(u)[..., None] * lever * inverse_width
+            z_slopes = (z_by_mu1, -z * by_spread[..., None], z_by_pull - z * by_gamma[..., None])
+            for of_z, of_share in zip(in_z, in_share, strict=True):
+                terms = [of_z * z_slope for z_slope in z_slopes]
+                terms.append(of_share * logit_rise(u[..., 3:]))
+                slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2))
+        yes_slopes, no_slopes = slopes
+        return answers, yes_slopes, no_slopes
+
+
+# --- Pull ----------------------------------------------------------------------------------------
+
+
+def pull_at(logit_gamma: FloatArray) -> FloatArray:
+    """The pull p at the logit of gamma.
+
+    Examples
+    --------
+    >>> pull_at(np.array([-700.0, 0.0])).tolist()
+    [9.85967654375977e-305, 0.2679491924311227]
+    """
+    gamma = expit(logit_gamma)
+    return 2.0 * gamma / (1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
+
+
+def log_pull_at(logit_gamma: FloatArray) -> FloatArray:
+    """Log of the pull, finite however small gamma is."""
+    gamma = expit(logit_gamma)
+    rest = np.log(1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
+    return LN2 + log_expit(logit_gamma) - rest
+
+
+def pull_slope(logit_gamma: FloatArray) -> FloatArray:
+    """Derivative of the pull in the logit of gamma.
+
+    gamma = p/(1 - p)^2, so that d ln gamma / d ln p = (1 + p)/(1 - p).
+    """
+    p = pull_at(logit_gamma)
+    return p * expit(-logit_gamma) * (1.0 - p) / (1.0 + p)
+
+
+# --- Curves of both answers ----------------------------------------------------------------------
+
+
+def bell_answers(z: FloatArray, logit_q0: FloatArray) -> LogAnswers:
+    """Log of P(equal) = q0 2^(-z^2) and of its complement. Source: Eq. mod:q."""
+    with np.errstate(over="ignore"):  # z^2 beyond the largest float: log P(equal) is -inf
+        return LogAnswers(log_equal(z, log_expit(logit_q0)), log_different(z, logit_q0))
+
+
+def bell_slopes(z: FloatArray, logit_q0: FloatArray, answers: LogAnswers) -> tuple[Slopes, Slopes]:
+    """Slopes of :func:`bell_answers` in z and in the logit of q0.
+
+    With the odds r = q/(1 - q), those of log(1 - q) are 2 ln2 r z and -r (1 - q0).
+    """
+    lapse = expit(-logit_q0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        odds = np.exp(answers.yes - answers.no)
+        return Slopes(-2.0 * LN2 * z, 2.0 * LN2 * odds * z), Slopes(lapse, -odds * lapse)
+
+
+def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:
+    """Log of P(second) = lambda/2 + (1 - lambda) Phi(z) and of its complement.
+
+    Examples
+    --------
+    >>> far = guessing_answers(np.array([[-1e9]]), np.array([[np.log(0.2 / 0.8)]]))
+    >>> round(float(np.exp(far.yes)[0, 0]), 12)
+    0.1
+    """
+    guessed, attended = _guessing_parts(second_answers(z), logit_rate)
+    yes, no = np.logaddexp(guessed, attended.yes), np.logaddexp(guessed, attended.no)
+    # The larger probability is the complement of the smaller one.
+    is_rare = yes < no
+    other = np.log1p(-np.exp(np.where(is_rare, yes, no)))
+    return LogAnswers(np.where(is_rare, yes, other), np.where(is_rare, other, no))
+
+
+def guessing_slopes(
+    z: FloatArray, logit_rate: FloatArray, answers: LogAnswers
+) -> tuple[Slopes, Slopes]:
+    """Slopes of :func:`guessing_answers` in z and in the logit of lambda."""
+    curve = second_answers(z)
+    log_guessed, log_attended = _guessing_parts(curve, logit_rate)
+    in_z, in_rate = [], []
+    sides = zip(log_attended, answers, second_slopes(z), strict=True)
+    for log_part, log_p, slope in sides:
+        with np.errstate(over="ignore", invalid="ignore"):
+            guessed, attended = np.exp(log_guessed - log_p), np.exp(log_part - log_p)
+            # Far out nothing of the curve is left, and its slope may be infinite.
+            in_z.append(np.where(attended > 0.0, attended * slope, 0.0))
+            in_rate.append(guessed * expit(-logit_rate) - attended * expit(logit_rate))
+    return Slopes(*in_z), Slopes(*in_rate)
+
+
+def _guessing_parts(curve: LogAnswers, logit_rate: FloatArray) -> tuple[FloatArray, LogAnswers]:
+    """Log probability of either answer by a guess, and of both by the curve."""
+    log_attend = log_expit(-logit_rate)
+    attended = LogAnswers(log_attend + curve.yes, log_attend + curve.no)
+    return log_expit(logit_rate) - LN2, attended
