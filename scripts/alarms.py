@@ -365,10 +365,10 @@ columns `found c` and `found p` count observers with the word `yes` and with the
 {kinds}
 
 Three kinds of observers often have a false `yes` for a constant error. Lapses to one response look
-like a constant error in 2AFC, and no mark shows such lapses. The program marks some of the
-observers with a wandering criterion or with scatter between pairs. If a subject has such a mark,
-report the constant error with this limit. Scatter between pairs also makes the intervals of the
-contraction too narrow.
+like a constant error in 2AFC, and no mark shows such lapses. Only some observers with a wandering
+criterion or with scatter between pairs get a mark. If a subject has such a mark, report this limit
+with the constant error. Scatter between pairs also makes the intervals of the contraction too
+narrow.
 """
 
 

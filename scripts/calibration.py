@@ -119,8 +119,10 @@ def verdict_lines(found: Calibration) -> list[str]:
         )
     if len(found.ranks):
         missed = found.ranks["subject"][found.ranks["shortfall"] != ""]
-        names = f" ({', '.join(missed)})" if len(missed) else ""
-        lines.append(f"{len(missed)} of {len(found.ranks)} analyses did not converge{names}.")
+        line = f"All {len(found.ranks)} analyses converged."
+        if len(missed):
+            line = f"These analyses did not converge: {', '.join(missed)}."
+        lines.append(line)
     withheld = found.data_sets["data_set"][found.data_sets[DEFAULT].isna()]
     if len(withheld):
         lines.append(f"The default estimator reports no evidence for {', '.join(withheld)}.")
