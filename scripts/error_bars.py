@@ -41,7 +41,7 @@ PAGE = """# Are the standard errors of {evidences} right?
 
 We estimate each case with {seeds} seeds. The number z is the difference between an estimate and the reference, divided by
 the reported standard error. If the standard errors are right, the standard deviation of z is 1. With {seeds} seeds,
-chance changes this standard deviation by about {precision:.0f} %. It must lie between {band[0]} and {band[1]}.
+chance changes this standard deviation by about {precision:.0f} %. We accept values between {band[0]} and {band[1]}.
 {conclusion}
 {far}
 `python scripts/error_bars.py -o docs --seeds {seeds} {option}--overwrite` writes this page and [{table}]({table}). The references are in
@@ -213,7 +213,7 @@ def page(table: pd.DataFrame, file: str, is_order: bool) -> str:
             "In these cases, the largest error of an estimate exceeds 5 standard errors without a "
             f"warning: {far}.\n"
         )
-    conclusion = "Every case lies in this range."
+    conclusion = "All cases lie in this range."
     if not bad.empty:
         conclusion = f"These cases lie outside this range: `{'`, `'.join(bad)}`."
     head = PAGE.format(
