@@ -350,18 +350,18 @@ subjects. Their noise is .6 times the difference between the stimuli of a pair.
 
 {faults}
 
-Some of these observers have a constant error of 2.5 times this difference, which hides the fault.
+In some of these observers, the constant error is 2.5 times this difference and hides the fault.
 A study gets the alarm of another task only if more than half of its subjects respond as in that
 task.
 
 ## Observers whom no model describes
 
 We simulated {n_kind} observers of each kind and task, in studies of 12 subjects and 400 or 480
-trials. One third of the observers have no effect. One sixth have a constant error (c) of .6 times
-the difference between the stimuli of a pair. The others have a contraction (p) of 30, 65 or -40 %.
-The columns `false c` and `false p` count observers with the word `yes` but without the effect. The
-columns `found c` and `found p` count observers with the word `yes` and with the effect. The column
-`p covered` counts observers whose 95 % interval contains the true contraction.
+trials. One third of the observers have no effect. One sixth have only a constant error (c), which
+is .6 times the difference between the stimuli of a pair. One half have only a contraction (p) of
+30, 65 or -40 %. The columns `false c` and `false p` count observers with the word `yes` but without
+the effect. The columns `found c` and `found p` count observers with the word `yes` and with the
+effect. The column `p covered` counts observers whose 95 % interval contains the true contraction.
 
 {kinds}
 
