@@ -23,7 +23,7 @@ from scipy.special import logit
 
 from bayes_toe.answers.evidence_table import SubjectEvidence, subject_evidence
 from bayes_toe.arrays import BoolArray, FloatArray, Rng
-from bayes_toe.classical.fit import bootstrap_evidence, subject_fit
+from bayes_toe.classical.fit import SubjectFit, subject_fit
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.design.simulate import PaperObserver, simulate_trials
 from bayes_toe.design.study_design import PAPER_BATCHES, reference_design
@@ -91,6 +91,8 @@ ESTIMATORS = {
 }
 DEFAULT = next(iter(ESTIMATORS))
 ABOUT = {name: (_METHODS[h1], _METHODS[h0]) for name, (h1, h0) in ESTIMATORS.items()}
+#: Smallest eigenvalue of a correlation matrix that still counts as invertible.
+SINGULAR = 1e-10
 #: One row a study: true parameters, and the share of draws below the true value of each quantity,
 #: in 0..1, made continuous by drawing within the place that the truth takes among them; what
 #: sampling did not reach, empty where it converged.
@@ -232,12 +234,13 @@ def work(job: Job) -> tuple[Row, Row]:
         ranks = {"design": job.design, **ranks_of(draws, subject, theta, settings.seed)}
     if job.with_evidence:
         replicates = subject_fit(subject, settings.prior, seed=settings.seed, replicates=1000)
-        row = subject_evidence(result, fitted, bootstrap_evidence(replicates, settings.prior))
+        row = subject_evidence(result, fitted)
+        by_bootstrap = appendix_c_evidence(replicates, settings.prior)
         known = {
             "design": job.design,
             "data_set": job.name,
             "from": "H1" if job.from_h1 else "H0",
-            **log_bayes_factors(row),
+            **log_bayes_factors(row, by_bootstrap),
         }
     return ranks, known
 
@@ -267,13 +270,31 @@ def prior_draw(prior: Prior, rng: Rng) -> Natural:
     return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
 
 
-def log_bayes_factors(row: SubjectEvidence) -> dict[str, float]:
+def appendix_c_evidence(fit: SubjectFit, prior: Prior) -> float:
+    """Log evidence of H1 by Appendix C, nats; NaN where there is no such number.
+
+    log p(n | theta) + log p(theta) + log det(2 pi Sigma) / 2, with theta the fit and Sigma the
+    covariance of the replicates, in (mu1, sigma_p^2, sigma_l^2, q0). Source: Eq. app:evidapprox.
+    """
+    theta, replicates = fit.parameters, fit.fits.parameters ** np.array([1, 2, 2, 1])
+    is_finite = np.isfinite(theta).all() and np.isfinite(replicates).all()
+    if not is_finite or theta[1] == 0.0 or np.any(np.ptp(replicates, axis=0) == 0.0):
+        return np.nan
+    if np.linalg.eigvalsh(np.corrcoef(replicates.T))[0] < SINGULAR:
+        return np.nan
+    density = float(prior.log_density_variances(Natural(*theta)))
+    half_log_det = 0.5 * float(np.linalg.slogdet(2.0 * np.pi * np.cov(replicates.T))[1])
+    return fit.log_likelihood + density + half_log_det
+
+
+def log_bayes_factors(row: SubjectEvidence, by_bootstrap: float) -> dict[str, float]:
     """By estimator, nats; NaN where a side is withheld."""
-    sides = {
-        name: np.array([getattr(row, f"log_evidence_{side}") for side in of], np.float64)
-        for name, of in ESTIMATORS.items()
-    }
-    return {name: float(h1 - h0) for name, (h1, h0) in sides.items()}
+    factors = {}
+    for name, (h1, h0) in ESTIMATORS.items():
+        numerator = by_bootstrap if h1 == "h1_bootstrap" else getattr(row, f"log_evidence_{h1}")
+        sides = np.array([numerator, getattr(row, f"log_evidence_{h0}")], np.float64)
+        factors[name] = float(sides[0] - sides[1])
+    return factors
 
 
 def ranks_of(draws: Draws, subject: Subject, theta: Natural, seed: int) -> Row:
