@@ -356,12 +356,12 @@ def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:
         if told:
             share = 100.0 * effect_frequency(told, question)
             subjects = plural(len(told), "subject")
-            shares.append(f"{share:.0f} % with {with_article(question)} ({subjects})")
+            shares.append(f"{share:.0f} % with {with_article(question)} (from {subjects})")
     if not shares:
         return []
     return [
-        f"The expected share of subjects is {' and '.join(shares)}. These shares do not say how "
-        "large the effects are."
+        f"The expected share of the population is {' and '.join(shares)}. These shares do not say "
+        "how large the effects are."
     ]
 
 

@@ -97,7 +97,8 @@ def group_answer(result: PopulationResult) -> list[str]:
     lines = [f"{badge}{heading}, {text}."]
     differences: dict[str, list[str]] = {}
     for level, label, difference, factor, word in _comparison_rows(result, "difference"):
-        text = f"{label} {difference}, {claim(Word(word), 'it', 'differ', 'from 0')} (BF {factor})"
+        equality = "from 1" if label == _DIFFERENCE_LABELS[NOISE.name] else "from 0"
+        text = f"{label} {difference}, {claim(Word(word), 'it', 'differ', equality)} (BF {factor})"
         differences.setdefault(level, []).append(text)
     for level, texts in differences.items():
         lines.append(f"{badge}Difference {level} in the group: {'; '.join(texts)}.")

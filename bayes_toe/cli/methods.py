@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
+from itertools import chain
 from math import exp
 from pathlib import Path
 from textwrap import fill
@@ -20,6 +21,7 @@ import numpy.typing as npt
 from jinja2 import Environment, StrictUndefined
 
 from bayes_toe.analysis import Analysis
+from bayes_toe.answers import words
 from bayes_toe.answers.order_effect import (
     COUNTS_WITHIN,
     QUESTIONS,
@@ -37,17 +39,8 @@ from bayes_toe.answers.study_summary import (
     misfit_lines,
     with_article,
 )
-from bayes_toe.answers.words import (
-    NO_UP_TO,
-    PROBABLY_FROM,
-    PROBABLY_NOT_LOG_BAYES_FACTOR,
-    PROBABLY_NOT_UP_TO,
-    YES_FROM,
-    Word,
-)
 from bayes_toe.arrays import Record
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
-from bayes_toe.checks.identification import identify
 from bayes_toe.cli.group_screen import (
     good_fits_answer,
     group_answer,
@@ -55,7 +48,6 @@ from bayes_toe.cli.group_screen import (
 from bayes_toe.data.messages import (
     capitalized,
     describe_p_value,
-    join_names,
     join_words,
     visible,
 )
@@ -74,6 +66,7 @@ _ESCAPED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~$"})
 _IN_PAPER = {
     "subject": "participant",
     "directions differ": "directions differed",
+    "differs:": "differed between conditions:",
     "differs": "differed",
     "changes": "changed",
     "does not": "did not",
@@ -83,25 +76,32 @@ _IN_PAPER = {
 }
 #: What the words say of an effect.
 _CLAIMS: Mapping[str, str] = {
-    Word.YES: "present",
+    words.Word.YES: "present",
     "yes (repulsion)": "reversed (repulsion)",
-    Word.PROBABLY: "probably present",
+    words.Word.PROBABLY: "probably present",
     "probably (repulsion)": "probably reversed (repulsion)",
-    Word.UNDECIDED: "undecided",
-    Word.PROBABLY_NOT: "probably absent",
-    Word.NO: "absent",
-    Word.CANNOT_BE_TOLD: "not identifiable",
+    words.Word.UNDECIDED: "undecided",
+    words.Word.PROBABLY_NOT: "probably absent",
+    words.Word.NO: "absent",
+    words.Word.CANNOT_BE_TOLD: "not identifiable",
 }
 _MOST_PAIRS = 30
-_MOST_NAMES = 10
 
 
 def write_methods(analysis: Analysis, path: Path) -> None:
     """Write the document in Markdown, and its citations as NAME.bib."""
     version = json.loads(analysis.draws.attrs["versions"])["bayes_toe"]
     template = (files("bayes_toe") / "cli" / "methods_template.md").read_text(encoding="utf-8")
+    environment = Environment(undefined=StrictUndefined, trim_blocks=True)
+    filters = {
+        "decimals": format_decimals,
+        "escaped": _escaped,
+        "p_value": _p_value,
+        "capitalized": capitalized,
+    }
+    environment.filters.update(filters)
     context = {"version": version, **_methods(analysis), **_results(analysis)}
-    filled = Environment(undefined=StrictUndefined).from_string(template).render(context)
+    filled = environment.from_string(template).render(context)
     text = "\n\n".join(map(_wrap, filled.split("\n\n"))) + "\n"
     path.write_text(text, encoding="utf-8")
     path.with_suffix(".bib").write_text(_citations(text, version), encoding="utf-8")
@@ -126,13 +126,13 @@ def _citations(text: str, version: str) -> str:
     return "\n\n".join(cited).replace("VERSION", version) + "\n"
 
 
-def _text(text: str) -> str:
+def _escaped(text: str) -> str:
     """A text from outside, so that it is no markup."""
     return visible(text).translate(_ESCAPED)
 
 
-def _names(names: Sequence[str]) -> str:
-    return _text(join_names(names, _MOST_NAMES))
+def _p_value(value: float) -> str:
+    return describe_p_value(value).removeprefix("test ")
 
 
 # --- What was done ------------------------------------------------------------------------------
@@ -146,7 +146,7 @@ def _methods(analysis: Analysis) -> Record:
     context = {
         "study": study,
         "data": _data(study),
-        "changes": _text("; ".join(changes)),
+        "changes": _escaped("; ".join(changes)),
         "is_2afc": study.task == WHICH_STRONGER,
         "unit": "participant",
         "priors": analysis.draws.prior.observer.describe(study.task).partition(";")[0],
@@ -155,14 +155,9 @@ def _methods(analysis: Analysis) -> Record:
         "most_draws": f"{USUAL.most_draws:,}",
         "largest_error": format_number(_largest_error(answers)),
         "within": f"{COUNTS_WITHIN:g}",
-        "limits": {
-            "yes": format_decimals(YES_FROM),
-            "probably": format_decimals(PROBABLY_FROM),
-            "no": format_decimals(NO_UP_TO),
-            "probably_not": format_decimals(PROBABLY_NOT_UP_TO),
-            "factor": format_decimals(exp(PROBABLY_NOT_LOG_BAYES_FACTOR)),
-            "fit": f"{limit}/{len(study)}" if len(study) > 1 else limit,
-        },
+        "words": words,
+        "factor": format_decimals(exp(words.PROBABLY_NOT_LOG_BAYES_FACTOR)),
+        "fit_limit": f"{limit}/{len(study)}" if len(study) > 1 else limit,
         "has_order": any(answer.history_p is not None for answer in answers),
         "contrast": analysis.contrast,
         "group": group,
@@ -170,7 +165,7 @@ def _methods(analysis: Analysis) -> Record:
     }
     if study.conditions is not None:
         context["unit"] = "participant in each condition"
-        context["conditions"] = _text(study.conditions.about)
+        context["conditions"] = _escaped(study.conditions.about)
     if group is not None:
         hyperpriors = group.settings.hyperprior.describe(study.task)
         context["hyperpriors"] = _in_paper(", ".join(f"`{line}`" for line in hyperpriors))
@@ -246,34 +241,17 @@ def _describe_draws(group: PopulationResult) -> str:
 def _results(analysis: Analysis) -> Record:
     """What the template says of the conclusions and their limits."""
     answers = [answer for answer in analysis.answers if answer.is_interpretable]
-    untestable, poor, on_previous, on_prior, excluded = [], [], [], [], []
-    for answer in analysis.answers:
-        if not answer.is_interpretable:
-            excluded.append(f"{answer.subject} ({answer.flags[0]})")
-            continue
-        if answer.fit_p is None:
-            untestable.append(answer.subject)
-        elif answer.fits is False:
-            p_value = describe_p_value(answer.fit_p).removeprefix("test ")
-            poor.append(f"{answer.subject} ({p_value})")
-        if answer.depends_on_previous_trial:
-            on_previous.append(answer.subject)
-        if answer.depends_on_prior:
-            on_prior.append(answer.subject)
     without_poor = misfit_lines(answers)[1:]
     if analysis.group is not None:
         without_poor += good_fits_answer(analysis.group, analysis.group_of_good_fits)
+    limits = Counter(chain.from_iterable(answer.notes for answer in analysis.answers))
     return {
-        "answers": answers,
+        "answers": analysis.answers,
+        "interpreted": answers,
         "results": " ".join(_conclusions(analysis, answers)),
-        "untestable": _names(untestable),
-        "poor": _names(poor),
         "without_poor": _in_paper(" ".join(without_poor)),
-        "on_previous": _names(on_previous),
-        "on_prior": _names(on_prior),
-        "excluded": _names(excluded),
-        "failed": _names([*analysis.draws.failed]),
-        "limits_of_design": " ".join(_limits_of_design(analysis.study)),
+        "failed": analysis.draws.failed,
+        "limits_of_design": limits,
         "table": "\n".join(_table(analysis.answers)),
     }
 
@@ -288,10 +266,11 @@ def _conclusions(analysis: Analysis, answers: Sequence[OrderEffect]) -> list[str
     if analysis.group is not None:
         for line in group_answer(analysis.group):
             heading, colon, text = line.rpartition(": ")
-            sentences.append(f"{_text(heading)}{colon}{_in_paper(text)}")
+            sentences.append(f"{_escaped(heading)}{colon}{_in_paper(text)}")
     elif not is_by_unit:
         for line in few_subjects_lines(answers):
-            sentences.append(f"{_in_paper(line)[:-1]} [@penny2010].")
+            shares, *_ = line.split(". ")
+            sentences.append(f"{_in_paper(shares)} [@penny2010].")
     if analysis.contrast is not None:
         _, *differences = analysis.contrast.sentences()
         sentences += map(_in_paper, differences)
@@ -311,7 +290,7 @@ def _count_effects(answers: Sequence[OrderEffect], total: str) -> list[str]:
     of_total = f" of {total}"
     for question in QUESTIONS:
         counts = Counter(answer.word(question) for answer in answers)
-        if set(counts) == {Word.CANNOT_BE_TOLD}:
+        if set(counts) == {words.Word.CANNOT_BE_TOLD}:
             continue
         parts = []
         for word, claim in _CLAIMS.items():
@@ -320,21 +299,6 @@ def _count_effects(answers: Sequence[OrderEffect], total: str) -> list[str]:
                 parts.append(f"{claim} in {count}{of_total}")
                 of_total = ""
         sentences.append(f"{capitalized(with_article(question))} was {join_words(parts)}.")
-    return sentences
-
-
-def _limits_of_design(study: Study) -> list[str]:
-    """The effects that pairs and order of trials cannot identify, with numbers of participants."""
-    limits = Counter[str]()
-    for subject in study:
-        identification = identify(subject)
-        for reason, names in identification.questions_by_reason.items():
-            limits[f"the design cannot identify {' or '.join(names)}, because {reason}"] += 1
-        limits.update(identification.notes)
-    sentences = []
-    for limit, count in limits.items():
-        share = "" if count == len(study) else f" ({count} of {len(study)})"
-        sentences.append(f"{capitalized(limit)}{share}.")
     return sentences
 
 
@@ -347,16 +311,17 @@ def _table(answers: Sequence[OrderEffect]) -> list[str]:
         if answer.is_interpretable:
             cells = [_word_cell(answer, question) for question in QUESTIONS]
             for question, size in SIZE_OF.items():
-                can_be_told = answer.words[question] is not Word.CANNOT_BE_TOLD
+                can_be_told = answer.words[question] is not words.Word.CANNOT_BE_TOLD
                 cells.append(answer.format_size(size) if can_be_told else "")
-        lines.append(f"| {' | '.join([_text(answer.subject), *cells])} |")
+        lines.append(f"| {' | '.join([_escaped(answer.subject), *cells])} |")
     return lines
 
 
 def _word_cell(answer: OrderEffect, question: str) -> str:
     """The word with its marks, the posterior probability and the Bayes factor."""
-    word = answer.marked_word(question)
-    if answer.words[question] is Word.CANNOT_BE_TOLD:
+    word = answer.marked_word(question).replace(" (contraction)", "")
+    word = word.replace(" (repulsion)", ", repulsion")
+    if answer.words[question] is words.Word.CANNOT_BE_TOLD:
         return word
     probability = format_probability(answer.probabilities[question]).removeprefix("= ")
     factor = format_bayes_factor(answer.log_bayes_factors[question])

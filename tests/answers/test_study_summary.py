@@ -1,5 +1,7 @@
 """The answer of a study: counts that add up, directions, how frequent an effect is."""
 
+import re
+
 import pytest
 from conftest import order_answer
 
@@ -14,6 +16,7 @@ from bayes_toe.answers.study_summary import (
     study_lines,
 )
 from bayes_toe.answers.words import Word
+from bayes_toe.cli.methods import _in_paper
 from bayes_toe.groups.population import GroupEffect, Interval
 from bayes_toe.groups.zero_mean import ZeroBayesFactor
 
@@ -154,6 +157,9 @@ MEANS = {
 }
 
 
+PRESENT_TENSE = re.compile(r"\b(is|does|do|cannot|changes|differs?|subjects?)\b")
+
+
 def group_effect(letter):
     interval, log_bf = MEANS[letter]
     mean, sd = Interval(*interval), Interval(0.9, 1.0, 1.1)
@@ -184,6 +190,7 @@ def test_what_the_answer_of_a_study_means(case):
     for name, letter in zip(("constant_error", "contraction"), means.strip("-"), strict=False):
         effects[name] = group_effect(letter)
     assert describe_meaning(answers, effects) == meaning
+    assert not PRESENT_TENSE.search(_in_paper(meaning))
     first, *_ = study_lines(answers, effects)
     assert first == (f"A: {meaning}" if len(answers) == 1 else meaning)
 
