@@ -33,7 +33,7 @@ from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import ConvergenceWarning, NumericalError, WorkerError
-from bayes_toe.groups.population import GroupEffect, PopulationResult, population
+from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.draws_file import assembled_tree
 from bayes_toe.inference.prediction import Predictor
@@ -104,11 +104,6 @@ class Analysis:
     def answers(self) -> tuple[OrderEffect, ...]:
         """The conclusion for every subject."""
         return self.evidence.answers
-
-    @property
-    def group_effects(self) -> Mapping[str, GroupEffect]:
-        """The effects of the group that the design can show; none without a group."""
-        return {} if self.group is None else self.group.effects
 
     def curve(self, subject: str) -> Predictor:
         """Predictions for one subject, averaged over the four models.

@@ -20,7 +20,7 @@ from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
 from bayes_toe.data.messages import capitalized, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.validation import CONDITION_SEPARATOR
-from bayes_toe.groups.population import GroupEffect
+from bayes_toe.groups.population import GroupEffect, PopulationResult
 from bayes_toe.inference.goodness_of_fit import PairResidual
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ORDER_MODELS
 
@@ -41,7 +41,7 @@ APPENDIX_C = (
 
 def study_lines(
     answers: Sequence[OrderEffect],
-    group_effects: Mapping[str, GroupEffect] | None = None,
+    group: PopulationResult | None = None,
     *,
     synthetic: bool = False,
     units: bool = False,
@@ -53,15 +53,15 @@ def study_lines(
     Parameters
     ----------
     answers : sequence of OrderEffect
-    group_effects : mapping of str to GroupEffect, optional
-        Those of the group that the design can show.
+    group : PopulationResult, optional
+        The group of these subjects.
     synthetic : bool
         Whether the subjects are simulated.
     units : bool
         Whether each is a subject in one condition.
     """
     noun = "condition" if units else "subject"
-    meaning = describe_meaning(answers, group_effects, noun)
+    meaning = describe_meaning(answers, group, noun)
     counted_answers = [answer for answer in answers if answer.is_interpretable]
     if len(answers) == 1:
         text = f"{answers[0].subject}: {answers[0].describe()}"
@@ -99,7 +99,7 @@ _NEAR_0 = 0.5
 
 def describe_meaning(
     answers: Sequence[OrderEffect],
-    group_effects: Mapping[str, GroupEffect] | None = None,
+    group: PopulationResult | None = None,
     noun: str = "subject",
 ) -> str:
     """What the answers say of perception, in a few sentences.
@@ -109,8 +109,8 @@ def describe_meaning(
     Parameters
     ----------
     answers : sequence of OrderEffect
-    group_effects : mapping of str to GroupEffect, optional
-        Those of the group that the design can show.
+    group : PopulationResult, optional
+        The group of these subjects.
     noun : str
         What each answer is about.
     """
@@ -121,8 +121,9 @@ def describe_meaning(
         name = f"{interpretable[0].subject}: " if len(answers) > 1 else ""
         return name + _describe_subject(interpretable[0])
     sentences = _order_sentences(interpretable, noun)
+    group_effects = {} if group is None else group.effects
     for effect in _DIRECTIONS:
-        sentences += _direction_sentences(interpretable, effect, noun, group_effects or {})
+        sentences += _direction_sentences(interpretable, effect, noun, group_effects)
     return " ".join(sentences)
 
 

@@ -92,9 +92,8 @@ def group_answer(result: PopulationResult) -> list[str]:
         parts.append(f"{estimate}, SD between subjects {sd}; {difference}")
     n_subjects = len(result.subjects)
     heading = f"In the group of {n_subjects}{_reference(result)}"
-    first, *others = parts
-    text = ". ".join([first, *map(capitalized, others)])
-    lines = [f"{badge}{heading}, {text}."]
+    first_effect, second_effect = parts
+    lines = [f"{badge}{heading}, {first_effect}. {capitalized(second_effect)}."]
     differences: dict[str, list[str]] = {}
     for level, label, difference, factor, word in _comparison_rows(result, "difference"):
         equality = "from 1" if label == _DIFFERENCE_LABELS[NOISE.name] else "from 0"

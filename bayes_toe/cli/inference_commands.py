@@ -125,7 +125,7 @@ def _print_conclusion(
     closing = without_decision(analysis.answers, problems)
     closing += [f"Start with {folder / 'report.html'}.", f"Seed {analysis.settings.seed}."]
     lines = _group_lines(analysis)
-    print_answer(out, analysis.answers, analysis.study, lines, closing, analysis.group_effects)
+    print_answer(out, analysis.answers, analysis.study, lines, closing, analysis.group)
 
 
 def _group_lines(analysis: Analysis) -> list[str]:

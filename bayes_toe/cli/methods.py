@@ -52,8 +52,7 @@ from bayes_toe.data.messages import (
     visible,
 )
 from bayes_toe.data.study import Study, units_by_subject
-from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.groups.population import PopulationResult, study_scales
+from bayes_toe.groups.population import study_scales
 from bayes_toe.inference.diagnostics import worst
 from bayes_toe.inference.engine import USUAL
 
@@ -72,6 +71,8 @@ _IN_PAPER = {
     "does not": "did not",
     "do not": "did not",
     "cannot": "could not",
+    "can be": "could be",
+    "be told": "be identified",
     " is ": " was ",
 }
 #: What the words say of an effect.
@@ -89,22 +90,24 @@ _MOST_PAIRS = 30
 
 
 def write_methods(analysis: Analysis, path: Path) -> None:
-    """Write the document in Markdown, and its citations as NAME.bib."""
+    """Write the document in Markdown, and its references as NAME.bib."""
     version = json.loads(analysis.draws.attrs["versions"])["bayes_toe"]
     template = (files("bayes_toe") / "cli" / "methods_template.md").read_text(encoding="utf-8")
     environment = Environment(undefined=StrictUndefined, trim_blocks=True)
-    filters = {
-        "decimals": format_decimals,
-        "escaped": _escaped,
-        "p_value": _p_value,
-        "capitalized": capitalized,
-    }
-    environment.filters.update(filters)
+    environment.filters.update(
+        capitalized=capitalized,
+        decimals=format_decimals,
+        escaped=_escaped,
+        p_value=describe_p_value,
+        range=_range,
+        word=_marked_word,
+    )
     context = {"version": version, **_methods(analysis), **_results(analysis)}
     filled = environment.from_string(template).render(context)
     text = "\n\n".join(map(_wrap, filled.split("\n\n"))) + "\n"
     path.write_text(text, encoding="utf-8")
-    path.with_suffix(".bib").write_text(_citations(text, version), encoding="utf-8")
+    references = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8")
+    path.with_suffix(".bib").write_text(references.replace("VERSION", version), encoding="utf-8")
 
 
 def _wrap(paragraph: str) -> str:
@@ -115,24 +118,9 @@ def _wrap(paragraph: str) -> str:
     return fill(one_line, _WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
-def _citations(text: str, version: str) -> str:
-    """Entries of the references that the text cites."""
-    bibliography = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8")
-    cited = []
-    for entry in bibliography.strip().split("\n\n"):
-        key = entry.partition("{")[2].partition(",")[0]
-        if f"@{key}" in text:
-            cited.append(entry)
-    return "\n\n".join(cited).replace("VERSION", version) + "\n"
-
-
 def _escaped(text: str) -> str:
     """A text from outside, so that it is no markup."""
     return visible(text).translate(_ESCAPED)
-
-
-def _p_value(value: float) -> str:
-    return describe_p_value(value).removeprefix("test ")
 
 
 # --- What was done ------------------------------------------------------------------------------
@@ -143,23 +131,28 @@ def _methods(analysis: Analysis) -> Record:
     study, answers, group = analysis.study, analysis.answers, analysis.group
     changes = [note for note in study.notes if _CHANGE.search(note)]
     limit = format_decimals(FALSE_ALARM_SHARE)
+    subjects = units_by_subject(study)
+    stimuli = np.concatenate([subject.stimuli for subject in study])
+    (lowest, highest), stimulus_unit = _numbers(study, [stimuli.min(), stimuli.max()])
     context = {
+        "analysis": analysis,
         "study": study,
-        "data": _data(study),
+        "trials": [sum(unit.total_trials for unit in units) for units in subjects.values()],
+        "n_pairs": [subject.n_pairs for subject in study],
+        "lowest": lowest,
+        "highest": highest,
+        "stimulus_unit": stimulus_unit,
         "changes": _escaped("; ".join(changes)),
-        "is_2afc": study.task == WHICH_STRONGER,
         "unit": "participant",
         "priors": analysis.draws.prior.observer.describe(study.task).partition(";")[0],
         "is_roving": any(subject.scales.roving_share < 1.0 for subject in study),
-        "seed": analysis.draws.seed,
         "most_draws": f"{USUAL.most_draws:,}",
         "largest_error": format_number(_largest_error(answers)),
         "within": f"{COUNTS_WITHIN:g}",
         "words": words,
-        "factor": format_decimals(exp(words.PROBABLY_NOT_LOG_BAYES_FACTOR)),
+        "factor": f"{exp(words.PROBABLY_NOT_LOG_BAYES_FACTOR):.3f}",
         "fit_limit": f"{limit}/{len(study)}" if len(study) > 1 else limit,
         "has_order": any(answer.history_p is not None for answer in answers),
-        "contrast": analysis.contrast,
         "group": group,
         "pairs": _list_pairs(study),
     }
@@ -169,25 +162,9 @@ def _methods(analysis: Analysis) -> Record:
     if group is not None:
         hyperpriors = group.settings.hyperprior.describe(study.task)
         context["hyperpriors"] = _in_paper(", ".join(f"`{line}`" for line in hyperpriors))
-        context["group_draws"] = _describe_draws(group)
+        (_, n_effective), (_, r_hat) = worst(group.draws.convergence)
+        context |= {"n_effective": n_effective, "r_hat": r_hat}
     return context
-
-
-def _data(study: Study) -> str:
-    """The task, the amount of data, and the range of the stimuli."""
-    units = units_by_subject(study)
-    trials = [sum(unit.total_trials for unit in of_subject) for of_subject in units.values()]
-    participants, amount = "One participant", f"{_range(trials)} trials"
-    if len(trials) > 1:
-        participants = f"Each of {len(trials)} participants"
-        amount = f"{sum(trials):,} trials, {_range(trials)} each"
-    stimuli = np.concatenate([subject.stimuli for subject in study])
-    (low, high), unit = _numbers(study, [stimuli.min(), stimuli.max()])
-    pairs = _range([subject.n_pairs for subject in study])
-    return (
-        f"{participants} reported {study.task.question} ({amount}; {pairs} ordered pairs of "
-        f"stimuli from {low} to {high} {unit})."
-    )
 
 
 def _range(counts: Sequence[int]) -> str:
@@ -199,15 +176,15 @@ def _range(counts: Sequence[int]) -> str:
 def _numbers(study: Study, logs: npt.ArrayLike) -> tuple[list[str], str]:
     """Stimuli in the unit of the study, or in per cent of their mean, and the unit in words."""
     texts, unit = study.unit.numbers(logs, study_scales(study).mean)
-    words = {"ln": "in natural-log intensity", "% of mean": "% of their geometric mean"}
-    return texts, words.get(unit, unit)
+    in_words = {"ln": "in natural-log intensity", "% of mean": "% of their geometric mean"}
+    return texts, in_words.get(unit, unit)
 
 
 def _list_pairs(study: Study) -> str:
     """The pairs of stimuli, if they are few and the same for everybody."""
-    first_subject, *others = study
+    first_subject = study.subjects[0]
     n_pairs = first_subject.n_pairs
-    if n_pairs > _MOST_PAIRS or any(other.pairs != first_subject.pairs for other in others):
+    if n_pairs > _MOST_PAIRS or any(subject.pairs != first_subject.pairs for subject in study):
         return ""
     texts, unit = _numbers(study, first_subject.stimuli)
     pairs = [f"({s1}, {s2})" for s1, s2 in zip(texts, texts[n_pairs:], strict=False)]
@@ -225,16 +202,6 @@ def _largest_error(answers: Sequence[OrderEffect]) -> float:
     return max(errors)
 
 
-def _describe_draws(group: PopulationResult) -> str:
-    """How many draws of the group there are, and their convergence."""
-    n_chains, n_draws, _ = group.draws.mean.shape
-    (_, n_effective), (_, r_hat) = worst(group.draws.convergence)
-    return (
-        f"{n_chains * n_draws:,} draws in {n_chains} chains (at least {n_effective:,.0f} effective "
-        f"draws, R-hat at most {r_hat:.3f}, {group.draws.n_divergent} divergent trajectories)"
-    )
-
-
 # --- What was found -----------------------------------------------------------------------------
 
 
@@ -246,13 +213,11 @@ def _results(analysis: Analysis) -> Record:
         without_poor += good_fits_answer(analysis.group, analysis.group_of_good_fits)
     limits = Counter(chain.from_iterable(answer.notes for answer in analysis.answers))
     return {
-        "answers": analysis.answers,
         "interpreted": answers,
         "results": " ".join(_conclusions(analysis, answers)),
         "without_poor": _in_paper(" ".join(without_poor)),
-        "failed": analysis.draws.failed,
         "limits_of_design": limits,
-        "table": "\n".join(_table(analysis.answers)),
+        "sizes": SIZE_OF,
     }
 
 
@@ -260,7 +225,7 @@ def _conclusions(analysis: Analysis, answers: Sequence[OrderEffect]) -> list[str
     """Sentences about participants, the group, and conditions."""
     is_by_unit = analysis.study.conditions is not None
     noun = "condition" if is_by_unit else "participant"
-    sentences = [_in_paper(describe_meaning(answers, analysis.group_effects, noun))]
+    sentences = [_in_paper(describe_meaning(answers, analysis.group, noun))]
     if len(answers) > 1:
         sentences += _count_effects(answers, count_all(answers, "participant", is_by_unit))
     if analysis.group is not None:
@@ -279,8 +244,8 @@ def _conclusions(analysis: Analysis, answers: Sequence[OrderEffect]) -> list[str
 
 def _in_paper(sentence: str) -> str:
     """A sentence of the screens in the past tense; it has no names from outside."""
-    for word, past in _IN_PAPER.items():
-        sentence = sentence.replace(word, past)
+    for word, paper_word in _IN_PAPER.items():
+        sentence = sentence.replace(word, paper_word)
     return sentence
 
 
@@ -302,22 +267,7 @@ def _count_effects(answers: Sequence[OrderEffect], total: str) -> list[str]:
     return sentences
 
 
-def _table(answers: Sequence[OrderEffect]) -> list[str]:
-    """The conclusions and sizes of every participant, in Markdown."""
-    heads = "participant | order effect | constant error | contraction | PSE shift [95 %]"
-    lines = [f"| {heads} | contraction [95 %] |", f"|{'---|' * 6}"]
-    for answer in answers:
-        cells = ["not interpreted", "", "", "", ""]
-        if answer.is_interpretable:
-            cells = [_word_cell(answer, question) for question in QUESTIONS]
-            for question, size in SIZE_OF.items():
-                can_be_told = answer.words[question] is not words.Word.CANNOT_BE_TOLD
-                cells.append(answer.format_size(size) if can_be_told else "")
-        lines.append(f"| {' | '.join([_escaped(answer.subject), *cells])} |")
-    return lines
-
-
-def _word_cell(answer: OrderEffect, question: str) -> str:
+def _marked_word(answer: OrderEffect, question: str) -> str:
     """The word with its marks, the posterior probability and the Bayes factor."""
     word = answer.marked_word(question).replace(" (contraction)", "")
     word = word.replace(" (repulsion)", ", repulsion")

@@ -385,8 +385,8 @@ def _misfit_figures(analysis: Analysis) -> list[str]:
 def _answer(analysis: Analysis) -> list[str]:
     """The answer of the study, sentence by sentence."""
     units = analysis.study.conditions is not None
-    answers, effects = analysis.answers, analysis.group_effects
-    lines = study_lines(answers, effects, synthetic=analysis.study.synthetic, units=units)
+    answers, group = analysis.answers, analysis.group
+    lines = study_lines(answers, group, synthetic=analysis.study.synthetic, units=units)
     if not units:
         lines += few_subjects_lines(answers)
     lines += not_counted(answers)

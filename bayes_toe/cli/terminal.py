@@ -406,10 +406,10 @@ def round_to_errors(
 
     digits = []
     for value, error in zip(values, errors, strict=True):
-        most = max_decimals
-        if round(value, most) == 0.0:
-            most = max(most, decimals_of(abs(value)) - 1)
-        digits.append(min(most, _decimals(error, most)))
+        decimals = max_decimals
+        if round(value, decimals) == 0.0:
+            decimals = max(decimals, decimals_of(abs(value)) - 1)
+        digits.append(min(decimals, _decimals(error, decimals)))
     texts = [_rounded(value, n) for value, n in zip(values, digits, strict=True)]
     printed = map(float, texts)
     if all(low < high for low, high in itertools.pairwise(printed)):

@@ -1,6 +1,7 @@
 """The answer of a study: counts that add up, directions, how frequent an effect is."""
 
 import re
+from types import SimpleNamespace
 
 import pytest
 from conftest import order_answer
@@ -157,7 +158,7 @@ MEANS = {
 }
 
 
-PRESENT_TENSE = re.compile(r"\b(is|does|do|cannot|changes|differs?|subjects?)\b")
+PRESENT_TENSE = re.compile(r"\b(is|does|do|cannot|can|changes|differs?|subjects?)\b")
 
 
 def group_effect(letter):
@@ -189,9 +190,10 @@ def test_what_the_answer_of_a_study_means(case):
     effects = {}
     for name, letter in zip(("constant_error", "contraction"), means.strip("-"), strict=False):
         effects[name] = group_effect(letter)
-    assert describe_meaning(answers, effects) == meaning
+    group = SimpleNamespace(effects=effects)
+    assert describe_meaning(answers, group) == meaning
     assert not PRESENT_TENSE.search(_in_paper(meaning))
-    first, *_ = study_lines(answers, effects)
+    first, *_ = study_lines(answers, group)
     assert first == (f"A: {meaning}" if len(answers) == 1 else meaning)
 
 
