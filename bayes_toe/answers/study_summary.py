@@ -298,9 +298,11 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
         if word not in directions:
             continue
         text = f"{len(directions[word])}{of_total} {word}"
-        counts = [f"{count} {name}" for name, count in Counter(directions[word]).items() if name]
-        if counts:
+        counts = Counter(filter(None, directions[word]))
+        if len(counts) == 1:
             text += f" ({', '.join(counts)})"
+        elif counts:
+            text += f" ({', '.join(f'{count} {name}' for name, count in counts.items())})"
         parts.append(text)
         of_total = ""
     return ", ".join(parts)

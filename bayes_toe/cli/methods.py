@@ -130,7 +130,6 @@ def _methods(analysis: Analysis) -> Record:
     """What the template says of data, models and computation."""
     study, answers, group = analysis.study, analysis.answers, analysis.group
     changes = [note for note in study.notes if _CHANGE.search(note)]
-    limit = format_decimals(FALSE_ALARM_SHARE)
     subjects = units_by_subject(study)
     stimuli = np.concatenate([subject.stimuli for subject in study])
     (lowest, highest), stimulus_unit = _numbers(study, [stimuli.min(), stimuli.max()])
@@ -146,12 +145,12 @@ def _methods(analysis: Analysis) -> Record:
         "unit": "participant",
         "priors": analysis.draws.prior.observer.describe(study.task).partition(";")[0],
         "is_roving": any(subject.scales.roving_share < 1.0 for subject in study),
-        "most_draws": f"{USUAL.most_draws:,}",
+        "most_draws": USUAL.most_draws,
         "largest_error": format_number(_largest_error(answers)),
-        "within": f"{COUNTS_WITHIN:g}",
+        "within": COUNTS_WITHIN,
         "words": words,
         "factor": f"{exp(words.PROBABLY_NOT_LOG_BAYES_FACTOR):.3f}",
-        "fit_limit": f"{limit}/{len(study)}" if len(study) > 1 else limit,
+        "fit_limit": format_decimals(FALSE_ALARM_SHARE),
         "has_order": any(answer.history_p is not None for answer in answers),
         "group": group,
         "pairs": _list_pairs(study),

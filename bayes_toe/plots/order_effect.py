@@ -162,6 +162,7 @@ def forests(
         ax.set_title(title, loc="left", fontsize=LETTERS)
         label = question.axis.format(unit=unit.of_differences)
         ax.set(xlabel=label, xlim=limits, ylim=(last_row, -0.6), yticks=[])
+        ax.locator_params(axis="x", nbins=5)
         style_axes(ax)
         quantity_ticks(ax, question.name)
         if not is_crowded:

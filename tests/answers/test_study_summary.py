@@ -45,7 +45,7 @@ def test_directions_and_exceptions_are_named():
         "The first stimulus is remembered as nearer to the mean in 1 subject.",
         "Order effect: 2 of 3 subjects yes, 1 probably.",
         "Constant error: 2 yes, 1 undecided.",
-        "Contraction: 1 yes (1 contraction), 1 probably (1 repulsion), 1 no.",
+        "Contraction: 1 yes (contraction), 1 probably (repulsion), 1 no.",
         f"The model does not fit 1 subject: C. {FALSE_ALARMS}",
         "Without poor fits, there is or probably is an order effect in 2 of 2.",
     ]
