@@ -46,7 +46,6 @@ _COMPARISON_COLUMNS = (
     "log_evidence_h0_laplace",
     "log_bayes_factor_laplace",
     "pareto_k",
-    "log_evidence_h1_bootstrap",
 )
 #: Columns of evidence.csv: the answer, then the paper's comparison.
 EVIDENCE_COLUMNS = (*ANSWER_COLUMNS, *_COMPARISON_COLUMNS, "prior")
@@ -68,7 +67,7 @@ class SubjectEvidence:
     notes : tuple of str
         What is not reported, and why.
     footnotes : tuple of str
-        The same of the approximations: Laplace's, and Appendix C's recipe.
+        The same of Laplace's approximations.
     """
 
     subject: str
@@ -79,7 +78,6 @@ class SubjectEvidence:
     log_evidence_h0: float
     log_evidence_h1_laplace: float | None
     log_evidence_h0_laplace: float
-    log_evidence_h1_bootstrap: float | None
     efficiency: float
     pareto_k: float
     fit: GoodnessOfFit | None
@@ -168,24 +166,18 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 def subject_evidence(
     result: SubjectResult,
     fitted: Fitted,
-    by_bootstrap: tuple[float | None, str] | None,
     *,
     answer: OrderEffect | None = None,
     fit: GoodnessOfFit | None = None,
 ) -> SubjectEvidence:
     """The row of one subject in the evidence table, from the fit of H1.
 
-    `by_bootstrap` is the evidence by Appendix C's recipe with a note on it
-    (:mod:`bayes_toe.classical.fit`); `fit` is None where draws of H1 cannot be trusted.
+    `fit` is None where draws of H1 cannot be trusted.
     """
     estimate = cast(Evidence, result.evidence)
     subject = result.subject
     by_laplace, why_no_laplace = _laplace(fitted)
     notes = [why_no_laplace]
-    bootstrap: float | None = None
-    if by_bootstrap is not None:
-        bootstrap, about_bootstrap = by_bootstrap
-        notes.append(about_bootstrap)
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
@@ -195,7 +187,6 @@ def subject_evidence(
         log_evidence_h0=frequency_evidence(subject),
         log_evidence_h1_laplace=by_laplace,
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
-        log_evidence_h1_bootstrap=bootstrap,
         efficiency=estimate.efficiency,
         pareto_k=estimate.pareto_k,
         fit=fit,

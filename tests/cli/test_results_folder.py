@@ -161,7 +161,6 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
         "Just noticeable difference",
         "lapse_rate",
         "% &#39;second&#39;",
-        "The maximum of the likelihood lies at an edge",
     ):
         assert separate in text, separate
     summary = stronger.summary().set_index("subject")
