@@ -60,7 +60,7 @@ from bayes_toe.cli.answer_screen import (
     doubtful_subjects,
     not_counted,
 )
-from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables, mean_words
+from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
 from bayes_toe.data.messages import (
     capitalized,
@@ -383,9 +383,8 @@ def _misfit_figures(analysis: Analysis) -> list[str]:
 def _answer(analysis: Analysis) -> list[str]:
     """The answer of the study, sentence by sentence."""
     units = analysis.study.conditions is not None
-    answers = analysis.answers
-    words = mean_words(analysis.group)
-    lines = study_lines(answers, words, synthetic=analysis.study.synthetic, units=units)
+    answers, group = analysis.answers, analysis.group
+    lines = study_lines(answers, group, synthetic=analysis.study.synthetic, units=units)
     if not units:
         lines += few_subjects_lines(answers)
     lines += not_counted(answers)

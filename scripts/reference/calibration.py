@@ -71,40 +71,28 @@ DRAWS = 1000
 #: Probability of any false alarm among all ranked quantities of all designs.
 FALSE_ALARM = 0.01
 
-#: By estimator of the log Bayes factor H1 - H0, its columns of the evidence table, and what these
-#: are; the first is the default.
+#: What the columns of the evidence table are.
+_METHODS = {
+    "h1": "importance sampling",
+    "h1_laplace": "Laplace approximation in identified coordinates",
+    "h1_laplace_natural": "Laplace approximation in mu1, sigma_p^2, sigma_l^2 and q0",
+    "h1_bootstrap": "covariance of bootstrap refits (Appendix C)",
+    "h0": "exact",
+    "h0_laplace": "Laplace estimator of frequencies (Appendix C)",
+}
+#: By estimator of the log Bayes factor H1 - H0, its two columns; the first is the default.
 ESTIMATORS = {
-    "importance sampling": ("h1", "h0", "the default: H1 by importance sampling, H0 exactly"),
-    "Laplace, identified": (
-        "h1_laplace",
-        "h0",
-        "H1 by Laplace in identified coordinates, H0 exactly",
-    ),
-    "Laplace, paper's": (
-        "h1_laplace_natural",
-        "h0",
-        "H1 by Laplace in (mu1, sigma_p^2, sigma_l^2, q0), H0 exactly",
-    ),
-    "bootstrap covariance": (
-        "h1_bootstrap",
-        "h0",
-        "H1 from the fit and the covariance of bootstrap refits (Appendix C), H0 exactly",
-    ),
-    "H0 by Laplace": (
-        "h1",
-        "h0_laplace",
-        "H1 by importance sampling, H0 by the Laplace estimator of frequencies (Appendix C)",
-    ),
-    "Appendix C": (
-        "h1_bootstrap",
-        "h0_laplace",
-        "both sides as in Appendix C: bootstrap covariance and Laplace estimator of frequencies",
-    ),
+    "importance sampling": ("h1", "h0"),
+    "Laplace, identified": ("h1_laplace", "h0"),
+    "Laplace, paper's": ("h1_laplace_natural", "h0"),
+    "bootstrap covariance": ("h1_bootstrap", "h0"),
+    "H0 by Laplace": ("h1", "h0_laplace"),
+    "Appendix C": ("h1_bootstrap", "h0_laplace"),
 }
 DEFAULT = next(iter(ESTIMATORS))
+ABOUT = {name: (_METHODS[h1], _METHODS[h0]) for name, (h1, h0) in ESTIMATORS.items()}
 #: Smallest eigenvalue of a correlation matrix that still counts as invertible.
 SINGULAR = 1e-10
-ABOUT = {name: words for name, (*_, words) in ESTIMATORS.items()}
 #: One row a study: true parameters, and the share of draws below the true value of each quantity,
 #: in 0..1, made continuous by drawing within the place that the truth takes among them; what
 #: sampling did not reach, empty where it converged.
@@ -302,7 +290,7 @@ def appendix_c_evidence(fit: SubjectFit, prior: Prior) -> float:
 def log_bayes_factors(row: SubjectEvidence, by_bootstrap: float) -> dict[str, float]:
     """By estimator, nats; NaN where a side is withheld."""
     factors = {}
-    for name, (h1, h0, _) in ESTIMATORS.items():
+    for name, (h1, h0) in ESTIMATORS.items():
         numerator = by_bootstrap if h1 == "h1_bootstrap" else getattr(row, f"log_evidence_{h1}")
         sides = np.array([numerator, getattr(row, f"log_evidence_{h0}")], np.float64)
         factors[name] = float(sides[0] - sides[1])

@@ -124,6 +124,6 @@ def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monk
     monkeypatch.setattr(sys, "argv", [*sys.argv, "--overwrite"])
     assert calibration_script.main() == 3
     message = capsys.readouterr().out
-    assert "16 of 16 inside" in message
+    assert "The ranks of 16 of 16 rows are inside" in message
     assert "NOT calibrated: made to fail" in message
     assert "seed 3; results in" in message
