@@ -27,9 +27,8 @@ from reference.order_cases import order_cases
 import bayes_toe as bt
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_writable, whole_file
-from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.inference.maxima import find_maxima
+from bayes_toe.inference.fitted import fit_posterior
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.workers import run_in_order
 
@@ -149,14 +148,13 @@ def order_jobs(seeds: int) -> dict[str, partial]:
 def paper_rows(subject: bt.Subject, reference: float, seeds: int) -> list[dict[str, object]]:
     """The row of the paper's model."""
     posterior = bt.model.paper_posterior(subject, bt.Prior())
-    maxima = find_maxima(posterior)
     values, errors, pareto_k = [], [], []
     for seed in range(seeds):
-        fitted = fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima)
-        evidence = importance_evidence(fitted)
+        rng = np.random.default_rng([seed, 7])
+        evidence = importance_evidence(fit_posterior(posterior, rng).fresh(rng, 20_000))
         values.append(np.nan if evidence.value is None else evidence.value)
         errors.append(np.nan if evidence.se is None else evidence.se)
-        pareto_k.append(fitted.pareto_k)
+        pareto_k.append(evidence.pareto_k)
     estimates = Estimates(np.array(values), np.array(errors), max(pareto_k))
     return [row(subject.name, estimates, reference, "largest_pareto_k")]
 

@@ -264,11 +264,10 @@ def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
     scales = common_scales(*study)
     if scales is None or prior.depends_on_stimuli(prior.spread):
         return
-    step, spread = scales.step, prior.spread_distribution
-    p_near = float(spread.cdf(_NEAR * step) - spread.cdf(step / _NEAR))
-    if p_near >= _SELDOM:
+    step = scales.step
+    if prior.spread_probability(step / _NEAR, _NEAR * step) >= _SELDOM:
         return
-    width = "wide" if spread.cdf(step) < 0.5 else "narrow"
+    width = "wide" if prior.spread_probability(0.0, step) < 0.5 else "narrow"
     message = (
         f"The prior is far too {width} for these stimuli: {prior.spread} ~ "
         f"{prior.describe_distribution(prior.spread)}, "

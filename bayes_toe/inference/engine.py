@@ -298,7 +298,11 @@ def fresh_draws(
         probability[i] = rng.uniform(size=shape[1:])
         points[i], is_prior[i] = mixture.sample(rng, size)
 
-    points = np.where(is_prior[..., None], array.prior_points(probability), points)
+    # The draws from the prior stand first in this order, as many places as any posterior has.
+    order = np.argsort(~is_prior, axis=1, kind="stable")[:, : is_prior.sum(axis=1).max()]
+    rows = np.arange(len(array))[:, None]
+    from_prior = array.prior_points(probability[rows, order])
+    points[rows, order] = np.where(is_prior[rows, order, None], from_prior, points[rows, order])
     log_prior, log_posterior = array.densities(points)
     draws = []
     columns = zip(mixtures, points, log_prior, log_posterior, strict=True)

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -95,8 +95,10 @@ def is_trusted(k: float, efficiency: float) -> bool:
     return k < TRUSTED_K and efficiency > TRUSTED_EFFICIENCY
 
 
-def fit_posterior(target: SubjectPosterior, rng: Rng) -> Fitted:
-    """Fit a mixture to a posterior, as sharp as emcee needs it.
+def fit_posterior(
+    target: SubjectPosterior, rng: Rng, judging_draws: int = SHARP.most_draws
+) -> Fitted:
+    """Fit a mixture to a posterior, as sharp as emcee needs it; so many draws judge it.
 
     Examples
     --------
@@ -115,8 +117,11 @@ def fit_posterior(target: SubjectPosterior, rng: Rng) -> Fitted:
         engine_array = FunnelArray(array, funnel_of_maxima(array, [maxima]))
         clouds = [engine_array.funnel.forward(cloud[None])[0][0] for cloud in clouds]
     first = mixture_of_clouds(clouds, maxima, target.is_free, SHARP.prior_share)
+    precision = replace(SHARP, most_draws=judging_draws)
     first = with_prior_components(first, engine_array, rng)
-    (mixture,), (draws,) = fitted_draws(engine_array, [first], [rng], np.zeros(1, np.intp), SHARP)
+    (mixture,), (draws,) = fitted_draws(
+        engine_array, [first], [rng], np.zeros(1, np.intp), precision
+    )
     return Fitted(target, maxima, engine_array, mixture, draws)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
-from scipy.special import logit
+from scipy.special import logit, ndtri
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.maxima import Ascent, ascend_from
@@ -17,7 +17,7 @@ from bayes_toe.model.posterior_array import PosteriorArray
 
 # Where searches begin. Offsets, in D, are off the round numbers at which a distance may be 0.
 _OFFSETS = (-0.93, 0.07, 1.01)
-_LOGITS_OF_GAMMA = (-2.0, 2.0)
+_NOISE_RATIOS = (0.12, 0.88)
 _LOG_WIDTHS = (-1.0, 0.0, 1.0)  # over D
 _LOGITS_OF_LAPSE_RATE = (-3.0, -0.5)
 _STEP_OF_EQUAL_PAIRS = 0.3  # stands for D where no pair has different stimuli
@@ -48,16 +48,16 @@ def _starts(row: PaperRows) -> FloatArray:
         largest_share = ((n_yes + 1.0) / (n_trials + 2.0))[has_trials].max()
         shares = (float(logit(largest_share)),)
 
-    axes = np.meshgrid(_OFFSETS, _LOGITS_OF_GAMMA, _LOG_WIDTHS, shares)
-    offset, logit_gamma, log_width, logit_share = (axis.ravel() for axis in axes)
-    pull, width = pull_at(logit_gamma), step * np.exp(log_width)
+    axes = np.meshgrid(_OFFSETS, _NOISE_RATIOS, _LOG_WIDTHS, shares)
+    offset, gamma, log_width, logit_share = (axis.ravel() for axis in axes)
+    pull, width = pull_at(gamma), step * np.exp(log_width)
     mu1 = _mean_first(row) + offset * step / pull
     if row.prior.spread == "width":
         spread = np.log(width / row.spread_scale[0]) / row.prior.width_sd
     else:
         sigma_p = width * (1.0 - pull) ** row.power
         spread = half_normal_score(sigma_p / row.spread_scale[0])
-    probits = probit_of_logit(logit_gamma), probit_of_logit(logit_share)
+    probits = ndtri(gamma), probit_of_logit(logit_share)
     return np.stack([(mu1 - row.mu1_mean[0]) / row.mu1_sd[0], spread, *probits], -1)
 
 

@@ -23,6 +23,7 @@ from bayes_toe.inference.diagnostics import (
     smoothed_weights,
     worst,
 )
+from bayes_toe.inference.engine import SHARP
 from bayes_toe.inference.evidence import Evidence, importance_evidence
 from bayes_toe.inference.fitted import Fitted, fit_posterior
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, summarise_fit
@@ -35,6 +36,7 @@ from bayes_toe.seeds import generator
 
 #: Independent draws behind the evidence of H1, unless more are asked for.
 EVIDENCE_DRAWS = 4000
+_FEWEST_JUDGING = 4000  # draws that judge a mixture where no chains follow
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 _MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
 SUMMARY_COLUMNS = (
@@ -107,7 +109,8 @@ def fitted_result(
 ) -> tuple[SubjectResult, Fitted]:
     """The results that are wanted of one posterior, and the mixture that is fitted to it."""
     key = seed, target.subject.name, target.model.name
-    fitted = fit_posterior(target, generator(*key, "proposal"))
+    judging_draws = _FEWEST_JUDGING if request.chains is None else SHARP.most_draws
+    fitted = fit_posterior(target, generator(*key, "proposal"), judging_draws)
     chains, fit, evidence = None, None, None
     if request.chains is not None:
         chains = sample_chains(fitted, request.chains, seed)

@@ -17,8 +17,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
-from bayes_toe.model.densities import logit_of_probit
-from bayes_toe.model.paper_rows import PaperRows, log_pull_at
+from bayes_toe.model.paper_rows import PaperRows
 from bayes_toe.model.posterior_array import PosteriorArray
 
 
@@ -55,7 +54,7 @@ class Funnel:
 
     def conditional(self, u: FloatArray) -> ArrayPair:
         """Mean and log standard deviation, (posteriors, points) each."""
-        log_pull = log_pull_at(logit_of_probit(u[..., 2]))
+        log_pull = self.rows.log_pull(u)
         log_of_answers = self.log_precision + 2.0 * log_pull
         log_square = np.logaddexp(2.0 * self.rows.log_width(u), 2.0 * self.log_least_width)
         log_of_answers = log_of_answers - self.follows_width * log_square

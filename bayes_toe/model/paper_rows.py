@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import expit, log_expit
+from scipy.special import expit, log_expit, log_ndtr, ndtr
 
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.study import Subject
@@ -30,6 +30,7 @@ from bayes_toe.model.densities import (
     half_normal_rise,
     logit_of_probit,
     logit_rise,
+    normal_hazard,
 )
 from bayes_toe.model.paper_equations import LN2, log_different, log_equal
 from bayes_toe.model.prior import Prior
@@ -111,11 +112,21 @@ class PaperRows(AnswerRows):
 
     def pull(self, u: FloatArray) -> FloatArray:
         """Pull p, (rows, points)."""
-        return pull_at(logit_of_probit(u[..., 2]))
+        return pull_at(ndtr(u[..., 2]))
 
     def _pull_slope(self, u: FloatArray) -> FloatArray:
-        """Its derivative in the third coordinate."""
-        return pull_slope(logit_of_probit(u[..., 2])) * logit_rise(u[..., 2])
+        """Its derivative in the third coordinate.
+
+        gamma = p/(1 - p)^2, so that d ln gamma / d ln p = (1 + p)/(1 - p).
+        """
+        p = self.pull(u)
+        return p * (1.0 - p) / (1.0 + p) * normal_hazard(-u[..., 2])
+
+    def log_pull(self, u: FloatArray) -> FloatArray:
+        """Log of the pull, finite however small gamma is, (rows, points)."""
+        gamma = ndtr(u[..., 2])
+        rest = np.log(1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
+        return LN2 + log_ndtr(u[..., 2]) - rest
 
     def log_width(self, u: FloatArray) -> FloatArray:
         """Log of the width w, (rows, points)."""
@@ -185,32 +196,15 @@ class PaperRows(AnswerRows):
 # --- Pull ----------------------------------------------------------------------------------------
 
 
-def pull_at(logit_gamma: FloatArray) -> FloatArray:
-    """The pull p at the logit of gamma.
+def pull_at(gamma: FloatArray) -> FloatArray:
+    """The pull p at a noise ratio gamma; nothing cancels.
 
     Examples
     --------
-    >>> pull_at(np.array([-700.0, 0.0])).tolist()
-    [9.85967654375977e-305, 0.2679491924311227]
+    >>> pull_at(np.array([1e-300, 0.5])).round(4).tolist()
+    [0.0, 0.2679]
     """
-    gamma = expit(logit_gamma)
     return 2.0 * gamma / (1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
-
-
-def log_pull_at(logit_gamma: FloatArray) -> FloatArray:
-    """Log of the pull, finite however small gamma is."""
-    gamma = expit(logit_gamma)
-    rest = np.log(1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
-    return LN2 + log_expit(logit_gamma) - rest
-
-
-def pull_slope(logit_gamma: FloatArray) -> FloatArray:
-    """Derivative of the pull in the logit of gamma.
-
-    gamma = p/(1 - p)^2, so that d ln gamma / d ln p = (1 + p)/(1 - p).
-    """
-    p = pull_at(logit_gamma)
-    return p * expit(-logit_gamma) * (1.0 - p) / (1.0 + p)
 
 
 # --- Curves of both answers ----------------------------------------------------------------------

@@ -15,26 +15,17 @@ The numbers of H1 are declared in :mod:`bayes_toe.model.prior_fields`, those of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, Record
-from bayes_toe.data.messages import join_names
 from bayes_toe.data.study import Subject, common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.densities import ProbitOfBeta
-from bayes_toe.model.distributions import (
-    Beta,
-    Distribution,
-    HalfNormal,
-    LogNormal,
-    Normal,
-)
 from bayes_toe.model.paper_equations import Natural, variance_ratio
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior_fields import STIMULI, PriorFields
@@ -75,15 +66,15 @@ class Prior(PriorFields):
     #: The prior of the four models of the observer.
     observer: ObserverPrior = field(default_factory=ObserverPrior)
 
-    #: Family of every parameter, independent of the others; it takes the parameter's numbers in the
-    #: order of their declaration.
-    families: ClassVar[Mapping[str, Callable[..., Distribution]]] = {
-        "mu1": Normal,
-        "sigma_p": HalfNormal,
-        "width": LogNormal,
-        "gamma": Beta,
-        "q0": Beta,
-        "lapse_rate": Beta,
+    #: The family of every parameter's distribution, which takes its numbers in the order of their
+    #: declaration.
+    families: ClassVar[Mapping[str, str]] = {
+        "mu1": "Normal",
+        "sigma_p": "HalfNormal",
+        "width": "LogNormal",
+        "gamma": "Beta",
+        "q0": "Beta",
+        "lapse_rate": "Beta",
     }
 
     def paper_parameters(self, task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
@@ -138,41 +129,6 @@ class Prior(PriorFields):
         """Whether a parameter's distribution has a number of the stimuli, and so their unit."""
         return STIMULI in self._numbers(parameter).values()
 
-    def distribution(self, parameter: str) -> Distribution:
-        """Distribution of one parameter.
-
-        Raises
-        ------
-        InputError
-            For a parameter that has none of its own, or whose numbers are still those of the
-            stimuli.
-        """
-        if parameter in self._distributions:
-            return self._distributions[parameter]
-        if parameter not in self.families:
-            raise InputError(
-                f"prior: no distribution of {parameter!r}, allowed: {', '.join(self.families)}"
-            )
-        numbers = self._numbers(parameter).items()
-        unset = [name for name, value in numbers if value is None]
-        if unset:
-            raise InputError(f"prior: {join_names(unset)} is not set, allowed: a number")
-        names = ", ".join(name for name, value in numbers if value == STIMULI)
-        raise InputError(
-            f"prior: {names} is to come from pairs of different stimuli, and there are none; "
-            "allowed: a number"
-        )
-
-    @cached_property
-    def _distributions(self) -> Mapping[str, Distribution]:
-        """The distributions of which all is known."""
-        distributions = {}
-        for name, family in self.families.items():
-            numbers = self._numbers(name).values()
-            if STIMULI not in numbers and None not in numbers:
-                distributions[name] = family(*numbers)
-        return distributions
-
     def _numbers(self, parameter: str) -> Record:
         """The numbers of a parameter's distribution by name."""
         names = [number.name for number in self.declared() if number.parameter == parameter]
@@ -189,9 +145,9 @@ class Prior(PriorFields):
                 value = getattr(self, number.name)
                 words.append(number.stimuli if value == STIMULI else f"{value:g}")
         family = self.families[parameter]
-        if family is Beta and words == ["1", "1"]:
+        if family == "Beta" and words == ["1", "1"]:
             return "Uniform(0, 1)"
-        return f"{family.__name__}({', '.join(words)})"
+        return f"{family}({', '.join(words)})"
 
     @property
     def spread_scale(self) -> float:
@@ -210,14 +166,19 @@ class Prior(PriorFields):
         return ProbitOfBeta(getattr(self, f"{name}_a"), getattr(self, f"{name}_b"))
 
     @property
-    def penalty(self) -> Normal:
-        """The normal of mu1, which is the penalty of a maximum-likelihood fit."""
-        return cast(Normal, self.distribution("mu1"))
+    def mu1_normal(self) -> tuple[float, float]:
+        """Mean and standard deviation of mu1, which are the penalty of a maximum-likelihood fit."""
+        return cast(float, self.mu1_mean), cast(float, self.mu1_sd)
 
-    @property
-    def spread_distribution(self) -> HalfNormal | LogNormal:
-        """The distribution of the width, or of sigma_p."""
-        return cast(HalfNormal | LogNormal, self.distribution(self.spread))
+    def spread_probability(self, low: float, high: float) -> float:
+        """Probability that the width, or sigma_p, lies between two numbers."""
+        from scipy import stats
+
+        scale = self.spread_scale
+        density = stats.halfnorm(scale=scale)
+        if self.spread == "width":
+            density = stats.lognorm(self.width_sd, scale=scale)
+        return float(density.cdf(high) - density.cdf(low))
 
     def describe(self, task: Task = SAME_DIFFERENT) -> str:
         """H1's in one line for tables, files and Methods sections."""
@@ -238,7 +199,7 @@ class Prior(PriorFields):
         return ""
 
     def describe_penalty(self) -> str:
-        """:attr:`penalty` in words."""
+        """:attr:`mu1_normal` in words."""
         words = f"mu1 ~ {self.describe_distribution('mu1')}"
         if self.depends_on_stimuli("mu1"):
             words += "; M mean and R sd of the stimuli"
@@ -252,20 +213,23 @@ class Prior(PriorFields):
         d sigma_p / d sigma_p^2 = 1 / (2 sigma_p) and, at fixed sigma_p, d gamma / d sigma_l^2 = 1 /
         sigma_p^2. Source: Appendix C.
         """
+        from scipy import stats
+
         gamma, q0 = theta.gamma, theta.q0
         is_inside = (theta.sigma_p > 0) & (gamma >= 0) & (gamma <= 1) & (q0 >= 0) & (q0 <= 1)
-        log_spread = np.log(theta.sigma_p)
+        log_density = stats.norm.logpdf(theta.mu1, *self.mu1_normal)
         if self.spread == "width":
-            log_spread = log_spread + 1.5 * np.log(variance_ratio(gamma))
-        of_gamma = cast(Beta, self.distribution("gamma"))
-        of_q0 = cast(Beta, self.distribution("q0"))
-        log_density = self.penalty.log_density(theta.mu1)
-        # d spread / d sigma_p = spread / sigma_p, and the density of the log is spread times this.
-        log_density = log_density + self.spread_distribution.log_density_of_log(log_spread)
-        with np.errstate(divide="ignore", invalid="ignore"):  # edges, and beyond them
-            log_density += of_gamma.log_density_of_logs(np.log(gamma), np.log1p(-gamma))
-            log_density += of_q0.log_density_of_logs(np.log(q0), np.log1p(-q0))
+            ratio = variance_ratio(gamma) ** 1.5
+            width = theta.sigma_p * ratio
+            # d width / d sigma_p is the ratio.
+            log_spread = stats.lognorm.logpdf(width, self.width_sd, scale=self.spread_scale)
+            log_density = log_density + log_spread + np.log(ratio)
+        else:
+            log_density += stats.halfnorm.logpdf(theta.sigma_p, scale=self.spread_scale)
+        log_density += stats.beta.logpdf(gamma, self.gamma_a, self.gamma_b)
+        log_density += stats.beta.logpdf(q0, self.q0_a, self.q0_b)
         volume = -np.log(2.0) - 4.0 * np.log(theta.sigma_p)
+        volume += np.log(theta.sigma_p)
         return np.where(is_inside, log_density + volume, -np.inf)
 
 

@@ -44,7 +44,6 @@ from bayes_toe.model.paper_equations import (
     log_different,
     log_equal,
     normalised_distance,
-    variance_ratio,
 )
 from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
 from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
@@ -253,7 +252,8 @@ def observed(job: Job) -> tuple[Subject, Natural | None]:
     design, seed, name = reference_design(batches=DESIGNS[job.design]), job.settings.seed, job.name
     rng = generator(seed, name, "observer")
     if job.from_h1:
-        theta = prior_draw(job.settings.prior if job.truth is None else job.truth, rng)
+        pairs = Subject(name, design.s1, design.s2, 0 * design.n_trials, design.n_trials)
+        theta = prior_draw(job.settings.prior if job.truth is None else job.truth, pairs, rng)
         observer = PaperObserver(name, Natural(*(value[0] for value in theta)))
         (trials,) = simulate_trials([observer], design, seed)
         return Subject.from_trials(name, trials.s1, trials.s2, trials.yes), theta
@@ -261,13 +261,10 @@ def observed(job: Job) -> tuple[Subject, Natural | None]:
     return Subject(name, design.s1, design.s2, counts, np.full(len(counts), design.batches)), None
 
 
-def prior_draw(prior: Prior, rng: Rng) -> Natural:
-    """One draw of the paper's parameters, each of shape (1,)."""
-    mu1, spread, gamma, q0 = (
-        prior.distribution(name).sample(rng, 1) for name in prior.paper_parameters()
-    )
-    sigma_p = spread if prior.spread == "sigma_p" else spread / variance_ratio(gamma) ** 1.5
-    return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
+def prior_draw(prior: Prior, pairs: Subject, rng: Rng) -> Natural:
+    """One draw of the paper's parameters for these pairs, each of shape (1,)."""
+    posterior = paper_posterior(pairs, prior)
+    return posterior.natural(posterior.sample_prior(rng, 1))
 
 
 def appendix_c_evidence(fit: SubjectFit, prior: Prior) -> float:

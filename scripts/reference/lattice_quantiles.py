@@ -12,9 +12,8 @@ from scipy.special import expit, sici
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.paper_equations import MAX_PULL
-from bayes_toe.classical.identified_curve import reach
 from reference.lattice import keys
-from reference.lattice_sums import CHARACTERS, Audit
+from reference.lattice_sums import CHARACTERS, Audit, reach
 from reference.panels import COEFFICIENTS, WEIGHTS, joined
 
 LEVELS = (0.05, 0.5, 0.95)

@@ -9,11 +9,17 @@ from scipy.special import expit, logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.paper_equations import MAX_PULL
-from bayes_toe.classical.identified_curve import reach
 from reference.lattice import Lattice
 
 CHARACTERS = tuple(sign for sign in product((0, 1), repeat=3) if any(sign))
 _SHELL = 2.0  # nats: thickness of the outermost shell whose weight bounds what lies outside
+
+
+def reach(x: FloatArray) -> FloatArray:
+    """mu1 - sbar = c / p at points (c, logit(p / p_max), log w, logit q0), infinite past floats."""
+    c, a = x[..., 0], x[..., 1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.where(c == 0.0, 0.0, c * (1.0 + np.exp(-a)) / MAX_PULL)
 
 
 class Audit:
