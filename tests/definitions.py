@@ -61,33 +61,35 @@ def log_counts(yes, no, k, n):
     return log_power(yes, k) + log_power(no, n - k)
 
 
-def log_width_prior(sigma_p, width, prior):
-    """Log density of the log of what has the prior: sigma_p, or the width."""
-    if prior.width_median is None:
-        return half_normal(sigma_p, prior.sigma_p_scale) + log(sigma_p)
-    return normal(log(width), log(mpf(prior.width_median)), prior.width_sd)
-
-
-def beta(x, a, b):
-    """Log density of the logit of a share."""
-    return a * log(expit(x)) + b * log(1 - expit(x)) - log(mpmath.beta(a, b))
+def probit_of_beta(v, a, b):
+    """Log density of the probit of a share."""
+    shares = (a - 1) * log(mpmath.ncdf(v)) + (b - 1) * log(mpmath.ncdf(-v))
+    return shares + normal(v, 0, 1) - log(mpmath.beta(a, b))
 
 
 def terms(target, x):
     """Every term of the log posterior of H1: one for each pair, and those of the prior."""
-    s, sbar, prior = target.subject, mpf(target.sbar), target.prior
-    offset, a, log_width, logit_share = x
-    p, width, power = mpf(MAX_PULL) * expit(a), exp(log_width), width_power(target)
+    s, prior = target.subject, target.prior
+    score, spread, gamma_probit, share_probit = x
+    mu1 = mpf(prior.mu1_mean) + mpf(prior.mu1_sd) * score
+    gamma, power = mpmath.ncdf(gamma_probit), width_power(target)
+    ratio = (1 + sqrt(1 + 4 * gamma)) / 2
+    p = gamma / ratio**2
+    if prior.width_median is None:
+        half_normal_score = sqrt(2) * mpmath.erfinv(mpmath.ncdf(spread))
+        width = mpf(prior.sigma_p_scale) * half_normal_score * ratio**power
+    else:
+        width = mpf(prior.width_median) * exp(mpf(prior.width_sd) * spread)
     result = []
     for s1, s2, k, n in zip(s.s1, s.s2, s.n_yes, s.n_trials, strict=True):
         first, second = mpf(float(s1)), mpf(float(s2))
-        z = ((second - first) + p * (first - sbar) - offset) / width
-        result.append(log_counts(*answers(s.task, z, expit(logit_share)), int(k), int(n)))
-    result.append(normal(offset / p + sbar, prior.mu1_mean, prior.mu1_sd))
-    result.append(log_width_prior(width * (1 - p) ** power, width, prior))
-    result.append(log((1 + p) / (1 - p) ** 3 * (1 - p / mpf(MAX_PULL))))  # d(mu1, gamma)/d(c, a)
+        z = ((second - first) + p * (first - mu1)) / width
+        share = mpmath.ncdf(share_probit)
+        result.append(log_counts(*answers(s.task, z, share), int(k), int(n)))
+    result += [normal(score, 0, 1), normal(spread, 0, 1)]
+    result.append(probit_of_beta(gamma_probit, mpf(prior.gamma_a), mpf(prior.gamma_b)))
     a, b = (mpf(getattr(prior, f"{s.task.lapses}_{end}")) for end in "ab")
-    result.append(beta(logit_share, a, b))
+    result.append(probit_of_beta(share_probit, a, b))
     return result
 
 

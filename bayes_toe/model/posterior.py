@@ -89,11 +89,7 @@ class SubjectPosterior(ABC):
     """
 
     subject: Subject
-
-    @property
-    @abstractmethod
-    def model(self) -> NamedModel:
-        """The model."""
+    model: NamedModel
 
     @property
     @abstractmethod

@@ -252,7 +252,8 @@ def observed(job: Job) -> tuple[Subject, Natural | None]:
     design, seed, name = reference_design(batches=DESIGNS[job.design]), job.settings.seed, job.name
     rng = generator(seed, name, "observer")
     if job.from_h1:
-        pairs = Subject(name, design.s1, design.s2, 0 * design.n_trials, design.n_trials)
+        n_trials = np.full(len(design.s1), design.batches)
+        pairs = Subject(name, design.s1, design.s2, 0 * n_trials, n_trials)
         theta = prior_draw(job.settings.prior if job.truth is None else job.truth, pairs, rng)
         observer = PaperObserver(name, Natural(*(value[0] for value in theta)))
         (trials,) = simulate_trials([observer], design, seed)
