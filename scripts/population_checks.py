@@ -5,11 +5,10 @@
     python scripts/population_checks.py calibration --studies 80  # of the Bayes factor
     python scripts/population_checks.py nuts                      # NumPyro; pip install numpyro
 
-A simulated study has ten
-subjects who answer which of two stimuli is stronger: ten ordered pairs of neighbours of six levels
-0.25 apart, 40 or 200 trials a subject. sigma_d is 0.8 D exp(Normal(0, 0.35)); with probability 1/2
-each, the lapse rate is Beta(2, 14) and the noise slope Normal(-0.1, 0.25)/R, otherwise 0. A study
-takes about 4 s of CPU; --first continues where another run has ended.
+A simulated study has ten subjects who answer which of two stimuli is stronger: ten ordered pairs of
+neighbours of six levels 0.25 apart, 40 or 200 trials a subject. sigma_d is 0.8 D exp(Normal(0,
+0.35)); with probability 1/2 each, the lapse rate is Beta(2, 14) and the noise slope Normal(-0.1,
+0.25)/R, otherwise 0. A study takes about 4 s of CPU; --first continues where another run has ended.
 """
 
 from __future__ import annotations
