@@ -3,7 +3,7 @@
 import itertools
 import pickle
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pandas as pd
@@ -47,7 +47,9 @@ def make_trials(rng, count=650, blocks=10, swapped=()):
 
 
 def from_trials(name, keys, yes, block=None, task=SAME_DIFFERENT):
-    names = () if block is None else tuple(str(1 + index) for index in range(block.max() + 1))
+    names = ()
+    if block is not None:
+        names = tuple(str(1 + index) for index in range(block.max() + 1))
     answers = Answers(keys, yes, np.ones_like(yes), block, names, True)
     return Subject.from_answers(name, answers, task)
 
@@ -73,11 +75,13 @@ def find(*subjects):
 
 def codes_by_subject(subjects):
     """The codes of each flagged subject of one study: evidences cost less together."""
-    numbered = tuple(replace(subject, name=str(i)) for i, subject in enumerate(subjects))
-    found = {}
+    numbered = []
+    for number, subject in enumerate(subjects):
+        numbered.append(replace(subject, name=str(number)))
+    codes = {}
     for finding in find(*numbered):
-        found.setdefault(finding.subject, set()).add(finding.code)
-    return found
+        codes.setdefault(finding.subject, set()).add(finding.code)
+    return codes
 
 
 def messages(*subjects):
@@ -105,16 +109,19 @@ def test_flags_are_those_of_each_subject_in_the_order_of_the_study():
 
 def test_clean_observers_are_flagged_as_rarely_as_stated():
     # Two tests at 2.5 % of 150 studies: 7 are expected, more than 17 in one of 1,000 such runs.
-    made = (make_subject(seed, count=260, blocks=5) for seed in range(150))
-    assert len(codes_by_subject(made)) <= 17
+    subjects = map(partial(make_subject, count=260, blocks=5), range(150))
+    assert len(codes_by_subject(subjects)) <= 17
 
 
 @pytest.mark.parametrize("constant_error", [-2.5, 0.0, 1.0, 2.5])
 @BOTH_TASKS
 def test_constant_errors_are_no_flaw_of_the_answers(task, constant_error):
     shifts = np.full(400, constant_error)
-    trials = [signal_trials(default_rng(seed), task, shifts) for seed in range(10)]
-    codes = codes_by_subject(from_trials("S", *each, task=task) for each in trials)
+    subjects = []
+    for seed in range(10):
+        trials = signal_trials(default_rng(seed), task, shifts)
+        subjects.append(from_trials("S", *trials, task=task))
+    codes = codes_by_subject(subjects)
     assert set().union(*codes.values()) <= {"drift", "one_answer"}
 
 
@@ -422,7 +429,7 @@ def test_nothing_is_proposed_in_the_other_public_studies(real_data, path):
     findings = check_answers(study)
     assert all(finding.is_interpretable for finding in findings)
     assert {finding.option for finding in findings} <= {""}
-    some = study.subjects[:10]
-    wrong = messages(*(replace(subject, task=OTHER_TASK[study.task]) for subject in some))
+    first_ten = study.subjects[:10]
+    wrong = messages(*(replace(subject, task=OTHER_TASK[study.task]) for subject in first_ten))
     code = LIKE_OTHER[OTHER_TASK[study.task]]
     assert (code in wrong) == ("auditory" not in path)  # one distance, no equal pair
