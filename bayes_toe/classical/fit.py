@@ -127,8 +127,8 @@ class SubjectFit:
             remarks.append(
                 f"{n_lost} {replicates} did not converge; intervals use their best points"
             )
-        n_on_edge = self.fits.edges.sum(axis=0).tolist()
-        for name, n_there in zip(self.fits.edge_names, n_on_edge, strict=True):
+        for name, is_on_edge in self.fits.edges.items():
+            n_there = int(is_on_edge.sum())
             if name == "not unique" and n_there == len(self):
                 remarks.append("no bootstrap replicate determines every parameter")
             elif n_there and name in _EDGE_WORDS:

@@ -46,7 +46,7 @@ from bayes_toe.model.paper_equations import (
     normalised_distance,
     variance_ratio,
 )
-from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
+from bayes_toe.model.paper_model import PAPER_MODEL, log_jacobian, paper_posterior
 from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
@@ -282,9 +282,12 @@ def appendix_c_evidence(fit: SubjectFit, prior: Prior) -> float:
         return np.nan
     if np.linalg.eigvalsh(np.corrcoef(replicates.T))[0] < SINGULAR:
         return np.nan
-    density = float(prior.log_density_variances(Natural(*theta)))
+    points = fit.fitted.points
+    density = paper_posterior(fit.fitted.subject, prior).log_prior(points) - log_jacobian(points)
+    # |d(sigma_p^2, sigma_l^2) / d(sigma_p, gamma)| = 2 sigma_p^3.
+    log_prior = float(density[0]) - np.log(2.0) - 3.0 * np.log(theta[1])
     half_log_det = 0.5 * float(np.linalg.slogdet(2.0 * np.pi * np.cov(replicates.T))[1])
-    return fit.log_likelihood + density + half_log_det
+    return fit.log_likelihood + log_prior + half_log_det
 
 
 def log_bayes_factors(row: SubjectEvidence, by_bootstrap: float) -> dict[str, float]:

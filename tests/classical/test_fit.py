@@ -29,7 +29,7 @@ def make_bootstrap(replicates, fitted=(0.1, 0.3, 0.1, 0.9)):
 
     def fits(parameters):
         n = len(parameters)
-        value, edges, arrived = np.full(n, -5.0), np.zeros((n, 7), bool), np.ones(n, bool)
+        value, edges, arrived = np.full(n, -5.0), {"q0=1": np.zeros(n, bool)}, np.ones(n, bool)
         points = np.zeros((n, 4))
         subject = SUBJECTS["S01"]
         return MaximumLikelihoodFits(parameters, value, value, edges, arrived, points, subject)
@@ -48,16 +48,16 @@ def test_resampled_counts_are_beta_binomial():
 
 
 def test_a_study_of_which_is_stronger_has_the_same_table_with_lapses():
-    study = bt.example_study(WHICH_STRONGER).select(["S01", "S07"])
+    study = bt.example_study(WHICH_STRONGER).select(["S01", "S08"])
     table = bt.fit(study, replicates=100, seed=1, workers=1)
     frame = table.frame(full=True).set_index("subject")
     natural = ["mu1", "sigma_p", "sigma_l", "lapse_rate"]
     assert list(frame.columns[:6]) == [*natural, "log_likelihood", "at_edge"]
-    assert frame.loc["S07", natural].tolist() == table["S07"].parameters.tolist()
+    assert frame.loc["S08", natural].tolist() == table["S08"].parameters.tolist()
     limits = [f"{name}_{end}" for name, end in product(natural, ("lower", "upper"))]
-    intervals = table["S07"].intervals(0.95)
-    assert frame.loc["S07", limits].tolist() == intervals.ravel().tolist()
-    low, high = table["S07"].bands(0.0, [-0.3, 0.3])
+    intervals = table["S08"].intervals(0.95)
+    assert frame.loc["S08", limits].tolist() == intervals.ravel().tolist()
+    low, high = table["S08"].bands(0.0, [-0.3, 0.3])
     assert low[0] < high[0] < 0.5 < low[1] < high[1]
 
 
