@@ -61,6 +61,11 @@ def log_counts(yes, no, k, n):
     return log_power(yes, k) + log_power(no, n - k)
 
 
+def beta(x, a, b):
+    """Log density of the logit of a share."""
+    return a * log(expit(x)) + b * log(1 - expit(x)) - log(mpmath.beta(a, b))
+
+
 def probit_of_beta(v, a, b):
     """Log density of the probit of a share."""
     shares = (a - 1) * log(mpmath.ncdf(v)) + (b - 1) * log(mpmath.ncdf(-v))

@@ -11,7 +11,7 @@ coordinates are those of :mod:`bayes_toe.model.paper_rows`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import cast
 
@@ -89,14 +89,11 @@ class PaperPosterior(SubjectPosterior):
     subject: Subject
     prior: Prior = DEFAULT
     centre: float | None = None
+    model: PaperModel = field(init=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "model", PaperModel(self.subject.task))
         object.__setattr__(self, "prior", self.prior.for_subjects(self.subject))
-
-    @property
-    def model(self) -> PaperModel:
-        """The model of the subject's task."""
-        return PaperModel(self.subject.task)
 
     @cached_property
     def array(self) -> PosteriorArray:

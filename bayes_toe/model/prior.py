@@ -19,14 +19,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self, cast
 
-import numpy as np
-
-from bayes_toe.arrays import FloatArray, Record
+from bayes_toe.arrays import Record
 from bayes_toe.data.study import Subject, common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.densities import ProbitOfBeta
-from bayes_toe.model.paper_equations import Natural, variance_ratio
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior_fields import STIMULI, PriorFields
 
@@ -204,33 +201,6 @@ class Prior(PriorFields):
         if self.depends_on_stimuli("mu1"):
             words += "; M mean and R sd of the stimuli"
         return words
-
-    def log_density_variances(self, theta: Natural) -> FloatArray:
-        """Log density in the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0).
-
-        Edges are included; outside it is -inf.
-
-        d sigma_p / d sigma_p^2 = 1 / (2 sigma_p) and, at fixed sigma_p, d gamma / d sigma_l^2 = 1 /
-        sigma_p^2. Source: Appendix C.
-        """
-        from scipy import stats
-
-        gamma, q0 = theta.gamma, theta.q0
-        is_inside = (theta.sigma_p > 0) & (gamma >= 0) & (gamma <= 1) & (q0 >= 0) & (q0 <= 1)
-        log_density = stats.norm.logpdf(theta.mu1, *self.mu1_normal)
-        if self.spread == "width":
-            ratio = variance_ratio(gamma) ** 1.5
-            width = theta.sigma_p * ratio
-            # d width / d sigma_p is the ratio.
-            log_spread = stats.lognorm.logpdf(width, self.width_sd, scale=self.spread_scale)
-            log_density = log_density + log_spread + np.log(ratio)
-        else:
-            log_density += stats.halfnorm.logpdf(theta.sigma_p, scale=self.spread_scale)
-        log_density += stats.beta.logpdf(gamma, self.gamma_a, self.gamma_b)
-        log_density += stats.beta.logpdf(q0, self.q0_a, self.q0_b)
-        volume = -np.log(2.0) - 4.0 * np.log(theta.sigma_p)
-        volume += np.log(theta.sigma_p)
-        return np.where(is_inside, log_density + volume, -np.inf)
 
 
 def stored_prior(values: Mapping[str, Any]) -> Prior:

@@ -19,6 +19,7 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 from scipy.special import logit
 
 from bayes_toe.answers.evidence_table import SubjectEvidence, subject_evidence
@@ -44,6 +45,7 @@ from bayes_toe.model.paper_equations import (
     log_different,
     log_equal,
     normalised_distance,
+    variance_ratio,
 )
 from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
 from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
@@ -73,8 +75,7 @@ FALSE_ALARM = 0.01
 #: What the columns of the evidence table are.
 _METHODS = {
     "h1": "importance sampling",
-    "h1_laplace": "Laplace approximation in identified coordinates",
-    "h1_laplace_natural": "Laplace approximation in mu1, sigma_p^2, sigma_l^2 and q0",
+    "h1_laplace": "Laplace approximation in scores of the prior",
     "h1_bootstrap": "covariance of bootstrap refits (Appendix C)",
     "h0": "exact",
     "h0_laplace": "Laplace estimator of frequencies (Appendix C)",
@@ -82,8 +83,7 @@ _METHODS = {
 #: By estimator of the log Bayes factor H1 - H0, its two columns; the first is the default.
 ESTIMATORS = {
     "importance sampling": ("h1", "h0"),
-    "Laplace, identified": ("h1_laplace", "h0"),
-    "Laplace, paper's": ("h1_laplace_natural", "h0"),
+    "Laplace": ("h1_laplace", "h0"),
     "bootstrap covariance": ("h1_bootstrap", "h0"),
     "H0 by Laplace": ("h1", "h0_laplace"),
     "Appendix C": ("h1_bootstrap", "h0_laplace"),
@@ -280,9 +280,26 @@ def appendix_c_evidence(fit: SubjectFit, prior: Prior) -> float:
         return np.nan
     if np.linalg.eigvalsh(np.corrcoef(replicates.T))[0] < SINGULAR:
         return np.nan
-    density = float(prior.log_density_variances(Natural(*theta)))
+    log_prior = log_prior_of_variances(theta, prior.for_subjects(fit.fitted.subject))
     half_log_det = 0.5 * float(np.linalg.slogdet(2.0 * np.pi * np.cov(replicates.T))[1])
-    return fit.log_likelihood + density + half_log_det
+    return fit.log_likelihood + log_prior + half_log_det
+
+
+def log_prior_of_variances(theta: FloatArray, prior: Prior) -> float:
+    """Log prior density of (mu1, sigma_p^2, sigma_l^2, q0) at the paper's parameters."""
+    mu1, sigma_p, sigma_l, q0 = theta
+    gamma = (sigma_l / sigma_p) ** 2
+    if prior.spread == "width":
+        ratio = variance_ratio(gamma) ** 1.5
+        of_width = stats.lognorm(prior.width_sd, scale=prior.spread_scale)
+        of_sigma_p = of_width.logpdf(sigma_p * ratio) + np.log(ratio)
+    else:
+        of_sigma_p = stats.halfnorm(scale=prior.spread_scale).logpdf(sigma_p)
+    of_gamma = stats.beta.logpdf(gamma, prior.gamma_a, prior.gamma_b)
+    of_q0 = stats.beta.logpdf(q0, prior.q0_a, prior.q0_b)
+    total = stats.norm.logpdf(mu1, *prior.mu1_normal) + of_sigma_p + of_gamma + of_q0
+    # |d(sigma_p^2, sigma_l^2) / d(sigma_p, gamma)| = 2 sigma_p^3.
+    return float(total - np.log(2.0) - 3.0 * np.log(sigma_p))
 
 
 def log_bayes_factors(row: SubjectEvidence, by_bootstrap: float) -> dict[str, float]:

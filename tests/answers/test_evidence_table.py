@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from bayes_toe.inference.adaptation import fit_proposal
 from conftest import few_pairs, made_subject
 from reference.hard_cases import hard_cases
 
@@ -18,7 +19,6 @@ from bayes_toe.answers.evidence_table import (
     subject_evidence,
 )
 from bayes_toe.errors import NumericalError
-from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import (
     importance_evidence,
 )

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from bayes_toe.inference.adaptation import fit_proposal
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
-from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.mixture import (
     StudentMixture,
     WeightedDraws,

@@ -6,13 +6,13 @@ from functools import partial
 
 import numpy as np
 import pytest
+from bayes_toe.inference.adaptation import fit_proposal
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases, twins
 from scipy.special import logsumexp
 
 import bayes_toe as bt
 from bayes_toe.errors import ConvergenceWarning, InputError
-from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import TAIL, convergence, errors
 from bayes_toe.inference.mixture import importance_draws
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains

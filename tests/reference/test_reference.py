@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bayes_toe.inference.adaptation import fit_proposal
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from reference.order_cases import order_cases
@@ -30,11 +31,10 @@ from scipy import stats
 from scipy.special import xlogy
 
 import bayes_toe as bt
-from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.maxima import find_maxima
-from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.inference.mixture import WeightedDraws, efficiency
+from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.parameters import ObserverPrior
 
