@@ -1,16 +1,15 @@
 """Moves: known moments stay, weights, and the ratio of densities of the global one."""
 
+from types import SimpleNamespace
+
 import emcee
 import numpy as np
 import pytest
-from scipy.special import digamma, polygamma
+from scipy.special import digamma, ndtri, polygamma
 
-from bayes_toe.inference.mixture import (
-    FittedProposal,
-    Proposal,
-    StudentMixture,
-    importance_draws,
-)
+from bayes_toe.inference.engine import PriorMixture, fresh_draws
+from bayes_toe.inference.fitted import Fitted
+from bayes_toe.inference.mixture import StudentMixture
 from bayes_toe.inference.sampling import moves
 from bayes_toe.seeds import stream
 
@@ -38,29 +37,36 @@ class Target:
         return digamma(self.shape), polygamma(1, self.shape)
 
 
+class Array:
+    """The target as an array of one, with a wide normal as its prior."""
+
+    names = ("a", "b", "c", "d")
+    is_free = np.ones((1, 4), np.bool_)
+
+    def __init__(self, target):
+        self.target = target
+
+    def __len__(self):
+        return 1
+
+    def log_prior(self, w):
+        return -0.5 * (np.square(w - 0.5) / 9 + np.log(2 * np.pi * 9)).sum(axis=-1)
+
+    def prior_points(self, probability):
+        return 0.5 + 3 * ndtri(probability)
+
+    def densities(self, w):
+        return self.log_prior(w), self.target.log_density(w[0])[None]
+
+
 def _fitted_for(target):
-    """A proposal deliberately off the target, so that a wrong acceptance rule shows."""
-
-    class Known:
-        log_density = staticmethod(target.log_density)
-
-        def log_prior(self, x):
-            return -0.5 * (np.square(x - 0.5) / 9 + np.log(2 * np.pi * 9)).sum(axis=1)
-
-        def log_likelihood(self, x):
-            return target.log_density(x) - self.log_prior(x)
-
-        def sample_prior(self, rng, size):
-            return 0.5 + 3 * rng.standard_normal((size, 4))
-
-    class Same:
-        forward = staticmethod(lambda x: (x, np.zeros(len(x))))
-        inverse = staticmethod(lambda y: (y.copy(), np.zeros(len(y))))
-
-    mixture = StudentMixture(np.ones(1), np.full((1, 4), 0.4), 1.7 * np.eye(4)[None], 4)
-    proposal = Proposal(Known(), Same(), mixture, mixture, 0.05)
-    draws = importance_draws(proposal, np.random.default_rng(3), 4000)
-    return FittedProposal(proposal, draws, 0.5, 0.1)
+    """A mixture deliberately off the target, so that a wrong acceptance rule shows."""
+    student = StudentMixture(np.ones(1), np.full((1, 4), 0.4), 1.7 * np.eye(4)[None], 4)
+    array = Array(target)
+    mixture = PriorMixture(array.is_free[0], student)
+    (draws,) = fresh_draws(array, [mixture], [np.random.default_rng(3)], 4000)
+    posterior = SimpleNamespace(is_free=array.is_free[0])
+    return Fitted(posterior, None, array, mixture, draws)
 
 
 def _worst_moment(move, target, index, runs=16):

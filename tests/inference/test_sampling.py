@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from bayes_toe.inference.adaptation import fit_proposal
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases, twins
 from scipy.special import logsumexp
@@ -14,7 +13,7 @@ from scipy.special import logsumexp
 import bayes_toe as bt
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.inference.diagnostics import TAIL, convergence, errors
-from bayes_toe.inference.mixture import importance_draws
+from bayes_toe.inference.fitted import fit_posterior
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.posterior import judged_quantities
@@ -26,7 +25,7 @@ QUICK = SamplerSettings(draws=1000)
 
 @pytest.fixture(scope="module")
 def funnel():
-    return fit_proposal(paper_posterior(CASES["funnel"]), generator(1, "funnel"))
+    return fit_posterior(paper_posterior(CASES["funnel"]), generator(1, "funnel"))
 
 
 @pytest.mark.parametrize("name", ["S01", "S14"])
@@ -34,10 +33,10 @@ def test_far_tails_do_not_come_in_lumps(name):
     # An independence sampler sticks where the proposal is thin: each chain of a small sample must
     # have about the tail that it should.
     posterior = paper_posterior(bt.example_study("same/different")[name])
-    fitted = fit_proposal(posterior, generator(1, name, "proposal"))
-    draws = importance_draws(fitted.proposal, default_rng(0), 400_000)
+    fitted = fit_posterior(posterior, generator(1, name, "proposal"))
+    draws = fitted.fresh(default_rng(0), 400_000)
     weights = np.exp(draws.log_weights - logsumexp(draws.log_weights))
-    q0 = posterior.natural(draws.x).q0
+    q0 = posterior.natural(fitted.original(draws.x)[0]).q0
     level = np.sort(q0)[np.searchsorted(np.cumsum(weights[np.argsort(q0)]), 0.997)]
     chains = sample_chains(fitted, SamplerSettings(draws=1000), 1)
     beyond = (posterior.natural(chains.x).q0 > level).mean(axis=1)
@@ -67,10 +66,10 @@ def replications():
     Judging draws are part of a run.
     """
     posterior = paper_posterior(CASES["one order missing"])
-    fitted = fit_proposal(posterior, generator(3, "claims"))
+    fitted = fit_posterior(posterior, generator(3, "claims"))
     runs = []
     for seed in range(40):
-        draws = importance_draws(fitted.proposal, generator(seed, "judged"), QUICK.proposals)
+        draws = fitted.fresh(generator(seed, "judged"), 8000)
         runs.append(sample_chains(replace(fitted, draws=draws), QUICK, seed))
     return posterior, runs
 
@@ -101,7 +100,7 @@ def test_no_pass_is_thinned_by_more_than_the_limit(funnel):
 
 
 def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain(funnel):
-    posterior = funnel.proposal.posterior
+    posterior = funnel.target
 
     def sampled(draws, max_quantile_error, **options):
         """Chains, and the largest error of a 5 or 95 % quantile over the width between them."""

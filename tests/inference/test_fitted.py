@@ -1,0 +1,51 @@
+"""Fitted mixtures of every hard case, and what their draws average to."""
+
+import numpy as np
+import pytest
+from numpy.random import default_rng
+from reference.hard_cases import hard_cases
+
+from bayes_toe.data.study import Subject
+from bayes_toe.design.study_design import reference_design
+from bayes_toe.inference.fitted import fit_posterior
+from bayes_toe.model.models import OrderModel
+from bayes_toe.model.paper_model import paper_posterior
+from bayes_toe.model.prior import DEFAULT, Prior
+from bayes_toe.seeds import generator
+
+CASES = hard_cases()
+
+
+@pytest.mark.parametrize("prior", [DEFAULT, Prior()], ids=["default", "paper"])
+@pytest.mark.parametrize("name", list(CASES))
+def test_mixtures_fit_every_hard_case(name, prior):
+    """Evidences of the same cases: reference/test_reference."""
+    fitted = fit_posterior(paper_posterior(CASES[name], prior), default_rng(7))
+    assert fitted.is_trusted
+    assert fitted.fresh(default_rng(8), 4000).efficiency > 0.3
+
+
+@pytest.mark.parametrize("model", ["none", "both"])
+def test_mixtures_fit_the_four_models(model):
+    fitted = fit_posterior(OrderModel(model).posterior(CASES["funnel"]), default_rng(7))
+    assert fitted.fresh(default_rng(8), 4000).efficiency > 0.6
+
+
+def test_a_fit_survives_sparse_answers():
+    # Laplace's normal reaches far beyond the posterior here.
+    design = reference_design(batches=5)
+    order = np.lexsort((design.s2, design.s1))
+    answers = [0, 2, 3, 2, 1, 3, 5, 3, 1, 2, 5, 1, 5]
+    pairs = design.s1[order], design.s2[order]
+    posterior = paper_posterior(Subject("any", *pairs, answers, [5] * 13))
+    fitted = fit_posterior(posterior, generator(1, "sparse-h0-0291", "proposal"))
+    assert fitted.is_trusted
+    assert fitted.efficiency > 0.5
+
+
+def test_the_density_of_a_mixture_integrates_to_one():
+    """Prior over proposal density, at draws of the mixture, averages to the prior's mass."""
+    fitted = fit_posterior(paper_posterior(CASES["one batch"]), default_rng(9))
+    draws = fitted.fresh(default_rng(10), 200_000)
+    ratio = np.exp(draws.log_prior - draws.log_proposal)
+    assert ratio.mean() == pytest.approx(1.0, abs=5 * ratio.std() / np.sqrt(len(ratio)))
