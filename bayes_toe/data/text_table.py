@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, IntArray
-from bayes_toe.data.messages import MAX_LINES, display_name, plural, quoted
+from bayes_toe.data.messages import MAX_LINES, display_name, one_line, plural, quoted
 from bayes_toe.errors import InputError, Remedy
 
 #: A pandas or polars DataFrame, neither of which is imported to know one.
@@ -180,6 +180,12 @@ def cell_texts(name: str, cells: Iterable[object], rows: Iterable[int]) -> Colum
                 problem = cell.problem
             problems.append((row, f"row {row}, column {display_name(name)}: {problem}"))
     return texts, problems
+
+
+def damaged(source: str, form: str, error: Exception | str, allowed: str) -> InputError:
+    """The refusal of a file that its library cannot read."""
+    reason = one_line(error)
+    return InputError(f"{source}: found a damaged {form} file ({reason}), allowed: {allowed}")
 
 
 def from_single_precision(values: Iterable[Any]) -> list[Any]:
