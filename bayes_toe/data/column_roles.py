@@ -391,15 +391,13 @@ def _missing_and_repeated(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> tuple[list[str], list[str]]:
     """Columns that must be there once, and are not there or are there more than once."""
-    missing = [name for name in options.where if name not in names]
-    repeated = [name for name in options.where if names.count(name) > 1]
+    required = dict.fromkeys(options.where)
     for ours in (*COLUMNS, "correct", "standard_interval"):
-        count = names.count(options.name(ours))
-        if count == 0 and (ours in roles_read or ours in options.columns):
-            missing.append(options.name(ours))
-        elif count > 1 and ours in roles_read:
-            repeated.append(options.name(ours))
-    return list(dict.fromkeys(missing)), list(dict.fromkeys(repeated))
+        if ours in roles_read or (ours in options.columns and options.name(ours) not in names):
+            required[options.name(ours)] = None
+    missing = [name for name in required if name not in names]
+    repeated = [name for name in required if names.count(name) > 1]
+    return missing, repeated
 
 
 def _roles_read(names: Sequence[str], options: ReadOptions) -> list[str]:
@@ -442,18 +440,13 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
 
 def _answer_problems(roles_read: Sequence[str], options: ReadOptions) -> Iterator[str]:
     """Problems of responses that are there twice or belong to two tasks."""
-    counts = [display_name(options.name(ours)) for ours in _COUNTS if ours in roles_read]
-    response = options.name("response")
-    if "response" in roles_read and counts:
-        count_names = (options.name("n_equal"), options.name("n_trials"))
-        count_columns = " and ".join(map(display_name, count_names))
-        by_trial, by_pair = f"{display_name(response)} alone", f"{count_columns} alone"
-        rule = f"{by_trial} (one row per trial) or {by_pair} (one row per pair)"
-        finding = f"found together with {' and '.join(counts)}"
-        yield f"column {display_name(response)}: {finding}, allowed: {rule}"
-    elif len(counts) > 2:
-        finding = f"found together with {counts[0]}"
-        yield f"column {counts[1]}: {finding}, allowed: one of them, since a study has one task"
+    answers = [ours for ours in ("response", *_COUNTS) if ours in roles_read]
+    has_two = answers[1:] not in ([], ["n_trials"]) or answers == ["response", "n_trials"]
+    if has_two:
+        first, *others = [display_name(options.name(ours)) for ours in answers]
+        finding = f"found together with {' and '.join(others)}"
+        rule = "responses (one row per trial) or counts of one response (one row per pair)"
+        yield f"column {first}: {finding}, allowed: {rule}"
 
 
 def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:

@@ -460,7 +460,8 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
 
     try:
         table = pq.read_table(io.BytesIO(data), page_checksum_verification=True)
-        frame = table.to_pandas(ignore_metadata=True, integer_object_nulls=True)
+        # Metadata may hold an index of pandas, whose columns the frame would lose.
+        frame = table.replace_schema_metadata().to_pandas(integer_object_nulls=True)
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         allowed = "one that a Parquet writer has finished"
         raise damaged(source, "Parquet", error, allowed) from None

@@ -383,30 +383,18 @@ def _plain(text: str) -> str:
 def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str]]) -> int:
     """The answer that a cell stands for: by the given codes, else by words."""
     plain = _plain(text)
-    yes_code, no_code = (None if code is None else _plain(code) for code in given)
-    if plain == yes_code:
-        return _YES
-    if plain == no_code:
-        return _NO
+    codes = [code and _plain(code) for code in given]
+    if plain in codes:
+        return (_YES, _NO)[codes.index(plain)]
     word = plain.lower()
     if not word:
         return _MISSING
-    return _answer_by_word(word, yes_code, no_code, words)
-
-
-def _answer_by_word(
-    word: str, yes_code: str | None, no_code: str | None, words: Sequence[Sequence[str]]
-) -> int:
-    """The answer that a word stands for, unless its code was given."""
-    given_words = {code.lower() for code in (yes_code, no_code) if code is not None}
-    if word in given_words:
+    if word in {code.lower() for code in codes if code}:
         # Where 'Different' was declared to mean equal, 'different' is not read by default.
         return _UNKNOWN
-    yes_words, no_words = words
-    if yes_code is None and _english(word) in yes_words:
-        return _YES
-    if no_code is None and _english(word) in no_words:
-        return _NO
+    for answer, code, known_words in zip((_YES, _NO), codes, words, strict=True):
+        if code is None and _english(word) in known_words:
+            return answer
     return _UNKNOWN
 
 

@@ -21,7 +21,6 @@ from bayes_toe.arrays import IntArray, StrPath
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import (
     MAX_LINES,
-    TWICE,
     display_name,
     join_names,
     join_words,
@@ -30,8 +29,6 @@ from bayes_toe.data.messages import (
 from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.study import Study, Subject, pooled
 from bayes_toe.errors import InputError
-
-_FEWEST = 20  # answers to one sequence of pairs that are not the same by chance
 
 
 def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
@@ -92,9 +89,7 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     studies: list[Study] = []
     faulty: list[InputError] = []
     for path in paths:
-        folder = ""
-        if isinstance(path, StrPath):
-            folder = _distinguishing_folder(Path(path).absolute(), absolute_paths)
+        folder = _distinguishing_folder(path, absolute_paths)
         try:
             study = read(path)
             studies.append(replace(study, source=folder + study.source))
@@ -106,15 +101,15 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     return studies[0] if len(studies) == 1 else _together(studies)
 
 
-def _distinguishing_folder(path: Path, paths: Sequence[Path]) -> str:
+def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
     """The folders that tell a file from those of the same name; empty without such files."""
-    folders = [other.parent.parts for other in paths if other.name == path.name]
-    if len(folders) == 1:
+    if not isinstance(path, StrPath):
         return ""
-    depth = 1
-    while len({parts[-depth:] for parts in folders}) < len(folders):
-        depth += 1
-    return "".join(f"{part}/" for part in path.parent.parts[-depth:])
+    parent = Path(path).absolute().parent
+    parents = [other.parent for other in paths if other.name == Path(path).name]
+    if len(parents) == 1:
+        return ""
+    return f"{parent.relative_to(os.path.commonpath(parents))}/"
 
 
 def _of_all_files(faulty: Sequence[InputError]) -> InputError:
@@ -141,11 +136,9 @@ def _of_all_files(faulty: Sequence[InputError]) -> InputError:
 def _together(studies: Sequence[Study]) -> Study:
     """One study of the subjects of several."""
     _require_alike(studies)
-    doubts = list(chain.from_iterable(study.reading.doubts for study in studies))
     subjects, several = list[Subject](), list[str]()
     for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
         files = [study for study in studies if name in study.names]
-        doubts += _copies(name, _answers_by_file(name, files))
         subjects.append(_subject_of_files(name, files))
         if len(files) > 1:
             several.append(f"{display_name(name)} {len(files)}")
@@ -154,23 +147,13 @@ def _together(studies: Sequence[Study]) -> Study:
         count = plural(len(several), "subject")
         notes.append(f"{count} in several files, put together: {join_names(several)}")
     names = {}
-    for key in ("read", "ignored", "pooled", "codes"):
+    for key in ("read", "ignored", "doubts", "pooled", "codes"):
         of_files = chain.from_iterable(getattr(study.reading, key) for study in studies)
         names[key] = tuple(dict.fromkeys(of_files))
-    reading = Reading(**names, doubts=tuple(doubts))
+    reading = Reading(**names)
     source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
     is_synthetic = all(study.synthetic for study in studies)
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
-
-
-def _answers_by_file(name: str, studies: Sequence[Study]) -> list[tuple[str, Answers]]:
-    """The answers of a subject in each file that has them in order."""
-    answers = []
-    for study in studies:
-        in_order = study[name].answers
-        if in_order is not None:
-            answers.append((study.source, in_order))
-    return answers
 
 
 def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:
@@ -178,10 +161,13 @@ def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:
     first = studies[0]
     if len(studies) == 1:
         return first[name]
-    answers = _answers_by_file(name, studies)
-    if len(answers) == len(studies):
-        return Subject.from_answers(name, _joined(answers), first.task, first.unit)
-    return pooled([study[name] for study in studies])
+    answers = []
+    for study in studies:
+        in_order = study[name].answers
+        if in_order is None:
+            return pooled([study[name] for study in studies])
+        answers.append((study.source, in_order))
+    return Subject.from_answers(name, _joined(answers), first.task, first.unit)
 
 
 def _require_alike(studies: Sequence[Study]) -> None:
@@ -192,18 +178,6 @@ def _require_alike(studies: Sequence[Study]) -> None:
         raise InputError(
             f"{other_source}: asked {other_task}, and {source} {task}; allowed: files of one task"
         )
-
-
-def _copies(name: str, answers: Sequence[tuple[str, Answers]]) -> Iterable[str]:
-    """Doubts about files that have the same answers of a subject, trial by trial."""
-    first_source: dict[tuple[bytes, bytes], str] = {}
-    for source, in_order in answers:
-        content = in_order.keys.tobytes(), in_order.n_yes.tobytes()
-        earlier = first_source.setdefault(content, source)
-        n_trials = len(in_order.n_yes)
-        if earlier != source and in_order.has_trial_rows and n_trials >= _FEWEST:
-            trials = f"{n_trials} trials of subject {display_name(name)}"
-            yield f"{source} has the same {trials} as {earlier}: {TWICE}, remove one file"
 
 
 def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
@@ -251,17 +225,16 @@ def _concatenated(parts: Sequence[Any]) -> Any:
 
 def _common_notes(studies: Sequence[Study]) -> Iterable[str]:
     """The notes of all files; notes that differ only in numbers become one."""
-    alike: dict[tuple[str, int], list[tuple[str, str]]] = {}
+    alike: dict[str, list[tuple[str, str]]] = {}
     for study in studies:
-        forms = [re.sub(r"\d+", "0", note) for note in study.notes]
-        for i, note in enumerate(study.notes):
-            # Two notes of one file are about two columns.
-            form = forms[i], forms[:i].count(forms[i])
+        for note in study.notes:
+            is_common = all(note in other.notes for other in studies)
+            form = note if is_common else re.sub(r"\d+", "0", note)
             alike.setdefault(form, []).append((study.source, note))
     for notes in alike.values():
         source, note = notes[0]
-        is_one_note = len({note for _, note in notes}) == 1
-        if is_one_note and len(notes) == len(studies):
+        different_notes = {note for _, note in notes}
+        if len(different_notes) == 1 and len(notes) == len(studies):
             yield note
         elif len(notes) == 1:
             yield f"{source}: {note}"

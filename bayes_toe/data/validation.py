@@ -246,20 +246,18 @@ def read_numbers(
 def _read(path: StrPath, required: Sequence[str], optional: Sequence[str] = ()) -> TextTable:
     """The table with columns of these names, each of them once."""
     table = read_table(path, lambda _: {*required, *optional})
-    counts = {name: table.names.count(name) for name in (*required, *optional)}
-    finding = join_names([*map(quoted, table.names)])
-    missing = [
-        f"column {display_name(name)}: missing, found {finding}, allowed: a column of this name"
-        for name in required
-        if counts[name] == 0
-    ]
-    twice = [
-        f"column {display_name(name)}: found {count} columns of this name, allowed: one"
-        for name, count in counts.items()
-        if count > 1
-    ]
-    table.require([*missing, *twice])
-    columns = {name: column for name, column in table.columns.items() if name in counts}
+    names = (*required, *optional)
+    problems = []
+    for name in names:
+        count = table.names.count(name)
+        finding = f"found {count} columns of this name, allowed: one"
+        if count == 0:
+            other_names = join_names([*map(quoted, table.names)])
+            finding = f"missing, found {other_names}, allowed: a column of this name"
+        if count > 1 or (count == 0 and name in required):
+            problems.append(f"column {display_name(name)}: {finding}")
+    table.require(problems)
+    columns = {name: column for name, column in table.columns.items() if name in names}
     return replace(table, columns=columns)
 
 

@@ -123,7 +123,7 @@ def test_columns_that_are_missing_or_hold_something_else(tmp_path):
     assert problems(bt.read_study, as_parquet(frame, tmp_path)) == [
         "study.parquet: row 1, column subject: found '2024-01-01 00:00:00' of type Timestamp, "
         + VALUES,
-        f"study.parquet: row 1, column s2: found '[1.0]' of type list, {VALUES}",
+        f"study.parquet: row 1, column s2: found '[1.]' of type ndarray, {VALUES}",
     ]
 
 

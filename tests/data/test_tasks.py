@@ -162,7 +162,7 @@ REFUSED = [
         COUNTS.replace("n_trials", "n_equal,n_trials"),
         "a,0,1,1,1,2",
         "",
-        "column n_second: found together with n_equal, allowed: one",
+        "column n_equal: found together with n_second",
     ),
     (
         RIGHT,
