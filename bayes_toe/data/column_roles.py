@@ -348,7 +348,10 @@ def columns_to_read(
         return roles_read, problems, []
     absent = join_words([f"no column {display_name(name)}" for name in missing])
     column_list = join_names([display_name(name) for name in names if name])
-    problems.append(f"there is {absent}. The columns are {column_list}.")
+    finding = f"there is {absent}. The columns are {column_list}."
+    if not {"standard", *_STIMULI}.isdisjoint(missing) and _has_comparison_only(names):
+        finding += " If one standard was in all trials, add a column standard with its level."
+    problems.append(finding)
     return roles_read, problems, [*_remedies(names, roles_read, options)]
 
 
@@ -460,6 +463,12 @@ def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
     for ours in ("standard", "comparison"):
         columns += [name for name in theirs if looks_like(name, ours)][:1]
     return " and ".join(map(display_name, columns)) if len(columns) == 2 else ""
+
+
+def _has_comparison_only(names: Sequence[str]) -> bool:
+    """Whether there is a column of the comparison and none of the standard."""
+    has_standard = any(looks_like(name, "standard") for name in names)
+    return not has_standard and any(looks_like(name, "comparison") for name in names)
 
 
 def _order_remedies(orders: Sequence[str]) -> Iterator[Remedy]:

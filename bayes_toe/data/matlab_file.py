@@ -31,6 +31,7 @@ _DAMAGED_ALLOWED = "one that MATLAB has saved with '-v7'"
 _OBJECTS = {"__function_workspace__", "#subsystem#"}
 #: Seconds after which a file is refused; one of 10^6 trials takes some 10 s.
 _LONGEST = 120
+_MOST_ROWS = 10_000_000
 _PACKAGE_PARENT = Path(__file__).resolve().parents[2]
 _READER = (
     "import sys; sys.path.append(sys.argv[1]); "
@@ -149,6 +150,8 @@ def _columns(source: str, variables: Record) -> dict[str, list[Any]]:
     n_rows = max((column.size for column in columns.values()), default=0)
     if not n_rows:
         raise InputError(f"{source}: found nothing, allowed: {_SAVED}")
+    if n_rows > _MOST_ROWS:  # a small file may unpack to many
+        raise InputError(f"{source}: found {n_rows:,} rows, allowed: at most {_MOST_ROWS:,}")
     wrong, values = [], {}
     for name, column in columns.items():
         if column.shape not in ((1,), (n_rows,)):

@@ -24,6 +24,8 @@ MAX_LINES = 10
 #: Scripts of a page, without those that hold data.
 _SCRIPT = re.compile(r'<script(?: type="text/javascript")?>(.*?)</script>', re.DOTALL)
 _LONGEST_SHOWN = 40
+#: Why repeated trials matter.
+TWICE = "repeated trials make intervals too narrow"
 #: Rows that a notebook shows; the rest is counted.
 MOST_ROWS = 20
 

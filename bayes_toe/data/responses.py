@@ -98,7 +98,7 @@ def responses(
     else:
         rule = _allowed_texts(options.codes(task), words, names)
         if not has_scores:
-            rule += f"; other codes by {_code_options(names, table.is_frame)}"
+            rule += f"; other codes by --{names[0]}-code, --{names[1]}-code"
         table.fault(column, answer == _UNKNOWN, rule)
         table.problems.remedies += remedies
     yes_texts = _as_answered(column, answer == _YES, names[0])
@@ -133,35 +133,17 @@ def _allowed_texts(
     return f"{' or '.join(parts)}, or empty"
 
 
-def _code_options(names: Sequence[str], is_frame: bool) -> str:
-    """The options that tell the codes of both answers."""
-    if is_frame:
-        return f"ReadOptions({', '.join(f'{name}_code=...' for name in names)})"
-    return ", ".join(f"--{name}-code" for name in names)
-
-
 def require_task(table: TextTable, task: Task, column: Column | None) -> None:
-    """Refuse a column `task` that tells another task, or two.
+    """Refuse a column `task` that tells another task.
 
     What tells none, such as the name of an experiment, is not looked at.
     """
-    if column is None:
-        return
-    texts = {}
-    for text in column.texts:
-        if task_named(text) is not None:
-            texts[task_named(text)] = text
-    if not texts.keys() - {task}:
-        return
-    rule = f"{task.name!r}, which the answers are of"
-    if len(texts) > 1:
-        choice = f"--where {display_name(column.name)}=TEXT"
-        if table.is_frame:
-            choice = f"ReadOptions(where={{{column.name!r}: ...}})"
-        rule = f"one task, which {choice} chooses"
-    location = f"{table.source}: column {display_name(column.name)}"
-    finding = f"found {' and '.join(map(quoted, texts.values()))}"
-    raise InputError(f"{location}: {finding}, allowed: {rule}")
+    texts = [] if column is None else column.texts
+    for text in texts:
+        if task_named(text) not in (None, task):
+            finding = f"{table.source}: column task: found {quoted(text)}"
+            rule = f"{task.name!r}, which the answers are of; --where task=TEXT chooses rows"
+            raise InputError(f"{finding}, allowed: {rule}")
 
 
 def _words_of(task: Task, column: Column) -> list[str]:

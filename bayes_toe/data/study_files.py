@@ -21,6 +21,7 @@ from bayes_toe.arrays import IntArray, StrPath
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import (
     MAX_LINES,
+    TWICE,
     display_name,
     join_names,
     join_words,
@@ -29,6 +30,8 @@ from bayes_toe.data.messages import (
 from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.study import Study, Subject, pooled
 from bayes_toe.errors import InputError
+
+_FEWEST = 20  # answers to one sequence of pairs that are not the same by chance
 
 
 def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
@@ -136,10 +139,12 @@ def _of_all_files(faulty: Sequence[InputError]) -> InputError:
 def _together(studies: Sequence[Study]) -> Study:
     """One study of the subjects of several."""
     _require_alike(studies)
+    doubts = list(chain.from_iterable(study.reading.doubts for study in studies))
     subjects, several = list[Subject](), list[str]()
     for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
         files = [study for study in studies if name in study.names]
         subjects.append(_subject_of_files(name, files))
+        doubts += _copies(name, files)
         if len(files) > 1:
             several.append(f"{display_name(name)} {len(files)}")
     notes = [*_common_notes(studies)]
@@ -147,10 +152,10 @@ def _together(studies: Sequence[Study]) -> Study:
         count = plural(len(several), "subject")
         notes.append(f"{count} in several files, put together: {join_names(several)}")
     names = {}
-    for key in ("read", "ignored", "doubts", "pooled", "codes"):
+    for key in ("read", "ignored", "pooled", "codes"):
         of_files = chain.from_iterable(getattr(study.reading, key) for study in studies)
         names[key] = tuple(dict.fromkeys(of_files))
-    reading = Reading(**names)
+    reading = Reading(**names, doubts=tuple(doubts))
     source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
     is_synthetic = all(study.synthetic for study in studies)
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
@@ -178,6 +183,20 @@ def _require_alike(studies: Sequence[Study]) -> None:
         raise InputError(
             f"{other_source}: asked {other_task}, and {source} {task}; allowed: files of one task"
         )
+
+
+def _copies(name: str, studies: Sequence[Study]) -> Iterable[str]:
+    """Doubts about files that have the same answers of a subject, trial by trial."""
+    first_source: dict[tuple[bytes, bytes], str] = {}
+    for study in studies:
+        answers = study[name].answers
+        if answers is None or not answers.has_trial_rows or len(answers.n_yes) < _FEWEST:
+            continue
+        content = answers.keys.tobytes(), answers.n_yes.tobytes()
+        earlier = first_source.setdefault(content, study.source)
+        if earlier != study.source:
+            trials = f"{len(answers.n_yes)} trials of subject {display_name(name)}"
+            yield f"{study.source} has the same {trials} as {earlier}: {TWICE}, remove one file"
 
 
 def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:

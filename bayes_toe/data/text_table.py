@@ -131,14 +131,10 @@ class Problems:
     def __init__(self, source: str) -> None:
         self.source, self.count, self._shown = source, 0, list[tuple[int, str]]()
         self.remedies: list[Remedy] = []
-        self._nouns = set[str]()
 
-    def add(
-        self, lines: Iterable[tuple[int, str]], count: int | None = None, noun: str = "problem"
-    ) -> None:
+    def add(self, lines: Iterable[tuple[int, str]], count: int | None = None) -> None:
         """Rows and what is said of them; the first of `count`."""
         new_lines = list(lines)
-        self._nouns.add(noun)
         self._shown += new_lines
         self.count += len(new_lines) if count is None else count
 
@@ -156,8 +152,7 @@ class Problems:
         problems = [f"{self.source}: {text}" for _, text in first_lines]
         n_others = self.count - len(first_lines)
         if n_others > 0:
-            noun = "value" if self._nouns == {"value"} else "problem"
-            problems.append(f"... and {plural(n_others, f'more {noun}')}")
+            problems.append(f"... and {plural(n_others, 'more problem')}")
         raise InputError(problems, self.remedies)
 
 
@@ -229,11 +224,6 @@ class TextTable:
         return self.problems.source
 
     @property
-    def is_frame(self) -> bool:
-        """Whether it is a frame: messages then name arguments and not options."""
-        return self.head == "columns"
-
-    @property
     def decimal_comma(self) -> bool:
         """Whether the delimiter leaves the comma free to be a decimal sign."""
         return self.delimiter not in ("", ",") or self.form == EXCEL
@@ -286,7 +276,7 @@ class TextTable:
                 finding += f" in {count:,} rows, the first is row {row}"
             lines.append((row, f"{location}: found {finding}, allowed: {right}"))
         if lines:
-            self.problems.add(lines, len(counts), "value")
+            self.problems.add(lines, len(counts))
 
 
 def name_places(names: Sequence[str]) -> dict[str, int]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.messages import display_name, join_names, plural
+from bayes_toe.data.messages import TWICE, display_name, join_names, plural
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
 
@@ -233,7 +233,4 @@ def _repeated(
     problem = f"{plural(n_repeats, 'row')} {verb} {number_words} of another row"
     row, other, name = table.rows[later], table.rows[earlier], display_name(subject.text(later))
     location = f"first row {row}, which repeats row {other} (subject {name})"
-    return [
-        f"{problem} with the same stimuli and answer, {location}: repeated trials make intervals "
-        "too narrow, remove them"
-    ]
+    return [f"{problem} with the same stimuli and answer, {location}: {TWICE}, remove them"]

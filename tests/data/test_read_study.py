@@ -342,6 +342,16 @@ def written(folder, **texts):
     return [folder / f"{name}.csv" for name in texts]
 
 
+def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
+    text = TRIALS + words("".join(f"a,0,{row % 3},{row % 2}\n" for row in range(20)))
+    other = text.replace("a,", "b,")
+    files = written(tmp_path, first=text, other=other, copy=text, longer=text + "a,0,0,same\n")
+    (doubt,) = bt.read_study(files).reading.doubts
+    identical = "copy.csv has the same 20 trials of subject a as first.csv: repeated trials make"
+    assert doubt.startswith(identical)
+    assert bt.read_study([files[0], files[1], files[3]]).reading.doubts == ()
+
+
 def test_of_several_files_the_first_problems_are_told(tmp_path):
     bad, other = TRIALS + "a,x,0,equal\n" * 3, TRIALS + "a,y,0,equal\n"
     numerous = TRIALS + "".join(f"a,x{letter},0,equal\n" for letter in "abcdefghijkl")
@@ -882,7 +892,7 @@ def test_a_column_that_chooses_rows_is_there_once():
 
 
 @pytest.mark.parametrize(
-    "n_values, last", [(10, []), (11, ["1 more value"]), (45, ["35 more values"])]
+    "n_values, last", [(10, []), (11, ["1 more problem"]), (45, ["35 more problems"])]
 )
 def test_ten_values_are_told_at_most(n_values, last):
     lines = refused(TRIALS + "".join(f"a,x{i},0,equal\n" * 2 for i in range(n_values)))
