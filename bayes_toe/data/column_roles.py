@@ -444,8 +444,9 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
 def _answer_problems(roles_read: Sequence[str], options: ReadOptions) -> Iterator[str]:
     """Problems of responses that are there twice or belong to two tasks."""
     answers = [ours for ours in ("response", *_COUNTS) if ours in roles_read]
-    has_two = answers[1:] not in ([], ["n_trials"]) or answers == ["response", "n_trials"]
-    if has_two:
+    is_trials = answers == ["response"]
+    is_counts = len(answers) == 2 and "response" not in answers
+    if not is_trials and not is_counts and "correct" not in roles_read:
         first, *others = [display_name(options.name(ours)) for ours in answers]
         finding = f"found together with {' and '.join(others)}"
         rule = "responses (one row per trial) or counts of one response (one row per pair)"

@@ -84,13 +84,9 @@ def write_texts(source: str) -> None:
 
 
 def _variables(source: str, data: bytes) -> Record:
-    from scipy.io import loadmat
-
+    """The variables of a file of any version."""
     try:
-        with warnings.catch_warnings(action="ignore"):
-            variables = loadmat(io.BytesIO(data), simplify_cells=True)
-    except NotImplementedError:
-        variables = _hdf5_variables(source, data)
+        variables = _loaded(data)
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         raise damaged(source, "MATLAB", error, _DAMAGED_ALLOWED) from None
     if _OBJECTS & variables.keys():
@@ -101,15 +97,18 @@ def _variables(source: str, data: bytes) -> Record:
     return {name: value for name, value in variables.items() if not name.startswith(("__", "#"))}
 
 
-def _hdf5_variables(source: str, data: bytes) -> Record:
-    """The variables of a file of version 7.3."""
+def _loaded(data: bytes) -> Record:
+    """All that a file holds; one of version 7.3 is HDF5."""
     import h5py
+    from scipy.io import loadmat
 
     try:
+        with warnings.catch_warnings(action="ignore"):
+            variables: Record = loadmat(io.BytesIO(data), simplify_cells=True)
+    except NotImplementedError:
         with h5py.File(io.BytesIO(data)) as file:
-            return {name: _hdf5_value(file, name) for name in file}
-    except Exception as error:
-        raise damaged(source, "MATLAB", error, _DAMAGED_ALLOWED) from None
+            variables = {name: _hdf5_value(file, name) for name in file}
+    return variables
 
 
 def _hdf5_value(group: Any, name: str) -> Any:

@@ -180,12 +180,8 @@ def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
     try:
         # Windows' editors put a byte-order mark in front.
         return tomllib.loads(input_bytes(path, _LARGEST_TOML).decode("utf-8-sig"))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; {rule}") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); {rule}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: found bytes that are not UTF-8, {rule}") from error
     except (ValueError, RecursionError) as error:
         # The parser's own, Python's on integers of 5,000 digits, thousands of brackets.
         message = visible(" ".join(str(error).split()))
@@ -382,7 +378,9 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
     records = list(_json_records(source, _parse_json(source, text), {}))
     names = list(dict.fromkeys(key for record in records for key in record))
     rows = range(1, len(records) + 1)
-    values = {name: [record.get(name) for record in records] for name in names}
+    values = {}
+    for name in names:
+        values[name] = [record.get(name) for record in records]
     return _table_of_values((source, f"JSON, {label}", "keys"), names, values, rows, choice)
 
 

@@ -149,7 +149,7 @@ REFUSED = [
         TASK,
         "a,0,1,second,2afc a,0,1,first,same/different",
         "",
-        "column task: found 'same/different', allowed: 'which is stronger', which the answers are of",
+        "column task: found 'same/different', allowed: 'which is stronger', which the answers are",
     ),
     (
         TASK,
