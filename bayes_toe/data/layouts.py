@@ -252,11 +252,9 @@ def require_logs(
         row = int(table.rows[rows[pair]])
         location = f"row {row}, {location}"
     problem = f"{location}: found {sign}, allowed: natural logs"
-    smallest = float(min(first.min(), second.min()))
-    if smallest <= 0.0:
+    if min(first.min(), second.min()) == 0.0:
         problem += (
-            f". If they are intensities, correct or remove the rows with {smallest:g}, "
-            "which has no logarithm"
+            ". If they are intensities, correct or remove the rows with 0: 0 has no logarithm"
         )
     table.problems.ask(problem, intensity_remedies(np.append(first, second)))
 

@@ -208,7 +208,7 @@ def require_texts(
 
 
 def read_numbers(
-    path: StrPath,
+    source: StrPath | TextTable,
     names: Sequence[str],
     key: str | None = None,
     *,
@@ -218,14 +218,15 @@ def read_numbers(
 ) -> tuple[list[str], dict[str, FloatArray]]:
     """Columns of finite numbers by name, and one of distinct texts if `key` names it.
 
-    `optional` columns are read if the file has them; all others are ignored. `counts` are whole
-    numbers of at least 1. With `gaps` empty cells are NaN. The first value is the texts in the
-    order of the rows; it is empty without `key`. The second value is the columns, shape (rows,)
-    each, in the units of the file. An InputError has a line per problem of the file, ten at most,
-    with row and column.
+    `source` is a path, or a table with these columns that was read before. `optional` columns
+    are read if the file has them; all others are ignored. `counts` are whole numbers of at
+    least 1. With `gaps` empty cells are NaN. The first value is the texts in the order of the
+    rows; it is empty without `key`. The second value is the columns, shape (rows,) each, in the
+    units of the file. An InputError has a line per problem of the file, ten at most, with row
+    and column.
     """
     keys = () if key is None else (key,)
-    table = _read(path, (*keys, *names), optional)
+    table = _with_columns(source, (*keys, *names), optional)
     if not names and len(table.columns) < 2:
         finding = join_names([*map(quoted, table.names)])
         table.require(
@@ -243,10 +244,12 @@ def read_numbers(
     return [text for name in keys for text in _texts(table, name)], columns
 
 
-def _read(path: StrPath, required: Sequence[str], optional: Sequence[str] = ()) -> TextTable:
+def _with_columns(
+    source: StrPath | TextTable, required: Sequence[str], optional: Sequence[str]
+) -> TextTable:
     """The table with columns of these names, each of them once."""
-    table = read_table(path, lambda _: {*required, *optional})
     names = (*required, *optional)
+    table = source if isinstance(source, TextTable) else read_table(source, lambda _: {*names})
     problems = []
     for name in names:
         count = table.names.count(name)
