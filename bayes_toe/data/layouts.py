@@ -253,9 +253,7 @@ def require_logs(
         location = f"row {row}, {location}"
     problem = f"{location}: found {sign}, allowed: natural logs"
     if min(first.min(), second.min()) == 0.0:
-        problem += (
-            ". If they are intensities, correct or remove the rows with 0: 0 has no logarithm"
-        )
+        problem += ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
     table.problems.ask(problem, intensity_remedies(np.append(first, second)))
 
 

@@ -442,7 +442,8 @@ def require_direction(
     for code, other in permutations(study.reading.codes, 2):
         second = Remedy("second_code", code, f"if {code} is 'second'", 0)
         comparison = Remedy("comparison_code", code, f"if {code} is 'comparison'", 0)
-        candidates += [[second, Remedy("first_code", other, "", 1)], [comparison]]
+        first = Remedy("first_code", other, "", 1, step=1)  # goes with `second` alone
+        candidates += [[second, first], [comparison]]
     if options.standard_interval is not None:
         meaning = "if it says the interval of the comparison"
         candidates.append([Remedy("comparison_interval", options.standard_interval, meaning, 0)])

@@ -297,14 +297,6 @@ READ = {
     "grams.csv": (csv(IN_GRAMS), WEIGHTS),
     "grams_by_unit.csv": (csv(labelled(IN_GRAMS, w1="i1", w2="i2")), {"unit": "g"}),
     "grams_as_logs.csv": (csv(labelled(IN_GRAMS, w1="s1", w2="s2")), {"unit": "g"}),
-    "zero_grams.csv": (
-        csv(labelled(with_rows(IN_GRAMS, [["P03", 0, 905, "second"]]), w1="s1", w2="s2")),
-        ["natural logs. If they are intensities, correct or remove rows with 0", "--unit ln"],
-    ),
-    "comparison_alone.csv": (
-        csv(STANDARD[["subject", "comparison", "response"]]),
-        ["If one standard was in all trials, add a column standard with its level."],
-    ),
     "grams_by_name.csv": (
         csv(labelled(IN_GRAMS, w1="w1 (g)", w2="w2 (g)")),
         {"unit": "g", "columns": {"s1": "w1 (g)", "s2": "w2 (g)"}},
