@@ -233,7 +233,7 @@ class WeightedDraws:
         """Efficiency of importance sampling, (sum w)^2 / (n sum w^2), 0 to 1."""
         return self.effective_number / len(self.x)
 
-    @property
+    @cached_property
     def log_evidence(self) -> float:
         """Log of the mean weight, which estimates the evidence."""
         return float(logsumexp(self.log_weights) - np.log(len(self.x)))

@@ -78,7 +78,7 @@ def test_files_are_those_of_the_group(finished, folder):
 REFUSED = """
     -o other.csv | other.csv: the ending is '.csv'. Draws need .nc
     --categorical site | --categorical site needs --covariates FILE.csv
-    --hyperprior none.toml | none.toml: no such file
+    --hyperprior none.toml | none.toml: cannot be read (No such file
     --covariates people.csv --categorical size | categorical: found 'size', allowed: 'site', 'age'
     -o group.nc | overwrite
     -o study.nc --overwrite | study.csv: this command reads that file
