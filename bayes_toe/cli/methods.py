@@ -51,7 +51,7 @@ from bayes_toe.data.messages import (
     join_words,
     visible,
 )
-from bayes_toe.data.study import Study, units_by_subject
+from bayes_toe.data.study import Study
 from bayes_toe.groups.population import study_scales
 from bayes_toe.inference.diagnostics import worst
 from bayes_toe.inference.engine import USUAL
@@ -130,13 +130,15 @@ def _methods(analysis: Analysis) -> Record:
     """What the template says of data, models and computation."""
     study, answers, group = analysis.study, analysis.answers, analysis.group
     changes = [note for note in study.notes if _CHANGE.search(note)]
-    subjects = units_by_subject(study)
+    trials_by_subject: Counter[str] = Counter()
+    for unit in study:
+        trials_by_subject[unit.subject_name] += unit.total_trials
     stimuli = np.concatenate([subject.stimuli for subject in study])
     (lowest, highest), stimulus_unit = _numbers(study, [stimuli.min(), stimuli.max()])
     context = {
         "analysis": analysis,
         "study": study,
-        "trials": [sum(unit.total_trials for unit in units) for units in subjects.values()],
+        "trials": list(trials_by_subject.values()),
         "n_pairs": [subject.n_pairs for subject in study],
         "lowest": lowest,
         "highest": highest,
