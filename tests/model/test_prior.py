@@ -5,18 +5,18 @@ from dataclasses import fields, replace
 import mpmath
 import numpy as np
 import pytest
-from conftest import made_subject, problems
-from numpy.random import default_rng
-from scipy import stats
-
-import bayes_toe as bt
-from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.model.distributions import (
     Beta,
     HalfNormal,
     LogNormal,
     Normal,
 )
+from conftest import made_subject, problems
+from numpy.random import default_rng
+from scipy import stats
+
+import bayes_toe as bt
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.model.paper_model import log_noise_ratio
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.posterior import posterior_contraction
