@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
@@ -35,6 +36,9 @@ _CLOUD = 400  # points of the normal about a maximum
 _SHRINKAGE = 0.7  # of components in a cloud, toward its mean
 _LEAST_CURVATURE = 0.2  # flatter than this is a ridge that only the prior ends
 _NEIGHBOURS = 120  # draws that give a component its shape where one is added at a heavy draw
+
+_COVER_SHARE = 0.1
+_FLAT = 0.3  # the power by which the posterior is flattened for the cover
 
 # --- Draws ---
 _FAR = 8.0  # nats below the best of its family at which a posterior needs no further draws
@@ -67,8 +71,10 @@ class Precision:
         Effective draws that weights are flattened to.
     em_steps : int
         Of a round.
+    n_added : int
+        Components that a mixture gets at its heaviest draws when it goes back.
     added_share : float
-        Of the component that a mixture gets at a heavy draw.
+        Of these components.
     largest_share, largest_weight, largest_k : float
         Share of all weight, and weight over the mean, of one draw, and Pareto k of the weights,
         above which a posterior goes back to get a better mixture.
@@ -84,11 +90,13 @@ class Precision:
     floor: float = 0.4
     tempered: float = 60.0
     em_steps: int = 1
+    n_added: int = 1
     added_share: float = 1.0 / 16.0
     largest_share: float = 0.03
     largest_weight: float = np.inf
     largest_k: float = np.inf
     most_returns: int = 8
+    has_cover: bool = False
 
 
 #: Enough for an evidence.
@@ -103,11 +111,13 @@ SHARP = Precision(
     floor=0.05,
     tempered=400.0,
     em_steps=3,
-    added_share=1.0 / 32.0,
+    n_added=4,
+    added_share=1.0 / 16.0,
     largest_share=1.0,
-    largest_weight=6.0,
+    largest_weight=10.0,
     largest_k=0.5,
     most_returns=12,
+    has_cover=True,
 )
 
 
@@ -148,8 +158,16 @@ class PriorMixture:
     """
 
     is_free: BoolArray  # (d,)
-    student: StudentMixture
+    core: StudentMixture
     prior_share: float = USUAL.prior_share
+    cover: StudentMixture | None = None
+
+    @cached_property
+    def student(self) -> StudentMixture:
+        """The core, and the cover with its share."""
+        if self.cover is None:
+            return self.core
+        return self.core.joined([self.cover], _COVER_SHARE)
 
     def log_density(self, points: FloatArray, log_prior: FloatArray) -> FloatArray:
         """Log density at points, (n, d) -> (n,)."""
@@ -161,10 +179,14 @@ class PriorMixture:
         weights = tempered(draws.log_weights, precision.tempered)
         inertia = 2.0 * len(self.is_free)
         points = draws.x[:, self.is_free]
-        student = self.student
+        core, cover = self.core, None
         for _ in range(precision.em_steps):
-            student = student.drawn_toward(points, weights, precision.floor, inertia)
-        return replace(self, student=student)
+            core = core.drawn_toward(points, weights, precision.floor, inertia)
+        if precision.has_cover:
+            flat_log_weights = _FLAT * draws.log_posterior - draws.log_proposal
+            flat_weights = tempered(flat_log_weights, precision.tempered)
+            cover = _cover(points, flat_weights, core.df)
+        return replace(self, core=core, cover=cover)
 
     def sample(self, rng: AnyRng, size: int) -> tuple[FloatArray, BoolArray]:
         """Draws, shape (n, d), and which of them are to come from the prior instead, (n,)."""
@@ -174,6 +196,13 @@ class PriorMixture:
         points = np.zeros((size, d))
         points[:, self.is_free] = self.student.offset(component, normal, rng)
         return points, rng.uniform(size=size) < self.prior_share
+
+
+def _cover(points: FloatArray, weights: FloatArray, df: int) -> StudentMixture:
+    """One component with the mean and covariance of weighted points, (n, d)."""
+    means = (weights @ points)[None]
+    scale = np.atleast_2d(np.cov(points.T, aweights=weights))
+    return StudentMixture(np.ones(1), means, scale[None], df)
 
 
 def mixture_of_maxima(maxima: Ascent, is_free: BoolArray) -> PriorMixture:
@@ -221,13 +250,13 @@ def with_prior_components(mixture: PriorMixture, array: EngineArray, rng: Rng) -
     log_prior, log_posterior = array.densities(points)
     weights = tempered((log_posterior - log_prior)[0], _PRIOR_EFFECTIVE)
 
-    free_points, student = points[0][:, mixture.is_free], mixture.student
+    free_points, core = points[0][:, mixture.is_free], mixture.core
     n_added = _COMPONENTS // 2
     chosen = free_points[rng.choice(_PRIOR_DRAWS, n_added, p=weights)]
     scale = np.atleast_2d(np.cov(free_points.T, aweights=weights))
     scales = np.repeat(scale[None], n_added, axis=0)
-    added = StudentMixture(np.full(n_added, 1.0 / n_added), chosen, scales, student.df)
-    return replace(mixture, student=student.joined([added], 0.5))
+    added = StudentMixture(np.full(n_added, 1.0 / n_added), chosen, scales, core.df)
+    return replace(mixture, core=core.joined([added], 0.5))
 
 
 def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
@@ -337,7 +366,6 @@ class _Fresh:
     draws: WeightedDraws
     returns: int = 0
     poor_returns: int = 0
-    best: tuple[float, PriorMixture | None] = 0.0, None  # efficiency and mixture, of those before
 
 
 @dataclass(eq=False)
@@ -384,28 +412,18 @@ class _Engine:
         for i in active:
             draws, log_evidence = fresh[i].draws, log_evidences[i]
             best = log_evidences[self.families == self.families[i]].max()
-            is_far = log_evidence + 3.0 * draws.standard_error < best - _FAR
-            if is_far or len(draws.x) >= self.precision.most_draws:
+            if log_evidence + 3.0 * draws.standard_error < best - _FAR:
                 continue
             if _must_return(fresh[i], self.precision):
-                self.mixtures[i] = self._next_mixture(i, pools[i], fresh[i])
+                self.mixtures[i] = _refitted(self.mixtures[i], pools[i], fresh[i], self.precision)
                 going.append(i)
+                continue
+            if len(draws.x) >= self.precision.most_draws:
                 continue
             is_precise = draws.standard_error <= self.precision.standard_error
             if not is_precise or draws.effective_number < self.precision.effective_draws:
                 going.append(i)
         return going
-
-    def _next_mixture(self, i: int, pool: _Pool, fresh: _Fresh) -> PriorMixture:
-        """A better mixture of a posterior, or the best so far where it returned too often."""
-        mixture, efficiency = self.mixtures[i], fresh.draws.efficiency
-        if efficiency > fresh.best[0]:
-            fresh.best = efficiency, mixture
-        refitted = _refitted(mixture, pool, fresh, self.precision)
-        if fresh.returns < self.precision.most_returns or fresh.best[1] is None:
-            return refitted
-        return fresh.best[1]
-
 
 def _must_return(fresh: _Fresh, precision: Precision) -> bool:
     """Whether a mixture misses a part of its posterior; counts how often it did."""
@@ -426,17 +444,20 @@ def _must_return(fresh: _Fresh, precision: Precision) -> bool:
 def _refitted(
     mixture: PriorMixture, pool: _Pool, fresh: _Fresh, precision: Precision
 ) -> PriorMixture:
-    """A mixture with a component at its heaviest draw, adapted to all draws that were made."""
-    draws = fresh.draws
-    heaviest = draws.x[np.argmax(draws.log_weights), mixture.is_free]
+    """A mixture with components at its heaviest draws, adapted to all draws that were made."""
+    draws, n_added = fresh.draws, precision.n_added
+    heaviest = draws.x[np.argsort(-draws.log_weights)[:n_added]][:, mixture.is_free]
     pool.join(mixture, draws)
     fresh.draws = draws.part(slice(0))  # because the mixture changes
     points = pool.draws.x[:, mixture.is_free]
-    offsets = points - heaviest
-    distance = np.square(offsets / points.std(axis=0)).sum(axis=1)
-    near = np.argpartition(distance, _NEIGHBOURS)[:_NEIGHBOURS]
-    scale = offsets[near].T @ offsets[near] / _NEIGHBOURS
-    student = mixture.student
-    component = StudentMixture(np.ones(1), heaviest[None], scale[None], student.df)
-    widened = replace(mixture, student=student.joined([component], precision.added_share))
+    sds = points.std(axis=0)
+    scales = []
+    for centre in heaviest:
+        offsets = points - centre
+        distance = np.square(offsets / sds).sum(axis=1)
+        near = np.argpartition(distance, _NEIGHBOURS)[:_NEIGHBOURS]
+        scales.append(offsets[near].T @ offsets[near] / _NEIGHBOURS)
+    weights, core = np.full(n_added, 1.0 / n_added), mixture.core
+    added = StudentMixture(weights, heaviest, np.array(scales), core.df)
+    widened = replace(mixture, core=core.joined([added], precision.added_share))
     return widened.updated(pool.draws, precision)

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import (
     betaincinv,
     betaln,
+    erf,
     erfcx,
     erfinv,
     expit,
@@ -238,10 +239,12 @@ def from_half_normal_score(score: FloatArray) -> FloatArray:
 
 def half_normal_score(u: FloatArray) -> FloatArray:
     """Inverse of :func:`from_half_normal_score`."""
-    return -ndtri_exp(log_ndtr(-u) + _LN2)
+    lower = ndtri(erf(np.minimum(u, 1.0) * np.sqrt(0.5)))
+    upper = -ndtri_exp(log_ndtr(-np.maximum(u, 1.0)) + _LN2)
+    return np.where(u < 1.0, lower, upper)
 
 
-def half_normal_rise(score: FloatArray) -> FloatArray:
-    """Derivative of :func:`from_half_normal_score`."""
+def log_half_normal_rise(score: FloatArray) -> FloatArray:
+    """Log of the derivative of ln u in the score, for the u of :func:`from_half_normal_score`."""
     u = from_half_normal_score(score)
-    return 0.5 * np.exp(0.5 * (np.square(u) - np.square(score)))
+    return 0.5 * (np.square(u) - np.square(score)) - _LN2 - np.log(u)

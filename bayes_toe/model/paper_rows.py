@@ -27,7 +27,8 @@ from bayes_toe.model.densities import (
     PriorDensity,
     StandardNormal,
     from_half_normal_score,
-    half_normal_rise,
+    half_normal_score,
+    log_half_normal_rise,
     logit_of_probit,
     logit_rise,
     normal_hazard,
@@ -143,9 +144,24 @@ class PaperRows(AnswerRows):
             return np.full(u.shape[:-1], self.prior.width_sd), np.zeros(u.shape[:-1])
         p = self.pull(u)
         by_gamma = self.power * self._pull_slope(u) / (1.0 - p)
-        with np.errstate(divide="ignore", over="ignore"):
-            by_score = half_normal_rise(u[..., 1]) / from_half_normal_score(u[..., 1])
-        return by_score, by_gamma
+        return np.exp(log_half_normal_rise(u[..., 1])), by_gamma
+
+    def with_log_width(self, u: FloatArray) -> ArrayPair:
+        """Points with the log width in the place of the score of sigma_p, and log |change|."""
+        if self.prior.spread == "width":
+            return u.copy(), np.zeros(u.shape[:-1])
+        changed = u.copy()
+        changed[..., 1] = self.log_width(u)
+        return changed, log_half_normal_rise(u[..., 1])
+
+    def without_log_width(self, changed: FloatArray) -> FloatArray:
+        """Inverse of :meth:`with_log_width`."""
+        u = changed.copy()
+        if self.prior.spread != "width":
+            log_gain = np.log1p(-self.pull(u))
+            sigma_p = np.exp(changed[..., 1] + self.power * log_gain)
+            u[..., 1] = half_normal_score(sigma_p / self.spread_scale)
+        return u
 
     def distance(self, u: FloatArray) -> FloatArray:
         """Distance z of the second stimulus from the evolved mean, in w, (rows, points, pairs)."""
