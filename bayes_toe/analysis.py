@@ -123,7 +123,7 @@ def run(
     progress: Progress | None = None,
     keep: StrPath | None = None,
 ) -> Analysis:
-    """Analyse a study: answers, draws of the paper's model (H1) and evidence of every subject.
+    """Estimate the order effects of every subject, and sample the paper's model (H1).
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def sample(
     progress: Progress | None = None,
     keep: StrPath | None = None,
 ) -> Draws:
-    """Posterior draws of every subject under a model.
+    """Draw from the posterior of one model for every subject.
 
     Parameters
     ----------
@@ -282,7 +282,7 @@ def evidence(
     progress: Progress | None = None,
     keep: StrPath | None = None,
 ) -> EvidenceTable:
-    """Answer of every subject, evidences of the four models, and the paper's H1 against H0.
+    """Estimate the order effects of every subject, and compare models by their evidence.
 
     Parameters
     ----------

@@ -280,7 +280,7 @@ def contrast(
     progress: Progress | None = None,
     keep: StrPath | None = None,
 ) -> ContrastTable:
-    """Differences between the conditions of each subject, and their sizes.
+    """Estimate the differences between the conditions of each subject.
 
     Parameters
     ----------

@@ -198,7 +198,7 @@ def serial_dependence(
     progress: Progress | None = None,
     keep: StrPath | None = None,
 ) -> SerialDependence:
-    """Whether responses depend on the trial before, for every subject.
+    """Estimate how the responses of every subject depend on the previous trial.
 
     Parameters
     ----------

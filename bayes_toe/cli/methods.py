@@ -31,6 +31,7 @@ from bayes_toe.answers.order_effect import (
     format_decimals,
     format_number,
     format_probability,
+    short_direction,
 )
 from bayes_toe.answers.study_summary import (
     count_all,
@@ -56,7 +57,7 @@ from bayes_toe.groups.population import study_scales
 from bayes_toe.inference.diagnostics import worst
 from bayes_toe.inference.engine import USUAL
 
-_WIDTH = 95
+_WIDTH = 88
 #: What notes of reading a study say if something was done to the data.
 _CHANGE = re.compile("dropped|excluded|merged|swapped|only rows|only pairs")
 #: Letters that mean something in Markdown.
@@ -270,8 +271,7 @@ def _count_effects(answers: Sequence[OrderEffect], total: str) -> list[str]:
 
 def _marked_word(answer: OrderEffect, question: str) -> str:
     """The word with its marks, the posterior probability and the Bayes factor."""
-    word = answer.marked_word(question).replace(" (contraction)", "")
-    word = word.replace(" (repulsion)", ", repulsion")
+    word = short_direction(answer.marked_word(question))
     if answer.words[question] is words.Word.CANNOT_BE_TOLD:
         return word
     probability = format_probability(answer.probabilities[question]).removeprefix("= ")

@@ -40,6 +40,8 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.distributions import LOG_2PI
 
 LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, PURE_NUMBER = "ln intensity", "1 / ln intensity", "1"
+#: What the symbols of a prior mean.
+SCALES = "D is the root mean square of s2 - s1 over unequal pairs, and R is the SD of the stimuli"
 #: A quantile above this one is a float with all its digits.
 _SMALLEST_QUANTILE = 1e-200
 _STUDENT_LOG_NORM = float(np.log(2.0 / (np.pi * np.sqrt(3.0))))
@@ -87,7 +89,7 @@ class ObserverPrior:
         free = [parameter for parameter in task_parameters(task) if parameter not in held]
         numbers = vars(self)
         priors = [f"{parameter.name} ~ {parameter.prior.format_map(numbers)}" for parameter in free]
-        return f"{', '.join(priors)}; D rms step and R sd of the stimuli"
+        return f"{', '.join(priors)}; {SCALES}"
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -352,7 +354,7 @@ CONTRACTION = Parameter(
     prior_keys=(("sd", "sd of the normal prior of p on (-1, 1)"),),
     limits=(-1.0, 1.0, "above -1 and below 1"),
 )
-#: Every parameter, in the order of the coordinates.
+#: All parameters of the observer, in the order of the coordinates.
 PARAMETERS = (
     NOISE,
     PEAK,
@@ -444,7 +446,7 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
 }
 
 
-#: The models of the observer by name, each with the effects of order that are free in it.
+#: The four models of the observer by name, with the order effects that each model has.
 ORDER_MODELS: Mapping[str, tuple[Parameter, ...]] = {
     "none": (),
     "constant error": (CONSTANT_ERROR,),

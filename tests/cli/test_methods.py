@@ -123,4 +123,4 @@ def test_answers_that_depend_on_the_prior_are_named_and_marked(analysis, tmp_pat
     assert "no 'yes' and no 'no' became undecided." in unchanged
     text = text_of(with_answers(analysis, dependent, plain, plain), tmp_path)
     assert f"a 'yes' or a 'no' became undecided for {analysis.draws.names[0]}." in text
-    assert " ?: undecided with half or twice the prior scale." in text
+    assert " ? means 'undecided with half or twice the prior scale'." in text
