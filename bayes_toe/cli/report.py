@@ -146,9 +146,9 @@ _SAMPLER = {
     "draws": "required effective draws",
     "ensembles": "ensembles (chains)",
     "walkers": "walkers of each ensemble",
-    "max_r_hat": "largest allowed R-hat",
-    "max_thin": "largest allowed thinning",
-    "max_quantile_error": "largest allowed Monte Carlo error of the 5 and 95 % quantiles, as a "
+    "max_r_hat": "limit of R-hat",
+    "max_thin": "limit of thinning",
+    "max_quantile_error": "limit of the Monte Carlo error of the 5 and 95 % quantiles, as a "
     "share of the distance between them",
 }
 #: The minus of a number; not the hyphen of a word, a range or an exponent.
