@@ -374,9 +374,9 @@ def describe_pair(pair: PairResidual, unit: StimulusUnit = UNKNOWN_UNIT) -> str:
     Examples
     --------
     >>> describe_pair(PairResidual(3.688879, 3.296837, 0.95, 0.7))
-    "For (3.69, 3.3), 95 % of the responses are 'equal', and the model expects 70 %."
+    "For (s1, s2) = (3.69, 3.3), 95 % of the responses are 'equal', and the model expects 70 %."
     """
     observed, expected = 100.0 * pair.observed, 100.0 * pair.expected
     response = f"{observed:.0f} % of the responses are {pair.answer!r}"
     stimuli = f"({unit.describe(pair.s1)}, {unit.describe(pair.s2)})"
-    return f"For {stimuli}, {response}, and the model expects {expected:.0f} %."
+    return f"For (s1, s2) = {stimuli}, {response}, and the model expects {expected:.0f} %."

@@ -75,7 +75,7 @@ class Comparison:
         Posterior standard deviation of `asymmetry`. The two orders are independent.
     p_value : float
         P-value of the exact two-sided `test`. The null hypothesis is that both orders have the
-        same probability of this response.
+        same probability of 'equal'.
     p_adjusted : float
         P-value adjusted by Holm's method over the comparisons of this subject.
     test : {"boschloo", "fisher"}

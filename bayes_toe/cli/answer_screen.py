@@ -189,7 +189,7 @@ def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
     for flag, problem in zip(answer.flags, answer.problems, strict=True):
         message, mark = problem.message, "-"
         if flag == MISFIT_FLAG and answer.worst_pairs:
-            message += f" Worst pair (s1, s2): {describe_pair(answer.worst_pairs[0], answer.unit)}"
+            message += f" {describe_pair(answer.worst_pairs[0], answer.unit)}"
         if flag.startswith(PRIOR_FLAG):
             mark = "?"
         elif problem.option or flag == MISFIT_FLAG:

@@ -43,9 +43,7 @@ TRIALS = 480
 _WIDEST = 10.0
 _POWER_FILES = ("power.csv", "power_data_sets.csv", "power.png", "power.pdf")
 _GROUP_FILE = "power_groups.csv"
-Observers = Annotated[
-    Text, rare("--observers", "NAME", "Observers: none, contraction, groups, or a file.")
-]
+Observers = Annotated[Text, rare("--observers", "NAME", "Kind of observers, or a file.")]
 Simulated = Annotated[int, rare("--simulated", NUMBER, "Simulated observers of each kind.", min=1)]
 Unit = Annotated[Text, option("--unit", "UNIT", "Unit of the stimuli: um, dB, log10, ...")]
 

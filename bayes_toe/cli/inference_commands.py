@@ -198,7 +198,7 @@ def evidence(
     output: Annotated[Path, writes("FILE.csv", "Output table.")] = Path("evidence.csv"),
     context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
-    """Compute the model evidences and the order effects of every subject.
+    """Compute model evidences and order effects of every subject.
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """

@@ -34,7 +34,7 @@ def check(
     study: StudyFile,
     context: Annotated[RunContext, "prior"],
 ) -> None:
-    """Check how a study was read, and find problems in design and responses.
+    """Check the data, the design and the responses of a study.
 
     [bold]Example[/bold]: bayes-toe check study.csv
     """
@@ -60,7 +60,7 @@ def fit(
     ] = None,
     context: Annotated[RunContext, *MODEL],
 ) -> None:
-    """Fit the paper's model, and test each pair for an effect of order.
+    """Fit the paper's model, and test each pair for an order effect.
 
     [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
     """
