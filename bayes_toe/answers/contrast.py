@@ -97,9 +97,9 @@ CONTRAST_COLUMNS = (
 )
 #: What the words mean.
 LEGEND = (
-    f"'Differs' needs a Bayes factor of at least {SURELY:g}, 'probably differs' of at least "
-    f"{PROBABLY:g}; 'no difference' and 'probably no difference' need at most 1/{SURELY:g} and "
-    f"1/{PROBABLY:g}. 'Order effect' is constant error, contraction or both. 'Depends on "
+    f"'Differs' needs a Bayes factor of at least {SURELY:g}, and 'probably differs' needs at least "
+    f"{PROBABLY:g}. 'No difference' needs at most 1/{SURELY:g}, and 'probably no difference' needs "
+    f"at most 1/{PROBABLY:g}. 'Order effect' is constant error, contraction or both. 'Depends on "
     "lapses' means that the word changes if the lapse rate may differ between conditions"
 )
 _PROBABILITIES = (0.025, 0.05, 0.5, 0.95, 0.975)

@@ -364,8 +364,8 @@ def _responses_caption(analysis: Analysis) -> str:
     n_interpreted = sum(answer.is_interpretable for answer in analysis.answers)
     if len(names) < n_interpreted:
         caption += (
-            f" of {len(names)} of {n_interpreted} subjects. These subjects have the most evidence "
-            "of an order effect, except for the one with the least evidence"
+            f" of {len(names)} of {n_interpreted} subjects. These are the subjects with the "
+            "most evidence of an order effect, and the subject with the least evidence"
         )
     if analysis.study.task == WHICH_STRONGER:
         caption += ". If there are many pairs, one point pools pairs with similar mean intensity"
