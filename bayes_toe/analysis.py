@@ -1,7 +1,7 @@
 """The analysis of every subject of a study, in parallel.
 
-`run` computes the answers, the evidence, the draws of the paper's model, the fits, the differences
-between conditions and the group. Its result is an `Analysis`. `sample` draws from one model, and
+`run` computes the answers, the evidence, the draws of the paper's model, the differences between
+conditions and the group. Its result is an `Analysis`. `sample` draws from one model, and
 `evidence` computes the answers and the evidence only.
 
 All three take seed, prior, draws, workers, progress and keep. A subject whose computation fails is
@@ -23,16 +23,9 @@ from bayes_toe.answers.order_effect import OrderEffect, answer_subject
 from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP
 from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.checks.answer_checks import Finding, answer_flags, not_interpreted
-from bayes_toe.classical.fit import (
-    REPLICATES,
-    FitTable,
-    SubjectFit,
-    bootstrap_evidence,
-    subject_fit,
-)
 from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject, require_study
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws
@@ -63,12 +56,11 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 _N_CURVE_DRAWS = 400  # draws averaged over the four models, for curves
-_LEVEL = 0.95  # of the bootstrap intervals beside those of the posterior
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Analysis:
-    """Answers, evidence, draws and fits of one study, with their settings.
+    """Answers, evidence and draws of one study, with their settings.
 
     The study is without subjects that failed, see :attr:`bayes_toe.inference.draws.Draws.failed`.
 
@@ -88,7 +80,6 @@ class Analysis:
     draws: Draws
     evidence: EvidenceTable
     settings: Settings
-    fits: FitTable
     curves: tuple[Predictor, ...] = ()
     summary_rows: tuple[SummaryRow, ...] = ()
     contrast: ContrastTable | None = None
@@ -96,7 +87,7 @@ class Analysis:
     group_of_good_fits: PopulationResult | None = None
 
     def __repr__(self) -> str:
-        return f"<Analysis of {self.study!r}: answers, draws, evidence, fits, summary()>"
+        return f"<Analysis of {self.study!r}: answers, draws, evidence, summary()>"
 
     def _repr_html_(self) -> str:
         return as_html(repr(self)[1:-1], self.evidence.frame())
@@ -161,14 +152,6 @@ def run(
     drawn = [result.drawn for result in analysed if result.drawn is not None]
     all_draws = Draws(assembled_tree(study, drawn, settings, failed, faults))
     summary = list(chain.from_iterable(subject.summary for subject in drawn))
-    fits = FitTable(
-        tuple(result.fit for result in analysed if result.fit is not None),
-        _LEVEL,
-        REPLICATES,
-        settings.seed,
-        settings.prior,
-        study.task,
-    )
     curves = []
     for result in analysed:
         if result.curve_draws is not None:
@@ -197,7 +180,6 @@ def run(
         all_draws,
         table,
         settings,
-        fits,
         tuple(curves),
         tuple(summary),
         differences,
@@ -317,15 +299,14 @@ def evidence(
 
 @dataclass(frozen=True, eq=False)
 class _Analysed:
-    """The row of one subject in the evidence table, with draws and fit if they are wanted.
+    """The row of one subject in the evidence table, with draws if they are wanted.
 
-    A subject with intervals has no fit. `curve_draws`, shape (draws, k), are averaged over the
-    four models; they are there if chains are wanted.
+    `curve_draws`, shape (draws, k), are averaged over the four models; they are there if chains are
+    wanted.
     """
 
     drawn: SubjectDraws | None
     evidence: SubjectEvidence
-    fit: SubjectFit | None
     curve_draws: FloatArray | None
 
 
@@ -360,24 +341,16 @@ def _analysed(
     prior, seed = settings.prior.for_subjects(subject), settings.seed
     answer, order = answer_subject(subject, seed, settings.prior.observer, flags)
     result, fitted = fitted_result(paper_posterior(subject, prior), seed, request)
-    fit, by_bootstrap = None, None
-    is_paper_task = subject.task == SAME_DIFFERENT
-    if is_paper_task or request.chains is not None:
-        fit = subject_fit(subject, prior, seed=seed)
-        if is_paper_task:
-            by_bootstrap = bootstrap_evidence(fit, prior)
     described = weighted_fit(fitted, seed) if result.fit is None else result.fit
-    row = subject_evidence(result, fitted, by_bootstrap, answer=answer, fit=described)
+    row = subject_evidence(result, fitted, answer=answer, fit=described)
     curve_draws, drawn = None, None
-    if request.chains is None:
-        fit = None  # not wanted
-    else:
+    if request.chains is not None:
         curve_draws = order.averaged().resampled(
             generator(seed, subject.name, "shown"), _N_CURVE_DRAWS
         )
     if result.chains is not None:
         drawn = subject_draws(result, summarised=True)
-    return _Analysed(drawn, row, fit, curve_draws)
+    return _Analysed(drawn, row, curve_draws)
 
 
 def _settings(

@@ -32,6 +32,8 @@ class Remedy(NamedTuple):
     question : int
         The problem that it solves, of the problems of an error; below 0 the last one. One remedy of
         each question is enough.
+    step : int
+        How many questions had to be answered before this one came up.
 
     Examples
     --------
@@ -45,6 +47,7 @@ class Remedy(NamedTuple):
     value: str | tuple[tuple[str, str], ...]
     meaning: str = ""
     question: int = -1
+    step: int = 0
 
     @property
     def typed(self) -> str:
@@ -129,7 +132,7 @@ class InputError(BayesToeError, ValueError):
         """Remedies that are typed together, and when they are right.
 
         The first choice answers every question by its first remedy. Each other remedy is a choice
-        with the answers before it.
+        with the first answers to all questions that do not follow from the answer it replaces.
 
         Examples
         --------
@@ -138,15 +141,17 @@ class InputError(BayesToeError, ValueError):
         >>> for chosen, _ in InputError(["no unit", "no code"], [*unit, code]).choices:
         ...     print(*(remedy.typed for remedy in chosen))
         --unit um --second-code j
-        --unit ln
+        --unit ln --second-code j
         """
-        chosen, choices = list[Remedy](), list[tuple[list[Remedy], str]]()
+        first_of = dict[int, Remedy]()
         for remedy in self.remedies:
-            if remedy.question in {other.question for other in chosen}:
-                earlier = [other for other in chosen if other.question < remedy.question]
-                choices.append(([*earlier, remedy], remedy.meaning))
-            else:
-                chosen.append(remedy)
+            first_of.setdefault(remedy.question, remedy)
+        chosen, choices = [*first_of.values()], list[tuple[list[Remedy], str]]()
+        for remedy in self.remedies:
+            if remedy is not first_of[remedy.question]:
+                answers = {**first_of, remedy.question: remedy}.values()
+                typed_together = [other for other in answers if other.step <= remedy.step]
+                choices.append((typed_together, remedy.meaning))
         meanings = ", ".join(remedy.meaning for remedy in chosen if remedy.meaning)
         return [(chosen, meanings), *choices] if chosen else []
 
@@ -163,6 +168,7 @@ def with_next_questions(
     `options` are those of the error, and `read` reads under other ones.
     """
     problems, remedies = list(error.problems), list(error.remedies)
+    step = 0
     while error.choices:
         chosen, _ = error.choices[0]
         if not all(remedy.is_complete for remedy in chosen):
@@ -175,8 +181,10 @@ def with_next_questions(
             error = next_error
         if not set(problems).isdisjoint(error.problems):
             break
+        step += 1
         for remedy in error.remedies:
-            remedies.append(remedy._replace(question=len(problems) + remedy.question))
+            question = len(problems) + remedy.question
+            remedies.append(remedy._replace(question=question, step=step))
         problems += error.problems
     return InputError(problems, remedies)
 

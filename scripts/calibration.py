@@ -11,6 +11,7 @@ import platform
 import sys
 from pathlib import Path
 
+import numpy as np
 from calibration_figures import differences_figure, ranks_figure, reliability_figure
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from reference.calibration import (
@@ -21,7 +22,6 @@ from reference.calibration import (
     FALSE_ALARM,
     Calibration,
     calibrate,
-    calibration_settings,
 )
 from reference.calibration_statistics import MARGIN
 
@@ -85,8 +85,7 @@ def _text(found: Calibration) -> str:
         evidence=list(found.evidence_verdicts.itertuples()),
         plan=found.plan,
         verdict=verdict_lines(found),
-        prior=calibration_settings(found.plan.seed).prior.describe(),
-        designs=" and ".join(f"{name} ({batches} batches)" for name, batches in DESIGNS.items()),
+        designs=" and ".join(f"{n} times in the design *{name}*" for name, n in DESIGNS.items()),
         draws=DRAWS,
         about=ABOUT,
         default=DEFAULT,
@@ -98,37 +97,36 @@ def _text(found: Calibration) -> str:
 
 
 def verdict_lines(found: Calibration) -> list[str]:
-    """The verdict in a few lines: what failed, or that nothing did; what did not converge.
-
-    What was not reported.
-    """
+    """The verdict in a few lines, with what did not converge and what was not reported."""
     lines = [f"NOT calibrated: {failure}" for failure in found.failures]
     if len(found.ranks):
         inside = (found.rank_verdicts["verdict"] == "inside").sum()
         lines.append(
-            f"ranks: {inside} of {len(found.rank_verdicts)} inside their bands (a correct analysis "
-            f"has all inside with probability {100 * (1 - FALSE_ALARM):g} %)"
+            f"The ranks of {inside} of {len(found.rank_verdicts)} rows are inside their bands. In "
+            "a correct analysis, the ranks of all rows are inside with a probability of "
+            f"{100 * (1 - FALSE_ALARM):g} %."
         )
     for row in found.evidence_verdicts.itertuples():
-        if row.estimator == DEFAULT:
-            verdict = f"{row.verdict.replace('not', 'NOT')}, ECE {row.error:.4f}"
-            said = f"{verdict}, floor {row.floor:.4f}, limit {MARGIN:g} above the floor"
-            lines.append(
-                f"evidence, {row.design} design: "
-                f"{said if row.error == row.error else 'the default estimator gives no number'}"
-            )
+        if row.estimator != DEFAULT:
+            continue
+        if np.isnan(row.error):
+            lines.append(f"In the {row.design} design, the default estimator has no result.")
+            continue
+        lines.append(
+            f"In the {row.design} design, the probabilities of H1 are "
+            f"{row.verdict.replace('not', 'NOT')}. Their calibration error is {row.error:.4f}, and "
+            f"the limit is {row.floor + MARGIN:.4f}."
+        )
     if len(found.ranks):
         missed = found.ranks["subject"][found.ranks["shortfall"] != ""]
-        named = f": {', '.join(missed)}" if len(missed) else ""
-        lines.append(
-            f"not converged, but ranked: {len(missed)} of {len(found.ranks)} studies{named}"
-        )
+        line = f"All {len(found.ranks)} analyses converged."
+        if len(missed):
+            line = f"These analyses did not converge: {', '.join(missed)}."
+        lines.append(line)
     withheld = found.data_sets["data_set"][found.data_sets[DEFAULT].isna()]
-    return lines + (
-        [f"evidence not reported by the default estimator: {', '.join(withheld)}"]
-        if len(withheld)
-        else []
-    )
+    if len(withheld):
+        lines.append(f"The default estimator reports no evidence for {', '.join(withheld)}.")
+    return lines
 
 
 def main() -> int:

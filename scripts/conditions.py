@@ -1,21 +1,14 @@
 """Conditions within subjects: the numbers of docs/validation.md.
 
-    # real studies: delays, and splits in which nothing differs
-    python scripts/conditions.py subjects [--data FOLDER]
-    # simulated subjects: nothing or one quantity differs
-    python scripts/conditions.py simulated --number 30
-    python scripts/conditions.py group [--data FOLDER]        # the group by delay
+    python scripts/conditions.py simulated --number 24 --seed 1
 
-FOLDER has auditory_pwm/trials.csv and vibrotactile_rate/trials.csv. A line is printed as soon as it
-is known.
+In simulated subjects nothing or one quantity differs. A line is printed as soon as it is known.
 """
 
 from __future__ import annotations
 
 import argparse
-import warnings
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -37,36 +30,6 @@ DIFFERENCES = {
     "contraction, by 0.17": (0.0, 0.17, 0.0),
     "JND, by 0.3 of its log": (0.0, 0.0, 0.3),
 }
-
-
-def real(folder: Path) -> Iterator[tuple[str, bt.Study]]:
-    """Each real study under the conditions that it is split by."""
-    auditory, options = folder / "auditory_pwm" / "trials.csv", bt.ReadOptions(condition="isi")
-    yield "auditory, delay 6 - 2 s", bt.read_study(auditory, options)
-    trials = pd.read_csv(auditory, dtype={"subject": str}).drop(columns="isi")
-    trials = trials[trials["response"].notna()]
-    yield (
-        "auditory, odd and even",
-        bt.read_study(trials.assign(condition=np.where(trials["trial"] % 2, "odd", "even"))),
-    )
-    pulses = pd.read_csv(folder / "vibrotactile_rate" / "trials.csv", dtype={"subject": str})
-    pulses["response"] = np.where(pulses["response"] == 1, "equal", "different")
-    # These two most likely missed a swap of the buttons.
-    for subject, blocks in (("946", (2, 4, 6)), ("865", (2,))):
-        turned = (pulses["subject"] == subject) & pulses["block"].isin(blocks)
-        pulses.loc[turned, "response"] = pulses.loc[turned, "response"].map(
-            {"equal": "different", "different": "equal"}
-        )
-    place = pulses.groupby("subject").cumcount()
-    yield (
-        "vibrotactile, odd and even",
-        bt.read_study(pulses.assign(condition=np.where(place % 2, "odd", "even"))),
-    )
-    half = place < pulses.groupby("subject")["subject"].transform("size") / 2
-    yield (
-        "vibrotactile, early and late",
-        bt.read_study(pulses.assign(condition=np.where(half, "early", "late"))),
-    )
 
 
 def simulated(number: int, trials: int, seed: int) -> Iterator[tuple[str, bt.Study]]:
@@ -120,36 +83,17 @@ def print_counts(label: str, table: ContrastTable) -> None:
         )
 
 
-def print_group(study: bt.Study, seed: int) -> None:
-    """The rows of a group that are of conditions."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bt.ConvergenceWarning)
-        result = bt.population(study, seed=seed)
-    for row in result.table:
-        if row.quantity.startswith("difference"):
-            interval = f"{row.q50:+.3f} [{row.q025:+.3f}, {row.q975:+.3f}]"
-            print(f"{row.parameter} | {row.quantity} | {row.level} | {interval} | {row.zero_words}")
-    print(f"reliable: {result.is_reliable} {result.draws.shortfall}", flush=True)
-
-
 def main() -> None:
-    """What was asked for."""
+    """Simulate subjects, compare their conditions, print the counts."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=["subjects", "simulated", "group"])
-    parser.add_argument("--data", type=Path, default=Path("data"))
+    parser.add_argument("what", choices=["simulated"])
     parser.add_argument("--number", type=int, default=30, help="simulated subjects a line")
     parser.add_argument("--trials", type=int, default=600, help="of a simulated condition")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
-    if asked.what == "group":
-        print_group(next(study for _, study in real(asked.data)), asked.seed)
-        return
-    studies = real(asked.data)
-    if asked.what == "simulated":
-        studies = simulated(asked.number, asked.trials, asked.seed)
-    for label, study in studies:
+    for label, study in simulated(asked.number, asked.trials, asked.seed):
         print_counts(label, bt.contrast(study, seed=asked.seed, workers=1))
 
 

@@ -39,13 +39,13 @@ BAND, PRECISE = (0.8, 1.25), 0.012
 FAR = 6.0
 PAGE = """# Are the standard errors of {evidences} right?
 
-Each case is estimated with {seeds} seeds. z is the difference of an estimate from the reference, divided by the
-reported standard error. If the standard errors are right, the standard deviation of z is 1. With
-{seeds} seeds, it varies by chance by about {precision:.0f} %. Here it must lie between {band[0]} and {band[1]}.
+We estimate each case with {seeds} seeds. The number z is the difference between an estimate and the reference, divided by
+the reported standard error. If the standard errors are right, the standard deviation of z is 1. With {seeds} seeds,
+chance changes this standard deviation by about {precision:.0f} %. We accept values between {band[0]} and {band[1]}.
 {conclusion}
 {far}
 `python scripts/error_bars.py -o docs --seeds {seeds} {option}--overwrite` writes this page and [{table}]({table}). The references are in
-`tests/reference`. bayes_toe {version}, Python {python}, numpy {numpy}.
+`tests/reference`. The versions were bayes_toe {version}, Python {python} and numpy {numpy}.
 
 | case | not reported | mean z | SD of z | largest absolute z | median s.e. (nats) | largest s.e. | {quality} |
 |---|--:|--:|--:|--:|--:|--:|--:|
@@ -203,19 +203,19 @@ def page(table: pd.DataFrame, file: str, is_order: bool) -> str:
     """The table as Markdown, what it shows, and single estimates that are far off."""
     bad, seeds = table.loc[~table["honest"], "case"], int(table["seeds"].iloc[0])
     far = "; ".join(
-        f"{row.case} ({row.largest_z:.1f} standard errors, about "
+        f"`{row.case}` ({row.largest_z:.1f} standard errors, about "
         f"{row.largest_z * row.median_se:.2f} nat)"
         for row in table[table["largest_z"] > 5.0].itertuples()
     )
     far_line = ""
     if far:
         far_line = (
-            "Single estimates that are wrong by more than 5 standard errors, without a warning: "
-            f"{far}.\n"
+            "In these cases, the largest error of an estimate exceeds 5 standard errors without a "
+            f"warning: {far}.\n"
         )
-    conclusion = "Every case lies in this range."
+    conclusion = "All cases lie in this range."
     if not bad.empty:
-        conclusion = f"Cases outside this range: {'; '.join(bad)}."
+        conclusion = f"These cases lie outside this range: `{'`, `'.join(bad)}`."
     head = PAGE.format(
         table=file,
         evidences="the four models' evidences" if is_order else "the evidence",

@@ -1,7 +1,6 @@
-"""How well serial dependence is seen in simulated observers, and what it is in real studies.
+"""How well serial dependence is seen in simulated observers.
 
     python scripts/history.py -o docs --observers 24 --seed 1     # writes history_recovery.csv
-    python scripts/history.py --study trials.csv                  # prints the sums of a study
 
 Observers say which of two stimuli was stronger: neighbours of six levels in both orders, two
 sessions, noise of one step, 4 % lapses. They differ in contraction, in what they carry over, and in
@@ -17,7 +16,6 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtr
 
-import bayes_toe as bt
 from bayes_toe.answers.serial_dependence import EFFECT_MODELS, SubjectDependence, subject_dependence
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
@@ -100,20 +98,8 @@ def recovery(n_observers: int, trials: list[int], seed: int) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def describe_study(path: Path, ignore: list[str], equal_code: str | None, seed: int) -> None:
-    """Print the sums of log evidence over the static model, the words, and the screen."""
-    options = bt.ReadOptions(ignore=tuple(ignore), equal_code=equal_code)
-    rows = list(bt.serial_dependence(bt.read_study(path, options), seed=seed))
-    evidence = np.array([row.log_evidence for row in rows])
-    gain = (evidence - evidence[:, :1]).sum(axis=0)
-    print(f"{path}: {len(rows)} subjects")
-    print(f"ln evidence minus static: carry-over {gain[2]:+.1f}, previous response {gain[1]:+.1f}")
-    for name, value in count_words(rows).items():
-        print(f"{name}: {value:.1f}" if isinstance(value, float) else f"{name}: {value}")
-
-
 def main() -> None:
-    """Simulate, or describe a study."""
+    """Simulate, count the words, write them."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -121,13 +107,7 @@ def main() -> None:
     parser.add_argument("--observers", type=int, default=24)
     parser.add_argument("--trials", type=int, nargs="+", default=[200, 400])
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--study", type=Path)
-    parser.add_argument("--ignore", nargs="*", default=[])
-    parser.add_argument("--equal-code")
     arguments = parser.parse_args()
-    if arguments.study is not None:
-        describe_study(arguments.study, arguments.ignore, arguments.equal_code, arguments.seed)
-        return
     table = recovery(arguments.observers, arguments.trials, arguments.seed)
     table.to_csv(arguments.output / "history_recovery.csv", index=False)
     print(table.to_string())

@@ -46,33 +46,35 @@ _DRAWS = 100  # among which a true value is ranked
 _CHUNK = 40  # observers of a job
 PAGE = """# Calibration of the four models
 
-For each of six designs, {observers} observers are drawn from the prior: first one of the four models, then its
-parameters. Separate code (`scripts/reference/tempering.py`) simulates their responses. `bayes-toe run` analyses them.
+For each of six designs, we draw {observers} observers from the prior. For each observer, we first draw one of the four
+models and then its parameters. Separate code (`scripts/reference/tempering.py`) simulates the responses. `bayes-toe
+run` analyses these responses.
 
 {conclusion}
 
 ## Probabilities
 
-If the probabilities are correct, 80 of 100 observers with a probability of .80 have the effect. ECE (expected
-calibration error) is the mean difference from this rule over ten bins. It exceeds 0 by chance: *floor* is its mean for
-correct probabilities, and *p* is how often they have an ECE at least as large as the observed one. A row is
-calibrated if p is at least {least_p:g}. The log score is in bits; lower is better.
+If the probabilities are correct, 80 of 100 observers with a probability of .80 have the effect. The expected
+calibration error (ECE) is the mean difference from this rule over ten bins. Even correct probabilities have an ECE
+above 0 by chance. The column *floor* has the mean ECE of correct probabilities. The p-value is the probability that
+correct probabilities have an ECE at least as large as the observed ECE. A row is calibrated if p is at least
+{least_p:g}. The log score is in bits, and a lower score is better.
 
 | design | question | observers | with the effect | ECE | floor | p | log score | calibrated |
 |---|---|--:|--:|--:|--:|--:|--:|---|
 {probabilities}
 ## Ranks
 
-If the intervals are correct, the ranks of the true values among posterior draws are uniform. A true constant error or
-contraction is ranked among {draws} draws of the models that have it, and every JND among draws of all models. The
-p-value tests the largest difference between the distribution of the ranks and the uniform one. Ranks count as uniform
-if p is at least {least_p:g}.
+If the intervals are correct, the ranks of the true values among posterior draws have a uniform distribution. We rank a
+true constant error or contraction among {draws} draws of the models that have this effect. We rank each true JND among
+{draws} draws of all models. The p-value tests the largest difference between the distribution of the ranks and the
+uniform distribution. Ranks count as uniform if p is at least {least_p:g}.
 
 | design | quantity | observers | largest difference | at | p | ranks |
 |---|---|--:|--:|--:|--:|---|
 {ranks}
 `python scripts/order_calibration.py -o docs --observers {observers} --seed {seed} --overwrite` writes this page and
-[{table}]({table}). bayes_toe {version}, Python {python}, numpy {numpy}.
+[{table}]({table}). The versions were bayes_toe {version}, Python {python} and numpy {numpy}.
 """
 
 
@@ -223,10 +225,11 @@ def conclusion(table: pd.DataFrame) -> list[str]:
     for part in ("probability", "rank"):
         rows = table[table["part"] == part]
         bad = rows[~rows["calibrated"].astype(bool)]
-        line = f"{part}: {len(rows) - len(bad)} of {len(rows)} rows are calibrated"
+        title = {"probability": "Probabilities", "rank": "Ranks"}[part]
+        line = f"In the table *{title}*, {len(rows) - len(bad)} of {len(rows)} rows are calibrated."
         if len(bad):
             names = (bad["design"] + " " + bad["what"].str.replace("_", " ")).tolist()
-            line += f"; not calibrated: {', '.join(names)}"
+            line += f" These rows are not calibrated: {', '.join(names)}."
         lines.append(line)
     return lines
 

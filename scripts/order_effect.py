@@ -1,15 +1,13 @@
 """How often the words of the answer are right: simulated observers that no prior drew.
 
     python scripts/order_effect.py words -o docs --seed 301
-    python scripts/order_effect.py repulsion -o docs --seed 311
     python scripts/order_effect.py accuracy --seed 1
 
 `words` simulates six designs: the constant error is 0.3, 1 or 2.5 D with random sign, the
 contraction .1, .2 or .35; lapses and slopes are there half of the time; half of the observers of
 'same or different' follow a bell and not the curve of the model. It writes order_effect.csv, an
 observer a row, and prints how often each word is right, log scores and coverage.
-`repulsion` does the same with p = -.1, -.2, -.3. `accuracy` compares probabilities and evidences
-with long runs of fresh draws.
+`accuracy` compares probabilities and evidences with long runs of fresh draws.
 """
 
 from __future__ import annotations
@@ -44,7 +42,6 @@ _PAPER_PAIRS = [
 ]
 CONSTANT_ERRORS = (0.3, 1.0, 2.5)  # D
 CONTRACTIONS = (0.1, 0.2, 0.35)
-REPULSIONS = (-0.1, -0.2, -0.3)
 COMBINATIONS = ("none", "constant error", "contraction", "both")
 
 
@@ -127,15 +124,6 @@ def observers(design: Design, seed: int) -> Iterator[tuple[Subject, Truth]]:
             p = CONTRACTIONS[i // 3 % 3] if combination in ("contraction", "both") else 0.0
             name = f"{combination} {i}"
             yield simulate(design, name, c, p, [seed, place, number, i])
-
-
-def repelled(design: Design, seed: int) -> Iterator[tuple[Subject, Truth]]:
-    """Observers with a repulsion, every other one with a constant error of 1 D."""
-    place = [other.name for other in DESIGNS].index(design.name)
-    for number, p in enumerate(REPULSIONS):
-        for i in range(design.observers // 2):
-            c = 1.0 if i % 2 else 0.0
-            yield simulate(design, f"repulsion {p:g} {i}", c, p, [seed, place, 10 + number, i])
 
 
 def judged(design: Design, made: list[tuple[Subject, Truth]], seed: int) -> pd.DataFrame:
@@ -266,7 +254,7 @@ def accuracy(seed: int, number: int) -> None:
 def main() -> None:
     """Run one of the commands."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("command", choices=("words", "repulsion", "accuracy"))
+    parser.add_argument("command", choices=("words", "accuracy"))
     parser.add_argument("-o", "--output", type=Path)
     parser.add_argument("--seed", type=int, default=301)
     parser.add_argument("--observers", type=int, help="of each combination, fewer than by default")
@@ -275,25 +263,17 @@ def main() -> None:
         accuracy(given.seed, 24 if given.observers is None else given.observers)
         return
     tables = []
-    make = observers if given.command == "words" else repelled
     for number, design in enumerate(DESIGNS):
         chosen = design
         if given.observers is not None:
             chosen = replace(design, observers=given.observers)
-        tables.append(judged(chosen, list(make(chosen, given.seed + number)), given.seed))
+        tables.append(judged(chosen, list(observers(chosen, given.seed + number)), given.seed))
     table = pd.concat(tables, ignore_index=True)
-    if given.command == "words":
-        print(words_table(table).to_string(index=False))
-        print(design_table(table).to_string(index=False))
-    else:
-        is_yes = (table["word_contraction"] == "yes") & (table["direction"] == "repulsion")
-        print(is_yes.groupby([table["design"], table["p"]], sort=False).sum().to_string())
-        wrong = (table["word_contraction"] == "yes") & (table["direction"] == "contraction")
-        print(f"sign wrong: {int(wrong.sum())}")
+    print(words_table(table).to_string(index=False))
+    print(design_table(table).to_string(index=False))
     print("\n".join(coverage_lines(table)))
     if given.output is not None:
-        name = "order_effect.csv" if given.command == "words" else "order_effect_repulsion.csv"
-        table.round(4).to_csv(given.output / name, index=False)
+        table.round(4).to_csv(given.output / "order_effect.csv", index=False)
 
 
 if __name__ == "__main__":

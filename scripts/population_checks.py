@@ -1,26 +1,21 @@
-"""Checks of the group's analysis: public studies, simulated studies, units, another sampler.
+"""Checks of the group's analysis: simulated studies, another sampler.
 
-    python scripts/population_checks.py public --data FOLDER      # two studies, two seeds each
     python scripts/population_checks.py null --studies 40         # a true mean of 0 is excluded
     python scripts/population_checks.py coverage --studies 40     # 95 % intervals hold the truth
     python scripts/population_checks.py calibration --studies 80  # of the Bayes factor
-    python scripts/population_checks.py units                     # s -> 3 s + 2
     python scripts/population_checks.py nuts                      # NumPyro; pip install numpyro
 
-FOLDER has vibrotactile_rate/trials.csv and auditory_pwm/trials.csv. A simulated study has ten
-subjects who answer which of two stimuli is stronger: ten ordered pairs of neighbours of six levels
-0.25 apart, 40 or 200 trials a subject. sigma_d is 0.8 D exp(Normal(0, 0.35)); with probability 1/2
-each, the lapse rate is Beta(2, 14) and the noise slope Normal(-0.1, 0.25)/R, otherwise 0. A study
-takes about 4 s of CPU; --first continues where another run has ended.
+A simulated study has ten subjects who answer which of two stimuli is stronger: ten ordered pairs of
+neighbours of six levels 0.25 apart, 40 or 200 trials a subject. sigma_d is 0.8 D exp(Normal(0,
+0.35)); with probability 1/2 each, the lapse rate is Beta(2, 14) and the noise slope Normal(-0.1,
+0.25)/R, otherwise 0. A study takes about 4 s of CPU; --first continues where another run has ended.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
 import warnings
 from collections import Counter
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -73,35 +68,6 @@ def analysed(study: bt.Study, seed: int) -> PopulationResult:
     for problem in result.problems:
         print(f"  {problem}", flush=True)
     return result
-
-
-def print_effects(result: PopulationResult) -> None:
-    """Mean, interval, sd and Bayes factor of both effects."""
-    for name in ("constant_error", "contraction"):
-        effect = result.effect(name)
-        mean = f"mean {effect.mean.median:.3f} [{effect.mean.low:.3f}, {effect.mean.high:.3f}]"
-        sd = f"sd {effect.sd.median:.3f} [{effect.sd.low:.3f}, {effect.sd.high:.3f}]"
-        zero = f"ln BF of 0 {effect.zero_mean.log_bf:.2f} +- {effect.zero_mean.error:.2f}"
-        percent = ""
-        if effect.percent is not None:
-            low, median, high = effect.percent
-            percent = f" = {median:.1f} % [{low:.1f}, {high:.1f}]"
-        print(f"  {name}: {mean}{percent}, {sd}, {zero}", flush=True)
-
-
-def public(folder: Path) -> None:
-    """The public studies."""
-    options = bt.ReadOptions(equal_code="1")
-    vibrotactile = bt.read_study(folder / "vibrotactile_rate" / "trials.csv", options)
-    vibrotactile = vibrotactile.swap("946", (2, 4, 6)).swap("865", (2,))
-    auditory = bt.read_study(folder / "auditory_pwm" / "trials.csv")
-    for name, study in (("vibrotactile", vibrotactile), ("auditory", auditory)):
-        for seed in (1, 2):
-            start = time.process_time()
-            result = analysed(study, seed)
-            cpu = time.process_time() - start
-            print(f"{name}, seed {seed}: D {result.scales.step:.3f}, {cpu:.1f} s of CPU")
-            print_effects(result)
 
 
 def null(studies: range) -> None:
@@ -168,19 +134,6 @@ def calibration(studies: range) -> None:
             zeros = sum(zero for _, zero in pairs)
             bounds = f"{limits[place]:.2f} to {limits[place + 1]:.2f}"
             print(f"P(zero mean) {bounds}: said {mean:.2f}, was zero {zeros} of {len(pairs)}")
-
-
-def units() -> None:
-    """The same study, and its stimuli as 3 s + 2."""
-    study = simulated_study(Truth(0.4, 0.2, 0.15, 0.1), 200, np.random.default_rng(4))
-    moved = []
-    for subject in study:
-        stimuli = 3.0 * subject.s1 + 2.0, 3.0 * subject.s2 + 2.0
-        counts = subject.n_yes, subject.n_trials
-        moved.append(bt.Subject(subject.name, *stimuli, *counts, task=subject.task))
-    for label, each in (("s", study), ("3 s + 2", bt.Study(moved))):
-        print(label)
-        print_effects(analysed(each, 1))
 
 
 def nuts() -> None:
@@ -253,25 +206,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    checks = ["public", "null", "coverage", "calibration", "units", "nuts"]
+    checks = ["null", "coverage", "calibration", "nuts"]
     parser.add_argument("check", choices=checks)
-    parser.add_argument("--data", type=Path, default=Path("data"))
     parser.add_argument("--studies", type=int, default=40)
     parser.add_argument("--first", type=int, default=0, help="number of the first study")
     parser.add_argument("--trials", type=int, default=200, help="of a subject, for coverage")
     parser.add_argument("--scatter", choices=["small", "large"], default="large")
     asked = parser.parse_args()
     studies = range(asked.first, asked.first + asked.studies)
-    if asked.check == "public":
-        public(asked.data)
-    elif asked.check == "null":
+    if asked.check == "null":
         null(studies)
     elif asked.check == "coverage":
         coverage(studies, asked.trials, asked.scatter)
     elif asked.check == "calibration":
         calibration(studies)
-    elif asked.check == "units":
-        units()
     else:
         nuts()
 

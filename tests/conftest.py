@@ -5,9 +5,7 @@ import importlib
 import os
 import signal
 import warnings
-from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +17,6 @@ import bayes_toe as bt
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.words import Word
-from bayes_toe.classical.fit import subject_fit
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.study_design import reference_design
 from bayes_toe.inference.order_evidence import MODEL_NAMES
@@ -107,30 +104,10 @@ def known_observers(names):
     return bt.Study([replace(subject, name=name) for name, subject in pairs], synthetic=True)
 
 
-@contextmanager
-def few_replicates():
-    """Analyses with few bootstrap replicates, which take longer than all evidences.
-
-    For what does not look at their intervals.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=40))
-        patch.setattr("bayes_toe.analysis.REPLICATES", 40)
-        yield
-
-
-@pytest.fixture(autouse=True)
-def quick_bootstrap():
-    """Analyses in this process have few bootstrap replicates."""
-    with few_replicates():
-        yield
-
-
 @pytest.fixture(scope="session")
 def analysis(small_study) -> Analysis:
     """Draws and evidence of the small study under the paper's prior, in this process."""
-    with few_replicates():
-        return bt.run(small_study, draws=2000, seed=5, prior="paper", workers=1)
+    return bt.run(small_study, draws=2000, seed=5, prior="paper", workers=1)
 
 
 def stronger_counts(name, pull, mu1, n=60):
@@ -155,8 +132,7 @@ def stronger() -> Analysis:
         [stronger_counts("pulled", 0.35, 0.4), stronger_counts("plain", 0.001, 0.6)],
         source="which is stronger",
     )
-    with few_replicates():
-        return bt.run(study, draws=500, seed=2, workers=1)
+    return bt.run(study, draws=500, seed=2, workers=1)
 
 
 @pytest.fixture

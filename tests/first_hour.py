@@ -5,15 +5,11 @@ The study has six observers, 240 trials each, standards of 60, 100 and 160 um, a
 German: semicolons, decimal commas and Windows-1252.
 
 `first_hour` types `bayes-toe check` and adds what each refusal says after 'type:', as it is
-printed. Of several lines the user takes the first that says what is true of the study. Run as a
-script, this module prints all commands and answers.
+printed. Of several lines the user takes the first that says what is true of the study.
 """
 
 import shlex
-import sys
-import tempfile
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 from commands import inside
@@ -121,9 +117,9 @@ def proposals(stderr):
     return [line[7:].partition("  ")[0] for line in lines[places[0] :]]
 
 
-def first_hour(folder, name, *options):
-    """The refusals until `check` answers, and its answer; `options` are typed at once."""
-    words, refusals = ["check", name, *options], []
+def first_hour(folder, name):
+    """The refusals until `check` answers, and its answer."""
+    words, refusals = ["check", name], []
     while True:
         finished = inside(*words, cwd=folder)
         if finished.returncode == 0:
@@ -136,13 +132,3 @@ def first_hour(folder, name, *options):
         if not true_lines or len(refusals) > MOST_REFUSALS:
             return refusals, ""
         words += shlex.split(true_lines[0])
-
-
-if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as name:
-        for write in (psychopy_file, psychopy_folder, german_file):
-            file = write(Path(name))
-            refusals, answer = first_hour(Path(name), file, *sys.argv[1:])
-            for command, message in refusals:
-                print(f"$ bayes-toe {command}\n{message}")
-            print(answer)

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import printed_output
 import pytest
-from conftest import few_replicates
 
 import bayes_toe as bt
 from bayes_toe.answers.words import Word
@@ -23,8 +22,7 @@ NUMBER = re.compile(r"([-+]?\d*\.?\d+)")
 @pytest.fixture(scope="module")
 def example():
     """The bundled example, analysed as the documents do."""
-    with few_replicates():
-        return bt.run(bt.example_study(), draws=100, seed=1, workers=1)
+    return bt.run(bt.example_study(), draws=100, seed=1, workers=1)
 
 
 @pytest.fixture

@@ -46,7 +46,6 @@ _COMPARISON_COLUMNS = (
     "log_bayes_factor_laplace",
     "pareto_k",
     "log_evidence_h1_laplace_natural",
-    "log_evidence_h1_bootstrap",
 )
 #: Columns of evidence.csv: the answer, then the paper's comparison.
 EVIDENCE_COLUMNS = (*ANSWER_COLUMNS, *_COMPARISON_COLUMNS, "prior")
@@ -68,7 +67,7 @@ class SubjectEvidence:
     notes : tuple of str
         What is not reported, and why.
     footnotes : tuple of str
-        The same of the approximations: Laplace's, and Appendix C's recipe.
+        The same of Laplace's approximations.
     """
 
     subject: str
@@ -80,7 +79,6 @@ class SubjectEvidence:
     log_evidence_h1_laplace: float | None
     log_evidence_h0_laplace: float
     log_evidence_h1_laplace_natural: float | None
-    log_evidence_h1_bootstrap: float | None
     efficiency: float
     pareto_k: float
     fit: GoodnessOfFit | None
@@ -169,15 +167,13 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 def subject_evidence(
     result: SubjectResult,
     fitted: Fitted,
-    by_bootstrap: tuple[float | None, str] | None,
     *,
     answer: OrderEffect | None = None,
     fit: GoodnessOfFit | None = None,
 ) -> SubjectEvidence:
     """The row of one subject in the evidence table, from the fit of H1.
 
-    `by_bootstrap` is the evidence by Appendix C's recipe with a note on it
-    (:mod:`bayes_toe.classical.fit`); `fit` is None where draws of H1 cannot be trusted.
+    `fit` is None where draws of H1 cannot be trusted.
     """
     posterior = cast(PaperPosterior, fitted.proposal.proposal.posterior)
     estimate = cast(Evidence, result.evidence)
@@ -190,10 +186,6 @@ def subject_evidence(
     if is_paper_task:
         natural, why_no_natural = laplace_evidence_natural(posterior, fitted.maxima)
         notes.append(why_no_natural)
-    bootstrap: float | None = None
-    if by_bootstrap is not None:
-        bootstrap, about_bootstrap = by_bootstrap
-        notes.append(about_bootstrap)
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
@@ -204,7 +196,6 @@ def subject_evidence(
         log_evidence_h1_laplace=laplace,
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
         log_evidence_h1_laplace_natural=natural,
-        log_evidence_h1_bootstrap=bootstrap,
         efficiency=estimate.efficiency,
         pareto_k=estimate.pareto_k,
         fit=fit,

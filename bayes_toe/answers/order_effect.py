@@ -80,7 +80,7 @@ SCALE_FACTORS = (0.5, 2.0)
 _FAR_ROVING = 3.0  # D; a larger median of abs(p) sd(s1) rests on the prior
 _Numbers = Mapping[str, float]
 #: Nats below the best within which a model's error matters, and the largest error left unsaid.
-_COUNTS_WITHIN, _LARGEST_ERROR = 5.0, 0.1
+COUNTS_WITHIN, _LARGEST_ERROR = 5.0, 0.1
 _STUDENT = StandardStudent()
 _MOST_DECIMALS = 15
 #: Natural logs beyond which a percentage is infinite, or -100.
@@ -378,29 +378,29 @@ def format_difference(size: Size, unit: StimulusUnit) -> str:
 def format_signed(size: Size, unit: str = "") -> str:
     """A signed size with its unit and 95 % interval, two digits of the largest number.
 
-    The interval has more digits if its ends would look equal.
+    The interval has more digits if its ends would look equal. A number that is not 0 has as many
+    as it needs not to look like 0.
 
     Examples
     --------
     >>> format_signed(Size(2.5, 5.61, 8.3), "%"), format_signed(Size(-0.4, 11.7, 22.1))
-    ('+5.6 % [+2.5, +8.3]', '+12 [-0, +22]')
+    ('+5.6 % [+2.5, +8.3]', '+12 [-0.4, +22]')
     >>> format_signed(Size(2e-5, 3e-5, 4e-5), "%"), format_signed(Size(5.601, 5.61, 5.62))
     ('+0.000030 % [+0.000020, +0.000040]', '+5.61 [+5.60, +5.62]')
     """
     finite = filter(np.isfinite, size)
-    digits = _distinct_decimals(size, decimals_of(max(map(abs, finite), default=0.0)))
-    low, median, high = (_format_finite(value, digits, "+") for value in size)
-    estimate = f"{median} {unit}".rstrip()
-    return f"{estimate} [{low}, {high}]"
+    return _format_interval(size, unit, decimals_of(max(map(abs, finite), default=0.0)), "+")
 
 
-def _distinct_decimals(size: Size, digits: int) -> int:
-    """So many decimals, or as many as the ends of an interval need to look different."""
+def _format_interval(size: Size, unit: str, digits: int, sign: str) -> str:
+    """A size with its unit and interval: so many decimals, or more if its ends would look equal."""
     while size.q025 < size.q975 and digits < _MOST_DECIMALS:
         if round(size.q025, digits) < round(size.q975, digits):
             break
         digits += 1
-    return digits
+    low, median, high = (_format_finite(value, digits, sign) for value in size)
+    estimate = f"{median} {unit}".rstrip()
+    return f"{estimate} [{low}, {high}]"
 
 
 def decimals_of(value: float) -> int:
@@ -411,10 +411,15 @@ def decimals_of(value: float) -> int:
 
 
 def _format_finite(value: float, digits: int, sign: str = "") -> str:
-    """A number with its decimals; a log or decibels of a percentage that is none as a bound."""
+    """A number with its decimals, or with one digit if it would look like 0 and is not.
+
+    A log or decibels of a percentage that is none are a bound.
+    """
     if np.isinf(value):
         return f"> {_LARGEST_LOG}" if value > 0.0 else f"< {_SMALLEST_LOG}"
-    return f"{value:{sign}.{digits}f}"
+    if round(value, digits) == 0.0:
+        digits = max(digits, decimals_of(abs(value)) - 1)
+    return f"{value + 0.0:{sign}.{digits}f}"
 
 
 def format_number(value: float) -> str:
@@ -436,24 +441,21 @@ def format_share(size: Size, sign: str = "") -> str:
     Examples
     --------
     >>> format_share(Size(-0.001, 0.16, 0.22)), format_share(Size(0.1, 0.2, 0.3), "+")
-    ('16 % [0, 22]', '+20 % [+10, +30]')
+    ('16 % [-0.1, 22]', '+20 % [+10, +30]')
     """
-    in_percent = Size(*(100.0 * value for value in size))
-    digits = _distinct_decimals(in_percent, 0)
-    low, median, high = (f"{round(value, digits) + 0.0:{sign}.{digits}f}" for value in in_percent)
-    return f"{median} % [{low}, {high}]"
+    return _format_interval(Size(*(100.0 * value for value in size)), "%", 0, sign)
 
 
-def format_decimals(value: float, sign: str = "") -> str:
-    """A number between -1 and 1 without the zero before its point, and never -0.
+def format_decimals(value: float) -> str:
+    """A number between -1 and 1 without the zero before its point.
 
     Examples
     --------
     >>> format_decimals(-0.047), format_decimals(-0.001), format_decimals(1.0)
-    ('-.05', '.00', '1.00')
+    ('-.05', '-.001', '1.00')
     """
-    text = f"{round(value, 2) + 0.0:{sign}.2f}"
-    return text.replace("0.", ".", 1) if text.lstrip("+-").startswith("0.") else text
+    text = _format_finite(value, 2)
+    return text.replace("0.", ".", 1) if text.lstrip("-").startswith("0.") else text
 
 
 def format_small_p(p_value: float) -> str:
@@ -685,7 +687,7 @@ def _size(draws: OrderDraws, values: FloatArray) -> Size:
 
 def _error_flags(evidence: OrderEvidence) -> list[str]:
     """A flag if the evidence of a model that counts is imprecise."""
-    is_near = evidence.log_evidence > evidence.log_evidence.max() - _COUNTS_WITHIN
+    is_near = evidence.log_evidence > evidence.log_evidence.max() - COUNTS_WITHIN
     largest = float(evidence.standard_error[is_near].max())
     if largest <= _LARGEST_ERROR:
         return []

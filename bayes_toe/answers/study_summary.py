@@ -14,12 +14,13 @@ from operator import itemgetter
 import numpy as np
 from scipy.special import logsumexp, softmax
 
-from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
+from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, word_of_bayes_factor
 from bayes_toe.answers.words import Word, claim
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
 from bayes_toe.data.messages import capitalized, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.validation import CONDITION_SEPARATOR
+from bayes_toe.groups.population import GroupEffect, PopulationResult
 from bayes_toe.inference.goodness_of_fit import PairResidual
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ORDER_MODELS
 
@@ -40,7 +41,7 @@ APPENDIX_C = (
 
 def study_lines(
     answers: Sequence[OrderEffect],
-    mean_words: Mapping[str, Word] | None = None,
+    group: PopulationResult | None = None,
     *,
     synthetic: bool = False,
     units: bool = False,
@@ -52,15 +53,15 @@ def study_lines(
     Parameters
     ----------
     answers : sequence of OrderEffect
-    mean_words : mapping of str to Word, optional
-        For each effect, whether the mean of the group differs from 0.
+    group : PopulationResult, optional
+        The group of these subjects.
     synthetic : bool
         Whether the subjects are simulated.
     units : bool
         Whether each is a subject in one condition.
     """
     noun = "condition" if units else "subject"
-    meaning = describe_meaning(answers, mean_words, noun)
+    meaning = describe_meaning(answers, group, noun)
     counted_answers = [answer for answer in answers if answer.is_interpretable]
     if len(answers) == 1:
         text = f"{answers[0].subject}: {answers[0].describe()}"
@@ -92,11 +93,13 @@ _MEANS = {CONSTANT_ERROR.name: "PSE shift", CONTRACTION.name: "contraction"}
 #: Share of subjects with the rarer direction from which on the directions explain a group mean
 #: near 0, if the other direction is at most twice as frequent.
 _FEWEST_IN_DIRECTION = 1 / 6
+#: SDs between subjects about 0 that hold the interval of a mean that is near 0.
+_NEAR_0 = 0.5
 
 
 def describe_meaning(
     answers: Sequence[OrderEffect],
-    mean_words: Mapping[str, Word] | None = None,
+    group: PopulationResult | None = None,
     noun: str = "subject",
 ) -> str:
     """What the answers say of perception, in a few sentences.
@@ -106,8 +109,8 @@ def describe_meaning(
     Parameters
     ----------
     answers : sequence of OrderEffect
-    mean_words : mapping of str to Word, optional
-        For each effect, whether the mean of the group differs from 0.
+    group : PopulationResult, optional
+        The group of these subjects.
     noun : str
         What each answer is about.
     """
@@ -118,8 +121,9 @@ def describe_meaning(
         name = f"{interpretable[0].subject}: " if len(answers) > 1 else ""
         return name + _describe_subject(interpretable[0])
     sentences = _order_sentences(interpretable, noun)
+    group_effects = {} if group is None else group.effects
     for effect in _DIRECTIONS:
-        sentences += _direction_sentences(interpretable, effect, noun, mean_words or {})
+        sentences += _direction_sentences(interpretable, effect, noun, group_effects)
     return " ".join(sentences)
 
 
@@ -185,7 +189,10 @@ def _direction(answer: OrderEffect, effect: str) -> str:
 
 
 def _direction_sentences(
-    answers: Sequence[OrderEffect], effect: str, noun: str, mean_words: Mapping[str, Word]
+    answers: Sequence[OrderEffect],
+    effect: str,
+    noun: str,
+    group_effects: Mapping[str, GroupEffect],
 ) -> list[str]:
     """How many subjects have which direction, and whether that explains a mean near 0.
 
@@ -210,9 +217,26 @@ def _direction_sentences(
     sentences = [f"The first stimulus is {probably}{' and '.join(parts)}."]
     fewest, most = sorted(directions[direction] for direction in _DIRECTIONS[effect])
     is_mixed = fewest >= max(_FEWEST_IN_DIRECTION * len(answers), 0.5 * most)
-    if is_mixed and mean_words.get(effect) in (Word.NO, Word.PROBABLY_NOT):
-        sentences.append(f"These directions differ, so the mean {_MEANS[effect]} is near 0.")
+    if is_mixed and effect in group_effects:
+        claim_of_mean = _near_0(group_effects[effect])
+        if claim_of_mean:
+            mean = f"the mean {_MEANS[effect]}"
+            sentences.append(f"These directions differ, so {mean} {claim_of_mean}.")
     return sentences
+
+
+def _near_0(effect: GroupEffect) -> str:
+    """What the interval of a group mean says of 0; empty if the mean may well differ from 0.
+
+    A wide interval does not show that the mean is small.
+    """
+    low, _, high = effect.mean
+    may_differ = word_of_bayes_factor(-effect.zero_mean.log_bf).is_positive
+    if may_differ or not low <= 0.0 <= high:
+        return ""
+    if max(-low, high) <= _NEAR_0 * effect.sd.median:
+        return "is near 0"
+    return "cannot be distinguished from 0"
 
 
 def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
@@ -232,10 +256,16 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
     for question in QUESTIONS:
         if good_fits and _count_positive(misfits, question):
             n_positive = _count_positive(good_fits, question)
-            counts.append(f"{question.replace('_', ' ')} {n_positive} of {len(good_fits)}")
+            counts.append(f"{with_article(question)} in {n_positive} of {len(good_fits)}")
     if counts:
-        lines.append(f"Without {names}, yes or probably: {', '.join(counts)}.")
+        lines.append(f"Without poor fits, there is or probably is {', '.join(counts)}.")
     return lines
+
+
+def with_article(question: str) -> str:
+    """A question with its indefinite article."""
+    name = question.replace("_", " ")
+    return f"an {name}" if name.startswith("o") else f"a {name}"
 
 
 def _count_positive(answers: Sequence[OrderEffect], question: str) -> int:
@@ -243,34 +273,36 @@ def _count_positive(answers: Sequence[OrderEffect], question: str) -> int:
     return sum(answer.words[question].is_positive for answer in answers)
 
 
-def count_words(
-    words: Iterable[str], of_total: str = "", directions: Mapping[str, str] | None = None
-) -> str:
-    """How often each word is given, in the order of certainty.
+def count_words(words: Iterable[str], of_total: str = "") -> str:
+    """How often each word is given, in the order of certainty, with its directions.
 
     Parameters
     ----------
     words : iterable of str
+        A word may have its direction in brackets.
     of_total : str
         Follows the first count, as in ' of 7 subjects'.
-    directions : mapping of str to str, optional
-        What follows a word in brackets.
 
     Examples
     --------
-    >>> count_words(["no", "yes", "yes"], " of 3 subjects", {"yes": "1 contraction, 1 repulsion"})
-    '2 of 3 subjects yes (1 contraction, 1 repulsion), 1 no'
+    >>> words = ["no", "yes (repulsion)", "yes (contraction)", "yes (contraction)"]
+    >>> count_words(words, " of 4 subjects")
+    '3 of 4 subjects yes (2 contraction, 1 repulsion), 1 no'
     """
-    counts = Counter(words)
-    in_order = dict.fromkeys([*map(str, Word), *counts])
+    directions = dict[str, list[str]]()
+    for text in sorted(words):
+        word, _, direction = text.removesuffix(")").partition(" (")
+        directions.setdefault(word, []).append(direction)
     parts = list[str]()
-    for word in in_order:
-        if not counts[word]:
+    for word in dict.fromkeys([*map(str, Word), *directions]):
+        if word not in directions:
             continue
-        text = f"{counts[word]}{of_total} {word}"
-        direction = (directions or {}).get(word, "")
-        if direction:
-            text += f" ({direction})"
+        text = f"{len(directions[word])}{of_total} {word}"
+        counts = Counter(filter(None, directions[word]))
+        if len(counts) == 1:
+            text += f" ({', '.join(counts)})"
+        elif counts:
+            text += f" ({', '.join(f'{count} {name}' for name, count in counts.items())})"
         parts.append(text)
         of_total = ""
     return ", ".join(parts)
@@ -278,7 +310,7 @@ def count_words(
 
 def _count_answers(answers: Sequence[OrderEffect], question: str, of_total: str) -> str:
     """How many subjects have each word, as in '4 of 7 subjects yes, 1 probably'."""
-    words = [str(answer.words[question]) for answer in answers]
+    words = [answer.word(question) for answer in answers]
     if set(words) == {Word.CANNOT_BE_TOLD}:
         return f"{Word.CANNOT_BE_TOLD} in any subject"
     return count_words(words, of_total)
@@ -327,11 +359,11 @@ def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:
         if told:
             share = 100.0 * effect_frequency(told, question)
             subjects = plural(len(told), "subject")
-            shares.append(f"{question.replace('_', ' ')} {share:.0f} % ({subjects})")
+            shares.append(f"{share:.0f} % with {with_article(question)} (from {subjects})")
     if not shares:
         return []
     return [
-        f"Expected share of subjects with an effect: {', '.join(shares)}. These shares do not say "
+        f"The expected share of the population is {' and '.join(shares)}. These shares do not say "
         "how large the effects are."
     ]
 

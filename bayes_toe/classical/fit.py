@@ -26,8 +26,7 @@ from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, require_kind, require_share
-from bayes_toe.model.distributions import LOG_2PI
-from bayes_toe.model.paper_equations import Natural, natural_names
+from bayes_toe.model.paper_equations import natural_names
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.seeds import generator, root_seed
@@ -37,9 +36,6 @@ if TYPE_CHECKING:
     from bayes_toe.inference.draws import Draws
 
 
-_LABEL = "Appendix C's evidence of H1"
-#: Smallest eigenvalue of a correlation matrix that still counts as invertible.
-_SINGULAR = 1e-10
 #: Words for replicates on an edge.
 _EDGE_WORDS = {
     "sigma_p=0": "have sigma_p = 0",
@@ -115,17 +111,6 @@ class SubjectFit:
         )
         return np.quantile(self.fits.curves.yes(first, second), [low, high], axis=0)
 
-    def covariance(self) -> FloatArray | None:
-        """Covariance of (mu1, sigma_p^2, sigma_l^2, q0) over the replicates, (4, 4).
-
-        None where one is infinite or not determined.
-
-        Source: Appendix C, "the covariance matrix from the synthetic data".
-        """
-        mu1, sigma_p, sigma_l, q0 = self.fits.parameters.T
-        columns = np.stack([mu1, np.square(sigma_p), np.square(sigma_l), q0])
-        return np.cov(columns) if np.isfinite(columns).all() and len(self) > 1 else None
-
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks on the fit and its intervals, a sentence each."""
@@ -142,8 +127,8 @@ class SubjectFit:
             remarks.append(
                 f"{n_lost} {replicates} did not converge; intervals use their best points"
             )
-        n_on_edge = self.fits.edges.sum(axis=0).tolist()
-        for name, n_there in zip(self.fits.edge_names, n_on_edge, strict=True):
+        for name, is_on_edge in self.fits.edges.items():
+            n_there = int(is_on_edge.sum())
             if name == "not unique" and n_there == len(self):
                 remarks.append("no bootstrap replicate determines every parameter")
             elif n_there and name in _EDGE_WORDS:
@@ -170,45 +155,6 @@ def resample(subject: Subject, rng: Rng, replicates: int) -> IntArray:
         size=(replicates, subject.n_pairs),
     )
     return np.asarray(rng.binomial(subject.n_trials, q), np.int64)
-
-
-def bootstrap_evidence(fit: SubjectFit, prior: Prior) -> tuple[float | None, str]:
-    """Log evidence of H1 by Appendix C's own recipe, with a remark.
-
-    It is for 'same or different' only.
-
-    log p(n | theta*) + log p(theta*) + log det(2 pi Sigma) / 2 with theta* the fit and Sigma the
-    covariance of the replicates, both in the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0);
-    the density of the prior, which is one of numbers, is transformed to them. Natural log, no
-    binomial coefficients. None, with the reason, where there is no such number. Where theta* lies
-    on an edge the number is the paper's, and the second value says that the Gaussian then reaches
-    beyond the edge. Source: Eq. app:evidapprox.
-    """
-    fitted, covariance = fit.fitted, fit.covariance()
-    theta, edge = fitted.parameters[0], fitted.at_edge[0]
-    open_edges = ";".join(name for name in edge.split(";") if name != "not unique")
-    findings = []
-    if open_edges:
-        findings.append(f"lies at {open_edges}")
-    if open_edges != edge:
-        findings.append("is not unique")
-    maximum = f"the maximum {' and '.join(findings)}"
-    missing = f"{_LABEL} does not exist"
-    if not np.isfinite(theta).all() or theta[1] == 0.0:
-        return None, f"{missing}: {maximum}"
-    if covariance is None:
-        return None, f"{missing}: some replicates leave a parameter infinite or open"
-    sd = np.sqrt(np.diagonal(covariance))
-    ranges = np.ptp(fit.fits.parameters, axis=0)
-    is_constant = np.any(sd == 0.0) or np.any(ranges == 0.0)
-    if is_constant or np.linalg.eigvalsh(covariance / sd[:, None] / sd)[0] < _SINGULAR:
-        return None, f"{missing}: the covariance of the replicates is singular"
-    half_log_det = 0.5 * float(np.linalg.slogdet(covariance)[1]) + 2.0 * LOG_2PI
-    density = prior.log_density_variances(Natural(*theta))
-    value = float(fitted.log_likelihood[0] + density + half_log_det)
-    if not edge:
-        return value, ""
-    return value, f"{_LABEL}: {maximum}, beyond which its Gaussian reaches"
 
 
 UNCERTAINTY_COLUMNS = (

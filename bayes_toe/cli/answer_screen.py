@@ -18,7 +18,6 @@ from bayes_toe.answers.order_effect import (
     format_small_p,
 )
 from bayes_toe.answers.study_summary import describe_pair, study_lines
-from bayes_toe.answers.words import Word
 from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
     OUTPUT,
@@ -32,6 +31,7 @@ from bayes_toe.data.messages import capitalized, join_names, join_words
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
+    from bayes_toe.groups.population import PopulationResult
 
 _HEADINGS = (
     "subject",
@@ -202,14 +202,14 @@ def print_answer(
     out: Terminal,
     answers: Sequence[OrderEffect],
     study: Study,
-    group: Sequence[str] = (),
+    group_lines: Sequence[str] = (),
     closing: Sequence[str] = (),
-    mean_words: Mapping[str, Word] | None = None,
+    group: PopulationResult | None = None,
 ) -> None:
     """The answer of a study: counts, directions, the group, and what is not counted."""
     units = study.conditions is not None
-    lines = study_lines(answers, mean_words, synthetic=study.synthetic, units=units)
-    lines += group
+    lines = study_lines(answers, group, synthetic=study.synthetic, units=units)
+    lines += group_lines
     for answer in answers:
         notes = [note for note in answer.notes if note not in answer.reasons.values()]
         lines += [f"{capitalized(note)}." for note in notes]

@@ -84,17 +84,20 @@ def group_answer(result: PopulationResult) -> list[str]:
     parts = []
     for name in _EFFECTS:
         if name not in result.identified:
-            parts.append(f"The {_ROW_LABELS[name]} cannot be told.")
+            parts.append(f"the {_ROW_LABELS[name]} cannot be told")
             continue
-        estimate = f"The mean {_LABELS[name]} is {group_estimate(result, name)}"
+        estimate = f"the mean {_LABELS[name]} is {group_estimate(result, name)}"
         sd = _spread(result, name).partition(" [")[0]
         difference = _differs_from_0(log_factor_of_mean(result, name))
-        parts.append(f"{estimate}, SD between subjects {sd}; {difference}.")
+        parts.append(f"{estimate}, SD between subjects {sd}; {difference}")
     n_subjects = len(result.subjects)
-    lines = [f"{badge}Group of {n_subjects}{_reference(result)}. {' '.join(parts)}"]
+    heading = f"In the group of {n_subjects}{_reference(result)}"
+    first_effect, second_effect = parts
+    lines = [f"{badge}{heading}, {first_effect}. {capitalized(second_effect)}."]
     differences: dict[str, list[str]] = {}
     for level, label, difference, factor, word in _comparison_rows(result, "difference"):
-        text = f"{label} {difference}, {claim(Word(word), 'it', 'differ', 'from 0')} (BF {factor})"
+        equality = "from 1" if label == _DIFFERENCE_LABELS[NOISE.name] else "from 0"
+        text = f"{label} {difference}, {claim(Word(word), 'it', 'differ', equality)} (BF {factor})"
         differences.setdefault(level, []).append(text)
     for level, texts in differences.items():
         lines.append(f"{badge}Difference {level} in the group: {'; '.join(texts)}.")
@@ -114,17 +117,6 @@ def good_fits_answer(group: PopulationResult, of_good_fits: PopulationResult | N
     if not changes:
         return []
     return [f"Without the subjects whom the model does not fit, {' and '.join(changes)}."]
-
-
-def mean_words(result: PopulationResult | None) -> dict[str, Word]:
-    """For each effect that can be told, whether the mean of the group differs from 0."""
-    if result is None:
-        return {}
-    words = {}
-    for name in _EFFECTS:
-        if name in result.identified:
-            words[name] = word_of_bayes_factor(log_factor_of_mean(result, name))
-    return words
 
 
 def _differs_from_0(log_factor: float, noun: str = "it") -> str:

@@ -121,12 +121,11 @@ def _print_conclusion(
 ) -> None:
     """The answer of the study and of the group, and where to go on."""
     from bayes_toe.cli.answer_screen import print_answer, without_decision
-    from bayes_toe.cli.group_screen import mean_words
 
     closing = without_decision(analysis.answers, problems)
     closing += [f"Start with {folder / 'report.html'}.", f"Seed {analysis.settings.seed}."]
-    lines, words = _group_lines(analysis), mean_words(analysis.group)
-    print_answer(out, analysis.answers, analysis.study, lines, closing, words)
+    lines = _group_lines(analysis)
+    print_answer(out, analysis.answers, analysis.study, lines, closing, analysis.group)
 
 
 def _group_lines(analysis: Analysis) -> list[str]:
@@ -225,6 +224,7 @@ def evidence(
 def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     """Medians, intervals and convergence of every subject."""
     from bayes_toe.model.models import model_title
+    from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
     stats, missed = draws.group("sample_stats"), {**draws.not_converged, **draws.imprecise}
     columns = _PAPER_COLUMNS if "mu1" in draws.parameters else _ORDER_COLUMNS
@@ -235,11 +235,10 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
         n_effective = float(stats["min_ess"][index[name]])
         row = [f"{name} !" if name in missed else name]
         for key in keys:
-            values = draws.values(name, key)
-            if key == "contraction":
-                low, median, high = quantile_texts(100.0 * values, n_effective, 0)
-            else:
-                low, median, high = quantile_texts(values, n_effective, 2)
+            scale = QUANTITY_BY_NAME[key].scale
+            decimals = 2 if scale == 1.0 else 0
+            values = scale * draws.values(name, key)
+            low, median, high = quantile_texts(values, n_effective, decimals)
             text = f"{median} [{low}, {high}]" if key in _WITH_RANGE else median
             row.append(without_zeros(text))
         row.append(f"{n_effective:.0f}")

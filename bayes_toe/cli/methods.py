@@ -1,6 +1,7 @@
-"""methods.md: the paragraph that a journal prints, a table, and the citations.
+"""methods.md: the paragraphs of a paper on methods and results, a table, and the citations.
 
-`write_methods` writes methods.md and methods.bib.
+`write_methods` fills methods_template.md with what was done. The other functions write what was
+found, in the past tense.
 """
 
 from __future__ import annotations
@@ -8,272 +9,271 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
+from itertools import chain
 from math import exp
 from pathlib import Path
 from textwrap import fill
 
+import numpy as np
+import numpy.typing as npt
+from jinja2 import Environment, StrictUndefined
+
 from bayes_toe.analysis import Analysis
+from bayes_toe.answers import words
 from bayes_toe.answers.order_effect import (
+    COUNTS_WITHIN,
     QUESTIONS,
     SIZE_OF,
     OrderEffect,
     format_bayes_factor,
     format_decimals,
+    format_number,
+    format_probability,
 )
 from bayes_toe.answers.study_summary import (
     count_all,
-    count_words,
     describe_meaning,
     few_subjects_lines,
     misfit_lines,
+    with_article,
 )
-from bayes_toe.answers.words import (
-    NO_UP_TO,
-    PROBABLY_FROM,
-    PROBABLY_NOT_LOG_BAYES_FACTOR,
-    PROBABLY_NOT_UP_TO,
-    YES_FROM,
-    Word,
-)
+from bayes_toe.arrays import Record
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
-from bayes_toe.checks.identification import identify
-from bayes_toe.cli.answer_screen import doubtful_subjects
 from bayes_toe.cli.group_screen import (
     good_fits_answer,
-    group_estimate,
-    log_factor_of_mean,
-    mean_words,
+    group_answer,
 )
-from bayes_toe.data.messages import capitalized, join_names, plural, visible
-from bayes_toe.data.study import Study, units_by_subject
-from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.groups.population import PopulationResult
+from bayes_toe.data.messages import (
+    capitalized,
+    describe_p_value,
+    join_words,
+    visible,
+)
+from bayes_toe.data.study import Study
+from bayes_toe.groups.population import study_scales
+from bayes_toe.inference.diagnostics import worst
+from bayes_toe.inference.engine import USUAL
 
 _WIDTH = 95
 #: What notes of reading a study say if something was done to the data.
 _CHANGE = re.compile("dropped|excluded|merged|swapped|only rows|only pairs")
 #: Letters that mean something in Markdown.
 _ESCAPED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~$"})
-#: Parameters that are free in every model, by task.
-_NUISANCE = {
-    True: "noise, noise slope over intensity, and lapse rate",
-    False: "noise, indecision zone, their slopes over intensity, and lapse rate",
+#: Words of the screens in a paper. Sentences with names from outside are not changed by them.
+_IN_PAPER = {
+    "subject": "participant",
+    "directions differ": "directions differed",
+    "differs:": "differed between conditions:",
+    "differs": "differed",
+    "changes": "changed",
+    "does not": "did not",
+    "do not": "did not",
+    "cannot": "could not",
+    "can be": "could be",
+    "be told": "be identified",
+    " is ": " was ",
 }
+#: What the words say of an effect.
+_CLAIMS: Mapping[str, str] = {
+    words.Word.YES: "present",
+    "yes (repulsion)": "reversed (repulsion)",
+    words.Word.PROBABLY: "probably present",
+    "probably (repulsion)": "probably reversed (repulsion)",
+    words.Word.UNDECIDED: "undecided",
+    words.Word.PROBABLY_NOT: "probably absent",
+    words.Word.NO: "absent",
+    words.Word.CANNOT_BE_TOLD: "not identifiable",
+}
+_MOST_PAIRS = 30
 
 
 def write_methods(analysis: Analysis, path: Path) -> None:
-    """Write the document in Markdown, and its citations as NAME.bib."""
+    """Write the document in Markdown, and its references as NAME.bib."""
     version = json.loads(analysis.draws.attrs["versions"])["bayes_toe"]
-    paragraph = " ".join([*_methods(analysis, version), *_results(analysis)])
-    table = "\n".join(_table(analysis.answers))
-    parts = ["# Methods and results", _wrap(paragraph), table, _wrap(_table_note(analysis))]
-    text = "\n\n".join(parts) + "\n"
+    template = (files("bayes_toe") / "cli" / "methods_template.md").read_text(encoding="utf-8")
+    environment = Environment(undefined=StrictUndefined, trim_blocks=True)
+    environment.filters.update(
+        capitalized=capitalized,
+        decimals=format_decimals,
+        escaped=_escaped,
+        p_value=describe_p_value,
+        range=_range,
+        word=_marked_word,
+    )
+    context = {"version": version, **_methods(analysis), **_results(analysis)}
+    filled = environment.from_string(template).render(context)
+    text = "\n\n".join(map(_wrap, filled.split("\n\n"))) + "\n"
     path.write_text(text, encoding="utf-8")
-    path.with_suffix(".bib").write_text(_citations(text, version), encoding="utf-8")
+    references = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8")
+    path.with_suffix(".bib").write_text(references.replace("VERSION", version), encoding="utf-8")
 
 
 def _wrap(paragraph: str) -> str:
-    return fill(paragraph, _WIDTH, break_long_words=False, break_on_hyphens=False)
+    """A paragraph in short lines; the lines of a table stay."""
+    if paragraph.startswith("|"):
+        return paragraph
+    one_line = " ".join(paragraph.split())
+    return fill(one_line, _WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
-def _citations(text: str, version: str) -> str:
-    """Entries of the references that the text cites."""
-    bibliography = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8")
-    cited = []
-    for entry in bibliography.strip().split("\n\n"):
-        key = entry.partition("{")[2].partition(",")[0]
-        if f"@{key}" in text:
-            cited.append(entry)
-    return "\n\n".join(cited).replace("VERSION", version) + "\n"
+def _escaped(text: str) -> str:
+    """A text from outside, so that it is no markup."""
+    return visible(text).translate(_ESCAPED)
 
 
 # --- What was done ------------------------------------------------------------------------------
 
 
-def _methods(analysis: Analysis, version: str) -> list[str]:
-    """Sentences about data, models and computation."""
-    is_2afc = analysis.study.task == WHICH_STRONGER
-    sentences = [
-        *_data(analysis.study),
-        "For each participant we estimated whether the point of subjective equality (PSE) "
-        "depended on presentation order through a constant error, a contraction bias, or both. "
-        "A constant error shifts the PSE by the same amount at every intensity; the shift is "
-        "positive if the first stimulus is overestimated. Contraction moves the remembered first "
-        "stimulus toward the mean first stimulus, by a percentage of the way. We compared four "
-        "models: no order effect (prior probability 1/2), constant error, contraction, and both "
-        f"(1/6 each), all with free {_NUISANCE[is_2afc]}.",
-        "Marginal likelihoods were computed by adaptive importance sampling [@cornuet2012] in "
-        f"bayes_toe {version} [@bayes_toe; @avetta2026], seed {analysis.draws.seed}.",
-        "An effect was called present ('yes') if its posterior probability was at least "
-        f"{format_decimals(YES_FROM)}, 'probably' from {format_decimals(PROBABLY_FROM)}, 'no' up "
-        f"to {format_decimals(NO_UP_TO)}, and 'probably not' up to "
-        f"{format_decimals(PROBABLY_NOT_UP_TO)} with a Bayes factor (BF) of at most "
-        f"{format_decimals(exp(PROBABLY_NOT_LOG_BAYES_FACTOR))}; otherwise '{Word.UNDECIDED}'. "
-        "Estimates are posterior medians [95 % intervals]. The best model fits poorly if the "
-        f"p-value of its deviance is below {format_decimals(FALSE_ALARM_SHARE)} divided by the "
-        "number of participants.",
-    ]
-    if analysis.contrast is not None:
-        sentences.append(
-            "Conditions were compared within participants by joint fits in which constant error, "
-            "contraction and JND may differ."
-        )
-    return sentences
-
-
-def _data(study: Study) -> list[str]:
-    """The task, the amount of data, and the changes that were made to them."""
-    trials = []
-    for units in units_by_subject(study).values():
-        trials.append(sum(unit.total_trials for unit in units))
-    amount = f"{sum(trials):,} trials"
-    if len(trials) > 1:
-        smallest, largest = min(trials), max(trials)
-        number = f"{largest:,}" if smallest == largest else f"{smallest:,} to {largest:,}"
-        amount += f", {number} each"
-    participants = plural(len(trials), "participant")
-    sentences = [f"{participants} reported {study.task.question} ({amount})."]
-    if study.synthetic:
-        sentences.append("These data are synthetic.")
+def _methods(analysis: Analysis) -> Record:
+    """What the template says of data, models and computation."""
+    study, answers, group = analysis.study, analysis.answers, analysis.group
     changes = [note for note in study.notes if _CHANGE.search(note)]
-    if changes:
-        sentences.append(f"Before the analysis: {_text('; '.join(changes))}.")
-    return sentences
+    trials_by_subject: Counter[str] = Counter()
+    for unit in study:
+        trials_by_subject[unit.subject_name] += unit.total_trials
+    stimuli = np.concatenate([subject.stimuli for subject in study])
+    (lowest, highest), stimulus_unit = _numbers(study, [stimuli.min(), stimuli.max()])
+    context = {
+        "analysis": analysis,
+        "study": study,
+        "trials": list(trials_by_subject.values()),
+        "n_pairs": [subject.n_pairs for subject in study],
+        "lowest": lowest,
+        "highest": highest,
+        "stimulus_unit": stimulus_unit,
+        "changes": _escaped("; ".join(changes)),
+        "unit": "participant",
+        "priors": analysis.draws.prior.observer.describe(study.task).partition(";")[0],
+        "is_roving": any(subject.scales.roving_share < 1.0 for subject in study),
+        "most_draws": USUAL.most_draws,
+        "largest_error": format_number(_largest_error(answers)),
+        "within": COUNTS_WITHIN,
+        "words": words,
+        "factor": f"{exp(words.PROBABLY_NOT_LOG_BAYES_FACTOR):.3f}",
+        "fit_limit": format_decimals(FALSE_ALARM_SHARE),
+        "has_order": any(answer.history_p is not None for answer in answers),
+        "group": group,
+        "pairs": _list_pairs(study),
+    }
+    if study.conditions is not None:
+        context["unit"] = "participant in each condition"
+        context["conditions"] = _escaped(study.conditions.about)
+    if group is not None:
+        hyperpriors = group.settings.hyperprior.describe(study.task)
+        context["hyperpriors"] = _in_paper(", ".join(f"`{line}`" for line in hyperpriors))
+        (_, n_effective), (_, r_hat) = worst(group.draws.convergence)
+        context |= {"n_effective": n_effective, "r_hat": r_hat}
+    return context
 
 
-# --- What came out ------------------------------------------------------------------------------
+def _range(counts: Sequence[int]) -> str:
+    """A count that all share, or the smallest and the largest one."""
+    smallest, largest = min(counts), max(counts)
+    return f"{largest:,}" if smallest == largest else f"{smallest:,} to {largest:,}"
 
 
-def _results(analysis: Analysis) -> list[str]:
-    """Sentences about the conclusions, the group, and their limits."""
+def _numbers(study: Study, logs: npt.ArrayLike) -> tuple[list[str], str]:
+    """Stimuli in the unit of the study, or in per cent of their mean, and the unit in words."""
+    texts, unit = study.unit.numbers(logs, study_scales(study).mean)
+    in_words = {"ln": "in natural-log intensity", "% of mean": "% of their geometric mean"}
+    return texts, in_words.get(unit, unit)
+
+
+def _list_pairs(study: Study) -> str:
+    """The pairs of stimuli, if they are few and the same for everybody."""
+    first_subject = study.subjects[0]
+    n_pairs = first_subject.n_pairs
+    if n_pairs > _MOST_PAIRS or any(subject.pairs != first_subject.pairs for subject in study):
+        return ""
+    texts, unit = _numbers(study, first_subject.stimuli)
+    pairs = [f"({s1}, {s2})" for s1, s2 in zip(texts, texts[n_pairs:], strict=False)]
+    return f"Pairs (s1, s2), {unit}: {', '.join(pairs)}."
+
+
+def _largest_error(answers: Sequence[OrderEffect]) -> float:
+    """The largest standard error of a log marginal likelihood near the best of its subject."""
+    errors = [0.0]
+    for answer in answers:
+        best = answer.log_evidence[answer.best_model]
+        for model, value in answer.log_evidence.items():
+            if value > best - COUNTS_WITHIN:
+                errors.append(answer.standard_error[model])
+    return max(errors)
+
+
+# --- What was found -----------------------------------------------------------------------------
+
+
+def _results(analysis: Analysis) -> Record:
+    """What the template says of the conclusions and their limits."""
     answers = [answer for answer in analysis.answers if answer.is_interpretable]
-    is_by_unit = analysis.study.conditions is not None
-    sentences = []
-    if answers:
-        noun = "condition" if is_by_unit else "participant"
-        sentences.append(describe_meaning(answers, mean_words(analysis.group), noun))
-    if len(answers) == 1:
-        sentences.append(answers[0].describe())
-    elif answers:
-        sentences += _count_present(answers, f" of {count_all(answers, 'participant', is_by_unit)}")
-        sentences += map(_text, misfit_lines(answers)[1:])
+    without_poor = misfit_lines(answers)[1:]
     if analysis.group is not None:
-        sentences += _group(analysis.group)
-        sentences += good_fits_answer(analysis.group, analysis.group_of_good_fits)
+        without_poor += good_fits_answer(analysis.group, analysis.group_of_good_fits)
+    limits = Counter(chain.from_iterable(answer.notes for answer in analysis.answers))
+    return {
+        "interpreted": answers,
+        "results": " ".join(_conclusions(analysis, answers)),
+        "without_poor": _in_paper(" ".join(without_poor)),
+        "limits_of_design": limits,
+        "sizes": SIZE_OF,
+    }
+
+
+def _conclusions(analysis: Analysis, answers: Sequence[OrderEffect]) -> list[str]:
+    """Sentences about participants, the group, and conditions."""
+    is_by_unit = analysis.study.conditions is not None
+    noun = "condition" if is_by_unit else "participant"
+    sentences = [_in_paper(describe_meaning(answers, analysis.group, noun))]
+    if len(answers) > 1:
+        sentences += _count_effects(answers, count_all(answers, "participant", is_by_unit))
+    if analysis.group is not None:
+        for line in group_answer(analysis.group):
+            heading, colon, text = line.rpartition(": ")
+            sentences.append(f"{_escaped(heading)}{colon}{_in_paper(text)}")
     elif not is_by_unit:
         for line in few_subjects_lines(answers):
-            sentences.append(f"{line[:-1]} [@penny2010].")
+            shares, *_ = line.split(". ")
+            sentences.append(f"{_in_paper(shares)} [@penny2010].")
     if analysis.contrast is not None:
         _, *differences = analysis.contrast.sentences()
-        sentences += [*map(_text, differences)]
-    return [*sentences, *_limits_of_design(analysis.study), *_limits(analysis)]
+        sentences += map(_in_paper, differences)
+    return sentences
 
 
-def _count_present(answers: Sequence[OrderEffect], of_total: str) -> list[str]:
-    """The number of participants with each effect, and with the other words."""
+def _in_paper(sentence: str) -> str:
+    """A sentence of the screens in the past tense; it has no names from outside."""
+    for word, paper_word in _IN_PAPER.items():
+        sentence = sentence.replace(word, paper_word)
+    return sentence
+
+
+def _count_effects(answers: Sequence[OrderEffect], total: str) -> list[str]:
+    """In how many participants each effect was present, absent or undecided."""
     sentences = []
+    of_total = f" of {total}"
     for question in QUESTIONS:
-        words = [str(answer.words[question]) for answer in answers]
-        if set(words) == {Word.CANNOT_BE_TOLD}:
+        counts = Counter(answer.word(question) for answer in answers)
+        if set(counts) == {words.Word.CANNOT_BE_TOLD}:
             continue
-        other_words = [word for word in words if word != Word.YES]
-        name = question.replace("_", " ")
-        article = "An" if name.startswith("order") else "A"
-        text = f"{article} {name} was present in {len(words) - len(other_words)}{of_total}"
-        if other_words:
-            text += f"; the others: {count_words(other_words)}"
-        sentences.append(f"{text}.")
-        of_total = ""
+        parts = []
+        for word, claim in _CLAIMS.items():
+            count = counts[word] + counts[f"{word} (contraction)"]
+            if count:
+                parts.append(f"{claim} in {count}{of_total}")
+                of_total = ""
+        sentences.append(f"{capitalized(with_article(question))} was {join_words(parts)}.")
     return sentences
 
 
-def _group(group: PopulationResult) -> list[str]:
-    """Means of the group with intervals and Bayes factors."""
-    means = []
-    for name, label in (("constant_error", "PSE shift"), ("contraction", "contraction")):
-        if name in group.identified:
-            factor = format_bayes_factor(log_factor_of_mean(group, name))
-            estimate = group_estimate(group, name)
-            means.append(f"{label} of {estimate} (Bayes factor against 0: {factor})")
-    sentences = []
-    if means:
-        effects = " and a mean ".join(means)
-        sentences.append(
-            f"In a hierarchical model with both effects, the group had a mean {effects}."
-        )
-    if not group.is_reliable:
-        sentences.append(f"The draws of the group are NOT RELIABLE: {group.draws.shortfall}.")
-    return sentences
-
-
-def _limits(analysis: Analysis) -> list[str]:
-    """The conclusions that must not be used as they are."""
-    answers = [answer for answer in analysis.answers if answer.is_interpretable]
-    names_of = doubtful_subjects(answers)
-    of_interpreted = set(names_of)
-    excluded = [answer.subject for answer in analysis.answers if not answer.is_interpretable]
-    names_of["Not interpreted: {}."] = excluded
-    names_of["There are no results for {}."] = list(analysis.draws.failed)
-    sentences = []
-    for sentence, names in names_of.items():
-        if sentence in of_interpreted and len(names) == len(answers) > 1:
-            sentences.append(sentence.format("any participant"))
-        elif names:
-            sentences.append(sentence.format(_text(join_names(names))))
-    n_on_prior = sum(answer.depends_on_prior for answer in answers)
-    if n_on_prior and len(answers) > 1:
-        share = f"{n_on_prior} of {len(answers)}"
-        sentences.append(
-            f"For {share}, a prior half or twice as wide leaves a 'yes' or a 'no' undecided."
-        )
-    return sentences
-
-
-def _limits_of_design(study: Study) -> list[str]:
-    """The effects that pairs and order of trials cannot identify, with numbers of participants."""
-    limits = Counter[str]()
-    for subject in study:
-        identification = identify(subject)
-        for reason, names in identification.questions_by_reason.items():
-            limits[f"the design cannot identify {' or '.join(names)}, because {reason}"] += 1
-        limits.update(identification.notes)
-    sentences = []
-    for limit, count in limits.items():
-        share = "" if count == len(study) else f" ({count} of {len(study)})"
-        sentences.append(f"{capitalized(limit)}{share}.")
-    return sentences
-
-
-def _table(answers: Sequence[OrderEffect]) -> list[str]:
-    """The conclusions and sizes of every participant, in Markdown."""
-    heads = "participant | order effect | constant error | contraction | PSE shift [95 %]"
-    lines = [f"| {heads} | contraction [95 %] |", f"|{'---|' * 6}"]
-    for answer in answers:
-        cells = ["not interpreted", "", "", "", ""]
-        if answer.is_interpretable:
-            cells = [answer.marked_word(question) for question in QUESTIONS]
-            for question, size in SIZE_OF.items():
-                can_be_told = answer.words[question] is not Word.CANNOT_BE_TOLD
-                cells.append(answer.format_size(size) if can_be_told else "")
-        lines.append(f"| {' | '.join([_text(answer.subject), *cells])} |")
-    return lines
-
-
-def _table_note(analysis: Analysis) -> str:
-    """The note of the table: signs, marks and priors."""
-    note = (
-        "Note. Estimates are averaged over the models that have the effect. Contraction is in per "
-        "cent of the way to the mean first stimulus, below 0 repulsion."
-    )
-    if any(answer.fits is False for answer in analysis.answers):
-        note += " !: the model does not fit."
-    if any(answer.depends_on_prior for answer in analysis.answers):
-        note += " ?: undecided with a prior half or twice as wide."
-    return f"{note} Priors: `{analysis.draws.prior.observer.describe(analysis.study.task)}`."
-
-
-def _text(text: str) -> str:
-    """A text from outside, so that it is no markup."""
-    return visible(text).translate(_ESCAPED)
+def _marked_word(answer: OrderEffect, question: str) -> str:
+    """The word with its marks, the posterior probability and the Bayes factor."""
+    word = answer.marked_word(question).replace(" (contraction)", "")
+    word = word.replace(" (repulsion)", ", repulsion")
+    if answer.words[question] is words.Word.CANNOT_BE_TOLD:
+        return word
+    probability = format_probability(answer.probabilities[question]).removeprefix("= ")
+    factor = format_bayes_factor(answer.log_bayes_factors[question])
+    return f"{word} ({probability}, {factor})"

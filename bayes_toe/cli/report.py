@@ -53,7 +53,6 @@ from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
-from bayes_toe.classical.fit import SubjectFit
 from bayes_toe.cli.answer_screen import (
     NO_FIT,
     ON_PREVIOUS_TRIAL,
@@ -61,7 +60,7 @@ from bayes_toe.cli.answer_screen import (
     doubtful_subjects,
     not_counted,
 )
-from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables, mean_words
+from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
 from bayes_toe.data.messages import (
     capitalized,
@@ -268,7 +267,6 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
         "study": study,
         "facts": facts,
         "rows": analysis.evidence.rows,
-        "has_fits": bool(analysis.fits.rows),
         "fit_limit": flag_limit(len(study)),
         "failed": draws.failed,
         "not_converged": draws.not_converged,
@@ -385,9 +383,8 @@ def _misfit_figures(analysis: Analysis) -> list[str]:
 def _answer(analysis: Analysis) -> list[str]:
     """The answer of the study, sentence by sentence."""
     units = analysis.study.conditions is not None
-    answers = analysis.answers
-    words = mean_words(analysis.group)
-    lines = study_lines(answers, words, synthetic=analysis.study.synthetic, units=units)
+    answers, group = analysis.answers, analysis.group
+    lines = study_lines(answers, group, synthetic=analysis.study.synthetic, units=units)
     if not units:
         lines += few_subjects_lines(answers)
     lines += not_counted(answers)
@@ -591,14 +588,12 @@ def _subjects(
     for finding in findings:
         if finding.code not in NOTES:
             messages[finding.subject].append(finding.message)
-    fits = {fit.subject: fit for fit in analysis.fits}
     summaries = dict(list(analysis.summary().groupby("subject", sort=False)))
     parts = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
     for i, (counts, row, answer, asymmetry) in enumerate(parts):
-        name, fit = counts.name, fits.get(counts.name)
+        name = counts.name
         summary: list[Any] = list(summaries[name].itertuples())
         natural = analysis.draws.posterior(name).names.natural
-        fitted = _fitted(fit, natural, analysis.fits.level)
         own_names = dict.fromkeys([name, counts.subject_name])
         yield {
             "anchor": f"subject-{i + 1}",
@@ -611,8 +606,7 @@ def _subjects(
             "factors": _factors(answer),
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
-            "fit": fit,
-            "parameters": [_parameter(analysis, parameter, fitted) for parameter in summary],
+            "parameters": [_parameter(analysis, parameter) for parameter in summary],
             "remarks": [*chain.from_iterable(messages[own] for own in own_names), *row.notes],
             "prior_dominated": _prior_dominated(summary, (*natural, "gamma")),
         }
@@ -624,19 +618,8 @@ def _prior_dominated(summary: Sequence[Any], names: Sequence[str]) -> list[str]:
     return [row.parameter for row in rows if row.posterior_contraction < DOMINATED]
 
 
-def _fitted(fit: SubjectFit | None, names: Sequence[str], level: float) -> dict[str, str]:
-    """Maximum-likelihood estimates of parameters with their intervals; empty without a fit."""
-    if fit is None:
-        return {}
-    texts = {}
-    limits = fit.intervals(level)
-    for name, best, (low, high) in zip(names, fit.parameters, limits, strict=True):
-        texts[name] = f"{_number(best, 3)} [{_number(low, 3)}, {_number(high, 3)}]"
-    return texts
-
-
-def _parameter(analysis: Analysis, row: Any, fitted: Mapping[str, str]) -> list[str]:
-    """A parameter of the paper's model: estimate, maximum likelihood, and their precision."""
+def _parameter(analysis: Analysis, row: Any) -> list[str]:
+    """A parameter of the paper's model: estimate and its precision."""
     draws = analysis.draws.values(row.subject, row.parameter)
     n_effective = min(row.ess_bulk, row.ess_tail)
     cells = [row.parameter, _interval(draws, n_effective, 3)]
@@ -645,8 +628,6 @@ def _parameter(analysis: Analysis, row: Any, fitted: Mapping[str, str]) -> list[
     if is_published:
         difference = _interval_in_unit(draws, n_effective, analysis.study.unit)
     cells.append(difference)
-    if analysis.fits.rows:
-        cells.append(fitted.get(row.parameter, ""))
     cells.append(_number(row.posterior_contraction))
     cells.append(_number(n_effective, 0))
     cells.append(_number(row.r_hat, 4))

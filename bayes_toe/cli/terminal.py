@@ -373,19 +373,12 @@ def without_zeros(text: str) -> str:
 
 
 def quantile_texts(draws: FloatArray, n_effective: float, max_decimals: int) -> list[str]:
-    """The ends of the central 95 % interval and the median of so many effective draws, in order.
-
-    Numbers that would all look like 0 have more decimals.
-    """
+    """The ends of the central 95 % interval and the median of so many effective draws, in order."""
     import numpy as np
 
-    from bayes_toe.answers.order_effect import decimals_of
     from bayes_toe.inference.diagnostics import quantile_errors
 
     quantiles = np.quantile(draws, _QUANTILES).tolist()
-    largest = max(map(abs, quantiles))
-    if round(largest, max_decimals) == 0.0:
-        max_decimals = decimals_of(largest)
     errors = quantile_errors(draws, _QUANTILES, n_effective).tolist()
     return round_to_errors(quantiles, errors, max_decimals)
 
@@ -398,6 +391,7 @@ def round_to_errors(
     A number ends with the decimal in which its error begins; an error above 1 leaves tens or
     hundreds, and an error of 0 or NaN allows all decimals. Where that would hide the order of the
     numbers, all end where the largest error begins, or with the first decimal in which they differ.
+    A number that would look like 0 has more than `max_decimals` if its error allows them.
 
     Examples
     --------
@@ -405,8 +399,17 @@ def round_to_errors(
     ['0.12', '0.51', '2.3']
     >>> round_to_errors([49.6, 40_213.0, 86_443.6], [20.0, 3e5, 0.004], 2)
     ['0', '40000', '90000']
+    >>> round_to_errors([-0.031, 0.51, 12.3], [0.001, 0.2, 0.2], 0)
+    ['-0.03', '1', '12']
     """
-    digits = [min(max_decimals, _decimals(error, max_decimals)) for error in errors]
+    from bayes_toe.answers.order_effect import decimals_of
+
+    digits = []
+    for value, error in zip(values, errors, strict=True):
+        decimals = max_decimals
+        if round(value, decimals) == 0.0:
+            decimals = max(decimals, decimals_of(abs(value)) - 1)
+        digits.append(min(decimals, _decimals(error, decimals)))
     texts = [_rounded(value, n) for value, n in zip(values, digits, strict=True)]
     printed = map(float, texts)
     if all(low < high for low, high in itertools.pairwise(printed)):

@@ -6,8 +6,6 @@ prints how responses depend on the previous trial, and `history_lines` counts th
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from bayes_toe.answers.order_effect import format_decimals
@@ -102,21 +100,7 @@ def history_lines(table: SerialDependence) -> list[str]:
     rows = [row for row in table if row.has_result]
     if not rows:
         return []
-    carry_over = _count(row.word("carry_over") for row in rows)
-    previous = _count(row.word("previous_response") for row in rows)
+    of_total = f" of {plural(len(rows), 'subject')}"
+    carry_over = count_words([row.word("carry_over") for row in rows], of_total)
+    previous = count_words([row.word("previous_response") for row in rows], of_total)
     return [f"Carry-over: {carry_over}.", f"Previous response: {previous}."]
-
-
-def _count(words: Iterable[str]) -> str:
-    """How often each word is given, with its directions: 'yes (repetition)' is a 'yes'."""
-    plain = list[str]()
-    directions: dict[str, Counter[str]] = {}
-    for text in words:
-        word, _, direction = text.removesuffix(")").partition(" (")
-        plain.append(word)
-        if direction:
-            directions.setdefault(word, Counter())[direction] += 1
-    texts = {}
-    for word, counts in directions.items():
-        texts[word] = ", ".join(f"{count} {direction}" for direction, count in counts.items())
-    return count_words(plain, f" of {plural(len(plain), 'subject')}", texts)

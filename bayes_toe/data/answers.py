@@ -152,28 +152,22 @@ def counted_rows(
     name: str, keys: Sequence[npt.ArrayLike], n_yes: npt.ArrayLike, n_trials: npt.ArrayLike
 ) -> Answers:
     """Rows of stimuli with counts within what can be counted, all of one length."""
-    counts = {"n_yes": np.asarray(n_yes).ravel(), "n_trials": np.asarray(n_trials).ravel()}
-    for key, values in counts.items():
-        if values.dtype.kind not in "iuf" or np.any(
-            values != np.floor(values)
-        ):  # 2.5 never becomes 2
-            raise InputError(
-                f"subject {name!r}: {key} must be whole numbers, found {values[:3].tolist()}"
-            )
-        if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
-            raise InputError(
-                f"subject {name!r}: {key} must add up to no more than 2**53 (larger counts are not "
-                "exact)"
-            )
     try:
         columns = [np.asarray(key, np.float64).ravel() for key in keys]
     except (TypeError, ValueError) as error:
         raise InputError(f"subject {name!r}: s1 and s2 must be numbers ({error})") from error
-    k, n = counts["n_yes"].astype(np.int64), counts["n_trials"].astype(np.int64)
-    if any(len(values) != len(k) for values in (*columns, n)):
+    k, n = np.asarray(n_yes).ravel(), np.asarray(n_trials).ravel()
+    for key, values in (("n_yes", k), ("n_trials", n)):
+        # 2.5 never becomes 2.
+        if values.dtype.kind not in "iuf" or np.any(values != np.floor(values)):
+            finding = f"must be whole numbers, found {values[:3].tolist()}"
+            raise InputError(f"subject {name!r}: {key} {finding}")
+        if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
+            rule = "must add up to no more than 2**53 (larger counts are not exact)"
+            raise InputError(f"subject {name!r}: {key} {rule}")
+    if len({len(values) for values in (*columns, k, n)}) > 1:
         raise InputError(f"subject {name!r}: s1, s2, n_yes and n_trials must be of one length")
-    if np.any(
-        (k < 0) | (k > n)
-    ):  # before repeated pairs are added up, where two wrongs could cancel
+    # Repeated pairs are added up later, where two wrongs could cancel.
+    if np.any((k < 0) | (k > n)):
         raise InputError(f"subject {name!r}: every n_yes must lie in 0..n_trials")
-    return Answers(np.column_stack(columns), k, n)
+    return Answers(np.column_stack(columns), k.astype(np.int64), n.astype(np.int64))

@@ -348,7 +348,10 @@ def columns_to_read(
         return roles_read, problems, []
     absent = join_words([f"no column {display_name(name)}" for name in missing])
     column_list = join_names([display_name(name) for name in names if name])
-    problems.append(f"there is {absent}. The columns are {column_list}.")
+    finding = f"there is {absent}. The columns are {column_list}."
+    if not {"standard", *_STIMULI}.isdisjoint(missing) and _has_comparison_only(names):
+        finding += " If one standard was in all trials, add a column standard with its level."
+    problems.append(finding)
     return roles_read, problems, [*_remedies(names, roles_read, options)]
 
 
@@ -391,15 +394,13 @@ def _missing_and_repeated(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> tuple[list[str], list[str]]:
     """Columns that must be there once, and are not there or are there more than once."""
-    missing = [name for name in options.where if name not in names]
-    repeated = [name for name in options.where if names.count(name) > 1]
+    required = dict.fromkeys(options.where)
     for ours in (*COLUMNS, "correct", "standard_interval"):
-        count = names.count(options.name(ours))
-        if count == 0 and (ours in roles_read or ours in options.columns):
-            missing.append(options.name(ours))
-        elif count > 1 and ours in roles_read:
-            repeated.append(options.name(ours))
-    return list(dict.fromkeys(missing)), list(dict.fromkeys(repeated))
+        if ours in roles_read or (ours in options.columns and options.name(ours) not in names):
+            required[options.name(ours)] = None
+    missing = [name for name in required if name not in names]
+    repeated = [name for name in required if names.count(name) > 1]
+    return missing, repeated
 
 
 def _roles_read(names: Sequence[str], options: ReadOptions) -> list[str]:
@@ -442,18 +443,14 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
 
 def _answer_problems(roles_read: Sequence[str], options: ReadOptions) -> Iterator[str]:
     """Problems of responses that are there twice or belong to two tasks."""
-    counts = [display_name(options.name(ours)) for ours in _COUNTS if ours in roles_read]
-    response = options.name("response")
-    if "response" in roles_read and counts:
-        count_names = (options.name("n_equal"), options.name("n_trials"))
-        count_columns = " and ".join(map(display_name, count_names))
-        by_trial, by_pair = f"{display_name(response)} alone", f"{count_columns} alone"
-        rule = f"{by_trial} (one row per trial) or {by_pair} (one row per pair)"
-        finding = f"found together with {' and '.join(counts)}"
-        yield f"column {display_name(response)}: {finding}, allowed: {rule}"
-    elif len(counts) > 2:
-        finding = f"found together with {counts[0]}"
-        yield f"column {counts[1]}: {finding}, allowed: one of them, since a study has one task"
+    answers = [ours for ours in ("response", *_COUNTS) if ours in roles_read]
+    is_trials = answers == ["response"]
+    is_counts = len(answers) == 2 and "response" not in answers
+    if not is_trials and not is_counts and "correct" not in roles_read:
+        first, *others = [display_name(options.name(ours)) for ours in answers]
+        finding = f"found together with {' and '.join(others)}"
+        rule = "responses (one row per trial) or counts of one response (one row per pair)"
+        yield f"column {first}: {finding}, allowed: {rule}"
 
 
 def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
@@ -467,6 +464,12 @@ def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
     for ours in ("standard", "comparison"):
         columns += [name for name in theirs if looks_like(name, ours)][:1]
     return " and ".join(map(display_name, columns)) if len(columns) == 2 else ""
+
+
+def _has_comparison_only(names: Sequence[str]) -> bool:
+    """Whether there is a column of the comparison and none of the standard."""
+    has_standard = any(looks_like(name, "standard") for name in names)
+    return not has_standard and any(looks_like(name, "comparison") for name in names)
 
 
 def _order_remedies(orders: Sequence[str]) -> Iterator[Remedy]:

@@ -105,14 +105,12 @@ class StandardOrder:
                 is_comparison[text] = text == comparison_code
             elif named_places(text) in ((["standard"], [], set()), (["comparison"], [], set())):
                 is_comparison[text] = named_places(text)[0] == ["comparison"]
-        in_words = []
-        for is_standard_first in (True, False):
-            for text in column.texts:
-                word = "second" if is_comparison.get(text) == is_standard_first else "first"
-                in_words.append(word if text in is_comparison else text)
-        codes = np.where(self.is_first, column.codes, column.codes + len(column.texts))
-        by_interval = Column.from_texts(column.name, in_words, codes)
-        return by_interval.only(np.ones(len(codes), np.bool_))
+        words = np.array(column.texts, object)[column.codes]
+        is_named = column.map(is_comparison.__contains__, np.bool_)
+        is_second = column.map(is_comparison.get, np.bool_) == self.is_first
+        words[is_named & is_second] = "second"
+        words[is_named & ~is_second] = "first"
+        return Column.from_texts(column.name, words, range(len(words)))
 
 
 def _standard_first_by_text(
@@ -254,6 +252,8 @@ def require_logs(
         row = int(table.rows[rows[pair]])
         location = f"row {row}, {location}"
     problem = f"{location}: found {sign}, allowed: natural logs"
+    if min(first.min(), second.min()) == 0.0:
+        problem += ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
     table.problems.ask(problem, intensity_remedies(np.append(first, second)))
 
 

@@ -18,19 +18,20 @@ from typing import Any
 import numpy as np
 
 from bayes_toe.arrays import Record
-from bayes_toe.data.messages import display_name, join_names, one_line
-from bayes_toe.data.text_table import ColumnTexts, cell_texts, from_single_precision
+from bayes_toe.data.messages import display_name, join_names
+from bayes_toe.data.text_table import ColumnTexts, cell_texts, damaged, from_single_precision
 from bayes_toe.errors import InputError
 
 _SAVED = (
     "one struct, or vectors of one length: S = table2struct(T, 'ToScalar', true); "
     "save('trials.mat', '-struct', 'S', '-v7')"
 )
-_DAMAGED_ALLOWED = "allowed: one that MATLAB has saved with '-v7'"
+_DAMAGED_ALLOWED = "one that MATLAB has saved with '-v7'"
 #: Where objects of MATLAB's own leave a mark, in files of both kinds.
 _OBJECTS = {"__function_workspace__", "#subsystem#"}
 #: Seconds after which a file is refused; one of 10^6 trials takes some 10 s.
 _LONGEST = 120
+_MOST_ROWS = 10_000_000
 _PACKAGE_PARENT = Path(__file__).resolve().parents[2]
 _READER = (
     "import sys; sys.path.append(sys.argv[1]); "
@@ -54,12 +55,11 @@ def matlab_texts(source: str, data: bytes) -> dict[str, ColumnTexts]:
     try:
         reader = subprocess.run(command, input=data, capture_output=True, timeout=_LONGEST)
     except subprocess.TimeoutExpired:
-        problem = f"{source}: not read within {_LONGEST} s, {_DAMAGED_ALLOWED}"
+        problem = f"{source}: not read within {_LONGEST} s, allowed: {_DAMAGED_ALLOWED}"
         raise InputError(problem) from None
     if reader.returncode:
-        raise InputError(
-            f"{source}: found a damaged MATLAB file (its reader ended with {reader.returncode}), "
-            f"{_DAMAGED_ALLOWED}"
+        raise damaged(
+            source, "MATLAB", f"its reader ended with {reader.returncode}", _DAMAGED_ALLOWED
         )
     result = json.loads(reader.stdout)
     if "problems" in result:
@@ -84,15 +84,11 @@ def write_texts(source: str) -> None:
 
 
 def _variables(source: str, data: bytes) -> Record:
-    from scipy.io import loadmat
-
+    """The variables of a file of any version."""
     try:
-        with warnings.catch_warnings(action="ignore"):
-            variables = loadmat(io.BytesIO(data), simplify_cells=True)
-    except NotImplementedError:
-        variables = _hdf5_variables(source, data)
+        variables = _loaded(data)
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
-        raise _damaged(source, error) from None
+        raise damaged(source, "MATLAB", error, _DAMAGED_ALLOWED) from None
     if _OBJECTS & variables.keys():
         # MATLAB's own table objects are in no documented format.
         raise InputError(
@@ -101,20 +97,18 @@ def _variables(source: str, data: bytes) -> Record:
     return {name: value for name, value in variables.items() if not name.startswith(("__", "#"))}
 
 
-def _damaged(source: str, error: Exception) -> InputError:
-    reason = one_line(error)
-    return InputError(f"{source}: found a damaged MATLAB file ({reason}), {_DAMAGED_ALLOWED}")
-
-
-def _hdf5_variables(source: str, data: bytes) -> Record:
-    """The variables of a file of version 7.3."""
+def _loaded(data: bytes) -> Record:
+    """All that a file holds; one of version 7.3 is HDF5."""
     import h5py
+    from scipy.io import loadmat
 
     try:
+        with warnings.catch_warnings(action="ignore"):
+            variables: Record = loadmat(io.BytesIO(data), simplify_cells=True)
+    except NotImplementedError:
         with h5py.File(io.BytesIO(data)) as file:
-            return {name: _hdf5_value(file, name) for name in file}
-    except Exception as error:
-        raise _damaged(source, error) from None
+            variables = {name: _hdf5_value(file, name) for name in file}
+    return variables
 
 
 def _hdf5_value(group: Any, name: str) -> Any:
@@ -149,52 +143,41 @@ def _hdf5_value(group: Any, name: str) -> Any:
 
 def _columns(source: str, variables: Record) -> dict[str, list[Any]]:
     """The values of every column, all of one length."""
-    fields = variables
-    structs = _structs(variables)
-    if len(structs) > 1:
-        several = join_names([*map(display_name, structs)])
-        raise InputError(f"{source}: found the structs {several}, allowed: {_SAVED}")
-    for name in structs:
-        fields = _fields(variables[name])
     columns = {}
-    for name, value in fields.items():
-        column = np.atleast_1d(np.asarray(value, object))
-        if getattr(value, "dtype", None) == np.float32:
-            column[...] = np.reshape(from_single_precision(column.flat), column.shape)
-        columns[name] = column
+    for name, value in _fields(source, variables).items():
+        columns[name] = np.atleast_1d(np.squeeze(np.asarray(value)))
     n_rows = max((column.size for column in columns.values()), default=0)
     if not n_rows:
         raise InputError(f"{source}: found nothing, allowed: {_SAVED}")
-    wrong = []
+    if n_rows > _MOST_ROWS:  # a small file may unpack to many
+        raise InputError(f"{source}: found {n_rows:,} rows, allowed: at most {_MOST_ROWS:,}")
+    wrong, values = [], {}
     for name, column in columns.items():
-        is_vector = column.size == max(column.shape)
-        if not is_vector or column.size not in (1, n_rows):
+        if column.shape not in ((1,), (n_rows,)):
             wrong.append(display_name(name))
+            continue
+        cells = column.tolist()
+        if column.dtype == np.float32:
+            cells = from_single_precision(cells)
+        values[name] = cells * (n_rows // len(cells))
     if wrong:
         finding = f"{join_names(wrong)}, not a column of {n_rows}"
         raise InputError(f"{source}: found {finding}, allowed: {_SAVED}")
-    values = {}
-    for name, column in columns.items():
-        cells = column.ravel().tolist()
-        values[name] = cells * (n_rows // len(cells))
     return values
 
 
-def _structs(variables: Record) -> list[str]:
-    """The names of the structs and struct arrays among variables."""
-    names = []
+def _fields(source: str, variables: Record) -> Record:
+    """The fields of the one struct or struct array; the variables where there is none."""
+    structs = {}
     for name, value in variables.items():
         is_array = np.ndim(value) == 1 and len(value) and isinstance(value[0], dict)
         if is_array or isinstance(value, dict):
-            names.append(name)
-    return names
-
-
-def _fields(struct: Any) -> Record:
-    """The fields of a struct, or the values of each field over a struct array."""
-    if isinstance(struct, dict):
-        return struct
-    values = {}
-    for name in struct[0]:
-        values[name] = np.array([trial[name] for trial in struct], object)
-    return values
+            structs[name] = value
+    if len(structs) > 1:
+        several = join_names([*map(display_name, structs)])
+        raise InputError(f"{source}: found the structs {several}, allowed: {_SAVED}")
+    for struct in structs.values():
+        if isinstance(struct, dict):
+            return struct
+        return {name: np.array([trial[name] for trial in struct], object) for name in struct[0]}
+    return variables

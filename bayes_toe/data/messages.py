@@ -160,6 +160,6 @@ def with_policy(page: str, *more_sources: str) -> str:
     return page.replace("<head>", f"<head>{meta}", 1)
 
 
-def one_line(error: Exception) -> str:
+def one_line(error: Exception | str) -> str:
     """The message of a library about a file, on one line of bounded length."""
     return display_name(" ".join(str(error).split())[:200])

@@ -229,10 +229,6 @@ class ReadOptions:
 
     def _name_problems(self) -> Iterator[str]:
         """Problems of the names of columns and files, a line each."""
-        if "isi" in self.columns:
-            interval = quoted(f"isi={self.columns['isi']}")
-            yield f"--columns: found {interval}, allowed: --condition {self.columns['isi']}"
-            return
         for ours, name in self.columns.items():
             if ours not in COLUMNS or not name:
                 finding = quoted(f"{ours}={name}")

@@ -195,12 +195,11 @@ def _without_condition(
     """The study, whose column `name` is no condition since it follows from the pairs."""
     study = read_study(path, replace(options, ignore=(*options.ignore, "condition")))
     column = f"column {display_name(name)}"
-    notes = [note for note in study.notes if note != f"{column} not read, as --ignore has it"]
-    notes.append(
+    note = (
         f"{column}: found no pair at two of its levels, as where it names pairs or their order, so "
         f"that it is no condition: not used; --condition {display_name(name)} takes it all the same"
     )
-    return replace(study, notes=tuple(notes))
+    return replace(study, notes=(*study.notes, note))
 
 
 def _read(path: StrPath | Frame, options: ReadOptions) -> Study:
@@ -375,9 +374,6 @@ class _Rows:
                 read_as.setdefault(column.name, []).append(unit)
         for name, words in read_as.items():
             notes.append(f"column {display_name(name)} read as {', '.join(words)}")
-        for name in map(options.name, options.ignore):
-            if name in table.names:
-                notes.append(f"column {display_name(name)} not read, as --ignore has it")
         return notes
 
 
@@ -454,7 +450,7 @@ def _known_names(names: Sequence[str], options: ReadOptions) -> set[str]:
 
 def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> Column:
     """The column of the one subject that the name of a file tells."""
-    subject = None if table.is_frame else subject_in(Path(str(path)), pattern)
+    subject = subject_in(Path(path), pattern) if isinstance(path, StrPath) else None
     if subject is None:
         rule = f"a file named as --subject-from {pattern}"
         raise InputError(f"{table.source}: found no subject in its name, allowed: {rule}")

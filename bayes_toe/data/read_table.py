@@ -36,6 +36,7 @@ from bayes_toe.data.text_table import (
     Problems,
     TextTable,
     cell_texts,
+    damaged,
     decoded,
     from_single_precision,
     header_place,
@@ -179,12 +180,8 @@ def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
     try:
         # Windows' editors put a byte-order mark in front.
         return tomllib.loads(input_bytes(path, _LARGEST_TOML).decode("utf-8-sig"))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; {rule}") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); {rule}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: found bytes that are not UTF-8, {rule}") from error
     except (ValueError, RecursionError) as error:
         # The parser's own, Python's on integers of 5,000 digits, thousands of brackets.
         message = visible(" ".join(str(error).split()))
@@ -196,6 +193,19 @@ def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
 # --- Values as text ------------------------------------------------------------------------------
 
 
+def _table_of_values(
+    head_words: tuple[str, str, str],
+    names: list[str],
+    values: Mapping[str, Sequence[Any]],
+    rows: Sequence[int],
+    choice: Choice,
+    notes: Sequence[str] = (),
+) -> TextTable:
+    """The table of values by column; `head_words` are its source, form and head."""
+    texts = {name: cell_texts(name, cells, rows) for name, cells in values.items()}
+    return _table_of_texts(head_words, names, texts, rows, choice, notes)
+
+
 def _table_of_texts(
     head_words: tuple[str, str, str],
     names: list[str],
@@ -204,7 +214,7 @@ def _table_of_texts(
     choice: Choice,
     notes: Sequence[str] = (),
 ) -> TextTable:
-    """The table of texts by column; `head_words` are its source, form and head.
+    """The table of texts by column.
 
     A cell without a text is a problem in the columns that are chosen.
     """
@@ -218,18 +228,24 @@ def _table_of_texts(
     return TextTable(form, "", head, names, columns, row_numbers, problems, tuple(notes))
 
 
+def _table_of_frame(
+    head_words: tuple[str, str, str], frame: Any, rows: Sequence[int], choice: Choice
+) -> TextTable:
+    """The table of a pandas or polars DataFrame."""
+    names = [str(name).strip() for name in frame.columns]
+    values = {}
+    for name, index in name_places(names).items():
+        series = frame.iloc[:, index] if hasattr(frame, "iloc") else frame.to_series(index)
+        values[name] = series.to_list()
+        if str(series.dtype).lower() == "float32":
+            values[name] = from_single_precision(values[name])
+    return _table_of_values(head_words, names, values, rows, choice)
+
+
 def _read_frame(frame: Any, choice: Choice) -> TextTable:
     """Rows count from 0, as in `frame.iloc`."""
     source = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
-    names = [str(name).strip() for name in frame.columns]
-    texts, rows = {}, range(len(frame))
-    for name, index in name_places(names).items():
-        series = frame.iloc[:, index] if hasattr(frame, "iloc") else frame.to_series(index)
-        values = series.to_list()
-        if str(series.dtype).lower() == "float32":
-            values = from_single_precision(values)
-        texts[name] = cell_texts(name, values, rows)
-    return _table_of_texts((source, source, "columns"), names, texts, rows, choice)
+    return _table_of_frame((source, source, "columns"), frame, range(len(frame)), choice)
 
 
 # --- Excel ---------------------------------------------------------------------------------------
@@ -238,16 +254,19 @@ def _read_frame(frame: Any, choice: Choice) -> TextTable:
 def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> TextTable:
     """The sheet with the table, or the one that is named; rows count as in the sheet."""
     sheets = _excel_sheets(source, data)
-    title = _chosen_sheet(source, sheets, choice, sheet)
+    title = _chosen_sheet(source, sheets, choice) if sheet is None else sheet
+    if title not in sheets:
+        finding = join_names([*map(display_name, sheets)])
+        raise InputError(f"{source}: found the sheets {finding}, allowed: one of them")
     rows = sheets[title]
     first, names = _sheet_names(rows, choice)
     filled = {}
     for i in range(first + 1, len(rows)):
         if _is_filled(rows[i]):
             filled[i + 1] = rows[i]
-    texts = {}
+    values = {}
     for name, index in name_places(names).items():
-        texts[name] = cell_texts(name, [cells[index] for cells in filled.values()], filled)
+        values[name] = [cells[index] for cells in filled.values()]
     notes = []
     if len(sheets) > 1:
         other_sheets = [display_name(other) for other in sheets if other != title]
@@ -255,18 +274,11 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     if any(map(_is_filled, rows[:first])):
         notes.append(f"rows above row {first + 1} left out")
     head = (source, EXCEL, f"row {first + 1}")
-    return _table_of_texts(head, names, texts, [*filled], choice, notes)
+    return _table_of_values(head, names, values, [*filled], choice, notes)
 
 
-def _chosen_sheet(
-    source: str, sheets: dict[str, list[list[Any]]], choice: Choice, sheet: str | None
-) -> str:
-    """The sheet that is named, or the only one with most of our columns."""
-    if sheet is not None:
-        if sheet not in sheets:
-            finding = join_names([*map(display_name, sheets)])
-            raise InputError(f"{source}: found the sheets {finding}, allowed: one of them")
-        return sheet
+def _chosen_sheet(source: str, sheets: Mapping[str, list[list[Any]]], choice: Choice) -> str:
+    """The only sheet with most of our columns."""
     if not sheets:
         raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
     n_names = {}
@@ -284,14 +296,11 @@ def _chosen_sheet(
 
 def _sheet_names(rows: Sequence[Sequence[Any]], choice: Choice) -> tuple[int, list[str]]:
     """The index of the row that has the names, from 0, and the names."""
-    texts = [_row_texts(cells) for cells in rows[:MOST_RECORDS]]
-    index = header_place(texts, choice)
-    return index, texts[index]
-
-
-def _row_texts(cells: Sequence[Any]) -> list[str]:
-    """The cells of a row as names."""
-    return [(value_text(cell) or "").strip() for cell in cells]
+    records = []
+    for cells in rows[:MOST_RECORDS]:
+        records.append([(value_text(cell) or "").strip() for cell in cells])
+    index = header_place(records, choice)
+    return index, records[index]
 
 
 def _is_filled(cells: Sequence[Any]) -> bool:
@@ -303,19 +312,12 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
     """The values of every visible sheet that is not empty."""
     from openpyxl import load_workbook
 
+    sheets = {}
     try:
-        unpacked = sum(part.file_size for part in zipfile.ZipFile(io.BytesIO(data)).infolist())
-        if unpacked > LARGEST_STUDY:
-            raise InputError(
-                f"{source}: found {unpacked} bytes unpacked, allowed: at most {LARGEST_STUDY}"
-            )
-        compact = _without_formats(data)
+        compact = _without_formats(source, data)
         with warnings.catch_warnings(action="ignore"):
-            values, formulas = (
-                load_workbook(io.BytesIO(compact), read_only=True, data_only=is_value)
-                for is_value in (True, False)
-            )
-            sheets = {}
+            values = load_workbook(compact, read_only=True, data_only=True)
+            formulas = load_workbook(compact, read_only=True)
             pairs = zip(values.worksheets, formulas.worksheets, strict=True)
             for with_values, with_formulas in pairs:
                 rows = _sheet_rows(with_values, with_formulas)
@@ -324,23 +326,24 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
     except InputError:
         raise
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
-        raise InputError(
-            f"{source}: found a damaged Excel file ({one_line(error)}), "
-            "allowed: one that opens in Excel"
-        ) from None
+        raise damaged(source, "Excel", error, "one that opens in Excel") from None
     return sheets
 
 
-def _without_formats(data: bytes) -> bytes:
+def _without_formats(source: str, data: bytes) -> io.BytesIO:
     """A workbook without cells that have a format only, of which there may be millions."""
     compact = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(data)) as book, zipfile.ZipFile(compact, "w") as saved:
+        unpacked = sum(part.file_size for part in book.infolist())
+        if unpacked > LARGEST_STUDY:
+            finding = f"found {unpacked} bytes unpacked"
+            raise InputError(f"{source}: {finding}, allowed: at most {LARGEST_STUDY}")
         for name in book.namelist():
             part = book.read(name)
             if name.startswith("xl/worksheets/"):
                 part = _BLANK_ROW.sub(b"", _BLANK_CELL.sub(b"", part))
             saved.writestr(name, part)
-    return compact.getvalue()
+    return compact
 
 
 def _sheet_rows(with_values: Any, with_formulas: Any) -> list[list[Any]]:
@@ -374,23 +377,24 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
     text, label = decoded(source, data, encoding)
     records = list(_json_records(source, _parse_json(source, text), {}))
     names = list(dict.fromkeys(key for record in records for key in record))
-    texts, rows = {}, range(1, len(records) + 1)
+    rows = range(1, len(records) + 1)
+    values = {}
     for name in names:
-        texts[name] = cell_texts(name, [record.get(name) for record in records], rows)
-    return _table_of_texts((source, f"JSON, {label}", "keys"), names, texts, rows, choice)
+        values[name] = [record.get(name) for record in records]
+    return _table_of_values((source, f"JSON, {label}", "keys"), names, values, rows, choice)
 
 
 def _parse_json(source: str, text: str) -> object:
     """The content of a file; numbers keep their text."""
 
     def fields(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
-        record = {key.strip(): value for key, value in pairs}
-        if len(record) < len(pairs):
-            names = [key.strip() for key, _ in pairs]
-            twice = next(name for name in names if names.count(name) > 1)
-            raise InputError(
-                f"{source}: found the key {quoted(twice)} twice in a record, allowed: once"
-            )
+        record = dict[str, object]()
+        for key, value in pairs:
+            name = key.strip()
+            if name in record:
+                finding = f"found the key {quoted(name)} twice in a record"
+                raise InputError(f"{source}: {finding}, allowed: once")
+            record[name] = value
         return record
 
     load = partial(json.loads, parse_int=str, parse_float=str, object_pairs_hook=fields)
@@ -421,9 +425,7 @@ def _json_records(
             f"{source}: found {quoted(str(value))} in the place of a trial, allowed: a list of "
             "trials, each with the same keys"
         )
-    fields = dict(shared)
-    for key, item in value.items():
-        fields[key] = item
+    fields = {**shared, **value}
     lists = {key: item for key, item in fields.items() if isinstance(item, list)}
     lists_of_trials = [key for key, item in lists.items() if item and isinstance(item[0], dict)]
     if len(lists_of_trials) == 1:
@@ -452,32 +454,17 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
 
     Row 1 is the first record; a missing value is an empty cell.
     """
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(pa.BufferReader(data), page_checksum_verification=True)
-        names, texts, rows = [*map(str.strip, table.column_names)], {}, range(1, table.num_rows + 1)
-        for name, index in name_places(names).items():
-            column = table.column(index)
-            if pa.types.is_float32(column.type):
-                # In double precision 0.1 of single precision is another number.
-                column = column.cast(pa.string())
-            texts[name] = cell_texts(name, column.to_pylist(), rows)
-    except (
-        pa.ArrowException,
-        OSError,
-        ValueError,
-        KeyError,
-        IndexError,
-        OverflowError,
-        MemoryError,
-    ) as error:
-        raise InputError(
-            f"{source}: found a damaged Parquet file ({one_line(error)}), "
-            "allowed: one that a Parquet writer has finished"
-        ) from None
-    return _table_of_texts((source, "Parquet", "schema"), names, texts, rows, choice)
+        table = pq.read_table(io.BytesIO(data), page_checksum_verification=True)
+        # Metadata may hold an index of pandas, whose columns the frame would lose.
+        frame = table.replace_schema_metadata().to_pandas(integer_object_nulls=True)
+    except Exception as error:  # of a damaged file the library raises whatever its parser meets
+        allowed = "one that a Parquet writer has finished"
+        raise damaged(source, "Parquet", error, allowed) from None
+    rows = range(1, len(frame) + 1)
+    return _table_of_frame((source, "Parquet", "schema"), frame, rows, choice)
 
 
 def is_parquet(path: StrPath) -> bool:

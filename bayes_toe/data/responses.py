@@ -98,7 +98,7 @@ def responses(
     else:
         rule = _allowed_texts(options.codes(task), words, names)
         if not has_scores:
-            rule += f"; other codes by {_code_options(names, table.is_frame)}"
+            rule += f"; other codes by --{names[0]}-code, --{names[1]}-code"
         table.fault(column, answer == _UNKNOWN, rule)
         table.problems.remedies += remedies
     yes_texts = _as_answered(column, answer == _YES, names[0])
@@ -133,35 +133,17 @@ def _allowed_texts(
     return f"{' or '.join(parts)}, or empty"
 
 
-def _code_options(names: Sequence[str], is_frame: bool) -> str:
-    """The options that tell the codes of both answers."""
-    if is_frame:
-        return f"ReadOptions({', '.join(f'{name}_code=...' for name in names)})"
-    return ", ".join(f"--{name}-code" for name in names)
-
-
 def require_task(table: TextTable, task: Task, column: Column | None) -> None:
-    """Refuse a column `task` that tells another task, or two.
+    """Refuse a column `task` that tells another task.
 
     What tells none, such as the name of an experiment, is not looked at.
     """
-    if column is None:
-        return
-    texts = {}
-    for text in column.texts:
-        if task_named(text) is not None:
-            texts[task_named(text)] = text
-    if not texts.keys() - {task}:
-        return
-    rule = f"{task.name!r}, which the answers are of"
-    if len(texts) > 1:
-        choice = f"--where {display_name(column.name)}=TEXT"
-        if table.is_frame:
-            choice = f"ReadOptions(where={{{column.name!r}: ...}})"
-        rule = f"one task, which {choice} chooses"
-    location = f"{table.source}: column {display_name(column.name)}"
-    finding = f"found {' and '.join(map(quoted, texts.values()))}"
-    raise InputError(f"{location}: {finding}, allowed: {rule}")
+    texts = [] if column is None else column.texts
+    for text in texts:
+        if task_named(text) not in (None, task):
+            finding = f"{table.source}: column task: found {quoted(text)}"
+            rule = f"{task.name!r}, which the answers are of; --where task=TEXT chooses rows"
+            raise InputError(f"{finding}, allowed: {rule}")
 
 
 def _words_of(task: Task, column: Column) -> list[str]:
@@ -383,30 +365,18 @@ def _plain(text: str) -> str:
 def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str]]) -> int:
     """The answer that a cell stands for: by the given codes, else by words."""
     plain = _plain(text)
-    yes_code, no_code = (None if code is None else _plain(code) for code in given)
-    if plain == yes_code:
-        return _YES
-    if plain == no_code:
-        return _NO
+    codes = [code and _plain(code) for code in given]
+    if plain in codes:
+        return (_YES, _NO)[codes.index(plain)]
     word = plain.lower()
     if not word:
         return _MISSING
-    return _answer_by_word(word, yes_code, no_code, words)
-
-
-def _answer_by_word(
-    word: str, yes_code: str | None, no_code: str | None, words: Sequence[Sequence[str]]
-) -> int:
-    """The answer that a word stands for, unless its code was given."""
-    given_words = {code.lower() for code in (yes_code, no_code) if code is not None}
-    if word in given_words:
+    if word in {code.lower() for code in codes if code}:
         # Where 'Different' was declared to mean equal, 'different' is not read by default.
         return _UNKNOWN
-    yes_words, no_words = words
-    if yes_code is None and _english(word) in yes_words:
-        return _YES
-    if no_code is None and _english(word) in no_words:
-        return _NO
+    for answer, code, known_words in zip((_YES, _NO), codes, words, strict=True):
+        if code is None and _english(word) in known_words:
+            return answer
     return _UNKNOWN
 
 
@@ -472,7 +442,8 @@ def require_direction(
     for code, other in permutations(study.reading.codes, 2):
         second = Remedy("second_code", code, f"if {code} is 'second'", 0)
         comparison = Remedy("comparison_code", code, f"if {code} is 'comparison'", 0)
-        candidates += [[second, Remedy("first_code", other, "", 1)], [comparison]]
+        first = Remedy("first_code", other, "", 1, step=1)  # goes with `second` alone
+        candidates += [[second, first], [comparison]]
     if options.standard_interval is not None:
         meaning = "if it says the interval of the comparison"
         candidates.append([Remedy("comparison_interval", options.standard_interval, meaning, 0)])

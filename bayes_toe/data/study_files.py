@@ -92,9 +92,7 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     studies: list[Study] = []
     faulty: list[InputError] = []
     for path in paths:
-        folder = ""
-        if isinstance(path, StrPath):
-            folder = _distinguishing_folder(Path(path).absolute(), absolute_paths)
+        folder = _distinguishing_folder(path, absolute_paths)
         try:
             study = read(path)
             studies.append(replace(study, source=folder + study.source))
@@ -106,15 +104,17 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     return studies[0] if len(studies) == 1 else _together(studies)
 
 
-def _distinguishing_folder(path: Path, paths: Sequence[Path]) -> str:
+def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
     """The folders that tell a file from those of the same name; empty without such files."""
-    folders = [other.parent.parts for other in paths if other.name == path.name]
+    if not isinstance(path, StrPath):
+        return ""
+    folders = [other.parent.parts for other in paths if other.name == Path(path).name]
     if len(folders) == 1:
         return ""
     depth = 1
     while len({parts[-depth:] for parts in folders}) < len(folders):
         depth += 1
-    return "".join(f"{part}/" for part in path.parent.parts[-depth:])
+    return "".join(f"{part}/" for part in Path(path).absolute().parent.parts[-depth:])
 
 
 def _of_all_files(faulty: Sequence[InputError]) -> InputError:
@@ -145,8 +145,8 @@ def _together(studies: Sequence[Study]) -> Study:
     subjects, several = list[Subject](), list[str]()
     for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
         files = [study for study in studies if name in study.names]
-        doubts += _copies(name, _answers_by_file(name, files))
         subjects.append(_subject_of_files(name, files))
+        doubts += _copies(name, files)
         if len(files) > 1:
             several.append(f"{display_name(name)} {len(files)}")
     notes = [*_common_notes(studies)]
@@ -163,25 +163,18 @@ def _together(studies: Sequence[Study]) -> Study:
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
 
 
-def _answers_by_file(name: str, studies: Sequence[Study]) -> list[tuple[str, Answers]]:
-    """The answers of a subject in each file that has them in order."""
-    answers = []
-    for study in studies:
-        in_order = study[name].answers
-        if in_order is not None:
-            answers.append((study.source, in_order))
-    return answers
-
-
 def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:
     """A subject of one file or several."""
     first = studies[0]
     if len(studies) == 1:
         return first[name]
-    answers = _answers_by_file(name, studies)
-    if len(answers) == len(studies):
-        return Subject.from_answers(name, _joined(answers), first.task, first.unit)
-    return pooled([study[name] for study in studies])
+    answers = []
+    for study in studies:
+        in_order = study[name].answers
+        if in_order is None:
+            return pooled([study[name] for study in studies])
+        answers.append((study.source, in_order))
+    return Subject.from_answers(name, _joined(answers), first.task, first.unit)
 
 
 def _require_alike(studies: Sequence[Study]) -> None:
@@ -194,16 +187,18 @@ def _require_alike(studies: Sequence[Study]) -> None:
         )
 
 
-def _copies(name: str, answers: Sequence[tuple[str, Answers]]) -> Iterable[str]:
+def _copies(name: str, studies: Sequence[Study]) -> Iterable[str]:
     """Doubts about files that have the same answers of a subject, trial by trial."""
     first_source: dict[tuple[bytes, bytes], str] = {}
-    for source, in_order in answers:
-        content = in_order.keys.tobytes(), in_order.n_yes.tobytes()
-        earlier = first_source.setdefault(content, source)
-        n_trials = len(in_order.n_yes)
-        if earlier != source and in_order.has_trial_rows and n_trials >= _FEWEST:
-            trials = f"{n_trials} trials of subject {display_name(name)}"
-            yield f"{source} has the same {trials} as {earlier}: {TWICE}, remove one file"
+    for study in studies:
+        answers = study[name].answers
+        if answers is None or not answers.has_trial_rows or len(answers.n_yes) < _FEWEST:
+            continue
+        content = answers.keys.tobytes(), answers.n_yes.tobytes()
+        earlier = first_source.setdefault(content, study.source)
+        if earlier != study.source:
+            trials = f"{len(answers.n_yes)} trials of subject {display_name(name)}"
+            yield f"{study.source} has the same {trials} as {earlier}: {TWICE}, remove one file"
 
 
 def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
@@ -251,17 +246,16 @@ def _concatenated(parts: Sequence[Any]) -> Any:
 
 def _common_notes(studies: Sequence[Study]) -> Iterable[str]:
     """The notes of all files; notes that differ only in numbers become one."""
-    alike: dict[tuple[str, int], list[tuple[str, str]]] = {}
+    alike: dict[str, list[tuple[str, str]]] = {}
     for study in studies:
-        forms = [re.sub(r"\d+", "0", note) for note in study.notes]
-        for i, note in enumerate(study.notes):
-            # Two notes of one file are about two columns.
-            form = forms[i], forms[:i].count(forms[i])
+        for note in study.notes:
+            is_common = all(note in other.notes for other in studies)
+            form = note if is_common else re.sub(r"\d+", "0", note)
             alike.setdefault(form, []).append((study.source, note))
     for notes in alike.values():
         source, note = notes[0]
-        is_one_note = len({note for _, note in notes}) == 1
-        if is_one_note and len(notes) == len(studies):
+        different_notes = {note for _, note in notes}
+        if len(different_notes) == 1 and len(notes) == len(studies):
             yield note
         elif len(notes) == 1:
             yield f"{source}: {note}"

@@ -183,20 +183,16 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
     >>> file_stems(["S01", "../S02"])
     {'S01': 'S01', '../S02': '_S02-58c1dce7'}
     """
-    plain = {
-        name
-        for name in names
-        if len(name) <= _LONGEST_STEM and _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name)
-    }
-    stems = {name: name if name in plain else _marked(name) for name in names}
-    while True:
-        n_stems = Counter(stem.lower() for stem in stems.values())
-        clashing = [
-            name for name, stem in stems.items() if n_stems[stem.lower()] > 1 and stem == name
-        ]
-        if not clashing:
-            return stems
-        stems.update({name: _marked(name) for name in clashing})
+    n_alike = Counter(name.lower() for name in {*names})
+    stems = {}
+    for name in names:
+        is_plain = _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name)
+        is_short = len(name) <= _LONGEST_STEM
+        is_safe = is_plain and is_short and n_alike[name.lower()] == 1
+        stems[name] = name if is_safe else _marked(name)
+    if len({stem.lower() for stem in stems.values()}) < len(stems):  # one looks like a mark
+        stems = {name: _marked(name) for name in names}
+    return stems
 
 
 def _marked(name: str) -> str:

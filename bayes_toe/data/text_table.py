@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, IntArray
-from bayes_toe.data.messages import MAX_LINES, display_name, plural, quoted
+from bayes_toe.data.messages import MAX_LINES, display_name, one_line, plural, quoted
 from bayes_toe.errors import InputError, Remedy
 
 #: A pandas or polars DataFrame, neither of which is imported to know one.
@@ -38,9 +38,9 @@ EXCEL = "Excel"
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 
 _MARKS = (
-    (codecs.BOM_UTF8, "utf-8", "UTF-8"),
-    (codecs.BOM_UTF16_LE, "utf-16-le", "UTF-16"),
-    (codecs.BOM_UTF16_BE, "utf-16-be", "UTF-16"),
+    (codecs.BOM_UTF8, "utf-8-sig", "UTF-8"),
+    (codecs.BOM_UTF16_LE, "utf-16", "UTF-16"),
+    (codecs.BOM_UTF16_BE, "utf-16", "UTF-16"),
 )
 _BYTES_LOOKED_AT = 2000  # that tell UTF-16 without a mark
 #: Records among which the names are looked for.
@@ -131,14 +131,10 @@ class Problems:
     def __init__(self, source: str) -> None:
         self.source, self.count, self._shown = source, 0, list[tuple[int, str]]()
         self.remedies: list[Remedy] = []
-        self._nouns = set[str]()
 
-    def add(
-        self, lines: Iterable[tuple[int, str]], count: int | None = None, noun: str = "problem"
-    ) -> None:
+    def add(self, lines: Iterable[tuple[int, str]], count: int | None = None) -> None:
         """Rows and what is said of them; the first of `count`."""
         new_lines = list(lines)
-        self._nouns.add(noun)
         self._shown += new_lines
         self.count += len(new_lines) if count is None else count
 
@@ -156,8 +152,7 @@ class Problems:
         problems = [f"{self.source}: {text}" for _, text in first_lines]
         n_others = self.count - len(first_lines)
         if n_others > 0:
-            noun = "value" if self._nouns == {"value"} else "problem"
-            problems.append(f"... and {plural(n_others, f'more {noun}')}")
+            problems.append(f"... and {plural(n_others, 'more problem')}")
         raise InputError(problems, self.remedies)
 
 
@@ -180,6 +175,12 @@ def cell_texts(name: str, cells: Iterable[object], rows: Iterable[int]) -> Colum
                 problem = cell.problem
             problems.append((row, f"row {row}, column {display_name(name)}: {problem}"))
     return texts, problems
+
+
+def damaged(source: str, form: str, error: Exception | str, allowed: str) -> InputError:
+    """The refusal of a file that its library cannot read."""
+    reason = one_line(error)
+    return InputError(f"{source}: found a damaged {form} file ({reason}), allowed: {allowed}")
 
 
 def from_single_precision(values: Iterable[Any]) -> list[Any]:
@@ -221,11 +222,6 @@ class TextTable:
     def source(self) -> str:
         """The name of the file, or of the frame, in messages."""
         return self.problems.source
-
-    @property
-    def is_frame(self) -> bool:
-        """Whether it is a frame: messages then name arguments and not options."""
-        return self.head == "columns"
 
     @property
     def decimal_comma(self) -> bool:
@@ -280,7 +276,7 @@ class TextTable:
                 finding += f" in {count:,} rows, the first is row {row}"
             lines.append((row, f"{location}: found {finding}, allowed: {right}"))
         if lines:
-            self.problems.add(lines, len(counts), "value")
+            self.problems.add(lines, len(counts))
 
 
 def name_places(names: Sequence[str]) -> dict[str, int]:
@@ -402,47 +398,46 @@ def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str,
             f"{source}: found a spreadsheet or an archive, allowed: {_TEXT_ALLOWED}; save its "
             "sheet as .xlsx or CSV"
         )
-    mark, codec, label = _encoding_of(data) if encoding is None else (b"", encoding, encoding)
+    codec, label = _encoding_of(data) if encoding is None else (encoding, encoding)
     try:
-        text = data[len(mark) :].decode(codec)
+        text = data.decode(codec)
     except LookupError:
         raise InputError(
             f"--encoding: found {quoted(encoding or '')}, allowed: a name such as utf-8, cp1252 "
             "or latin-1"
         ) from None
     except UnicodeDecodeError as error:
-        offset = len(mark) + error.start
-        prefix = data[len(mark) : offset].decode(codec, errors="ignore")
-        what = f"byte 0x{data[offset]:02x} at offset {offset}, not {label}"
+        finding = f"byte 0x{error.object[error.start]:02x}, not {label}"
+        text_before = error.object[: error.start].decode(codec, errors="ignore")
     else:
         if "\0" not in text:
             return text, label
-        prefix = text.partition("\0")[0]
-        what = f"a NUL character at offset {len(mark) + len(prefix.encode(codec))}"
-    row = 1 + len(re.findall(r"\r\n|\r|\n", prefix))
-    raise InputError(f"{source}: row {row}: found {what}, allowed: {_TEXT_ALLOWED}")
+        finding = "a NUL character"
+        text_before = text.partition("\0")[0]
+    row = 1 + len(re.findall(r"\r\n|\r|\n", text_before))
+    raise InputError(f"{source}: row {row}: found {finding}, allowed: {_TEXT_ALLOWED}")
 
 
-def _encoding_of(data: bytes) -> tuple[bytes, str, str]:
-    """Byte-order mark, codec and name of an encoding that the bytes tell."""
+def _encoding_of(data: bytes) -> tuple[str, str]:
+    """Codec and name of an encoding that the bytes tell."""
     for mark, codec, label in _MARKS:
         if data.startswith(mark):
-            return mark, codec, label
+            return codec, label
     start = data[:_BYTES_LOOKED_AT]
     for codec, zeros, other_bytes in (
         ("utf-16-le", start[1::2], start[::2]),
         ("utf-16-be", start[::2], start[1::2]),
     ):
         if len(zeros) > 1 and zeros.count(0) > 0.9 * len(zeros) and not other_bytes.count(0):
-            return b"", codec, "UTF-16"
+            return codec, "UTF-16"
     try:
         data.decode("utf-8")
     except UnicodeDecodeError:
         # A damaged UTF-8 file has other characters that are valid there.
         is_damaged = not data.decode("utf-8", errors="ignore").isascii()
         if not is_damaged and b"\0" not in data:
-            return b"", "cp1252", "Windows-1252 (--encoding NAME if that is wrong)"
-    return b"", "utf-8", "UTF-8"
+            return "cp1252", "Windows-1252 (--encoding NAME if that is wrong)"
+    return "utf-8", "UTF-8"
 
 
 def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.Error]]:

@@ -211,35 +211,26 @@ def _repeated(
     k: IntArray,
     n: IntArray,
 ) -> list[str]:
-    """Doubts about answered trials with the number, subject and block of an earlier row.
+    """A doubt about answered trials that repeat the number and all else of an earlier row.
 
-    A row without a number repeats none.
+    There is none where a row with a number that is there twice is another trial: numbers may begin
+    anew.
     """
-    block, subject = columns.get("block"), columns["subject"]
-    trial = numbers(table, columns["trial"])
+    trial, subject = numbers(table, columns["trial"]), columns["subject"]
     runs = [columns[name].codes for name in _RUNS if name in columns]
-    run_of_row = np.column_stack([*runs, np.zeros(len(n), np.int64)])
-    answered = np.flatnonzero((n > 0) & ~np.isnan(trial))
-    identity = np.column_stack([subject.codes, run_of_row, trial])[answered]
-    _, first, index = np.unique(identity, axis=0, return_index=True, return_inverse=True)
-    first_row = answered[first[index.ravel()]]
-    later, earlier = answered[answered != first_row], first_row[answered != first_row]
-    if not len(later):
+    numbered = np.flatnonzero((n > 0) & ~np.isnan(trial))
+    identity = np.column_stack([subject.codes, *runs, trial])[numbered]
+    content = np.column_stack([identity, *(values[numbered] for values in (*keys, k))])
+    _, first, index = np.unique(content, axis=0, return_index=True, return_inverse=True)
+    n_repeats = len(numbered) - len(first)
+    if not n_repeats or len(first) > len(np.unique(identity, axis=0)):
         return []
-    is_repeat = np.logical_and.reduce([key[later] == key[earlier] for key in (*keys, k)])
-    if block is None and not is_repeat.all():
-        # Without blocks numbers may begin anew in each: only rows that are the same in everything
-        # count.
-        return []
-    verb = "repeats" if len(later) == 1 else "repeat"
-    number_words = "trial" if block is None else "block and trial"
-    problem = f"{plural(len(later), 'row')} {verb} {number_words} of another row"
-    row, other = table.rows[later[0]], table.rows[earlier[0]]
-    name = display_name(subject.text(later[0]))
+    earlier = numbered[first[index.ravel()]]
+    is_later = earlier != numbered
+    later, earlier = numbered[is_later][0], earlier[is_later][0]
+    verb = "repeats" if n_repeats == 1 else "repeat"
+    number_words = "block and trial" if "block" in columns else "trial"
+    problem = f"{plural(n_repeats, 'row')} {verb} {number_words} of another row"
+    row, other, name = table.rows[later], table.rows[earlier], display_name(subject.text(later))
     location = f"first row {row}, which repeats row {other} (subject {name})"
-    if is_repeat.all():
-        return [f"{problem} with the same stimuli and answer, {location}: {TWICE}, remove them"]
-    return [
-        f"{problem}, {is_repeat.sum()} with the same stimuli and answer, {location}: unless these "
-        f"are several sessions under the same numbers, {TWICE}"
-    ]
+    return [f"{problem} with the same stimuli and answer, {location}: {TWICE}, remove them"]

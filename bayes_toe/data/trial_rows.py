@@ -91,10 +91,8 @@ def _without_practice(
             continue
         rows = plural(int(is_marked.sum()), "row")
         marks = join_names([*map(quoted, practice)])
-        column_name = display_name(name)
-        note = f"{rows} left out as practice (column {column_name}: {marks})"
-        if not table.is_frame:
-            note += "; --ignore practice reads them"
+        reason = f"as practice (column {display_name(name)}: {marks})"
+        note = f"{rows} left out {reason}; --ignore practice reads them"
         table = replace(table.only(~is_marked), notes=(*table.notes, note))
     return table
 
@@ -169,7 +167,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Sequence[str]) -> list[st
         n_rows = int(column.map(texts.__contains__, np.bool_).sum())
         marks = join_names([*map(quoted, texts)])
         doubt = f"{plural(n_rows, 'row')} with {marks} in column {display_name(name)} are counted"
-        if len(other_texts) == 1 and not table.is_frame:
+        if len(other_texts) == 1:
             doubt += f"; --where {display_name(name)}={other_texts[0]} leaves them out"
         doubts.append(doubt)
     return doubts

@@ -144,9 +144,9 @@ def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
         outcomes = list[tuple[float, float, bool]]()
         for unit in units:
             for answer, counts in ((True, unit.n_yes), (False, unit.n_trials - unit.n_yes)):
-                given = counts > 0
-                s1, s2 = unit.s1[given].tolist(), unit.s2[given].tolist()
-                outcomes += zip(s1, s2, [answer] * len(s1), strict=True)
+                for pair, count in zip(unit.pairs, counts.tolist(), strict=True):
+                    if count:
+                        outcomes.append((*pair, answer))
         n_distinct = len(set(outcomes))
         if n_distinct < len(outcomes):
             return False

@@ -208,7 +208,7 @@ def require_texts(
 
 
 def read_numbers(
-    path: StrPath,
+    source: StrPath | TextTable,
     names: Sequence[str],
     key: str | None = None,
     *,
@@ -218,14 +218,15 @@ def read_numbers(
 ) -> tuple[list[str], dict[str, FloatArray]]:
     """Columns of finite numbers by name, and one of distinct texts if `key` names it.
 
-    `optional` columns are read if the file has them; all others are ignored. `counts` are whole
-    numbers of at least 1. With `gaps` empty cells are NaN. The first value is the texts in the
-    order of the rows; it is empty without `key`. The second value is the columns, shape (rows,)
-    each, in the units of the file. An InputError has a line per problem of the file, ten at most,
-    with row and column.
+    `source` is a path, or a table with these columns that was read before. `optional` columns
+    are read if the file has them; all others are ignored. `counts` are whole numbers of at
+    least 1. With `gaps` empty cells are NaN. The first value is the texts in the order of the
+    rows; it is empty without `key`. The second value is the columns, shape (rows,) each, in the
+    units of the file. An InputError has a line per problem of the file, ten at most, with row
+    and column.
     """
     keys = () if key is None else (key,)
-    table = _read(path, (*keys, *names), optional)
+    table = _with_columns(source, (*keys, *names), optional)
     if not names and len(table.columns) < 2:
         finding = join_names([*map(quoted, table.names)])
         table.require(
@@ -243,23 +244,23 @@ def read_numbers(
     return [text for name in keys for text in _texts(table, name)], columns
 
 
-def _read(path: StrPath, required: Sequence[str], optional: Sequence[str] = ()) -> TextTable:
+def _with_columns(
+    source: StrPath | TextTable, required: Sequence[str], optional: Sequence[str]
+) -> TextTable:
     """The table with columns of these names, each of them once."""
-    table = read_table(path, lambda _: {*required, *optional})
-    counts = {name: table.names.count(name) for name in (*required, *optional)}
-    finding = join_names([*map(quoted, table.names)])
-    missing = [
-        f"column {display_name(name)}: missing, found {finding}, allowed: a column of this name"
-        for name in required
-        if counts[name] == 0
-    ]
-    twice = [
-        f"column {display_name(name)}: found {count} columns of this name, allowed: one"
-        for name, count in counts.items()
-        if count > 1
-    ]
-    table.require([*missing, *twice])
-    columns = {name: column for name, column in table.columns.items() if name in counts}
+    names = (*required, *optional)
+    table = source if isinstance(source, TextTable) else read_table(source, lambda _: {*names})
+    problems = []
+    for name in names:
+        count = table.names.count(name)
+        finding = f"found {count} columns of this name, allowed: one"
+        if count == 0:
+            other_names = join_names([*map(quoted, table.names)])
+            finding = f"missing, found {other_names}, allowed: a column of this name"
+        if count > 1 or (count == 0 and name in required):
+            problems.append(f"column {display_name(name)}: {finding}")
+    table.require(problems)
+    columns = {name: column for name, column in table.columns.items() if name in names}
     return replace(table, columns=columns)
 
 

@@ -15,6 +15,7 @@ from bayes_toe.arrays import FloatArray, IndexArray, StrPath
 from bayes_toe.checks.identification import TYPICAL_TRIALS, contraction_information
 from bayes_toe.data.messages import join_words
 from bayes_toe.data.options import ReadOptions
+from bayes_toe.data.read_table import read_table
 from bayes_toe.data.stimulus_unit import LOG_UNITS, UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import number, read_numbers
@@ -276,8 +277,9 @@ def read_levels(
 ) -> FloatArray:
     """Levels in the column s or i of a CSV file, in a unit; natural logs where none is given."""
     options = ReadOptions(intensity=reference, unit=unit)
-    (name,) = stimulus_names(path, ("s",), ("i",), options)
-    (logs,) = to_logs(path, [read_numbers(path, (name,))[1][name]], options)
+    table = read_table(path, lambda _: {"s", "i"})
+    (name,) = stimulus_names(table, ("s",), ("i",), options)
+    (logs,) = to_logs(path, [read_numbers(table, (name,))[1][name]], options)
     levels = np.unique(logs)
     if len(levels) < 2:
         raise InputError(

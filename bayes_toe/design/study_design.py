@@ -28,6 +28,7 @@ from bayes_toe.data.stimulus_unit import (
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
+from bayes_toe.data.text_table import TextTable
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError, Remedy
 
@@ -202,9 +203,11 @@ def read_pairs(
     optional: tuple[str, ...] = (),
 ) -> dict[str, FloatArray]:
     """The columns s1 and s2 of a CSV file in natural logs, and these counts."""
-    names = stimulus_names(path, ("s1", "s2"), ("i1", "i2"), options)
+    counts = (*required, *optional, "isi")
+    table = read_table(path, lambda _: {"s1", "s2", "i1", "i2", *counts})
+    names = stimulus_names(table, ("s1", "s2"), ("i1", "i2"), options)
     _, columns = read_numbers(
-        path, (*names, *required), optional=("isi", *optional), counts=("n_trials",)
+        table, (*names, *required), optional=("isi", *optional), counts=("n_trials",)
     )
     if "isi" in columns:
         raise InputError(f"{path}, column isi: found in a design, allowed: s1, s2, n_trials")
@@ -213,15 +216,15 @@ def read_pairs(
 
 
 def stimulus_names(
-    path: StrPath, logs: tuple[str, ...], intensities: tuple[str, ...], options: ReadOptions
+    table: TextTable, logs: tuple[str, ...], intensities: tuple[str, ...], options: ReadOptions
 ) -> tuple[str, ...]:
-    """The columns of the stimuli in a file: those of intensities if there is a unit for them."""
-    header = {*read_table(path, lambda _: {*logs, *intensities}).names}
+    """The columns of the stimuli in a table: those of intensities if there is a unit for them."""
+    header = {*table.names}
     if not header.issuperset(intensities):
         return logs
     if not options.has_intensities and not header.intersection(logs):
         raise InputError(
-            f"{path}: columns {join_names(intensities)} are intensities without a unit",
+            f"{table.source}: columns {join_names(intensities)} are intensities without a unit",
             [Remedy("unit", ANY_UNIT, "or the name of their unit")],
         )
     return intensities if options.has_intensities else logs

@@ -255,6 +255,12 @@ class PopulationResult:
         zero = zero_mean(self.draws, self.numbers, self.regressors.x, j)
         return GroupEffect(Interval.from_draws(mean), shift, sd_interval, sd_limit, zero)
 
+    @cached_property
+    def effects(self) -> Mapping[str, GroupEffect]:
+        """The effects that the design can show, by their names."""
+        names = (CONSTANT_ERROR.name, CONTRACTION.name)
+        return {name: self.effect(name) for name in names if name in self.identified}
+
     def shift_percent(self, constant_error: FloatArray) -> FloatArray:
         """Shift of the point of subjective equality in per cent, of constant errors in D."""
         return percent(constant_error * self.scales.step)

@@ -311,7 +311,7 @@ class WeightedDraws:
         """Effective number of draws."""
         return effective_number(self.shares)
 
-    @property
+    @cached_property
     def log_evidence(self) -> float:
         """Log of the mean weight, which estimates the evidence."""
         return float(logsumexp(self.log_weights) - np.log(len(self.x)))

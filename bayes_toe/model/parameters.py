@@ -241,6 +241,11 @@ class Quantity:
     unit: str = LOG_INTENSITY_UNIT
     display: str = ""
 
+    @property
+    def scale(self) -> float:
+        """The factor by which tables and figures multiply it: 100 of a share in per cent."""
+        return 100.0 if self.display == _PERCENT else 1.0
+
 
 @dataclass(frozen=True)
 class Parameter(Quantity):

@@ -20,9 +20,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self, cast
 
-import numpy as np
-
-from bayes_toe.arrays import FloatArray, Record
+from bayes_toe.arrays import Record
 from bayes_toe.data.messages import join_names
 from bayes_toe.data.study import Subject, common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -34,7 +32,6 @@ from bayes_toe.model.distributions import (
     LogNormal,
     Normal,
 )
-from bayes_toe.model.paper_equations import Natural, variance_ratio
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior_fields import STIMULI, PriorFields
 
@@ -226,30 +223,6 @@ class Prior(PriorFields):
         if self.depends_on_stimuli("mu1"):
             words += "; M mean and R sd of the stimuli"
         return words
-
-    def log_density_variances(self, theta: Natural) -> FloatArray:
-        """Log density in the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0).
-
-        Edges are included; outside it is -inf.
-
-        d sigma_p / d sigma_p^2 = 1 / (2 sigma_p) and, at fixed sigma_p, d gamma / d sigma_l^2 = 1 /
-        sigma_p^2. Source: Appendix C.
-        """
-        gamma, q0 = theta.gamma, theta.q0
-        is_inside = (theta.sigma_p > 0) & (gamma >= 0) & (gamma <= 1) & (q0 >= 0) & (q0 <= 1)
-        log_spread = np.log(theta.sigma_p)
-        if self.spread == "width":
-            log_spread = log_spread + 1.5 * np.log(variance_ratio(gamma))
-        of_gamma = cast(Beta, self.distribution("gamma"))
-        of_q0 = cast(Beta, self.distribution("q0"))
-        log_density = self.penalty.log_density(theta.mu1)
-        # d spread / d sigma_p = spread / sigma_p, and the density of the log is spread times this.
-        log_density = log_density + self.spread_distribution.log_density_of_log(log_spread)
-        with np.errstate(divide="ignore", invalid="ignore"):  # edges, and beyond them
-            log_density += of_gamma.log_density_of_logs(np.log(gamma), np.log1p(-gamma))
-            log_density += of_q0.log_density_of_logs(np.log(q0), np.log1p(-q0))
-        volume = -np.log(2.0) - 4.0 * np.log(theta.sigma_p)
-        return np.where(is_inside, log_density + volume, -np.inf)
 
 
 def stored_prior(values: Mapping[str, Any]) -> Prior:

@@ -24,8 +24,8 @@ from bayes_toe.plots.style import (
     SMALL,
     legend_below,
     new_figure,
-    percent_ticks,
     plain,
+    quantity_ticks,
     style_axes,
     zero_line,
 )
@@ -71,10 +71,10 @@ def contrast(
         _draw_subjects(ax, table, rows, unit)
         if group is not None:
             _draw_group(ax, group, quantity, table.conditions.comparisons[row], unit)
-        label = f"{quantity}, {plain(comparison)} ({unit.of_differences})"
-        if quantity == CONTRACTION.name:
-            label = f"contraction, {plain(comparison)} (%)"
-            percent_ticks(ax)
+        parameter, _ = QUANTITIES[quantity]
+        shown_unit = "%" if parameter.scale != 1.0 else unit.of_differences
+        label = f"{quantity}, {plain(comparison)} ({shown_unit})"
+        quantity_ticks(ax, parameter.name)
         ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
         ax.tick_params(labelleft=column == 0)
     title = f"What differs by {plain(table.conditions.name)}"

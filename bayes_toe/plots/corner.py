@@ -265,9 +265,9 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
     display = QUANTITY_BY_NAME[name].display
     if display == "stimulus" and unit.of_stimuli:
         return unit.stimuli(values)
-    if display == "percent":
-        return 100.0 * values
-    return unit.differences(values) if _is_difference(name, unit) else values
+    if _is_difference(name, unit):
+        return unit.differences(values)
+    return QUANTITY_BY_NAME[name].scale * values
 
 
 def axis_label(name: str, unit: StimulusUnit) -> str:

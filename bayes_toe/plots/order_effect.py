@@ -24,7 +24,6 @@ from bayes_toe.data.messages import plural
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.errors import InputError
 from bayes_toe.groups.population import PopulationResult
-from bayes_toe.model.parameters import CONTRACTION
 from bayes_toe.plots.style import (
     EQUAL,
     HIGH,
@@ -37,8 +36,8 @@ from bayes_toe.plots.style import (
     Style,
     mark_synthetic,
     new_figure,
-    percent_ticks,
     plain,
+    quantity_ticks,
     style_axes,
     write_note,
 )
@@ -163,9 +162,9 @@ def forests(
         ax.set_title(title, loc="left", fontsize=LETTERS)
         label = question.axis.format(unit=unit.of_differences)
         ax.set(xlabel=label, xlim=limits, ylim=(last_row, -0.6), yticks=[])
+        ax.locator_params(axis="x", nbins=5)
         style_axes(ax)
-        if question.name == CONTRACTION.name:
-            percent_ticks(ax)
+        quantity_ticks(ax, question.name)
         if not is_crowded:
             _write_words(ax, answers, question)
     _write_names(panels[0], answers, group, is_crowded=is_crowded)

@@ -40,8 +40,8 @@ from bayes_toe.plots.style import (
     legend_below,
     n_rows,
     new_figure,
-    percent_ticks,
     plain,
+    quantity_ticks,
     rounded,
     style_axes,
     zero_line,
@@ -116,8 +116,7 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
         for i, (name, ax) in enumerate(zip(effects, panels, strict=True)):
             draws, label = _shown_effects(result, name, effects[name])
             effects_panel(ax, draws, label, labels)
-            if name == CONTRACTION.name:
-                percent_ticks(ax)
+            quantity_ticks(ax, name)
             ax.tick_params(labelleft=i % n_columns == 0)
     return figure
 
@@ -168,8 +167,7 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     ax.set(xlim=(values[0], values[-1]), xlabel=_label(name, unit), yticks=[])
     zero_line(ax)
     ax.locator_params(axis="x", nbins=4)
-    if name == CONTRACTION.name:
-        percent_ticks(ax)
+    quantity_ticks(ax, name)
     style_axes(ax).spines["left"].set_visible(False)
 
 
@@ -188,8 +186,7 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     ax.axvline(middle, color=BELIEF, lw=0.8)
     if name in (CONSTANT_ERROR.name, CONTRACTION.name):
         zero_line(ax)
-    if name == CONTRACTION.name:
-        percent_ticks(ax)
+    quantity_ticks(ax, name)
     quantiles = np.quantile(subjects, MARKED, axis=(0, 1))
     n_subjects = quantiles.shape[1]
     style: Style = {"label": "subject, median and 95 % interval"}

@@ -57,7 +57,7 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     if not subjects:
         rows = sorted(rows, key=_log_evidence_gain, reverse=True)[:MOST_ROWS]
     figure = new_figure(PAGE, _HIGH * len(rows) + 0.5)
-    axes = figure.subplots(len(rows), 2, squeeze=False, width_ratios=(1.6, 1.0))
+    axes = figure.subplots(len(rows), 2, squeeze=False, sharey=True, width_ratios=(1.6, 1.0))
     for row, (left, right) in zip(rows, axes, strict=True):
         _draw_row(left, right, table, row)
     for ax in axes[:-1].ravel():

@@ -26,6 +26,7 @@ from matplotlib.ticker import MaxNLocator
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
+from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
 POSTERIOR = "#0072B2"
@@ -259,9 +260,11 @@ def proportion_axis(ax: Axes) -> None:
     ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
 
 
-def percent_ticks(ax: Axes) -> None:
-    """Write shares on the axis along x in per cent."""
-    ax.xaxis.set_major_formatter(lambda value, _: f"{100.0 * value:g}".replace("-", "−"))
+def quantity_ticks(ax: Axes, name: str) -> None:
+    """Write shares on the axis along x in per cent, if the quantity is such a share."""
+    scale = QUANTITY_BY_NAME[name].scale
+    if scale != 1.0:
+        ax.xaxis.set_major_formatter(lambda value, _: f"{scale * value:g}".replace("-", "−"))
 
 
 def zero_line(ax: Axes) -> None:

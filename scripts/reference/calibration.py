@@ -23,7 +23,7 @@ from scipy.special import logit
 
 from bayes_toe.answers.evidence_table import SubjectEvidence, subject_evidence
 from bayes_toe.arrays import BoolArray, FloatArray, Rng
-from bayes_toe.classical.fit import bootstrap_evidence, subject_fit
+from bayes_toe.classical.fit import SubjectFit, subject_fit
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.design.simulate import PaperObserver, simulate_trials
 from bayes_toe.design.study_design import PAPER_BATCHES, reference_design
@@ -46,7 +46,7 @@ from bayes_toe.model.paper_equations import (
     normalised_distance,
     variance_ratio,
 )
-from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
+from bayes_toe.model.paper_model import PAPER_MODEL, log_jacobian, paper_posterior
 from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
@@ -71,38 +71,28 @@ DRAWS = 1000
 #: Probability of any false alarm among all ranked quantities of all designs.
 FALSE_ALARM = 0.01
 
-#: By estimator of the log Bayes factor H1 - H0, its columns of the evidence table, and what these
-#: are; the first is the default.
+#: What the columns of the evidence table are.
+_METHODS = {
+    "h1": "importance sampling",
+    "h1_laplace": "Laplace approximation in identified coordinates",
+    "h1_laplace_natural": "Laplace approximation in mu1, sigma_p^2, sigma_l^2 and q0",
+    "h1_bootstrap": "covariance of bootstrap refits (Appendix C)",
+    "h0": "exact",
+    "h0_laplace": "Laplace estimator of frequencies (Appendix C)",
+}
+#: By estimator of the log Bayes factor H1 - H0, its two columns; the first is the default.
 ESTIMATORS = {
-    "importance sampling": ("h1", "h0", "the default: H1 by importance sampling, H0 exactly"),
-    "Laplace, identified": (
-        "h1_laplace",
-        "h0",
-        "H1 by Laplace in identified coordinates, H0 exactly",
-    ),
-    "Laplace, paper's": (
-        "h1_laplace_natural",
-        "h0",
-        "H1 by Laplace in (mu1, sigma_p^2, sigma_l^2, q0), H0 exactly",
-    ),
-    "bootstrap covariance": (
-        "h1_bootstrap",
-        "h0",
-        "H1 from the fit and the covariance of bootstrap refits (Appendix C), H0 exactly",
-    ),
-    "H0 by Laplace": (
-        "h1",
-        "h0_laplace",
-        "H1 by importance sampling, H0 by the Laplace estimator of frequencies (Appendix C)",
-    ),
-    "Appendix C": (
-        "h1_bootstrap",
-        "h0_laplace",
-        "both sides as in Appendix C: bootstrap covariance and Laplace estimator of frequencies",
-    ),
+    "importance sampling": ("h1", "h0"),
+    "Laplace, identified": ("h1_laplace", "h0"),
+    "Laplace, paper's": ("h1_laplace_natural", "h0"),
+    "bootstrap covariance": ("h1_bootstrap", "h0"),
+    "H0 by Laplace": ("h1", "h0_laplace"),
+    "Appendix C": ("h1_bootstrap", "h0_laplace"),
 }
 DEFAULT = next(iter(ESTIMATORS))
-ABOUT = {name: words for name, (*_, words) in ESTIMATORS.items()}
+ABOUT = {name: (_METHODS[h1], _METHODS[h0]) for name, (h1, h0) in ESTIMATORS.items()}
+#: Smallest eigenvalue of a correlation matrix that still counts as invertible.
+SINGULAR = 1e-10
 #: One row a study: true parameters, and the share of draws below the true value of each quantity,
 #: in 0..1, made continuous by drawing within the place that the truth takes among them; what
 #: sampling did not reach, empty where it converged.
@@ -244,12 +234,13 @@ def work(job: Job) -> tuple[Row, Row]:
         ranks = {"design": job.design, **ranks_of(draws, subject, theta, settings.seed)}
     if job.with_evidence:
         replicates = subject_fit(subject, settings.prior, seed=settings.seed, replicates=1000)
-        row = subject_evidence(result, fitted, bootstrap_evidence(replicates, settings.prior))
+        row = subject_evidence(result, fitted)
+        by_bootstrap = appendix_c_evidence(replicates, settings.prior)
         known = {
             "design": job.design,
             "data_set": job.name,
             "from": "H1" if job.from_h1 else "H0",
-            **log_bayes_factors(row),
+            **log_bayes_factors(row, by_bootstrap),
         }
     return ranks, known
 
@@ -279,13 +270,34 @@ def prior_draw(prior: Prior, rng: Rng) -> Natural:
     return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
 
 
-def log_bayes_factors(row: SubjectEvidence) -> dict[str, float]:
+def appendix_c_evidence(fit: SubjectFit, prior: Prior) -> float:
+    """Log evidence of H1 by Appendix C, nats; NaN where there is no such number.
+
+    log p(n | theta) + log p(theta) + log det(2 pi Sigma) / 2, with theta the fit and Sigma the
+    covariance of the replicates, in (mu1, sigma_p^2, sigma_l^2, q0). Source: Eq. app:evidapprox.
+    """
+    theta, replicates = fit.parameters, fit.fits.parameters ** np.array([1, 2, 2, 1])
+    is_finite = np.isfinite(theta).all() and np.isfinite(replicates).all()
+    if not is_finite or theta[1] == 0.0 or np.any(np.ptp(replicates, axis=0) == 0.0):
+        return np.nan
+    if np.linalg.eigvalsh(np.corrcoef(replicates.T))[0] < SINGULAR:
+        return np.nan
+    points = fit.fitted.points
+    density = paper_posterior(fit.fitted.subject, prior).log_prior(points) - log_jacobian(points)
+    # |d(sigma_p^2, sigma_l^2) / d(sigma_p, gamma)| = 2 sigma_p^3.
+    log_prior = float(density[0]) - np.log(2.0) - 3.0 * np.log(theta[1])
+    half_log_det = 0.5 * float(np.linalg.slogdet(2.0 * np.pi * np.cov(replicates.T))[1])
+    return fit.log_likelihood + log_prior + half_log_det
+
+
+def log_bayes_factors(row: SubjectEvidence, by_bootstrap: float) -> dict[str, float]:
     """By estimator, nats; NaN where a side is withheld."""
-    sides = {
-        name: np.array([getattr(row, f"log_evidence_{side}") for side in of[:2]], np.float64)
-        for name, of in ESTIMATORS.items()
-    }
-    return {name: float(h1 - h0) for name, (h1, h0) in sides.items()}
+    factors = {}
+    for name, (h1, h0) in ESTIMATORS.items():
+        numerator = by_bootstrap if h1 == "h1_bootstrap" else getattr(row, f"log_evidence_{h1}")
+        sides = np.array([numerator, getattr(row, f"log_evidence_{h0}")], np.float64)
+        factors[name] = float(sides[0] - sides[1])
+    return factors
 
 
 def ranks_of(draws: Draws, subject: Subject, theta: Natural, seed: int) -> Row:

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -18,7 +17,6 @@ from bayes_toe.answers.evidence_table import (
     frequency_evidence_laplace,
     subject_evidence,
 )
-from bayes_toe.classical.fit import bootstrap_evidence, subject_fit
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import (
@@ -43,11 +41,9 @@ def test_h0_laplace_is_appendix_c_term_by_term():
 
 
 def test_laplace_that_does_not_exist_is_empty_and_says_why():
-    subject, prior = CASES["perfect observer"], bt.Prior()
-    posterior = paper_posterior(subject, prior)
+    posterior = paper_posterior(CASES["perfect observer"], bt.Prior())
     result, fitted = fitted_result(posterior, 1, AnalysisRequest(evidence_draws=20_000))
-    replicates = subject_fit(subject, prior, seed=1, replicates=50)
-    row = subject_evidence(result, fitted, bootstrap_evidence(replicates, prior))
+    row = subject_evidence(result, fitted)
     assert (row.log_evidence_h1_laplace, row.log_bayes_factor_laplace) == (None, None)
     assert row.log_evidence_h1 is not None
     assert any("Laplace" in note for note in row.footnotes)
@@ -68,9 +64,7 @@ def test_the_table_has_the_bayes_factor_of_its_evidences(analysis):
     assert frame["log_evidence_h1_se"].between(0, 0.01).all()
 
 
-def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analysis, monkeypatch):
-    few = partial(subject_fit, replicates=40)  # as many as the other has
-    monkeypatch.setattr("bayes_toe.analysis.subject_fit", few)
+def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analysis):
     study = analysis.study.select(["B"])
     alone = bt.evidence(study, seed=analysis.settings.seed, prior="paper", workers=1)
     frame = analysis.evidence.frame(full=True).query("subject == 'B'").reset_index(drop=True)

@@ -125,7 +125,7 @@ def test_the_command_writes_the_table_and_the_figure(tmp_path):
     frame["session"], frame["trial"] = np.cumsum(answers.is_session_start), np.arange(len(frame))
     frame.to_csv(tmp_path / "trials.csv", index=False)
     screen = good("history trials.csv -o serial.csv --seed 1", cwd=tmp_path)
-    assert "Previous response: 1 of 1 subject yes (1 repetition)." in screen
+    assert "Previous response: 1 of 1 subject yes (repetition)." in screen
     (row,) = pd.read_csv(tmp_path / "serial.csv").itertuples()
     assert row.previous_response == "yes (repetition)"
     assert 0.0 < row.kappa_q025 < row.kappa_q50 < row.kappa_q975

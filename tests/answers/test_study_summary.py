@@ -1,5 +1,8 @@
 """The answer of a study: counts that add up, directions, how frequent an effect is."""
 
+import re
+from types import SimpleNamespace
+
 import pytest
 from conftest import order_answer
 
@@ -14,6 +17,9 @@ from bayes_toe.answers.study_summary import (
     study_lines,
 )
 from bayes_toe.answers.words import Word
+from bayes_toe.cli.methods import _in_paper
+from bayes_toe.groups.population import GroupEffect, Interval
+from bayes_toe.groups.zero_mean import ZeroBayesFactor
 
 
 def answer(name, words, shift=5.0, **fields):
@@ -39,16 +45,16 @@ def test_directions_and_exceptions_are_named():
         "The first stimulus is remembered as nearer to the mean in 1 subject.",
         "Order effect: 2 of 3 subjects yes, 1 probably.",
         "Constant error: 2 yes, 1 undecided.",
-        "Contraction: 1 yes, 1 probably, 1 no.",
+        "Contraction: 1 yes (contraction), 1 probably (repulsion), 1 no.",
         f"The model does not fit 1 subject: C. {FALSE_ALARMS}",
-        "Without C, yes or probably: order effect 2 of 2.",
+        "Without poor fits, there is or probably is an order effect in 2 of 2.",
     ]
 
 
 LETTERS = {"y": Word.YES, "p": Word.PROBABLY, "u": Word.UNDECIDED, "q": Word.PROBABLY_NOT}
 LETTERS |= {"n": Word.NO, "c": Word.CANNOT_BE_TOLD, "x": Word.NOT_INTERPRETABLE}
 #: Words for the three questions of each subject, with the signs of the effects (- the other way, 0
-#: no direction), the words for the means of the group, and the meaning.
+#: no direction), the letters of the means of the group, and the meaning.
 MEANINGS = """
 nnn nnn qqq | -
     In all 3 subjects the order probably does not change the response.
@@ -74,11 +80,16 @@ yyn yyn | y
     In both subjects the order changes the response. The first stimulus is overestimated in 2
     subjects.
 
-yyn yyn yy-n yy-n | q
+yyn yyn yy-n yy-n | n
     In all 4 subjects the order changes the response. The first stimulus is overestimated in 2
     subjects and underestimated in 2. These directions differ, so the mean PSE shift is near 0.
 
-yyn yyn yy-n yy-n | u
+yyn yyn yy-n yy-n | w
+    In all 4 subjects the order changes the response. The first stimulus is overestimated in 2
+    subjects and underestimated in 2. These directions differ, so the mean PSE shift cannot be
+    distinguished from 0.
+
+yyn yyn yy-n yy-n | p
     In all 4 subjects the order changes the response. The first stimulus is overestimated in 2
     subjects and underestimated in 2.
 
@@ -91,12 +102,12 @@ yyn yyn yyn yyn yy-n | n
     In all 5 subjects the order changes the response. The first stimulus is overestimated in 4
     subjects and underestimated in 1.
 
-yny yny- uuu | qn
+yny yny- uuu | wn
     In most subjects (2 of 3) the order changes the response. The first stimulus is remembered
     as nearer to the mean in 1 subject and as farther from the mean in 1. These directions
     differ, so the mean contraction is near 0.
 
-yny- yny- | qy
+yny- yny- | ny
     In both subjects the order changes the response. The first stimulus is remembered as farther
     from the mean in 2 subjects.
 
@@ -138,6 +149,24 @@ xxx xxx | -
 """
 
 
+#: A mean of a group whose SD between subjects is 1: its interval, and the log Bayes factor of 0.
+MEANS = {
+    "n": ((-0.4, 0.0, 0.4), 1.0),  # near 0
+    "w": ((-0.6, 0.0, 0.4), 1.0),  # too wide an interval
+    "p": ((-0.1, 0.9, 1.0), -2.0),  # probably not 0
+    "y": ((0.1, 0.2, 0.3), 0.0),
+}
+
+
+PRESENT_TENSE = re.compile(r"\b(is|does|do|cannot|can|changes|differs?|subjects?)\b")
+
+
+def group_effect(letter):
+    interval, log_bf = MEANS[letter]
+    mean, sd = Interval(*interval), Interval(0.9, 1.0, 1.1)
+    return GroupEffect(mean, None, sd, None, ZeroBayesFactor(log_bf, 0.0))
+
+
 def answer_of(name, letters):
     """An answer by its letters; a '-' or '0' belongs to the letter before it."""
     words, signs = [], []
@@ -158,10 +187,13 @@ def test_what_the_answer_of_a_study_means(case):
     subjects, means = heading.split(" | ")
     meaning = " ".join(map(str.strip, lines))
     answers = [answer_of(*row) for row in zip("ABCDEFG", subjects.split(), strict=False)]
-    words = [LETTERS[letter] for letter in means if letter in LETTERS]
-    mean_words = dict(zip(("constant_error", "contraction"), words, strict=False))
-    assert describe_meaning(answers, mean_words) == meaning
-    first, *_ = study_lines(answers, mean_words)
+    effects = {}
+    for name, letter in zip(("constant_error", "contraction"), means.strip("-"), strict=False):
+        effects[name] = group_effect(letter)
+    group = SimpleNamespace(effects=effects)
+    assert describe_meaning(answers, group) == meaning
+    assert not PRESENT_TENSE.search(_in_paper(meaning))
+    first, *_ = study_lines(answers, group)
     assert first == (f"A: {meaning}" if len(answers) == 1 else meaning)
 
 

@@ -1,4 +1,4 @@
-"""The bootstrap: its resampling, its optima, what is made of them, and Appendix C's evidence."""
+"""The bootstrap: its resampling, its optima, and what is made of them."""
 
 from itertools import product
 
@@ -7,10 +7,9 @@ import pytest
 from conftest import made_subject
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
-from scipy.stats import norm
 
 import bayes_toe as bt
-from bayes_toe.classical.fit import SubjectFit, bootstrap_evidence, resample, subject_fit
+from bayes_toe.classical.fit import SubjectFit, resample, subject_fit
 from bayes_toe.classical.maximum_likelihood import MaximumLikelihoodFits
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.errors import InputError
@@ -30,17 +29,12 @@ def make_bootstrap(replicates, fitted=(0.1, 0.3, 0.1, 0.9)):
 
     def fits(parameters):
         n = len(parameters)
-        value, edges, arrived = np.full(n, -5.0), np.zeros((n, 7), bool), np.ones(n, bool)
+        value, edges, arrived = np.full(n, -5.0), {"q0=1": np.zeros(n, bool)}, np.ones(n, bool)
         points = np.zeros((n, 4))
         subject = SUBJECTS["S01"]
         return MaximumLikelihoodFits(parameters, value, value, edges, arrived, points, subject)
 
     return SubjectFit("x", fits(np.array([fitted])), fits(replicates))
-
-
-def variance_scale(parameters):
-    """Mu1, sigma_p^2, sigma_l^2 and q0, the scale of Appendix C."""
-    return parameters ** [1, 2, 2, 1]
 
 
 def test_resampled_counts_are_beta_binomial():
@@ -54,16 +48,16 @@ def test_resampled_counts_are_beta_binomial():
 
 
 def test_a_study_of_which_is_stronger_has_the_same_table_with_lapses():
-    study = bt.example_study(WHICH_STRONGER).select(["S01", "S07"])
+    study = bt.example_study(WHICH_STRONGER).select(["S01", "S08"])
     table = bt.fit(study, replicates=100, seed=1, workers=1)
     frame = table.frame(full=True).set_index("subject")
     natural = ["mu1", "sigma_p", "sigma_l", "lapse_rate"]
     assert list(frame.columns[:6]) == [*natural, "log_likelihood", "at_edge"]
-    assert frame.loc["S07", natural].tolist() == table["S07"].parameters.tolist()
+    assert frame.loc["S08", natural].tolist() == table["S08"].parameters.tolist()
     limits = [f"{name}_{end}" for name, end in product(natural, ("lower", "upper"))]
-    intervals = table["S07"].intervals(0.95)
-    assert frame.loc["S07", limits].tolist() == intervals.ravel().tolist()
-    low, high = table["S07"].bands(0.0, [-0.3, 0.3])
+    intervals = table["S08"].intervals(0.95)
+    assert frame.loc["S08", limits].tolist() == intervals.ravel().tolist()
+    low, high = table["S08"].bands(0.0, [-0.3, 0.3])
     assert low[0] < high[0] < 0.5 < low[1] < high[1]
 
 
@@ -75,7 +69,7 @@ def test_same_seed_same_numbers_whatever_the_workers_and_the_order(small_study):
     assert not bt.fit(small_study, replicates=60, seed=6, workers=1).frame(full=True).equals(plain)
 
 
-def test_intervals_bands_and_covariance_are_those_of_the_replicates(replicates):
+def test_intervals_and_bands_are_those_of_the_replicates(replicates):
     values = replicates.fits.parameters
     low, high = replicates.intervals(0.9).T
     is_inside = (values >= low) & (values <= high)
@@ -84,40 +78,6 @@ def test_intervals_bands_and_covariance_are_those_of_the_replicates(replicates):
     q = np.array([bt.model.equal_probability(subject.s1, subject.s2, *theta) for theta in values])
     bands = replicates.bands(subject.s1, subject.s2)
     assert bands == pytest.approx(np.quantile(q, [0.2, 0.8], axis=0), rel=1e-9)
-    assert replicates.covariance() == pytest.approx(np.cov(variance_scale(values).T))
-
-
-def test_evidence_by_appendix_c_is_the_formula():
-    rng = default_rng(2)
-    values = np.array([0.1, 0.3, 0.1, 0.9]) + rng.normal(size=(500, 4)) * [0.2, 0.02, 0.01, 0.02]
-    value, note = bootstrap_evidence(make_bootstrap(values), Prior())
-    mu1, v_p, v_l = 0.1, 0.09, 0.01
-    # The prior density in (mu1, v_p, v_l, q0) by finite differences of its distribution functions.
-    h = 1e-6
-    of_p = (norm.cdf(np.sqrt(v_p + h)) - norm.cdf(np.sqrt(v_p - h))) * 2 / (2 * h)
-    of_l = ((v_l + h) / v_p - (v_l - h) / v_p) / (2 * h)
-    log_prior = norm.logpdf(mu1, 0, 10) + np.log(of_p * of_l)
-    covariance = 2 * np.pi * np.cov(variance_scale(values).T)
-    expected = -5.0 + log_prior + 0.5 * np.linalg.slogdet(covariance)[1]
-    assert value == pytest.approx(expected, abs=1e-6)
-    assert note == ""
-
-
-@pytest.mark.parametrize(
-    "name, has_value, word",
-    [
-        ("S02", True, "gamma=1"),
-        ("all equal", False, "sigma_p=inf"),
-        ("single pair", False, "not unique"),
-        ("one batch", False, "infinite"),
-        ("perfect observer", False, "sigma_p=0"),
-    ],
-)
-def test_evidence_says_what_is_wrong_with_it(name, has_value, word):
-    bootstrap = subject_fit(SUBJECTS[name], Prior(), seed=1, replicates=200)
-    value, note = bootstrap_evidence(bootstrap, Prior())
-    assert (value is not None) == has_value
-    assert word in note
 
 
 @pytest.mark.parametrize("mu1", [-9.0, 9.0])
@@ -144,7 +104,6 @@ def test_posterior_and_bootstrap_side_by_side(analysis):
 def test_what_has_no_value_is_missing_and_said_and_wrong_options_raise(small_study):
     open_ = subject_fit(CASES["single pair"], Prior(), seed=1, replicates=50)
     assert np.isnan(open_.intervals()[1:]).all()
-    assert open_.covariance() is None
     assert open_.notes[0] == "not determined by these answers: sigma_p, sigma_l, q0"
     assert open_.notes[1] == "no bootstrap replicate determines every parameter"
     blunt = subject_fit(CASES["all equal"], Prior(), seed=1, replicates=200)

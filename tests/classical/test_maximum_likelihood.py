@@ -69,6 +69,8 @@ ANY = "any"  # a number
         (CASES["guessing at 0.5"], (0, INF, INF, 0.5), "sigma_p=inf"),
         (CASES["very blunt observer"], (0, INF, INF, 0.8), "sigma_p=inf"),
         (CASES["single pair"], (0, NAN, NAN, NAN), "not unique"),
+        # Pairs with one difference only: lapses and a sigma_p predict the same.
+        (STRONGER["S07"], (ANY, NAN, NAN, NAN), "not unique"),
         (stronger(lambda s: np.sign(s) / 2 + 0.5), (0, 0, 0, 0), "gamma=0;lapse_rate=0;sigma_p=0"),
         (stronger(lambda s: 0.5 + 0 * s), (0, NAN, NAN, 1), "lapse_rate=1;not unique"),
         (

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import call, good, inside, refused
-from conftest import few_replicates, grouped_csv, text_table
+from conftest import grouped_csv, text_table
 
 import bayes_toe as bt
 from bayes_toe.inference.sampling import SamplerSettings
@@ -31,8 +31,7 @@ def folder(tmp_path_factory, small_study):
 @pytest.fixture(scope="module")
 def printed(folder):
     """The screen of `run`, which writes the folder `out`."""
-    with few_replicates():
-        return good(f"run study.csv -o out --draws 1000 {ONE_WORKER}", cwd=folder)
+    return good(f"run study.csv -o out --draws 1000 {ONE_WORKER}", cwd=folder)
 
 
 @pytest.fixture(scope="module")

@@ -50,7 +50,7 @@ def finished(folder):
 def test_files_and_answer(finished, folder):
     assert sorted(path.name for path in folder.glob("group*")) == [*FILES]
     text = " ".join(finished.split())
-    assert "Answer Group of 5 (site 0, age mean). The mean PSE shift is " in text
+    assert "Answer In the group of 5 (site 0, age mean), the mean PSE shift is " in text
     assert re.search(r"\], SD between subjects .*; [\w ]+ differs? from 0 \(BF .*\)\.", text)
     assert "Effects of covariates" in text
     assert "! subjects left out: 'P005' (no age)" in text
@@ -78,7 +78,7 @@ def test_files_are_those_of_the_group(finished, folder):
 REFUSED = """
     -o other.csv | other.csv: the ending is '.csv'. Draws need .nc
     --categorical site | --categorical site needs --covariates FILE.csv
-    --hyperprior none.toml | none.toml: no such file
+    --hyperprior none.toml | none.toml: cannot be read (No such file
     --covariates people.csv --categorical size | categorical: found 'size', allowed: 'site', 'age'
     -o group.nc | overwrite
     -o study.nc --overwrite | study.csv: this command reads that file
@@ -103,7 +103,7 @@ def test_same_or_different_and_what_is_not_reliable(tmp_path, monkeypatch):
     run = inside(f"population study.csv {OPTIONS}", cwd=tmp_path)
     assert run.returncode == 3
     text = " ".join(run.stdout.split())
-    assert "NOT RELIABLE: Group of 3. The mean PSE shift is" in text
+    assert "NOT RELIABLE: In the group of 3, the mean PSE shift is" in text
     assert "! The group's result is not reliable: 2 of 4000 trajectories diverged" in text
     assert "contraction cannot be told" in text
     result = bt.load(tmp_path / "population.nc")

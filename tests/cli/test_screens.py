@@ -76,7 +76,7 @@ A02 !   yes          yes          no           +23 [+18, +29]    -
 A03     yes          no           yes          -                 -35 [-38, -28]
 A04     yes          yes          probably     -9 [-14, -5]      17 [3, 30]
 A05     probably     undecided    (a)          +4.0 [-1.1, +8.4] -
-A06 ?   undecided    undecided    undecided    +2.9 [-3.1, +9.3] 10 [0, 24]
+A06 ?   undecided    undecided    undecided    +2.9 [-3.1, +9.3] 10 [-0.1, 24]
 A07     probably not probably not probably not -                 -
 A08 !   not interpreted: responses look swapped
 (a) Cannot be told, because the first stimulus is always the same, so a
@@ -97,11 +97,12 @@ The first stimulus is remembered as nearer to the mean in 1 subject and as
 farther from the mean in 1.
 Order effect: 4 of 7 subjects yes, 1 probably, 1 undecided, 1 probably not.
 Constant error: 3 yes, 2 undecided, 1 probably not, 1 no.
-Contraction: 2 yes, 1 probably, 1 undecided, 1 probably not, 1 no, 1 cannot be
-told.
+Contraction: 2 yes (1 contraction, 1 repulsion), 1 probably (contraction), 1
+undecided, 1 probably not, 1 no, 1 cannot be told.
 The model does not fit 1 subject: A02. A sound study of this size has such a
 subject in 5 % of cases.
-Without A02, yes or probably: order effect 4 of 6, constant error 2 of 6.
+Without poor fits, there is or probably is an order effect in 4 of 6, a constant
+error in 2 of 6.
 Group of 7. The mean PSE shift is +5 % [-3, +13], SD between subjects 9 %; the
 data do not show whether it differs from 0 (BF 0.4).
 A08 is not counted. Start with results/report.html. Seed 1.

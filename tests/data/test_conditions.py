@@ -114,7 +114,6 @@ def test_names_of_pairs_or_of_their_order_are_no_condition_unless_asked_for(read
     study = read(text)
     assert (study.names, study.conditions) == (("a",), None)
     assert "found no pair at two of its levels" in study.notes[-1]
-    assert not any("as --ignore has it" in note for note in study.notes)
     request = read(text, condition="condition")
     assert len(request) == n_levels
     assert any("trial numbers are missing (a 1)" in note for note in request.notes)

@@ -472,9 +472,13 @@ REFUSED = {
         csv(labelled(IN_GRAMS, w1="s1", w2="s2")),
         ["s1 and s2: found whole numbers from 740 to 1350", "--unit a.u.", "--unit ln"],
     ),
-    "kilograms_as_logs.csv": (
-        csv(labelled(IN_GRAMS.assign(w1=TRIALS.w1 / 77, w2=TRIALS.w2 / 77), w1="s1", w2="s2")),
-        ["in one pair, allowed: natural logs", "--unit a.u.", "--unit ln"],
+    "zero_grams.csv": (
+        csv(labelled(with_rows(IN_GRAMS, [["P03", 0, 905, "second"]]), w1="s1", w2="s2")),
+        ["natural logs. If they are intensities, correct or remove rows with 0", "--unit ln"],
+    ),
+    "comparison_alone.csv": (
+        csv(STANDARD[["subject", "comparison", "response"]]),
+        ["If one standard was in all trials, add a column standard with its level."],
     ),
     "grams_by_name.csv": (
         csv(labelled(IN_GRAMS, w1="w1 (g)", w2="w2 (g)")),

@@ -214,18 +214,6 @@ def test_levels_in_a_unit_are_shown_in_it(tmp_path):
     assert {"first stimulus, um", "second stimulus, um"} <= {*words_of(texts_of(figure))}
 
 
-def test_a_range_of_intensities_needs_a_unit_and_works_with_the_one_that_is_typed(tmp_path):
-    problem = refused("design -o d.csv --lowest 45 --highest 213", cwd=tmp_path)
-    assert "type:  --unit a.u." in problem
-    screen = good(
-        "design -o d.csv --lowest 45 --highest 213 --unit a.u. --trials 60 --data-sets 1 --step 30%"
-        " --seed 1",
-        cwd=tmp_path,
-    )
-    assert "45 a.u. (" in " ".join(screen.split())
-    assert "--even" in screen
-
-
 def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):
     """One option says the unit in design, power, simulate and check."""
     options = "--unit um --seed 1 --overwrite"

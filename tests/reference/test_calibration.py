@@ -20,9 +20,9 @@ from reference.calibration import (
     log_bayes_factors,
     work,
 )
+from scipy.stats import norm
 
 import bayes_toe as bt
-from bayes_toe.classical.fit import subject_fit
 from bayes_toe.model.paper_model import PaperPosterior
 
 STUDIES, FEWER = 8, 5  # the fewer are enough for errors as large as these
@@ -67,7 +67,7 @@ def table():
     return calibrate(studies=1, data_sets=2, seed=3, workers=1)
 
 
-def test_what_is_judged_is_what_the_commands_say(monkeypatch):
+def test_what_is_judged_is_what_the_commands_say():
     """The same seed and subjects through the public verbs, which compute more.
 
     The numbers that the verdicts use are the same.
@@ -75,17 +75,33 @@ def test_what_is_judged_is_what_the_commands_say(monkeypatch):
     job = Job("sparse", True, "sparse-h1-0001", True, True, calibration_settings(3))
     subject, theta = calibration.observed(job)
     ranks, known_value = work(job)
-    monkeypatch.setattr("bayes_toe.analysis.subject_fit", subject_fit)  # with all replicates
     joint = bt.run(bt.Study((subject,)), draws=DRAWS, seed=3, workers=1)
     row = joint.evidence.rows[0]
+    (fitted,) = bt.fit(bt.Study((subject,)), replicates=1000, seed=3, workers=1)
+    by_bootstrap = calibration.appendix_c_evidence(fitted, job.settings.prior)
     assert {key: known_value[key] for key in ESTIMATORS} == pytest.approx(
-        log_bayes_factors(row), abs=1e-6, nan_ok=True
+        log_bayes_factors(row, by_bootstrap), abs=1e-6, nan_ok=True
     )
     assert known_value[DEFAULT] == pytest.approx(row.log_bayes_factor, abs=1e-6)
     assert known_value["H0 by Laplace"] == pytest.approx(
         row.log_evidence_h1 - row.log_evidence_h0_laplace, abs=1e-6
     )
     assert ranks == {"design": "sparse", **calibration.ranks_of(joint.draws, subject, theta, 3)}
+
+
+def test_evidence_by_appendix_c_is_the_formula():
+    study, prior = bt.example_study("same-different").select(["S01"]), bt.Prior()
+    (fitted,) = bt.fit(study, replicates=100, seed=1, prior=prior, workers=1)
+    mu1, sigma_p, sigma_l, _ = fitted.parameters
+    v_p, v_l, h = sigma_p**2, sigma_l**2, 1e-6
+    # The prior density in (mu1, v_p, v_l, q0) by finite differences of its distribution functions.
+    of_p = (norm.cdf(np.sqrt(v_p + h)) - norm.cdf(np.sqrt(v_p - h))) * 2 / (2 * h)
+    of_l = ((v_l + h) / v_p - (v_l - h) / v_p) / (2 * h)
+    log_prior = norm.logpdf(mu1, 0, 10) + np.log(of_p * of_l)
+    covariance = 2 * np.pi * np.cov((fitted.fits.parameters ** [1, 2, 2, 1]).T)
+    expected = fitted.log_likelihood + log_prior + 0.5 * np.linalg.slogdet(covariance)[1]
+    value = calibration.appendix_c_evidence(fitted, prior)
+    assert value == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monkeypatch, capsys):
@@ -108,6 +124,6 @@ def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monk
     monkeypatch.setattr(sys, "argv", [*sys.argv, "--overwrite"])
     assert calibration_script.main() == 3
     message = capsys.readouterr().out
-    assert "16 of 16 inside" in message
+    assert "The ranks of 16 of 16 rows are inside" in message
     assert "NOT calibrated: made to fail" in message
     assert "seed 3; results in" in message

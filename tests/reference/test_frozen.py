@@ -11,7 +11,6 @@ import pytest
 from commands import inside
 
 import bayes_toe
-from bayes_toe.classical.fit import subject_fit
 
 TABLE = Path(__file__).with_name("frozen.csv.gz")
 BUNDLED = Path(bayes_toe.__file__).parent / "data" / "example_same_different_study.csv"
@@ -25,7 +24,6 @@ def table():
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
     """Numbers do not depend on the process that makes them."""
-    monkeypatch.setattr("bayes_toe.analysis.subject_fit", subject_fit)  # with all replicates
     monkeypatch.setattr(frozen, "call", inside)
 
 

@@ -15,15 +15,18 @@ EACH_CASE = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.ste
 #: notebooks as they are.
 QUICKER = """
 from functools import partial
-import bayes_toe.analysis
-bayes_toe.analysis.subject_fit = partial(bayes_toe.analysis.subject_fit, replicates=100)
+import bayes_toe
 def fewer(whole, task="2afc", few=("S01", "S02", "S05", "S06", "S09", "S13", "S16")):
     return whole(task).select([name for name in few if name in whole(task).names])
 bayes_toe.example_study = partial(fewer, bayes_toe.example_study)
 get_ipython().run_line_magic("config", "InlineBackend.print_figure_kwargs = {'bbox_inches': None}")
 """
 #: Numbers that are smaller than as stored.
-FEWER = {r"draws=[\d_]{4,}": "draws=500", r"data_sets=\d+": "data_sets=1"}
+FEWER = {
+    r"replicates=\d+": "replicates=100",
+    r"draws=[\d_]{4,}": "draws=500",
+    r"data_sets=\d+": "data_sets=1",
+}
 IMAGES = {"corner_exploration": 4, "paper": 8}
 
 
