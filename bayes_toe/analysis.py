@@ -14,7 +14,8 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar, cast
+from itertools import chain
+from typing import TYPE_CHECKING, TypeVar
 
 from bayes_toe.answers.contrast import ContrastTable, contrast
 from bayes_toe.answers.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
@@ -25,7 +26,7 @@ from bayes_toe.checks.answer_checks import Finding, answer_flags, not_interprete
 from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import Task
-from bayes_toe.errors import ConvergenceWarning, NumericalError, WorkerError
+from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.draws_file import assembled_tree
@@ -45,9 +46,9 @@ from bayes_toe.model.models import OrderModel, model_posterior, require_model, s
 from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
-from bayes_toe.result_store import ResultStore, StoredResults, open_store
+from bayes_toe.result_store import resumed_seed, run_stored
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Failed, Progress, Workers
+from bayes_toe.workers import Failed, Progress, Workers, without_failed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -122,7 +123,7 @@ def run(
     progress: Progress | None = None,
     keep: StrPath | None = None,
 ) -> Analysis:
-    """Analyse a study: answers, draws of the paper's model (H1) and evidence of every subject.
+    """Estimate the order effects of every subject, and sample the paper's model (H1).
 
     Parameters
     ----------
@@ -143,23 +144,15 @@ def run(
         same folder continues there, to the same bits, if all that decides the numbers is the same.
         Without a seed, that of the stored subjects is used.
     """
-    with open_store(keep) as store:
-        settings = _settings(study, draws, store.seed(seed), prior)
-        jobs = _analysis_jobs(study, settings, AnalysisRequest(settings.sampler, EVIDENCE_DRAWS))
-        faults = not_interpreted(study)
-        study, analysed, failed = _survivors(study, jobs, workers, progress, store)
-        drawn = StoredResults(
-            analysed.size,
-            analysed.failed,
-            lambda index: cast(SubjectDraws, analysed.read(index).drawn),
-        )
-        all_draws = Draws(assembled_tree(study, drawn, settings, failed, faults))
-        small, summary = list[_Analysed](), list[SummaryRow]()
-        for result in analysed:  # draws do not stay in memory
-            summary += () if result.drawn is None else result.drawn.summary
-            small.append(replace(result, drawn=None))
+    settings = _settings(study, draws, resumed_seed(seed, keep), prior)
+    jobs = _analysis_jobs(study, settings, AnalysisRequest(settings.sampler, EVIDENCE_DRAWS))
+    faults = not_interpreted(study)
+    study, analysed, failed = _survivors(study, jobs, settings.seed, workers, progress, keep)
+    drawn = [result.drawn for result in analysed if result.drawn is not None]
+    all_draws = Draws(assembled_tree(study, drawn, settings, failed, faults))
+    summary = list(chain.from_iterable(subject.summary for subject in drawn))
     curves = []
-    for result in small:
+    for result in analysed:
         if result.curve_draws is not None:
             posterior = OrderModel("both").posterior(
                 study[result.evidence.subject], settings.prior.observer
@@ -170,7 +163,7 @@ def run(
         differences = contrast(
             study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep
         )
-    table = _table(small, settings, failed, study.task)
+    table = _table(analysed, settings, failed, study.task)
     group_of_good_fits = None
     excluded, misfits = list[OrderEffect](), list[OrderEffect]()
     for answer in table.answers:
@@ -219,7 +212,7 @@ def sample(
     progress: Progress | None = None,
     keep: StrPath | None = None,
 ) -> Draws:
-    """Posterior draws of every subject under a model.
+    """Draw from the posterior of one model for every subject.
 
     Parameters
     ----------
@@ -254,13 +247,12 @@ def sample(
     """
     require_study(study)
     name = require_model(model, study.task).name
-    with open_store(keep) as store:
-        settings = _settings(study, draws, store.seed(seed), prior, name)
-        request = AnalysisRequest(settings.sampler)
-        jobs = [partial(_catch_failure, _drawn, subject, settings, request) for subject in study]
-        faults = not_interpreted(study)
-        study, analysed, failed = _survivors(study, jobs, workers, progress, store)
-        all_draws = Draws(assembled_tree(study, analysed, settings, failed, faults))
+    settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
+    request = AnalysisRequest(settings.sampler)
+    jobs = [partial(_catch_failure, _drawn, subject, settings, request) for subject in study]
+    faults = not_interpreted(study)
+    study, analysed, failed = _survivors(study, jobs, settings.seed, workers, progress, keep)
+    all_draws = Draws(assembled_tree(study, analysed, settings, failed, faults))
     for problem, reasons in (
         (" is left out, ", all_draws.failed),
         (" did not converge: ", all_draws.not_converged),
@@ -281,7 +273,7 @@ def evidence(
     progress: Progress | None = None,
     keep: StrPath | None = None,
 ) -> EvidenceTable:
-    """Answer of every subject, evidences of the four models, and the paper's H1 against H0.
+    """Estimate the order effects of every subject, and compare models by their evidence.
 
     Parameters
     ----------
@@ -298,11 +290,10 @@ def evidence(
     >>> evidence(Study([one]), seed=1, workers=1)["S01"].log_evidence_h1_se < 0.02
     True
     """
-    with open_store(keep) as store:
-        settings = _settings(study, draws, store.seed(seed), prior)
-        jobs = _analysis_jobs(study, settings, AnalysisRequest(evidence_draws=draws))
-        _, analysed, failed = _survivors(study, jobs, workers, progress, store)
-        return _table(analysed, settings, failed, study.task)
+    settings = _settings(study, draws, resumed_seed(seed, keep), prior)
+    jobs = _analysis_jobs(study, settings, AnalysisRequest(evidence_draws=draws))
+    _, analysed, failed = _survivors(study, jobs, settings.seed, workers, progress, keep)
+    return _table(analysed, settings, failed, study.task)
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,20 +311,19 @@ class _Analysed:
 
 def _analysis_jobs(
     study: Study, settings: Settings, request: AnalysisRequest
-) -> list[Callable[[], _Analysed]]:
-    jobs: list[Callable[[], _Analysed]] = []
+) -> list[Callable[[], _Analysed | Failed]]:
+    jobs: list[Callable[[], _Analysed | Failed]] = []
     for subject, flags in zip(study, answer_flags(study), strict=True):
         jobs.append(partial(_catch_failure, _analysed, subject, settings, request, flags))
     return jobs
 
 
-def _catch_failure(work: Callable[..., Result], *arguments: object) -> Result:
+def _catch_failure(work: Callable[..., Result], *arguments: object) -> Result | Failed:
     """The work of a subject; a numerical failure is the refusal of that subject alone."""
     try:
         return work(*arguments)
     except NumericalError as error:
-        # Whoever runs the jobs tells failures from results.
-        return cast(Result, Failed(str(error)))
+        return Failed(str(error))
 
 
 def _drawn(subject: Subject, settings: Settings, request: AnalysisRequest) -> SubjectDraws:
@@ -384,22 +374,19 @@ def _table(
 
 def _survivors(
     study: Study,
-    jobs: Sequence[Callable[[], Result]],
+    jobs: Sequence[Callable[[], Result | Failed]],
+    seed: int,
     workers: Workers,
     progress: Progress | None,
-    store: ResultStore,
-) -> tuple[Study, StoredResults[Result], dict[str, str]]:
+    keep: StrPath | None,
+) -> tuple[Study, list[Result], dict[str, str]]:
     """Do a job for each subject.
 
     The result has the subjects that did not fail, their results, and the reasons of the others by
     name. A WorkerError is raised if all failed.
     """
-    analysed = store.work(jobs, workers, progress, [(name,) for name in study.names])
-    failed = {
-        study.names[index]: result.reason for index, result in sorted(analysed.failed.items())
-    }
-    if len(failed) == len(study):
-        raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
+    results = run_stored(jobs, seed, keep, workers, progress, study.names)
+    analysed, failed = without_failed(study.names, results)
     if failed:
         subjects = tuple(subject for subject in study if subject.name not in failed)
         study = replace(study, subjects=subjects)

@@ -15,11 +15,9 @@ import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
-from functools import cache
-from itertools import islice
+from functools import cache, partial
 from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
-from uuid import uuid4
 
 from threadpoolctl import threadpool_limits
 
@@ -30,8 +28,8 @@ if TYPE_CHECKING:
     from distributed import Client
 
 Result = TypeVar("Result")
-Failure = TypeVar("Failure")
-_NO_CONNECTION = "the connection to the Dask scheduler is lost"
+#: The error where a process of this machine, or of the cluster, is gone.
+DEAD_WORKER = "a worker died (killed, or out of memory): use fewer workers"
 #: Seconds for a scheduler to answer.
 PATIENCE = 8.0
 _one_at_a_time = Lock()
@@ -76,73 +74,40 @@ async def _identity(address: str) -> dict[str, str]:
         return identity
 
 
-def run_on(
-    client: Client, jobs: Sequence[Callable[[], Result]], failure: Callable[[int], Failure]
-) -> Generator[tuple[int, Result | Failure]]:
+def run_on(client: Client, jobs: Sequence[Callable[[], Result]]) -> Generator[tuple[int, Result]]:
     """Yield the index of each job with its result, in the order in which jobs finish.
 
-    The cluster has no more jobs than workers, so that a worker that dies takes only its own job
-    along. A result is fetched alone and released at once. Jobs that are left when the caller stops
-    are cancelled.
-
-    Parameters
-    ----------
-    client : distributed.Client
-    jobs : sequence of callable
-    failure : callable
-        Makes the result of a job that the scheduler gave up, from the number of workers that died.
+    A result is released when it is fetched. Jobs that are left when the caller stops are cancelled.
 
     Raises
     ------
     InputError
         If `client` is no client, or a worker has other versions than this process.
     WorkerError
-        If the client is closed, or the scheduler cannot be reached any more.
+        If the client is closed, the scheduler cannot be reached any more, or it gives up a job
+        because its workers died.
     """
     _require_open(client)
     from dask import config
-    from distributed import Future, as_completed
-    from distributed.scheduler import KilledWorker
+    from distributed import KilledWorker, as_completed
 
-    waiting = iter(enumerate(jobs))
-    futures = as_completed(loop=client.loop)
-    # Every key that the scheduler may know: an interrupt can come between any two lines.
-    index_of_key: dict[str, int] = {}
-
-    def submit_up_to(n_jobs: int) -> None:
-        for index, job in islice(waiting, max(0, n_jobs - len(index_of_key))):
-            key = f"bayes_toe-{uuid4().hex}"
-            index_of_key[key] = index
-            # What a job brings along is used once; Dask would warn of its size.
-            with config.set({"distributed.admin.large-graph-warning-threshold": "1 TB"}):
-                futures.add(client.submit(_run_there, versions(), job, key=key, pure=False))
-
+    # What a job brings along is used once; Dask would warn of its size.
+    with config.set({"distributed.admin.large-graph-warning-threshold": "1 TB"}):
+        futures = client.map(partial(_run_there, versions()), jobs, pure=False)
+    index_of_key = {future.key: index for index, future in enumerate(futures)}
     try:
-        # With no worker a job waits on the cluster for the first that comes.
-        submit_up_to(max(1, _n_workers(client)))
-        for future in futures:
+        for future in as_completed(futures, loop=client.loop):
             if future.cancelled():
-                raise WorkerError(_NO_CONNECTION)
-            # Before the result is fetched, so that no worker waits.
-            submit_up_to(max(1, _n_workers(client)) + 1)
-            try:
-                yield index_of_key[future.key], future.result()
-            except ImportError as error:
-                raise InputError(f"a Dask worker lacks what is here: {error}") from error
-            except KilledWorker as error:
-                yield index_of_key[future.key], failure(error.allowed_failures + 1)
+                raise WorkerError("the connection to the Dask scheduler is lost")
+            yield index_of_key[future.key], future.result()
             future.release()
-            del index_of_key[future.key]
+    except ImportError as error:
+        raise InputError(f"a Dask worker lacks what is here: {error}") from error
+    except KilledWorker as error:
+        raise WorkerError(DEAD_WORKER) from error
     finally:
-        if index_of_key and client.status == "running":
-            client.cancel([Future(key, client) for key in index_of_key])
-
-
-def _n_workers(client: Client) -> int:
-    try:
-        return len(client.nthreads())
-    except OSError as error:
-        raise WorkerError(_NO_CONNECTION) from error
+        if client.status == "running":
+            client.cancel(futures)
 
 
 def _run_there(expected: Mapping[str, str], job: Callable[[], Result]) -> Result:

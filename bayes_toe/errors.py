@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 
 class BayesToeError(Exception):
-    """Root of every error that this package raises on purpose."""
+    """Base class of all errors of this package."""
 
 
 class Remedy(NamedTuple):
@@ -99,7 +99,7 @@ def python_options(remedies: Iterable[Remedy]) -> str:
 
 
 class InputError(BayesToeError, ValueError):
-    """Input that cannot be used: says what, where, and what is allowed.
+    """The program cannot use the input. The message names fault, place and allowed values.
 
     Parameters
     ----------
@@ -253,4 +253,4 @@ def require_share(name: str, given: float) -> None:
 
 
 class ConvergenceWarning(UserWarning):
-    """A subject's draws did not meet the stated convergence criteria."""
+    """The draws of a subject did not meet the criteria of convergence."""

@@ -9,7 +9,6 @@ import os
 import signal
 import time
 import warnings
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
@@ -22,6 +21,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import threadpool_limits
 
+from bayes_toe.cluster import DEAD_WORKER, run_on
 from bayes_toe.errors import InputError, WorkerError
 from bayes_toe.libraries import ignore_settings_of_folder
 
@@ -45,13 +45,9 @@ _parents: set[int] = set()
 
 @dataclass(frozen=True)
 class Failed:
-    """Stands for the result of a job that killed its worker, and then a second one."""
+    """The result of a job that cannot have another one, such as a subject without a maximum."""
 
     reason: str
-
-
-def _killed(n_workers: int) -> Failed:
-    return Failed(f"failed: {n_workers} workers died of it (killed, or out of memory)")
 
 
 def of_this_machine(workers: Workers) -> int | None:
@@ -61,17 +57,21 @@ def of_this_machine(workers: Workers) -> int | None:
 
 def run_jobs(
     jobs: Sequence[Callable[[], Result]], workers: Workers
-) -> Generator[tuple[int, Result | Failed]]:
+) -> Generator[tuple[int, Result]]:
     """Yield the index of each job with its result, in the order in which jobs finish.
 
-    Every process uses one BLAS thread. If a worker dies (killed, out of memory), each job that was
-    running is repeated alone. A job that kills its worker again is :class:`Failed`.
+    Every process uses one BLAS thread.
 
     Parameters
     ----------
     jobs : sequence of callable
         ``partial(function, ...)`` of a function that can be imported.
     workers : int or distributed.Client, optional
+
+    Raises
+    ------
+    WorkerError
+        If a worker dies (killed, out of memory).
 
     Examples
     --------
@@ -80,9 +80,7 @@ def run_jobs(
     [(0, 8), (1, 9)]
     """
     if workers is not None and not isinstance(workers, Integral):  # NumPy's integers too
-        from bayes_toe.cluster import run_on
-
-        return run_on(workers, jobs, _killed)
+        return run_on(workers, jobs)
     if workers is not None and workers < 1:
         raise InputError(f"workers={workers} must be at least 1")
     n_processes = min(cpu_count() if workers is None else int(workers), len(jobs))
@@ -108,33 +106,35 @@ def run_in_order(
         Called with the names of each job when the job is done.
     names : sequence of tuple of str
         The names of each job; a job may have none.
-
-    Raises
-    ------
-    WorkerError
-        If a job failed; :func:`run_or_fail` is for callers that can go on.
     """
-    results: list[Result] = []
-    for job_names, result in zip(names, run_or_fail(jobs, workers, progress, names), strict=True):
-        if isinstance(result, Failed):
-            raise WorkerError(": ".join([*job_names, result.reason]))
-        results.append(result)
-    return results
-
-
-def run_or_fail(
-    jobs: Sequence[Callable[[], Result]],
-    workers: Workers,
-    progress: Progress | None,
-    names: Sequence[tuple[str, ...]],
-) -> list[Result | Failed]:
-    """Run jobs as :func:`run_in_order` does, with :class:`Failed` for each job that failed."""
-    results: dict[int, Result | Failed] = {}
+    results: dict[int, Result] = {}
     with closing(run_jobs(jobs, workers)) as outcomes:
         for index, result in outcomes:
             results[index] = result
             report_progress(progress, names[index])
     return [results[index] for index in range(len(jobs))]
+
+
+def without_failed(
+    names: Iterable[str], results: Iterable[Result | Failed]
+) -> tuple[list[Result], dict[str, str]]:
+    """The results of the jobs that did not fail, and the reasons of the others by name.
+
+    Raises
+    ------
+    WorkerError
+        If all failed.
+    """
+    finished = list[Result]()
+    failed = dict[str, str]()
+    for name, result in zip(names, results, strict=True):
+        if isinstance(result, Failed):
+            failed[name] = result.reason
+        else:
+            finished.append(result)
+    if not finished:
+        raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
+    return finished, failed
 
 
 def report_progress(progress: Progress | None, names: Iterable[str]) -> None:
@@ -144,9 +144,7 @@ def report_progress(progress: Progress | None, names: Iterable[str]) -> None:
             progress(name)
 
 
-def _run_here(
-    jobs: Sequence[Callable[[], Result]],
-) -> Generator[tuple[int, Result | Failed]]:
+def _run_here(jobs: Sequence[Callable[[], Result]]) -> Generator[tuple[int, Result]]:
     with threadpool_limits(1):
         for index, job in enumerate(jobs):
             yield index, job()
@@ -154,40 +152,8 @@ def _run_here(
 
 def _run_in_processes(
     jobs: Sequence[Callable[[], Result]], n_processes: int
-) -> Generator[tuple[int, Result | Failed]]:
-    waiting = deque(enumerate(jobs))
-    running = set[int]()
-
-    def next_jobs() -> Iterator[tuple[int, Callable[[], Result]]]:
-        while waiting:
-            running.add(waiting[0][0])
-            yield waiting.popleft()
-
-    while waiting:
-        try:
-            with closing(_joblib_results(next_jobs(), n_processes)) as results:
-                for index, result in results:
-                    running.remove(index)
-                    yield index, result
-        except BrokenProcessPool:
-            for index in sorted(running):
-                yield index, _repeat_alone(jobs[index])
-            running.clear()
-
-
-def _repeat_alone(job: Callable[[], Result]) -> Result | Failed:
-    try:
-        # With one process joblib would run the job in this process.
-        ((_, result),) = _joblib_results([(0, job)], n_processes=2)
-    except BrokenProcessPool:
-        return _killed(2)
-    return result
-
-
-def _joblib_results(
-    jobs: Iterable[tuple[int, Callable[[], Result]]], n_processes: int
 ) -> Generator[tuple[int, Result]]:
-    """Results of numbered jobs; joblib keeps the processes for the next call."""
+    """Results by joblib, which keeps the processes for the next call."""
     with parallel_config(
         "loky",
         n_jobs=n_processes,
@@ -203,10 +169,12 @@ def _joblib_results(
     try:
         with _safe_path():
             with _signals_held_back():
-                results = parallel(delayed(_run_numbered)(index, job) for index, job in jobs)
+                results = parallel(delayed(_run_numbered)(*job) for job in enumerate(jobs))
             # `yield from` would close the results before the warning below is silenced.
             for numbered_result in results:  # noqa: UP028
                 yield numbered_result
+    except BrokenProcessPool as error:
+        raise WorkerError(DEAD_WORKER) from error
     finally:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # joblib warns of results that nobody takes

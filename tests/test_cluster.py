@@ -17,7 +17,7 @@ from processes import blas_threads, die, refuse, slow, until
 import bayes_toe as bt
 from bayes_toe import cluster
 from bayes_toe.errors import InputError, WorkerError
-from bayes_toe.workers import Failed, run_in_order, run_or_fail
+from bayes_toe.workers import run_in_order
 
 distributed = pytest.importorskip("distributed")
 
@@ -63,12 +63,9 @@ def test_numbers_are_those_of_this_process(client, two, tmp_path):
         xr.testing.assert_identical(bt.load(tmp_path / "draws.nc").group(group), local.group(group))
 
 
-def test_jobs_wait_here_and_results_do_not_stay_there(client):
-    jobs, existing = [partial(slow, k, 0.1) for k in range(20)], []
-    assert run_in_order(
-        jobs, client, lambda _: existing.append(tasks_of(client)), [("",)] * 20
-    ) == [*range(20)]
-    assert max(existing) <= 3  # what both workers are at, and the result that is in hand
+def test_results_do_not_stay_there(client):
+    jobs = [partial(slow, k, 0.1) for k in range(20)]
+    assert run_in_order(jobs, client, None, [()] * 20) == [*range(20)]
     until(lambda: tasks_of(client) == 0)
 
 
@@ -189,23 +186,8 @@ def test_where_an_event_loop_runs_already_as_in_a_notebook(client):
 # --- deaths, last: a fresh worker loads everything anew -------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "deaths, expected",
-    [(1, "alive"), (9, Failed("failed: 2 workers died of it (killed, or out of memory)"))],
-)
-def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(
-    client, tmp_path, deaths, expected
-):
-    jobs, sentence = (
-        [
-            partial(die, os.getpid(), tmp_path / "marks", deaths),
-            *(partial(slow, k, 0.1) for k in range(8)),
-        ],
-        [],
-    )
-    assert run_or_fail(jobs, client, sentence.append, [(str(k),) for k in range(9)]) == [
-        expected,
-        *range(8),
-    ]
-    assert (tmp_path / "marks").stat().st_size == 2
-    assert sorted(sentence) == sorted(map(str, range(9)))
+def test_a_job_whose_workers_die_ends_the_work_in_one_line(client):
+    jobs = [partial(die, os.getpid()), *[partial(slow, 1, 0.1)] * 8]
+    with pytest.raises(WorkerError, match=r"^a worker died \(killed, or out of memory\)"):
+        run_in_order(jobs, client, None, [()] * 9)
+    until(lambda: tasks_of(client) == 0)

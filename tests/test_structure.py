@@ -25,7 +25,7 @@ OWNERS = {
     "matplotlib": {"plots"},
     "corner": {"plots.corner"},
     "bokeh": {"explorer"},
-    "joblib": {"workers"},
+    "joblib": {"workers", "result_store"},
     "distributed": {"cluster", "workers"},
     "tornado": {"app"},
     "typer": {"cli"},

@@ -1,7 +1,6 @@
 """Work shared between processes of this machine."""
 
 import os
-import signal
 import subprocess
 import sys
 from functools import partial
@@ -12,40 +11,21 @@ from conftest import few_pairs, grouped_csv
 from processes import die, interrupted, needs_proc, slow, until, workers_of
 
 from bayes_toe.errors import WorkerError
-from bayes_toe.workers import Failed, run_in_order, run_jobs, run_or_fail
-
-FATAL = "failed: 2 workers died of it (killed, or out of memory)"
+from bayes_toe.workers import Failed, run_in_order, run_jobs, without_failed
 
 
-@pytest.mark.parametrize(
-    "deaths, expected", [(1, "alive"), (9, Failed(FATAL))], ids=["once", "always"]
-)
-def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(
-    tmp_path, deaths, expected
-):
-    jobs = [
-        partial(die, os.getpid(), tmp_path / "marks", deaths),
-        *(partial(slow, k, 0.3) for k in range(6)),
-    ]
-    message, names = [], [(str(k),) for k in range(7)]
-    assert run_or_fail(jobs, 2, message.append, names) == [expected, *range(6)]
-    assert (tmp_path / "marks").stat().st_size == 2
-    assert sorted(message) == sorted(str(k) for k in range(7))
+def test_a_worker_that_dies_ends_the_work_in_one_line_and_the_next_call_has_others():
+    jobs = [partial(die, os.getpid()), *[partial(slow, 1, 0.3)] * 6]
+    message = r"^a worker died \(killed, or out of memory\): use fewer workers$"
+    with pytest.raises(WorkerError, match=message):
+        run_in_order(jobs, 2, None, [()] * 7)
+    assert os.getpid() not in run_in_order([partial(os.getpid)] * 4, 2, None, [()] * 4)
 
 
-def test_where_every_result_is_needed_the_one_that_is_missing_is_named(tmp_path):
-    jobs = [partial(die, os.getpid(), tmp_path / "marks", 9), partial(slow, 1, 0.3)]
-    with pytest.raises(WorkerError) as error:
-        run_in_order(jobs, 2, None, [("S01",), ("S02",)])
-    assert str(error.value) == f"S01: {FATAL}"
-
-
-def test_a_worker_that_died_without_work_is_replaced():
-    pids = set(run_in_order([partial(os.getpid)] * 4, 2, None, [()] * 4))
-    assert os.getpid() not in pids
-    for pid in pids:
-        os.kill(pid, signal.SIGKILL)
-    assert not pids.intersection(run_in_order([partial(os.getpid)] * 4, 2, None, [()] * 4))
+def test_jobs_that_failed_are_named_and_an_error_if_all_did():
+    assert without_failed("ab", [1, Failed("no maximum")]) == ([1], {"b": "no maximum"})
+    with pytest.raises(WorkerError, match=r"^a: no maximum$"):
+        without_failed("a", [Failed("no maximum")])
 
 
 @needs_proc

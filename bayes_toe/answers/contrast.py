@@ -33,7 +33,7 @@ from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import Study, Subject, require_study, units_by_subject
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.errors import InputError, WorkerError
+from bayes_toe.errors import InputError
 from bayes_toe.inference.engine import Precision, mixture_of_maxima, weighted_draws
 from bayes_toe.inference.maxima import ascend_from
 from bayes_toe.inference.model_set import ModelSet
@@ -51,9 +51,9 @@ from bayes_toe.model.parameters import (
 )
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
-from bayes_toe.result_store import open_store
+from bayes_toe.result_store import resumed_seed, run_stored
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Progress, Workers
+from bayes_toe.workers import Progress, Workers, without_failed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -98,9 +98,9 @@ CONTRAST_COLUMNS = (
 )
 #: What the words mean.
 LEGEND = (
-    f"'Differs' needs a Bayes factor of at least {SURELY:g}, 'probably differs' of at least "
-    f"{PROBABLY:g}; 'no difference' and 'probably no difference' need at most 1/{SURELY:g} and "
-    f"1/{PROBABLY:g}. 'Order effect' is constant error, contraction or both. 'Depends on "
+    f"'Differs' needs a Bayes factor of at least {SURELY:g}, and 'probably differs' needs at least "
+    f"{PROBABLY:g}. 'No difference' needs at most 1/{SURELY:g}, and 'probably no difference' needs "
+    f"at most 1/{PROBABLY:g}. 'Order effect' is constant error, contraction or both. 'Depends on "
     "lapses' means that the word changes if the lapse rate may differ between conditions"
 )
 _PROBABILITIES = (0.025, 0.05, 0.5, 0.95, 0.975)
@@ -281,7 +281,7 @@ def contrast(
     progress: Progress | None = None,
     keep: StrPath | None = None,
 ) -> ContrastTable:
-    """Differences between the conditions of each subject, and their sizes.
+    """Estimate the differences between the conditions of each subject.
 
     Parameters
     ----------
@@ -305,22 +305,16 @@ def contrast(
         if name not in compared:
             levels = join_names([display_name(unit.condition) for unit in units])
             left_out[name] = f"at {levels} only"
-    with open_store(keep) as store:
-        root, numbers = store.seed(seed), prior_for(study, prior).observer
-        jobs = [
-            partial(subject_contrast, units, conditions, numbers, root)
-            for units in compared.values()
-        ]
-        results = store.work(jobs, workers, progress, [(name,) for name in compared])
-        subjects = tuple(results)
-    names = list(compared)
-    failed = {names[i]: failure.reason for i, failure in sorted(results.failed.items())}
-    if not subjects:
-        raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
+    root, numbers = resumed_seed(seed, keep), prior_for(study, prior).observer
+    jobs = [
+        partial(subject_contrast, units, conditions, numbers, root) for units in compared.values()
+    ]
+    results = run_stored(jobs, root, keep, workers, progress, list(compared))
+    subjects, failed = without_failed(compared, results)
     rows = tuple(chain.from_iterable(subject.rows for subject in subjects))
     return ContrastTable(
         rows,
-        subjects,
+        tuple(subjects),
         conditions,
         numbers,
         root,

@@ -97,10 +97,10 @@ class SubjectEvidence:
 
     @property
     def log_bayes_factor(self) -> float | None:
-        """Log evidence of H1 minus that of H0.
+        """`log_evidence_h1` minus `log_evidence_h0`.
 
-        If positive, one smooth curve predicts the responses better than one free probability per
-        pair.
+        If the value is positive, one smooth curve predicts the responses better than one free
+        probability per pair.
         """
         return None if self.log_evidence_h1 is None else self.log_evidence_h1 - self.log_evidence_h0
 

@@ -58,7 +58,7 @@ SIZES = ("pse_shift_percent", "pse_shift_jnd", "contraction_p", "jnd_percent", "
 SIZE_OF = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
 #: Words beside which no size stands.
 _WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.NOT_INTERPRETABLE, Word.CANNOT_BE_TOLD)
-_SIZE_LABELS = {"constant_error": "PSE shift", "contraction": "size"}
+_SIZE_TEXTS = {"constant_error": "PSE shift {}", "contraction": "{} of the way to the mean"}
 QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
 _EVIDENCES = tuple(f"log_evidence_{name.replace(' ', '_')}" for name in MODEL_NAMES)
 #: Columns with which evidence.csv begins.
@@ -117,7 +117,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class OrderEffect:
-    """The conclusion of one subject; its fields are columns of evidence.csv.
+    """The conclusion of one subject. The fields are columns of evidence.csv.
 
     Attributes
     ----------
@@ -320,22 +320,20 @@ class OrderEffect:
         return " ".join(sentences)
 
     def _describe_question(self, question: str) -> str:
-        """Word, probability and size of one question."""
+        """Word, probability, and size or bound of one question."""
         word = self.words[question]
         heading = capitalized(question.replace("_", " "))
         if word is Word.CANNOT_BE_TOLD:
             reason = self.reasons.get(question)
             return f"{heading}: {word}{f', because {reason}' if reason else ''}."
-        bracket = f"P {format_probability(self.probabilities[question])}"
-        if word.is_positive and question == "contraction":
-            bracket = f"{self.direction}, {bracket}"
-        details = [f"{word} ({bracket})"]
+        probability = format_probability(self.probabilities[question])
+        text = f"{heading}: {short_direction(self.word(question))} (P {probability})"
         bound = self.upper_bounds.get(question, 0.0)
         if word.is_positive and question in SIZE_OF:
-            details.append(f"{_SIZE_LABELS[question]} {self.format_size(SIZE_OF[question])}")
+            text += f", {_SIZE_TEXTS[question].format(self.format_size(SIZE_OF[question]))}"
         elif not word.is_positive and bound > 0.0:
-            details.append(f"at most {format_number(bound)} JND (95 %)")
-        return f"{heading}: {', '.join(details)}."
+            text += f". With 95 % probability, the effect is at most {format_number(bound)} JND"
+        return f"{text}."
 
 
 #: Flags that are not about the responses alone.
@@ -345,6 +343,17 @@ PREVIOUS_TRIAL_FLAG = "responses depend on the previous trial"
 WANDERING_FLAG = "the preference for a response wanders"
 OUTSIDE_FLAG = "the PSE lies outside the pairs shown, so its size rests on the prior"
 ROVING_FLAG = "the size of the contraction rests on the prior"
+
+
+def short_direction(word: str) -> str:
+    """A word without the direction 'contraction', and with a comma before 'repulsion'.
+
+    Examples
+    --------
+    >>> short_direction("yes (contraction)"), short_direction("yes (repulsion) ?")
+    ('yes', 'yes, repulsion ?')
+    """
+    return word.replace(" (contraction)", "").replace(" (repulsion)", ", repulsion")
 
 
 def format_probability(probability: float) -> str:

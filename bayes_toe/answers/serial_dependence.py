@@ -34,9 +34,9 @@ from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior, require_order
-from bayes_toe.result_store import open_store
+from bayes_toe.result_store import resumed_seed, run_stored
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Progress, Workers
+from bayes_toe.workers import Failed, Progress, Workers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -198,7 +198,7 @@ def serial_dependence(
     progress: Progress | None = None,
     keep: StrPath | None = None,
 ) -> SerialDependence:
-    """Whether responses depend on the trial before, for every subject.
+    """Estimate how the responses of every subject depend on the previous trial.
 
     Parameters
     ----------
@@ -215,18 +215,17 @@ def serial_dependence(
     require_study(study)
     for subject in study:
         require_order(subject)
-    with open_store(keep, "histories of subjects") as store:
-        chosen, root = prior_for(study, prior), store.seed(seed)
-        jobs: list[Callable[[], SubjectDependence]] = [
-            partial(_analyse, subject, root, chosen.observer) for subject in study
-        ]
-        results = store.work(jobs, workers, progress, [(name,) for name in study.names])
-        rows = []
-        for i, name in enumerate(study.names):
-            if i in results.failed:
-                rows.append(SubjectDependence(name, note=results.failed[i].reason))
-            else:
-                rows.append(results.read(i))
+    chosen, root = prior_for(study, prior), resumed_seed(seed, keep)
+    jobs: list[Callable[[], SubjectDependence]] = [
+        partial(_analyse, subject, root, chosen.observer) for subject in study
+    ]
+    rows = []
+    results = run_stored(jobs, root, keep, workers, progress, study.names)
+    for name, result in zip(study.names, results, strict=True):
+        if isinstance(result, Failed):
+            rows.append(SubjectDependence(name, note=result.reason))
+        else:
+            rows.append(result)
     return SerialDependence(tuple(rows), study, root, chosen)
 
 

@@ -33,10 +33,7 @@ FALSE_ALARMS = (
 )
 _SHARES = np.linspace(0.0, 1.0, 401)  # frequencies over which random effects are summed
 #: One sentence on the table of Appendix C.
-APPENDIX_C = (
-    "This compares a smooth function with one free probability per pair. It does not test for an "
-    "order effect"
-)
+APPENDIX_C = "The comparison of H1 with H0 does not test for an order effect"
 
 
 def study_lines(
@@ -377,8 +374,9 @@ def describe_pair(pair: PairResidual, unit: StimulusUnit = UNKNOWN_UNIT) -> str:
     Examples
     --------
     >>> describe_pair(PairResidual(3.688879, 3.296837, 0.95, 0.7))
-    "(3.69, 3.3): 'equal' in 95 %, expected 70 %"
+    "For (s1, s2) = (3.69, 3.3), 95 % of the responses are 'equal', and the model expects 70 %."
     """
     observed, expected = 100.0 * pair.observed, 100.0 * pair.expected
-    response = f"{pair.answer!r} in {observed:.0f} %, expected {expected:.0f} %"
-    return f"({unit.describe(pair.s1)}, {unit.describe(pair.s2)}): {response}"
+    response = f"{observed:.0f} % of the responses are {pair.answer!r}"
+    stimuli = f"({unit.describe(pair.s1)}, {unit.describe(pair.s2)})"
+    return f"For (s1, s2) = {stimuli}, {response}, and the model expects {expected:.0f} %."

@@ -4,7 +4,7 @@
 
 A study is analysed by the command `bayes-toe run` in its folder. The process holds a lock of the
 home folder, so that one study is analysed at a time, also after the server was started again.
-`held` is the lock of the server. Both locks stand in a folder that carries a mark of ours.
+`held` is the lock of the server. Both locks stand in a folder that holds nothing else.
 """
 
 from __future__ import annotations
@@ -33,17 +33,9 @@ from bayes_toe.data.messages import format_path, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.whole_files import reporting, write_whole
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, OutputError
 from bayes_toe.libraries import __version__
-from bayes_toe.result_store import (
-    MARK,
-    count_stored,
-    discard,
-    fingerprint,
-    is_locked,
-    open_no_link,
-    require_ours,
-)
+from bayes_toe.result_store import discard, stored_files
 
 #: Files that a study may have. Files of the page have other names.
 RESULTS = "results"
@@ -52,7 +44,7 @@ RECORD, _COMMAND, _LOG = "study", "command", "run.log"
 _READING = f"reading-{__version__}"
 _STORE = f"{RESULTS}.partial"
 _LONGEST_NAME = 120  # bytes, without the suffix
-#: In the home folder, a folder of ours with the locks of the server and of the run.
+#: In the home folder, a folder with the locks of the server and of the run.
 _LOCKS, _SERVER, _RUN = ".bayes_toe_app", "server", "run"
 
 #: The options of the page, which have the names of the command's, with the kind of their value.
@@ -134,7 +126,7 @@ class Job:
             **self.record(),
             "reading": self.reading(),
             "run": self.run_state(),
-            "done": count_stored(self.folder / _STORE),
+            "done": len(stored_files(self.folder / _STORE)),
             "log": log.read_text(encoding="utf-8", errors="replace") if log.exists() else "",
             "command": shlex.join(["bayes-toe", *self.command()]),
         }
@@ -169,7 +161,7 @@ class Job:
                 discard(store)
                 shutil.rmtree(self.folder / RESULTS, ignore_errors=True)
             self.write(_COMMAND, words)
-            resume = ["--resume"] if count_stored(store) else []
+            resume = ["--resume"] if stored_files(store) else []
             with open(self.folder / _LOG, "wb") as log:
                 process = subprocess.Popen(
                     [sys.executable, "-P", "-m", "bayes_toe", *words, *resume],
@@ -227,9 +219,13 @@ def held(home: Path) -> Iterator[None]:
     locks = home / _LOCKS
     with reporting(home):
         home.mkdir(mode=0o700, parents=True, exist_ok=True)
-        require_ours(locks)
         locks.mkdir(mode=0o700, exist_ok=True)
-        (locks / MARK).touch()
+        others = {path.name for path in locks.iterdir()} - {_SERVER, _RUN}
+        if locks.is_symlink() or others:
+            raise OutputError(
+                f"{format_path(locks)}: a link, or holds files that this program did not write; "
+                "name another folder with --folder"
+            )
         running(home)
         server_lock = _open_lock(home, _SERVER)
     with server_lock:
@@ -244,7 +240,7 @@ def held(home: Path) -> Iterator[None]:
 def job_of(home: Path, files: Mapping[str, bytes]) -> Job:
     """The study of these files; its folder is named after their names and contents."""
     contents = [[name, sha256(content).hexdigest()] for name, content in sorted(files.items())]
-    return Job(home / fingerprint(contents)[:16])
+    return Job(home / _checksum(contents)[:16])
 
 
 def named_files(files: Sequence[tuple[str, bytes]]) -> dict[str, bytes]:
@@ -284,8 +280,12 @@ def file_name(path: str) -> str:
             f"{quoted(last)}: the page reads files whose names end in {', '.join(TABLE_SUFFIXES)}"
         )
     if len(stem.encode()) > _LONGEST_NAME:
-        stem = f"{stem[:30]}-{fingerprint(stem)[:8]}"
+        stem = f"{stem[:30]}-{_checksum(stem)[:8]}"
     return f"{stem}{suffix}"
+
+
+def _checksum(value: object) -> str:
+    return sha256(json.dumps(value).encode()).hexdigest()
 
 
 def jobs(home: Path) -> tuple[list[Job], list[str]]:
@@ -375,4 +375,25 @@ def end_group(group: int, number: signal.Signals) -> None:
 
 
 def _open_lock(home: Path, name: str) -> IO[str]:
-    return open(home / _LOCKS / name, "a+", encoding="utf-8", opener=open_no_link)
+    return open(home / _LOCKS / name, "a+", encoding="utf-8", opener=_open_no_link)
+
+
+def _open_no_link(path: str, flags: int) -> int:
+    """Open a file, but not through a symbolic link, where the system can tell."""
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
+
+
+def is_locked(lock: IO[str]) -> bool:
+    """Whether this process has the lock now; a child that inherits the file keeps it.
+
+    Taken for granted where there are no such locks.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

@@ -61,7 +61,7 @@ _TWO_SCALES = math.log(100.0)  # a gap between stimuli that is wider than all ot
 
 
 def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]:
-    """Check a study: what the design can identify, and problems in file and responses.
+    """Find out what the design of a study can identify, and problems in file and responses.
 
     Parameters
     ----------

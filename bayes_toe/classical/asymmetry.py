@@ -52,7 +52,7 @@ LEVEL = 0.05
 
 @dataclass(frozen=True)
 class Comparison:
-    """One pair of different stimuli in both orders, answered by one subject.
+    """One pair of different stimuli in both orders, and the responses of one subject.
 
     Attributes
     ----------
@@ -60,10 +60,10 @@ class Comparison:
     s_weak, s_strong : float
         Natural-log intensities r < c.
     n_equal_weak_first, n_trials_weak_first : int
-        Responses 'equal' to (r, c): the weaker stimulus first, the paper's red. In 'which was
-        stronger?' wrong responses, here and below; the file names the column accordingly.
+        Responses 'equal' to (r, c), with the weaker stimulus first (red in the paper). In 'which
+        was stronger?', the fields count wrong responses, and the names of the columns say so.
     n_equal_strong_first, n_trials_strong_first : int
-        Responses 'equal' to (c, r): the stronger stimulus first, the paper's blue.
+        Responses 'equal' to (c, r), with the stronger stimulus first (blue in the paper).
     q_weak_first, q_weak_first_se : float
         Laplace estimator of q(r, c), with the weaker stimulus first, and its uncertainty. Source:
         Eq. e:2b.
@@ -72,15 +72,16 @@ class Comparison:
     asymmetry : float
         Posterior mean of q(c, r) - q(r, c), from -1 to 1.
     asymmetry_se : float
-        Posterior standard deviation of this difference, with independent orders.
+        Posterior standard deviation of `asymmetry`. The two orders are independent.
     p_value : float
-        P-value of the exact two-sided `test` that both orders have the same probability.
+        P-value of the exact two-sided `test`. The null hypothesis is that both orders have the
+        same probability of 'equal'.
     p_adjusted : float
         P-value adjusted by Holm's method over the comparisons of this subject.
     test : {"boschloo", "fisher"}
     probability_of_direction : float
-        Posterior P(q(c, r) > q(r, c)) with independent uniform priors; near 1 for a
-        positive asymmetry, near 0 for a negative one.
+        Posterior P(q(c, r) > q(r, c)) with independent uniform priors. The value is near 1 for
+        a positive asymmetry, and near 0 for a negative asymmetry.
     is_maximal : bool
         True for the comparison with the largest absolute asymmetry of the subject.
     """
@@ -185,32 +186,29 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         return pd.DataFrame(rows, columns=columns)
 
     def describe(self) -> str:
-        """The numbers of positive and negative maximal asymmetries, in words without a full stop.
+        """The numbers of positive and negative maximal asymmetries, in sentences.
 
         Source: Results, 'Across participants, 6 showed positive maximal asymmetries (5 significant
         at p < 0.05) ...'. The data choose the maximum, so 'significant' means Holm's p-value over
         the subject's comparisons. There is no correction over subjects.
         """
         maxima = [row.maximal for row in self.rows if row.maximal is not None]
-        counts = []
-        for sign in (1, -1):
+        level, total = f"{LEVEL:g}".removeprefix("0"), plural(len(maxima), "subject")
+        sentences = ["The counts are for the pair of each subject whose two orders differ most."]
+        for sign, stimulus in ((1, "stronger"), (-1, "weaker")):
             side = [row for row in maxima if sign * row.asymmetry > 0]
-            counts.append(len(side))
-            counts.append(sum(row.p_adjusted < LEVEL for row in side))
-            counts.append(sum(row.p_value < LEVEL for row in side))
-        n_positive, positive, positive_before, n_negative, negative, negative_before = counts
-        level = f"{LEVEL:g}".removeprefix("0")
-        return (
-            f"In the pair whose two orders differ most, {n_positive} of "
-            f"{plural(len(maxima), 'subject')} gave more {self.share_of} responses with the "
-            f"stronger stimulus first ({positive} significant at p < {level} after Holm's "
-            f"correction, {positive_before} before it), and {n_negative} with the weaker stimulus "
-            f"first ({negative} significant, {negative_before} before correction)"
-        )
+            significant = sum(row.p_value < LEVEL for row in side)
+            corrected = sum(row.p_adjusted < LEVEL for row in side)
+            sentences.append(
+                f"With the {stimulus} stimulus first, {len(side)} of {total} gave more "
+                f"{self.share_of} responses. The difference is significant (p < {level}) in "
+                f"{significant} of these subjects, and in {corrected} after Holm's correction."
+            )
+        return " ".join(sentences)
 
 
 def asymmetry(study: Study) -> AsymmetryTable:
-    """Model-free asymmetry of every subject and comparison of a study.
+    """For every subject, compare the two orders of each pair without a model.
 
     Parameters
     ----------

@@ -172,7 +172,7 @@ def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
             if option and len(options) == 1:
                 option = f"{command} {option}"
             if mark == "?" and len(answers) >= MANY_SUBJECTS:
-                message = "A prior half or twice as wide leaves a 'yes' or a 'no' undecided."
+                message = "With another prior width, a 'yes' or a 'no' becomes undecided."
             notes[mark].append((subject, message, option))
     for mark, of_mark in notes.items():
         out.notes(of_mark, mark, file=file)
@@ -189,7 +189,7 @@ def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
     for flag, problem in zip(answer.flags, answer.problems, strict=True):
         message, mark = problem.message, "-"
         if flag == MISFIT_FLAG and answer.worst_pairs:
-            message += f" Worst pair: {describe_pair(answer.worst_pairs[0], answer.unit)}."
+            message += f" {describe_pair(answer.worst_pairs[0], answer.unit)}"
         if flag.startswith(PRIOR_FLAG):
             mark = "?"
         elif problem.option or flag == MISFIT_FLAG:

@@ -43,9 +43,9 @@ TRIALS = 480
 _WIDEST = 10.0
 _POWER_FILES = ("power.csv", "power_data_sets.csv", "power.png", "power.pdf")
 _GROUP_FILE = "power_groups.csv"
-Observers = Annotated[Text, rare("--observers", "NAME", "none, contraction, groups, a file.")]
-Simulated = Annotated[int, rare("--simulated", NUMBER, "Simulated observers of a kind.", min=1)]
-Unit = Annotated[Text, option("--unit", "UNIT", "Of the stimuli: um, dB, log10, ...")]
+Observers = Annotated[Text, rare("--observers", "NAME", "Kind of observers, or a file.")]
+Simulated = Annotated[int, rare("--simulated", NUMBER, "Simulated observers of each kind.", min=1)]
+Unit = Annotated[Text, option("--unit", "UNIT", "Unit of the stimuli: um, dB, log10, ...")]
 
 
 # --- power ----------------------------------------------------------------------------------------
@@ -57,14 +57,16 @@ def power(
         list[Path] | None,
         typer.Argument(
             metavar="[DESIGN.csv]...",
-            help="Columns s1,s2,n_trials.",
+            help="Designs with columns s1,s2,n_trials.",
         ),
     ] = None,
-    output: Annotated[Path, writes("DIR", "Folder.")] = Path("power"),
+    output: Annotated[Path, writes("DIR", "Output folder.")] = Path("power"),
     question: Question = "2afc",
     unit: Unit = None,
-    trials: Annotated[str, option("--trials", "N,N", "Trials of a subject.")] = "240,480,960",
-    subjects: Annotated[Text, option("--subjects", "N,N", "Subjects of a study.")] = None,
+    trials: Annotated[str, option("--trials", "N,N", "Trials of each subject.")] = "240,480,960",
+    subjects: Annotated[
+        Text, option("--subjects", "N,N", "Numbers of subjects in a study.")
+    ] = None,
     simulated: Simulated = 50,
     observers: Observers = None,
     context: Annotated[RunContext, *MODEL],
@@ -159,18 +161,20 @@ def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
 class GoalOptions:
     """The goal of a design, and the pairs that can be presented."""
 
-    lowest: Annotated[Number, option("--lowest", NUMBER, "Weakest stimulus, ln or --unit.")] = None
+    lowest: Annotated[
+        Number, option("--lowest", NUMBER, "Weakest stimulus, in ln or in --unit.")
+    ] = None
     highest: Annotated[Number, option("--highest", NUMBER, "Strongest stimulus.")] = None
     unit: Unit = None
     even: Annotated[bool, rare("--even", "", "Spread the trials evenly over the range.")] = False
     step: Annotated[
         Text, rare("--step", "STEP", "Step between levels: 5%, or a number in the unit.")
     ] = None
-    levels: Annotated[File, rare("--levels", "levels.csv", "Levels that can be presented.")] = None
+    levels: Annotated[File, rare("--levels", "levels.csv", "File of levels to choose from.")] = None
     intensity: Annotated[Number, rare("--intensity", "REF", "Without --unit: s = ln(i / REF).")] = (
         None
     )
-    max_pairs: Annotated[int, rare("--max-pairs", NUMBER, "Most pairs.")] = 26
+    max_pairs: Annotated[int, rare("--max-pairs", NUMBER, "Largest number of pairs.")] = 26
     aim: Annotated[
         str,
         rare(
@@ -180,7 +184,9 @@ class GoalOptions:
             show_default=False,
         ),
     ] = "order-effect"
-    keep: Annotated[File, rare("--keep", "DESIGN.csv", "Pairs that must stay.")] = None
+    keep: Annotated[File, rare("--keep", "DESIGN.csv", "Pairs that the design must include.")] = (
+        None
+    )
 
     def require(self, file: Path | None, has_list: bool) -> None:
         """Refuse a given design with options of a search."""
@@ -248,9 +254,11 @@ class ListOptions:
     list_output: Annotated[
         File, option("--list", "trials.csv", "List of trials for the experiment.")
     ] = None
-    blocks: Annotated[int, rare("--blocks", NUMBER, "Blocks of --list.", min=1)] = 10
-    subjects: Annotated[int, option("--subjects", NUMBER, "Subjects of --list.", min=1)] = 1
-    conditions: Annotated[Text, rare("--conditions", "left,right", "Conditions of --list.")] = None
+    blocks: Annotated[int, rare("--blocks", NUMBER, "Number of blocks in --list.", min=1)] = 10
+    subjects: Annotated[
+        int, option("--subjects", NUMBER, "Number of subjects in --list.", min=1)
+    ] = 1
+    conditions: Annotated[Text, rare("--conditions", "left,right", "Conditions in --list.")] = None
 
     def levels(self) -> tuple[str, ...]:
         """The levels of the condition; none without a condition."""
@@ -307,8 +315,8 @@ def design(
             help="Design for --list.",
         ),
     ] = None,
-    output: Annotated[Path, writes("FILE.csv", "Design.")] = Path("design.csv"),
-    trials: Annotated[int, option("--trials", NUMBER, "Trials of a subject.", min=1)] = TRIALS,
+    output: Annotated[Path, writes("FILE.csv", "Output design.")] = Path("design.csv"),
+    trials: Annotated[int, option("--trials", NUMBER, "Trials of each subject.", min=1)] = TRIALS,
     question: Question = "2afc",
     goal: GoalOptions,
     simulated: Simulated = 32,
@@ -387,15 +395,16 @@ def design(
 class PairOptions:
     """The pairs of a simulated study, and how often each is shown."""
 
-    design: Annotated[str, option("--design", "NAME", "Pairs: reference, full, or a CSV.")] = (
+    design: Annotated[str, option("--design", "NAME", "Pairs: reference, full, or a CSV file.")] = (
         "reference"
     )
     unit: Unit = None
     trials: Annotated[
-        int | None, option("--trials", NUMBER, "Trials of a subject (default: 50 a pair).", min=1)
+        int | None,
+        option("--trials", NUMBER, "Trials of each subject (default: 50 per pair).", min=1),
     ] = None
     batches: Annotated[
-        int, rare("--batches", NUMBER, "Without --trials: repetitions of pairs.", min=1)
+        int, rare("--batches", NUMBER, "Repetitions of each pair, without --trials.", min=1)
     ] = 50
     amplitudes: Annotated[
         Text, rare("--amplitudes", "N,N", "Stimuli in the unit (default: the paper's).")
@@ -414,7 +423,9 @@ class PopulationOptions:
     """The observers of a simulated study."""
 
     subjects: Annotated[int, option("--subjects", NUMBER, "Number of observers.", min=1)] = 16
-    kind: Annotated[str, option("--observers", "NAME", "Observers: paper, both, a file.")] = "paper"
+    kind: Annotated[str, option("--observers", "NAME", "Observers: paper, both, or a file.")] = (
+        "paper"
+    )
     carry_over: Annotated[
         float, rare("--carry-over", NUMBER, "Carry-over from trial to trial, 0 to 1.")
     ] = 0.0
@@ -430,7 +441,7 @@ class PopulationOptions:
 
 def simulate(
     *,
-    output: Annotated[Path, writes("FILE.csv", "Trials.")],
+    output: Annotated[Path, writes("FILE.csv", "Output table of trials.")],
     truth_output: Annotated[
         File,
         option("--truth", "FILE.csv", "Write the true parameters, too.", parser=file_name),

@@ -21,11 +21,11 @@ _HYPERPRIOR = r"Prior of the group: \[constant_error], \[contraction], \[noise],
 def population(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.nc", "Draws; tables and figure beside them.")] = Path(
-        "population.nc"
-    ),
+    output: Annotated[
+        Path, writes("FILE.nc", "Output draws. Tables and figure are beside them.")
+    ] = Path("population.nc"),
     covariates: Annotated[
-        File, option("--covariates", "FILE.csv", "Table of subject and covariates.")
+        File, option("--covariates", "FILE.csv", "Table with subjects and covariates.")
     ] = None,
     categorical: Annotated[
         Texts, rare("--categorical", "NAME", "Covariate whose numbers are names; repeatable.")
@@ -78,7 +78,7 @@ def population(
 def contrast(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.csv", "Table; the figure is FILE.png.")] = Path(
+    output: Annotated[Path, writes("FILE.csv", "Output table. The figure is FILE.png.")] = Path(
         "contrast.csv"
     ),
     context: Annotated[RunContext, *MODEL, "resume"],
@@ -116,12 +116,12 @@ def contrast(
 def history(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.csv", "Table; the figure is FILE.png.")] = Path(
+    output: Annotated[Path, writes("FILE.csv", "Output table. The figure is FILE.png.")] = Path(
         "history.csv"
     ),
     context: Annotated[RunContext, *MODEL],
 ) -> None:
-    """Estimate serial dependence: the effect of the previous trial.
+    """Estimate serial dependence, the effect of the previous trial.
 
     [bold]Example[/bold]: bayes-toe history trials.csv -o history.csv --seed 1
     """

@@ -43,9 +43,9 @@ _WITH_RANGE = ("mu1", "gain", *_ORDER_COLUMNS)
 def run(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("DIR", "Folder.")] = Path("bayes_toe_results"),
+    output: Annotated[Path, writes("DIR", "Output folder.")] = Path("bayes_toe_results"),
     figures: Annotated[
-        str, rare("--figures", "all|flagged|none", "Subjects with figures.")
+        str, rare("--figures", "all|flagged|none", "Subjects that get figures.")
     ] = "all",
     explore: Annotated[bool, flag("--explore", "Write explorer.html, too.")] = False,
     context: Annotated[RunContext, *MODEL, "draws", "resume"],
@@ -145,7 +145,7 @@ def _group_lines(analysis: Analysis) -> list[str]:
 def sample(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.nc", "Draws.")] = Path("posterior.nc"),
+    output: Annotated[Path, writes("FILE.nc", "Output draws.")] = Path("posterior.nc"),
     model: ModelName = "paper",
     context: Annotated[RunContext, *MODEL, "draws", "resume"],
 ) -> None:
@@ -195,10 +195,10 @@ def _require_fitting(
 def evidence(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.csv", "Table.")] = Path("evidence.csv"),
+    output: Annotated[Path, writes("FILE.csv", "Output table.")] = Path("evidence.csv"),
     context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
-    """Compute the model evidences of every subject, and the answer.
+    """Compute model evidences and order effects of every subject.
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """

@@ -31,6 +31,7 @@ from bayes_toe.answers.order_effect import (
     format_decimals,
     format_number,
     format_probability,
+    short_direction,
 )
 from bayes_toe.answers.study_summary import (
     count_all,
@@ -270,8 +271,7 @@ def _count_effects(answers: Sequence[OrderEffect], total: str) -> list[str]:
 
 def _marked_word(answer: OrderEffect, question: str) -> str:
     """The word with its marks, the posterior probability and the Bayes factor."""
-    word = answer.marked_word(question).replace(" (contraction)", "")
-    word = word.replace(" (repulsion)", ", repulsion")
+    word = short_direction(answer.marked_word(question))
     if answer.words[question] is words.Word.CANNOT_BE_TOLD:
         return word
     probability = format_probability(answer.probabilities[question]).removeprefix("= ")

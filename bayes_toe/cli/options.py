@@ -50,7 +50,7 @@ rare = partial(option, panel="Advanced")
 layout = partial(option, panel=LAYOUT)
 
 Seed = Annotated[int | None, option("--seed", NUMBER, "Random seed, printed and stored.", min=0)]
-DrawCount = Annotated[int, rare("--draws", NUMBER, "Effective draws.", min=1, max=10**6)]
+DrawCount = Annotated[int, rare("--draws", NUMBER, "Number of effective draws.", min=1, max=10**6)]
 Processes = Annotated[
     int | None, rare("--workers", NUMBER, "Processes (default: all cores).", min=1)
 ]
@@ -67,10 +67,10 @@ TrueValues = Annotated[
     File, rare("--truth", "truth.csv", "True values to mark, as simulate writes them.")
 ]
 Question = Annotated[
-    str, option("--task", "TASK", "2afc (default) or same/different.", show_default=False)
+    str, option("--task", "TASK", "Task: 2afc (default) or same/different.", show_default=False)
 ]
 ModelName = Annotated[
-    str, option("--model", "MODEL", "none, constant-error, contraction, both or paper.")
+    str, option("--model", "MODEL", "Model: none, constant-error, contraction, both or paper.")
 ]
 
 
@@ -144,29 +144,21 @@ class StudyFile:
     exclude: Annotated[
         Texts, option("--exclude", "A08:2,4", "Exclude a subject or blocks; repeatable.")
     ] = None
-    intensity: Annotated[Number, layout("--intensity", "REF", "Read i1,i2: s = ln(i / REF).")] = (
+    intensity: Annotated[Number, layout("--intensity", "REF", "Intensities: s = ln(i / REF).")] = (
         None
     )
-    unit: Annotated[Text, layout("--unit", "UNIT", "dB, dB-power, log10, ln, g, ...")] = None
-    equal_code: Annotated[Text, layout("--equal-code", "CODE", "The code that means 'equal'.")] = (
-        None
-    )
+    unit: Annotated[Text, layout("--unit", "UNIT", "Unit: dB, dB-power, ln, g, ...")] = None
+    equal_code: Annotated[Text, layout("--equal-code", "CODE", "The code for 'equal'.")] = None
     different_code: Annotated[
-        Text, layout("--different-code", "CODE", "The code that means 'different'.")
+        Text, layout("--different-code", "CODE", "The code for 'different'.")
     ] = None
-    second_code: Annotated[
-        Text, layout("--second-code", "CODE", "The code that means 'second'.")
-    ] = None
-    first_code: Annotated[Text, layout("--first-code", "CODE", "The code that means 'first'.")] = (
-        None
-    )
+    second_code: Annotated[Text, layout("--second-code", "CODE", "The code for 'second'.")] = None
+    first_code: Annotated[Text, layout("--first-code", "CODE", "The code for 'first'.")] = None
     correct: Annotated[Text, layout("--correct", "COLUMN", "Column with correct or wrong.")] = None
-    missed: Annotated[Texts, layout("--missed", "CODE", "Code of missed trials.")] = None
+    missed: Annotated[Texts, layout("--missed", "CODE", "The code of missed trials.")] = None
     ignore: Annotated[Texts, layout("--ignore", "COLUMN", "Column to ignore; repeatable.")] = None
-    question: Annotated[Text, layout("--task", "TASK", "same/different or 2afc.")] = None
-    where: Annotated[
-        Texts, layout("--where", "COLUMN=TEXT", "Rows with this text; repeatable.")
-    ] = None
+    question: Annotated[Text, layout("--task", "TASK", "Task: same/different or 2afc.")] = None
+    where: Annotated[Texts, layout("--where", "COLUMN=TEXT", "Rows to read; repeatable.")] = None
     subject_from: Annotated[
         Text, layout("--subject-from", "NAME", "Subject in the name: 'sub-{}_*'.")
     ] = None
@@ -174,24 +166,25 @@ class StudyFile:
         Texts, layout("--columns", "OURS=THEIRS", "Your column names: s1=first,...")
     ] = None
     standard_interval: Annotated[
-        Text, layout("--standard-interval", "COLUMN", "Column: the standard's interval.")
+        Text, layout("--standard-interval", "COLUMN", "Interval of the standard.")
     ] = None
     comparison_interval: Annotated[
-        Text, layout("--comparison-interval", "COLUMN", "The comparison's interval.")
+        Text,
+        layout("--comparison-interval", "COLUMN", "Interval of the comparison."),
     ] = None
     standard_first_code: Annotated[
-        Text, layout("--standard-first-code", "CODE", "In it: the standard was first.")
+        Text, layout("--standard-first-code", "CODE", "The code for 'standard first'.")
     ] = None
     standard_first: Annotated[
         bool, layout("--standard-first", "", "The standard was always first.")
     ] = False
     comparison_code: Annotated[
-        Text, layout("--comparison-code", "CODE", "Code that means 'comparison'.")
+        Text, layout("--comparison-code", "CODE", "The code for 'comparison'.")
     ] = None
     wide: Annotated[Text, layout("--wide", "PATTERN", "Pairs as '{first}_{second}'.")] = None
     decimal: Annotated[Text, layout("--decimal", "SIGN", "Decimal sign: . or ,")] = None
     sheet: Annotated[Text, layout("--sheet", "NAME", "Sheet of an Excel file.")] = None
-    encoding: Annotated[Text, layout("--encoding", "NAME", "Such as cp1252 or latin-1.")] = None
+    encoding: Annotated[Text, layout("--encoding", "NAME", "Encoding, such as cp1252.")] = None
     condition: Annotated[Text, layout("--condition", "COLUMN", "Column of the condition.")] = None
     reference: Annotated[Text, layout("--reference", "LEVEL", "Level to compare others with.")] = (
         None

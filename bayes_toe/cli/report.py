@@ -102,14 +102,16 @@ _MOST_MISFITS = 2  # subjects with a figure of the poor fit
 #: Terms of the report, for those who meet them for the first time.
 GLOSSARY = {
     "PSE shift": "Second minus first stimulus when both seem equal, at the mean first stimulus. "
-    "Above 0, the first stimulus is overestimated.",
-    "constant error": "A PSE shift that is the same at every intensity; also time-order error. "
-    "In 'which was stronger' it cannot be distinguished from a response bias.",
-    "contraction": "The first stimulus is remembered as nearer to the mean by the share p; also "
-    "contraction bias, central tendency. Repulsion is the opposite, p below 0.",
-    "JND": "Just noticeable difference: from 50 to 75 % 'second' without lapses.",
-    "Bayes factor": "Mean evidence of the models with the effect over that of the models without "
-    "it.",
+    "If it is positive, the first stimulus is overestimated.",
+    "constant error": "A PSE shift that is the same at every intensity. It is also called "
+    "time-order error. In 'which was stronger', no analysis can distinguish it from a response "
+    "bias.",
+    "contraction": "The first stimulus is remembered as nearer to the mean. A contraction of 32 % "
+    "moves it 32 % of the way. It is also called contraction bias or central tendency. A negative "
+    "contraction is a repulsion.",
+    "JND": "Just noticeable difference. Without lapses, it is the step from 50 to 75 % 'second'.",
+    "Bayes factor": "Mean evidence of the models with the effect, divided by the mean evidence of "
+    "the models without the effect.",
     "serial dependence": "The response depends on earlier trials.",
 }
 #: The words, and the probabilities that they need.
@@ -124,9 +126,9 @@ LIMITS = {
 #: What the figure of a subject's responses shows, in either task.
 CURVES = {
     SAME_DIFFERENT: "Curves show P('equal') averaged over the four models.",
-    WHICH_STRONGER: "Curves show P('second') over s2 − s1, averaged over the four models, for "
-    "each first stimulus s1 or the middle one of several. The point of subjective equality (PSE) "
-    "is where a curve crosses one half (dotted line).",
+    WHICH_STRONGER: "Curves show P('second') over s2 − s1, averaged over the four models. Each "
+    "curve is for one first stimulus s1, or for the middle one of several. A curve crosses one "
+    "half (dotted line) at the point of subjective equality (PSE).",
 }
 #: Why a subject needs action.
 FLAGGED = "poor fit, not interpreted, draws not converged, or no answer"
@@ -141,13 +143,13 @@ _SIZES = {
 }
 #: What the settings of the sampler are.
 _SAMPLER = {
-    "draws": "effective draws asked for",
+    "draws": "required effective draws",
     "ensembles": "ensembles (chains)",
-    "walkers": "walkers of an ensemble",
-    "max_r_hat": "largest R-hat",
-    "max_thin": "largest thinning",
-    "max_quantile_error": "largest Monte Carlo error of the 5 and 95 % quantiles, as a share of "
-    "their distance",
+    "walkers": "walkers of each ensemble",
+    "max_r_hat": "limit of R-hat",
+    "max_thin": "limit of thinning",
+    "max_quantile_error": "limit of the Monte Carlo error of the 5 and 95 % quantiles, as a "
+    "share of the distance between them",
 }
 #: The minus of a number; not the hyphen of a word, a range or an exponent.
 _MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
@@ -345,11 +347,11 @@ def _evidence_image(analysis: Analysis) -> str:
 def _caption(analysis: Analysis) -> str:
     """The caption of figure 1."""
     sizes = (
-        "PSE shift and contraction: medians with 95 % intervals, averaged over the models that "
-        "have the effect. A full marker of a subject means 'yes', a half marker 'probably'"
+        "PSE shift and contraction are medians with 95 % intervals, averaged over the models with "
+        "the effect. A full marker means 'yes', and a half marker means 'probably'"
     )
     if analysis.group is not None:
-        sizes += "; the last row is the mean of the group"
+        sizes += ". The last row is the mean of the group"
     if not has_curves(analysis):
         return f"{sizes}."
     return f"{_responses_caption(analysis)} {sizes}."
@@ -362,11 +364,11 @@ def _responses_caption(analysis: Analysis) -> str:
     n_interpreted = sum(answer.is_interpretable for answer in analysis.answers)
     if len(names) < n_interpreted:
         caption += (
-            f" of {len(names)} of {n_interpreted} subjects: those with the most evidence of an "
-            "order effect, and the one with the least"
+            f" of {len(names)} of {n_interpreted} subjects. These are the subjects with the "
+            "most evidence of an order effect, and the subject with the least evidence"
         )
     if analysis.study.task == WHICH_STRONGER:
-        caption += ". Pairs with neighbouring middles share a point if there are many"
+        caption += ". If there are many pairs, one point pools pairs with similar mean intensity"
     return f"{caption}."
 
 
@@ -428,10 +430,10 @@ def _doubts(answers: Sequence[OrderEffect], *sentences: str) -> str:
 def _prior(answers: Sequence[OrderEffect]) -> str:
     """Subjects of whom another prior scale leaves a sure word undecided."""
     dependent = [answer.subject for answer in answers if answer.depends_on_prior]
-    change = "A prior half or twice as wide leaves"
+    change = "If the prior is half or twice as wide,"
     if not dependent:
-        return f"{change} no 'yes' and no 'no' undecided."
-    return f"{change} a 'yes' or a 'no' undecided for {_name_subjects(dependent)}."
+        return f"{change} every 'yes' and every 'no' stays."
+    return f"{change} a 'yes' or a 'no' becomes undecided for {_name_subjects(dependent)}."
 
 
 def _convergence(analysis: Analysis) -> str:

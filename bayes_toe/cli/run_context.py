@@ -141,12 +141,11 @@ class RunContext:
         """
         from bayes_toe.data.messages import format_path
         from bayes_toe.errors import OutputError
-        from bayes_toe.result_store import count_stored, discard, require_ours
+        from bayes_toe.result_store import discard, stored_files
 
         target = output if output.name not in ("", "..") else output.resolve()
         folder = target.with_name(f"{target.name}.partial")
-        require_ours(folder)
-        n_stored = 0 if self.resume else count_stored(folder)
+        n_stored = 0 if self.resume else len(stored_files(folder))
         if n_stored and not self.overwrite:
             raise OutputError(
                 f"{format_path(folder)} holds {plural(n_stored, 'result')} of a stopped command. "
@@ -162,8 +161,10 @@ class RunContext:
 
         standing = under_way.get(folder)
         if self.resume and standing is not None:
-            results = f"{standing.taken} of {standing.jobs} {standing.what}"
-            self.out.line(f"{results} taken from {folder}")
+            self.out.line(f"{standing.taken} of {standing.jobs} subjects taken from {folder}")
+            if standing.damaged:
+                files = plural(standing.damaged, "damaged file")
+                self.out.line(f"{folder}: {files}; these subjects were computed again")
         if not failed:
             discard(folder)
 

@@ -34,7 +34,7 @@ def check(
     study: StudyFile,
     context: Annotated[RunContext, "prior"],
 ) -> None:
-    """Check a study: what was read, its design, and its responses.
+    """Check the data, the design and the responses of a study.
 
     [bold]Example[/bold]: bayes-toe check study.csv
     """
@@ -49,18 +49,18 @@ def check(
 def fit(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.csv", "Table.")] = Path("fit.csv"),
+    output: Annotated[Path, writes("FILE.csv", "Output table.")] = Path("fit.csv"),
     replicates: Annotated[
         int, rare("--replicates", NUMBER, "Bootstrap replicates.", min=1, max=10**6)
     ] = 1000,
-    level: Annotated[float, rare("--level", NUMBER, "Coverage of bootstrap percentiles.")] = 0.95,
+    level: Annotated[float, rare("--level", NUMBER, "Coverage of bootstrap intervals.")] = 0.95,
     asymmetry_output: Annotated[
         File,
-        option("--asymmetry", "FILE.csv", "Write the asymmetries, too.", parser=file_name),
+        option("--asymmetry", "FILE.csv", "Write the test of each pair, too.", parser=file_name),
     ] = None,
     context: Annotated[RunContext, *MODEL],
 ) -> None:
-    """Fit the paper's model by maximum likelihood; test asymmetries.
+    """Fit the paper's model, and test each pair for an order effect.
 
     [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
     """
@@ -109,8 +109,10 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
         rows.append(cells)
     headings = ["subject", "pairs", "largest q(c, r) - q(r, c)", "r, c", "p", "p (Holm)"]
     out.table(headings, rows, (1,), title="Asymmetry of the orders, without a model")
-    out.line(f"{table.describe()}.")
-    out.line(f"q: share of {table.share_of} responses; r: weaker, c: stronger stimulus.")
+    out.line(table.describe())
+    out.line(
+        f"q is the share of {table.share_of} responses, r the weaker and c the stronger stimulus."
+    )
     out.notes((("", f"{note}.", "") for note in table.notes), "-")
 
 

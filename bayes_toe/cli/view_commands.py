@@ -44,7 +44,7 @@ def explore(
             help="Draws saved by run or sample.",
         ),
     ],
-    output: Annotated[Path, writes("FILE.html", "Page.")] = Path("explorer.html"),
+    output: Annotated[Path, writes("FILE.html", "Output page.")] = Path("explorer.html"),
     subject: Annotated[Texts, option("--subject", "NAME", "Only this subject; repeatable.")] = None,
     truth: TrueValues = None,
     context: Annotated[RunContext, "overwrite"],
@@ -97,19 +97,19 @@ def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -
 def corner(
     *,
     posterior: SavedDraws,
-    output: Annotated[Path, writes("DIR", "Folder.")] = Path("corner"),
+    output: Annotated[Path, writes("DIR", "Output folder.")] = Path("corner"),
     subject: Annotated[
         Texts,
         option("--subject", "NAME", "Only this subject; repeatable, 2 to 4 in one figure."),
     ] = None,
     parameters: Annotated[Text, option("--parameters", "gain,mu1", "Parameters to show.")] = None,
     coordinates: Annotated[
-        Text, rare("--coordinates", "NAME", "natural (default) or identified.")
+        Text, rare("--coordinates", "NAME", "Coordinates: natural (default) or identified.")
     ] = None,
     show_prior: Annotated[bool, flag("--show-prior", "Show the prior in grey.")] = False,
     truth: TrueValues = None,
     formats: Annotated[
-        Texts, option("--format", "NAME", "png (default), pdf or svg; repeatable.")
+        Texts, option("--format", "NAME", "Format: png (default), pdf or svg; repeatable.")
     ] = None,
     context: Annotated[RunContext, *WORKERS],
 ) -> None:
@@ -203,10 +203,12 @@ def _draw_corner(
 
 def app(
     *,
-    folder: Annotated[Path, option("--folder", "DIR", "Folder of the page's studies.")] = Path(
+    folder: Annotated[Path, option("--folder", "DIR", "Folder of the studies.")] = Path(
         "~/bayes_toe_app"
     ),
-    port: Annotated[int, option("--port", NUMBER, "Port; 0: a free one.", min=0, max=65535)] = 8750,
+    port: Annotated[
+        int, option("--port", NUMBER, "Port of the page. 0 means a free port.", min=0, max=65535)
+    ] = 8750,
     context: RunContext,
 ) -> None:
     """Analyse studies on a web page of this computer.

@@ -40,7 +40,7 @@ def level_words(values: Iterable[str | float]) -> list[str]:
 
 
 def read_covariates(path: StrPath) -> Covariates:
-    r"""Covariates from a CSV file with a column `subject` and one column per covariate.
+    r"""Read a CSV file with a column `subject` and one column per covariate.
 
     Commas, semicolons or tabs separate cells. The encoding is UTF-8, or UTF-16 with a byte-order
     mark. Numbers may have a decimal comma where the comma does not separate cells. Empty cells and

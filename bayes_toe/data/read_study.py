@@ -116,7 +116,9 @@ _FEWEST_PERCENTAGES = 4  # rows with 100 trials that may be a table of percentag
 def read_study(
     path: StrPath | Frame | Sequence[StrPath | Frame], options: ReadOptions | None = None
 ) -> Study:
-    r"""The study in a CSV file, or a data frame, of trials or of counts; the header decides which.
+    r"""Read a study from a file or a data frame.
+
+    The column names show whether the rows are trials or counts.
 
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same), or 'second'
     or 'first' (also s2/s1, 2nd/1st), which decides the task; numbers do not. Counts:

@@ -48,7 +48,7 @@ Names: TypeAlias = Sequence[str | int] | str | int
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Subject:
-    """Counts of one subject, one entry per ordered pair of stimuli, sorted by (s1, s2).
+    """Response counts of one subject for each ordered pair of stimuli, sorted by (s1, s2).
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ class Subject:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study:
-    """Subjects of one experiment, with where they came from.
+    """The subjects of one experiment, and the source of their data.
 
     Parameters
     ----------

@@ -299,12 +299,12 @@ def _alive(pid: int) -> bool:
 
 @dataclass(frozen=True)
 class Standing:
-    """Numbers of results of `what`: stored before (`taken`), stored now, and wanted (`jobs`)."""
+    """Numbers of results: wanted, stored before, stored now, and stored files that are damaged."""
 
-    taken: int
-    done: int
     jobs: int
-    what: str
+    taken: int = 0
+    done: int = 0
+    damaged: int = 0
 
 
 #: By folder of results; a signal handler reports it.
@@ -314,7 +314,7 @@ under_way: dict[Path, Standing] = {}
 def describe_stored() -> str:
     """The stored results that another call need not compute again; empty if there are none."""
     parts = [
-        f"{standing.done} of {standing.jobs} {standing.what} are saved in {folder}"
+        f"{standing.done} of {standing.jobs} subjects are saved in {folder}"
         for folder, standing in under_way.items()
         if standing.done
     ]

@@ -112,7 +112,7 @@ class Particles:
 
 
 class Adaptive:
-    """Chooses pairs one by one and keeps the posterior of the four models up to date.
+    """Choose the next pair of an experiment from the responses so far.
 
     Parameters
     ----------

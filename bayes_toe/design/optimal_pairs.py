@@ -53,7 +53,7 @@ _STEP_PERCENT, _STEP_LOG = 5.0, 0.05
 
 @dataclass(frozen=True, eq=False)
 class DesignGoal:
-    """The goal of a design.
+    """The effect that a design must show, and the limits of its pairs.
 
     Parameters
     ----------
@@ -301,9 +301,9 @@ def optimal_design(
     workers: Workers = None,
     progress: Progress | None = None,
 ) -> OptimalDesign:
-    """The design of so many trials that is most informative about assumed observers.
+    """Find the design that is most informative about assumed observers.
 
-    Both orders of two stimuli are equally frequent in it.
+    Both orders of two stimuli are equally frequent in the design.
 
     Parameters
     ----------

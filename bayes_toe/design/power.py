@@ -311,7 +311,7 @@ def power(
     workers: Workers = None,
     progress: Progress | None = None,
 ) -> PowerTable:
-    """How often and how precisely a design shows the effects of assumed observers.
+    """Estimate how often and how precisely a design shows the effects of assumed observers.
 
     Parameters
     ----------

@@ -423,7 +423,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     conditions: Sequence[str] = (),
     differ: Sizes | None = None,
 ) -> Simulated:
-    """Answers of synthetic observers: what `bayes-toe simulate` writes, as a study.
+    """Simulate the responses of observers, as a study. `bayes-toe simulate` writes this study.
 
     Parameters
     ----------

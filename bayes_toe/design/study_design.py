@@ -45,7 +45,7 @@ PAPER_BATCHES = 50
 
 @dataclass(frozen=True, eq=False)
 class StudyDesign:
-    """Ordered pairs, each with its number of trials, sorted by (s1, s2).
+    """Ordered pairs of stimuli with their numbers of trials, sorted by (s1, s2).
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def apportioned(share: FloatArray, trials: int) -> IntArray:
 def read_study_design(
     path: StrPath, task: Task | str = SAME_DIFFERENT, unit: str | None = None
 ) -> StudyDesign:
-    """A design from a CSV file with columns s1,s2,n_trials.
+    """Read a design from a CSV file with the columns s1,s2,n_trials.
 
     Parameters
     ----------

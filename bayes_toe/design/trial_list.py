@@ -34,7 +34,7 @@ def trial_list(
     conditions: Sequence[str] = (),
     unit: StimulusUnit = UNKNOWN_UNIT,
 ) -> pd.DataFrame:
-    """A random order of all trials of a design, a row a trial; the responses are still to come.
+    """List all trials of a design in random order, with an empty column of responses.
 
     Every block has its share of every pair, and two stimuli in both orders equally often where the
     design has them so. No more than three equal pairs follow each other, also over the end of a

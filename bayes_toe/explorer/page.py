@@ -86,7 +86,7 @@ def explore(
     subjects: Sequence[str] | None = None,
     truths: Truth | None = None,
 ) -> Explorer:
-    """A page of corner plots to explore.
+    """Make a page with corner plots to explore in a browser.
 
     Dragging over points selects draws. Curves, quantiles and shares follow, also of two posteriors
     at once.

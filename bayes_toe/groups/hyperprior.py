@@ -126,7 +126,9 @@ class ParameterHyperprior:
 
 @dataclass(frozen=True)
 class Hyperprior:
-    """The prior of a group, a row for each parameter; constant errors and noise count in D.
+    """The prior of a group, with a field for each parameter.
+
+    Constant errors and noise are in units of D.
 
     Examples
     --------

@@ -466,7 +466,7 @@ def population(
     seed: int | None = None,
     hyperprior: Hyperprior | StrPath | None = None,
 ) -> PopulationResult:
-    """The joint posterior of all subjects and of the group that they are drawn from.
+    """Sample the joint posterior of all subjects and of the group.
 
     Every subject is the observer with constant error and contraction ('both').
 
@@ -580,7 +580,7 @@ def _numbers(hyperprior: Hyperprior, study: Study, scales: StimulusScales) -> Hy
 
 
 def load(path: StrPath) -> Draws | PopulationResult:
-    """Read what was saved: draws of subjects (posterior.nc), or a group (population.nc).
+    """Read saved draws of subjects (posterior.nc) or of a group (population.nc).
 
     Raises
     ------

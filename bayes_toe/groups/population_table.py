@@ -31,17 +31,18 @@ class PopulationRow(NamedTuple):
     quantity : {"mean", "sd", "new_subject", "effect", "difference", "difference_sd"}
         Of the subjects; effects are those of covariates, differences those of conditions.
     level : str
-        The covariate of an effect, or the two conditions of a difference; otherwise empty.
+        The covariate of an effect, or the two conditions of a difference. For other quantities,
+        the cell is empty.
     q025, q50, q975 : float
         Median and 95 % interval.
     ess_bulk, ess_tail, r_hat : float
     p_direction : float or None
         Probability of the more probable sign.
     ln_bf_zero : float or None
-        Natural log of the Bayes factor of 0 against any other value. Values below -10 are
-        bounds.
+        Natural log of the Bayes factor of 0 against any other value. A value below -10 is
+        imprecise, and shows only that 0 is very improbable.
     ln_bf_zero_se : float or None
-        Its Monte Carlo standard error.
+        Monte Carlo standard error of `ln_bf_zero`.
     """
 
     parameter: str

@@ -79,7 +79,7 @@ def predicted_answers(
 
 
 def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) -> pd.DataFrame:
-    """Posterior of P('equal'), or of P('second'), for pairs, one row each.
+    """Predict P('equal') or P('second') for pairs of stimuli. Each row is a pair.
 
     The columns are the mean and quantiles over the draws.
 

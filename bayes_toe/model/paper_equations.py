@@ -24,14 +24,14 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.errors import NumericalError
 
 LN2 = float(np.log(2.0))
-#: Largest pull toward the prior mean that gamma < 1 allows: 1 - 1/phi, phi the golden ratio.
+#: Largest contraction towards the prior mean that gamma < 1 allows: 1 - 1/(golden ratio).
 MAX_PULL = (3.0 - 5.0**0.5) / 2.0
 #: The four natural parameters.
 NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
 
 
 def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
-    """Prior variance over memory variance, G = sigma_1^2 / sigma_p^2 = (1 + sqrt(1 + 4 gamma)) / 2.
+    """Prior variance divided by memory variance, G = (1 + sqrt(1 + 4 gamma))/2.
 
     Source: Eq. axis1.
 
@@ -46,7 +46,7 @@ def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
 def gain(gamma: npt.ArrayLike) -> FloatArray:
     """Kalman gain K = sigma_1^2 / (sigma_1^2 + sigma_l^2) = 1/G.
 
-    The weight of the first stimulus in the evolved mean.
+    It is the weight of the first stimulus in `evolved_mean`.
 
     Source: Eq. axis2, slope, with (G - 1)/gamma = 1/G.
 
@@ -59,7 +59,9 @@ def gain(gamma: npt.ArrayLike) -> FloatArray:
 
 
 def pull(gamma: npt.ArrayLike) -> FloatArray:
-    """Pull toward the prior mean, p = 1 - K = gamma / G^2, accurate down to the smallest gamma.
+    """Contraction towards the prior mean, p = 1 - K = gamma / G^2.
+
+    It is accurate down to the smallest gamma.
 
     Source: Eq. axis2, prefactor of mu_1.
 
@@ -132,7 +134,7 @@ def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
 
 
 def evolved_mean(s1: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
-    """Mean of the memory when the second stimulus arrives, mu_2 = s1 + p (mu_1 - s1).
+    """Remembered first stimulus at the time of the second stimulus, mu_2 = s1 + p (mu_1 - s1).
 
     Source: Eq. mod:update (corrected, see the module's note).
 
@@ -152,7 +154,7 @@ def normalised_distance(
     sigma_p: npt.ArrayLike,
     sigma_l: npt.ArrayLike,
 ) -> FloatArray:
-    """Distance of the second stimulus from the evolved mean over the width, (s2 - mu_2) / w.
+    """Distance of s2 from the remembered first stimulus, divided by the width, z = (s2 - mu_2)/w.
 
     Source: Eqs. mod:qdphi and mod:q.
     """
@@ -217,7 +219,7 @@ def equal_probability(
     sigma_l: npt.ArrayLike,
     q0: npt.ArrayLike,
 ) -> FloatArray:
-    """P(equal) = q0 2^(-z^2) in natural parameters.
+    """Probability of 'equal', q0 2^(-z^2), from the parameters of the paper's model.
 
     Intensities and standard deviations in natural-log units.
 

@@ -28,6 +28,8 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 
 LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, PURE_NUMBER = "ln intensity", "1 / ln intensity", "1"
+#: What the symbols of a prior mean.
+SCALES = "D is the root mean square of s2 - s1 over unequal pairs, and R is the SD of the stimuli"
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class ObserverPrior:
         free = [parameter for parameter in task_parameters(task) if parameter not in held]
         numbers = vars(self)
         priors = [f"{parameter.name} ~ {parameter.prior.format_map(numbers)}" for parameter in free]
-        return f"{', '.join(priors)}; D rms step and R sd of the stimuli"
+        return f"{', '.join(priors)}; {SCALES}"
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -221,7 +223,7 @@ CONTRACTION = Parameter(
     prior_keys=(("sd", "sd of the normal prior of p on (-1, 1)"),),
     limits=(-1.0, 1.0, "above -1 and below 1"),
 )
-#: Every parameter, in the order of the coordinates.
+#: All parameters of the observer, in the order of the coordinates.
 PARAMETERS = (
     NOISE,
     PEAK,
@@ -313,7 +315,7 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
 }
 
 
-#: The models of the observer by name, each with the effects of order that are free in it.
+#: The four models of the observer by name, with the order effects that each model has.
 ORDER_MODELS: Mapping[str, tuple[Parameter, ...]] = {
     "none": (),
     "constant error": (CONSTANT_ERROR,),

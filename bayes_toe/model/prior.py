@@ -24,13 +24,13 @@ from bayes_toe.data.study import Subject, common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.densities import ProbitOfBeta
-from bayes_toe.model.parameters import ObserverPrior
+from bayes_toe.model.parameters import SCALES, ObserverPrior
 from bayes_toe.model.prior_fields import STIMULI, PriorFields
 
 
 @dataclass(frozen=True)
 class Prior(PriorFields):
-    """The prior of H1's mu1, sigma_p, gamma and q0 or lapse rate, and of the observer.
+    """The prior of the paper's model (H1) and of the observer in the four models.
 
     Log densities are normalised.
 
@@ -192,14 +192,14 @@ class Prior(PriorFields):
     def remark(self) -> str:
         """What the symbols of a description mean, to follow it."""
         if any(map(self.depends_on_stimuli, self.paper_parameters())):
-            return "; M mean and R sd of the stimuli, D rms step"
+            return f"; M is the mean of the stimuli, {SCALES}"
         return ""
 
     def describe_penalty(self) -> str:
         """:attr:`mu1_normal` in words."""
         words = f"mu1 ~ {self.describe_distribution('mu1')}"
         if self.depends_on_stimuli("mu1"):
-            words += "; M mean and R sd of the stimuli"
+            words += "; M is the mean and R is the SD of the stimuli"
         return words
 
 

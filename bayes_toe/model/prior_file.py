@@ -44,7 +44,7 @@ def sections() -> dict[str, dict[str, PriorField]]:
 
 
 def read_prior(path: StrPath) -> Prior:
-    """The prior in a TOML file; :func:`example_file` has all its sections and keys.
+    """Read a prior from a TOML file. :func:`example_file` has all sections and keys.
 
     Parameters
     ----------

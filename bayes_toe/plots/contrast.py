@@ -46,7 +46,7 @@ _MARKS = {
 def contrast(
     table: ContrastTable, group: PopulationResult | None = None, *, synthetic: bool = False
 ) -> Figure:
-    """The difference of every subject in every quantity, marked by its word.
+    """Draw the differences between conditions of every subject. The marker shows the word.
 
     A row of panels for each comparison; median and 95 % interval if the quantity differs.
 

@@ -88,7 +88,7 @@ def corner(
     prior: Prior | None = None,
     fig: Figure | None = None,
 ) -> Figure:
-    """Corner plot of one subject: contours hold 50 and 95 % of its draws.
+    """Draw the corner plot of a subject. Contours hold 50 and 95 % of the draws.
 
     Dashed lines mark the median and the central 95 % interval, which are also above the panels of
     the diagonal. Constant error, PSE shift, JND and zone are in per cent of intensity, or in

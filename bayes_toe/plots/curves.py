@@ -67,7 +67,7 @@ _SHIFT = 0.008
 
 
 def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) -> Figure:
-    """Responses of one subject in both orders, with the fitted probabilities.
+    """Draw the responses of one subject in both orders, with the fitted probabilities.
 
     The lines are posterior means with central 95 % bands: P('equal') in a panel for each weaker
     stimulus, or P('second') over s2 - s1 in a panel for each first stimulus or neighbouring ones.

@@ -45,7 +45,9 @@ def figure_bytes(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
 
 
 def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: int = 200) -> Path:
-    """Write a figure, whole or not at all; the format follows from the suffix.
+    """Write a figure to a file. The suffix determines the format.
+
+    The file is written completely or not at all.
 
     Raises
     ------

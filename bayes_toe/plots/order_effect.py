@@ -86,7 +86,7 @@ _LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
 def order_effect(
     table: EvidenceTable, group: PopulationResult | None = None, *, synthetic: bool = False
 ) -> Figure:
-    """Draw the PSE shift and the contraction of every subject, and of the group below them.
+    """Draw PSE shift and contraction of every subject, and of the group in the last row.
 
     Points are posterior medians with 95 % intervals, averaged over the models that have the effect.
     A marker is full for the word 'yes', half for 'probably', and empty otherwise. The words stand

@@ -69,7 +69,7 @@ _BEYOND_PANEL = 3.0  # a position in the panel of the check, which ends at 2.2
 
 
 def population(result: PopulationResult, check: PredictiveCheck | None = None) -> Figure:
-    """Every subject in the group, the group's mean with its prior, effects, predictive check.
+    """Draw the subjects of a group, the group mean with its prior, and the predictive check.
 
     Above, for every parameter: median and 95 % interval of every subject (blue), of the group's
     mean (purple), and of a new subject (grey). Then the posterior of the mean over its prior.

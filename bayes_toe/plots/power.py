@@ -39,7 +39,7 @@ _SPREAD = 0.8  # of the kinds about their number of trials, in distances between
 
 
 def power(table: PowerTable) -> Figure:
-    """Share of each kind of observers with the answer 'yes' or 'probably', by trials.
+    """Draw the share of observers with the answer 'yes' or 'probably', by number of trials.
 
     A row for each design, a panel for each question. Hollow markers: kinds that do not have the
     effect asked about. Bars: 95 % of Monte Carlo error. Where a design cannot show an effect, its
@@ -99,7 +99,7 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
 
 
 def design(optimal: OptimalDesign) -> Figure:
-    """The design on the stimulus plane, and beside it how often it and the other one show effects.
+    """Draw the pairs of a design, and how often this and the other design show effects.
 
     Left: the pairs, with an area in proportion to their trials, over the information that one more
     trial of each pair would add. Right: the share of each kind of observers with 'yes' or

@@ -46,7 +46,7 @@ _INTERVAL = "#C8C8C8"
 
 
 def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = None) -> Figure:
-    """Draw observed proportions of every ordered pair over 95 % posterior predictive intervals.
+    """Draw the observed proportion and the 95 % predictive interval of every ordered pair.
 
     The interval is that of a replicated study under the average of the four models. A model that
     describes a subject leaves about one pair in twenty outside; these have a red ring.

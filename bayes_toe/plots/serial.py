@@ -39,7 +39,9 @@ _HIGH = 2.1  # inches of a row
 
 
 def serial(table: SerialDependence, *subjects: str) -> Figure:
-    """One row a subject: those that are named, or at most six, those with the strongest evidence.
+    """Draw the serial dependence of the named subjects, one row for each subject.
+
+    Without names, it shows up to six subjects with the strongest evidence.
 
     Points show by how much P of the counted response differs from the model without history, with
     one binomial standard error: at the left by the mean stimulus of the trial before, at the right

@@ -73,8 +73,8 @@ def test_the_report_has_its_sections_and_needs_nothing_but_the_files_beside_it(o
     for sentence in (
         "Order effect: 2 of 2 subjects yes.",
         "of 2 subjects gave more ",
-        "It does not test for an order effect",
-        "effective draws asked for</th><td>1000<",
+        "H1 with H0 does not test for an order effect",
+        "required effective draws</th><td>1000<",
         "bayes-toe explore posterior.nc -o explorer.html",
     ):
         assert sentence in joined, sentence

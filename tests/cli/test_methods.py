@@ -77,11 +77,11 @@ def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
     assert f"The fit was not testable for {third}." in text
     assert f"{second} was not interpreted: keys look swapped." in text
     assert "of 2 participants" in text
-    assert " !: the model does not fit." in text
+    assert " ! means that the model does not fit." in text
     text = text_of(with_answers(analysis, {"fit_p": 0.5}, excluded, excluded), tmp_path)
     assert "The order changed the response: the first stimulus was" in text
     assert "No fit was poor." in text
-    assert " !: the model does not fit." not in text
+    assert " ! means that the model does not fit." not in text
 
 
 def test_words_are_counted_by_direction(analysis, tmp_path):
@@ -123,4 +123,4 @@ def test_answers_that_depend_on_the_prior_are_named_and_marked(analysis, tmp_pat
     assert "no 'yes' and no 'no' became undecided." in unchanged
     text = text_of(with_answers(analysis, dependent, plain, plain), tmp_path)
     assert f"a 'yes' or a 'no' became undecided for {analysis.draws.names[0]}." in text
-    assert " ?: undecided with half or twice the prior scale." in text
+    assert " ? means 'undecided with half or twice the prior scale'." in text

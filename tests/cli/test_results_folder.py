@@ -69,7 +69,7 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     assert "2 of 3 subjects need action" in index
     pages = [page(out / "subjects", f"{name}.html") for name in "ABC"]
     assert [text.count("data:image/png") for text in pages] == [2, 0, 2]
-    misfit = "The model does not fit. Worst pairs: (0, 0.3): &#39;equal&#39; in 90 %, expected 40 %"
+    misfit = "For (s1, s2) = (0, 0.3), 90 % of the responses are &#39;equal&#39;, and the model"
     assert misfit in pages[0]
     assert "Not interpreted: responses look swapped" in pages[2]
     assert "<code>--swap C:2</code>" in pages[2]

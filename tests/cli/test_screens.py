@@ -82,8 +82,8 @@ A08 !   not interpreted: responses look swapped
 (a) Cannot be told, because the first stimulus is always the same, so a
     contraction looks like a constant error.
 
-! A02  The model does not fit. Worst pair: (0, 0.3): 'equal' in 90 %, expected
-       40 %.
+! A02  The model does not fit. For (s1, s2) = (0, 0.3), 90 % of the responses
+       are 'equal', and the model expects 40 %.
 ! A08  Responses look swapped in blocks 2 and 4.
        type: bayes-toe run study.csv -o results --overwrite --swap A08:2,4
 

@@ -8,6 +8,7 @@ from numpy.random import default_rng
 import bayes_toe as bt
 from bayes_toe.data.study import common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
+from bayes_toe.model.parameters import SCALES
 from bayes_toe.model.prior import DEFAULT
 from bayes_toe.model.prior_file import preset_or_file, prior_for
 
@@ -76,8 +77,8 @@ def test_presets_words_and_what_is_refused(tmp_path):
     assert prior_for(STUDY, "paper") == prior_for(STUDY, bt.Prior()) == bt.Prior()
     prior = prior_for(STUDY, bt.Prior(mu1_mean="stimuli", mu1_sd=3.0))
     assert prior.describe() == (
-        "mu1 ~ Normal(M, 3), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1); M "
-        "mean and R sd of the stimuli, D rms step"
+        "mu1 ~ Normal(M, 3), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1); "
+        f"M is the mean of the stimuli, {SCALES}"
     )
     message = "prior 'flat': no such preset or file, allowed: 'default', 'paper', a TOML file"
     with pytest.raises(bt.InputError, match=message):
