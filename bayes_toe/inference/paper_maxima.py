@@ -23,7 +23,6 @@ _LOGITS_OF_LAPSE_RATE = (-3.0, -0.5)
 _STEP_OF_EQUAL_PAIRS = 0.3  # stands for D where no pair has different stimuli
 #: Nats below the highest at which a maximum says nothing of the funnel.
 _LOW = 3.0
-FAC = 1.0
 
 
 def paper_maxima(array: PosteriorArray) -> list[Ascent]:

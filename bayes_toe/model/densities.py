@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import (
     betaincinv,
     betaln,
+    erf,
     erfcx,
     erfinv,
     expit,
@@ -30,6 +31,8 @@ LOG_2PI = float(np.log(2.0 * np.pi))
 _LN2 = float(np.log(2.0))
 #: A quantile above this one is a float with all its digits.
 _SMALLEST_QUANTILE = 1e-200
+#: A half-normal quantile of a lower score is proportional to its probability.
+_LOWEST_SCORE = -20.0
 _STUDENT_LOG_NORM = float(np.log(2.0 / (np.pi * np.sqrt(3.0))))
 
 
@@ -238,10 +241,27 @@ def from_half_normal_score(score: FloatArray) -> FloatArray:
 
 def half_normal_score(u: FloatArray) -> FloatArray:
     """Inverse of :func:`from_half_normal_score`."""
-    return -ndtri_exp(log_ndtr(-u) + _LN2)
+    probability = erf(u * np.sqrt(0.5))
+    upper = -ndtri_exp(log_ndtr(-u) + _LN2)
+    return np.where(probability < 0.5, ndtri(probability), upper)
 
 
-def half_normal_rise(score: FloatArray) -> FloatArray:
-    """Derivative of :func:`from_half_normal_score`."""
-    u = from_half_normal_score(score)
-    return 0.5 * np.exp(0.5 * (np.square(u) - np.square(score)))
+def log_half_normal(score: FloatArray) -> FloatArray:
+    """Log of :func:`from_half_normal_score`, finite however small that is.
+
+    Examples
+    --------
+    >>> log_half_normal(np.array([-100.0, 0.0])).round(4).tolist()
+    [-5005.2984, -0.3938]
+    """
+    u = from_half_normal_score(np.maximum(score, _LOWEST_SCORE))
+    log_of_small = log_ndtr(score) + 0.5 * np.log(0.5 * np.pi)
+    return np.where(score > _LOWEST_SCORE, np.log(u), log_of_small)
+
+
+def log_half_normal_slope(score: FloatArray) -> FloatArray:
+    """Derivative of :func:`log_half_normal`."""
+    least_score = np.maximum(score, _LOWEST_SCORE)
+    u = from_half_normal_score(least_score)
+    slope = normal_hazard(least_score) / (normal_hazard(u) * u)
+    return np.where(score > _LOWEST_SCORE, slope, normal_hazard(-score))

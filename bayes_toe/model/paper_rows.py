@@ -26,8 +26,8 @@ from bayes_toe.model.answer_rows import AnswerRows
 from bayes_toe.model.densities import (
     PriorDensity,
     StandardNormal,
-    from_half_normal_score,
-    half_normal_rise,
+    log_half_normal,
+    log_half_normal_slope,
     logit_of_probit,
     logit_rise,
     normal_hazard,
@@ -133,8 +133,7 @@ class PaperRows(AnswerRows):
         if self.prior.spread == "width":
             return np.log(self.spread_scale) + self.prior.width_sd * u[..., 1]
         log_gain = np.log1p(-self.pull(u))
-        with np.errstate(divide="ignore"):  # sigma_p may be below the smallest float
-            log_sigma_p = np.log(self.spread_scale * from_half_normal_score(u[..., 1]))
+        log_sigma_p = np.log(self.spread_scale) + log_half_normal(u[..., 1])
         return log_sigma_p - self.power * log_gain
 
     def _log_width_slopes(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -143,9 +142,7 @@ class PaperRows(AnswerRows):
             return np.full(u.shape[:-1], self.prior.width_sd), np.zeros(u.shape[:-1])
         p = self.pull(u)
         by_gamma = self.power * self._pull_slope(u) / (1.0 - p)
-        with np.errstate(divide="ignore", over="ignore"):
-            by_score = half_normal_rise(u[..., 1]) / from_half_normal_score(u[..., 1])
-        return by_score, by_gamma
+        return log_half_normal_slope(u[..., 1]), by_gamma
 
     def distance(self, u: FloatArray) -> FloatArray:
         """Distance z of the second stimulus from the evolved mean, in w, (rows, points, pairs)."""
