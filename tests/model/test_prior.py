@@ -202,12 +202,13 @@ def test_the_log_of_a_half_normal_quantile_is_exact_in_both_tails(score):
     with mpmath.workdps(330):
         log_u = mpmath.mpf(float(log_half_normal(np.array(score))))
         u = mpmath.exp(log_u)
-        slope = mpmath.npdf(score) / (2 * mpmath.npdf(u) * u)
-        if score < 0:
-            error = mpmath.erf(u / mpmath.sqrt(2)) / ncdf(mpmath.mpf(score)) - 1
-        else:
-            error = 2 * mpmath.ncdf(-u) / mpmath.ncdf(-score) - 1
-        assert abs(error / slope) < 1e-12 * max(1, abs(log_u)) + 1e-14
+        height = 2 * mpmath.npdf(u) * u
+        slope = mpmath.npdf(score) / height
+        mass, expected = mpmath.erf(u / mpmath.sqrt(2)), mpmath.ncdf(score)
+        if score > 0:
+            mass, expected = 2 * mpmath.ncdf(-u), mpmath.ncdf(-score)
+        error_of_log = (mass - expected) / height
+        assert abs(error_of_log) < 1e-14 * max(1, abs(log_u))
         assert log_half_normal_slope(np.array(score)) == pytest.approx(float(slope), rel=1e-11)
         if score > -37.5:
             assert half_normal_score(np.array(float(u))) == pytest.approx(score, abs=1e-12)
