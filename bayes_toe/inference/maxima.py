@@ -95,6 +95,10 @@ class Ascent(NamedTuple):
         """These searches and those of another ascent."""
         return Ascent._make([np.concatenate(pair) for pair in zip(self, other, strict=True)])
 
+    def by_owner(self, owners: IndexArray) -> list[Ascent]:
+        """The searches of every posterior; `owners` has that of each search."""
+        return [self.part(owners == i) for i in range(int(owners.max()) + 1)]
+
     def distinct(self) -> Ascent:
         """The distinct ends that matter, the highest first."""
         ranked = np.argsort(-self.value, kind="stable")

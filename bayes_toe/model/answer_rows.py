@@ -94,6 +94,6 @@ class AnswerRows(ABC):
         terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
         in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
         in_no = times_counts(self.n_no[:, :, None], no_slopes)
-        # Where an answer is impossible the density is 0, and slopes are infinite in both directions.
+        # Where an answer is impossible the density is 0, and slopes are infinite.
         with np.errstate(invalid="ignore"):
             return terms.sum(axis=-1), (in_yes + in_no).sum(axis=-1)

@@ -85,7 +85,8 @@ class LinearLikelihood:
         value, slope, information = self.rows.scoring(self.row_points(w))
         loading = self.loading[:, None]
         with np.errstate(invalid="ignore"):  # infinite slopes where an answer is impossible
-            slope, information = slope @ self.loading, loading.swapaxes(2, 3) @ information @ loading
+            slope = slope @ self.loading
+            information = loading.swapaxes(2, 3) @ information @ loading
         return self._summed(value), self._summed(slope), self._summed(information)
 
     def _summed(self, values: FloatArray) -> FloatArray:

@@ -14,8 +14,8 @@ from conftest import grouped_csv
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
-from bayes_toe.inference.goodness_of_fit import binomial_deviance
 from bayes_toe.inference.fitted import find_maxima
+from bayes_toe.inference.goodness_of_fit import binomial_deviance
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
 from bayes_toe.model.models import MODEL_NAMES
 from bayes_toe.model.prior import DEFAULT

@@ -37,8 +37,9 @@ def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
     n, p = 200_000, np.array([0.05, 0.5, 0.95])
     target = bt.model.paper_posterior(ONE_PAIR, prior)
     values = target.quantities(target.sample_prior(default_rng(8), n))[parameter]
-    low, median, high = (target.prior_quantile(parameter, share) for share in p)
-    shares = [(values < limit).mean() for limit in (low, median, high)]
+    limits = np.array([target.prior_quantile(parameter, share) for share in p])
+    low, _, high = limits
+    shares = (values[:, None] < limits).mean(axis=0)
     # 4.5 standard errors of a share: 48 comparisons, a false alarm in about 3,000 such tests
     assert np.all(np.abs(shares - p) < 4.5 * np.sqrt(p * (1 - p) / n))
     middle, quarter = 0.5 * (low + high), 0.25 * (high - low)
@@ -184,7 +185,7 @@ def test_the_probit_of_a_beta_is_exact_wherever_the_share_is(a, b):
     with mpmath.workdps(60):
         for probit, value in zip(probits, density.log_density(probits), strict=True):
             # The smaller share has 60 digits, the larger one is its complement.
-            below, above = (ncdf(mpmath.mpf(sign * probit)) for sign in (1, -1))
+            below, above = ncdf(mpmath.mpf(probit)), ncdf(mpmath.mpf(-probit))
             log_below = mpmath.log(below) if probit < 0 else mpmath.log1p(-above)
             log_above = mpmath.log(above) if probit > 0 else mpmath.log1p(-below)
             expected = (a - 1) * log_below + (b - 1) * log_above - mpmath.log(mpmath.beta(a, b))
