@@ -337,7 +337,7 @@ def _search(
 
     Offset and pull are held where there is no pull.
     """
-    density = Differenced(lambda u, row: likelihood.gradient(u, n_yes[row]), *starts.shape)
+    density = Differenced(lambda u, row: likelihood.gradient(u, n_yes[row]), np.ones(starts.shape))
     return ascend(
         density.expand,
         starts,

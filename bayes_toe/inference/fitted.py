@@ -21,7 +21,7 @@ from bayes_toe.inference.engine import (
     normal_clouds,
     with_prior_components,
 )
-from bayes_toe.inference.maxima import Ascent, ascend_from
+from bayes_toe.inference.maxima import Ascent, polished
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.observer_maxima import observer_maxima
 from bayes_toe.inference.paper_maxima import funnel_of_maxima, paper_maxima
@@ -34,7 +34,6 @@ from bayes_toe.model.posterior_array import independent_array
 
 #: Pareto k above which, and efficiency below which, weights are not trusted.
 TRUSTED_K, TRUSTED_EFFICIENCY = 0.7, 0.02
-_POLISH_GAIN = 1e-8  # nats of predicted gain at which a maximum is exact
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +128,7 @@ def find_maxima(target: SubjectPosterior) -> Ascent:
     """Distinct maxima of a posterior, the highest first, with all coordinates of the task."""
     searches = _searches(target).distinct()
     owners = np.zeros(len(searches.x), np.intp)
-    return ascend_from(target.array, owners, searches.x, least_gain=_POLISH_GAIN).distinct()
+    return polished(target.array, owners, searches.x).distinct()
 
 
 def _searches(target: SubjectPosterior) -> Ascent:

@@ -26,8 +26,8 @@ _TINY = 1e-300
 _GAIN = 0.03  # nats of predicted gain below which a search ends
 _LARGEST_STEP = 2.0
 _MOST_STEPS = 12
-_POLISH_GAIN = 1e-8  # the same for the maximum of which Laplace's evidence is
-_SAME = 0.5  # standard deviations, in every coordinate, within which two ends are one maximum
+_POLISH_GAIN = 1e-8  # the same for a maximum that is exact
+_APART = 0.5  # standard deviations, in every coordinate, within which two ends are one maximum
 _FAR = 8.0  # nats below the highest at which a maximum does not matter
 
 
@@ -50,12 +50,13 @@ ValueAndGradient = Callable[[FloatArray, IndexArray], ArrayPair]
 class Differenced:
     """Log densities with known gradients, and curvatures by differences of these.
 
-    The steps of the differences follow from the last curvature of each search.
+    The steps of the differences follow from the last curvature of each search; at first from the
+    sizes `diagonal`, (starts, k).
     """
 
-    def __init__(self, density: ValueAndGradient, n_starts: int, k: int) -> None:
+    def __init__(self, density: ValueAndGradient, diagonal: FloatArray) -> None:
         self._density = density
-        self._diagonal = np.ones((n_starts, k))
+        self._diagonal = diagonal.copy()
 
     def expand(self, x: FloatArray, index: IndexArray) -> Expansion:
         """The log densities about points, as :data:`Expand`."""
@@ -94,6 +95,10 @@ class Ascent(NamedTuple):
         """These searches and those of another ascent."""
         return Ascent._make([np.concatenate(pair) for pair in zip(self, other, strict=True)])
 
+    def by_owner(self, owners: IndexArray) -> list[Ascent]:
+        """The searches of every posterior; `owners` has that of each search."""
+        return [self.part(owners == i) for i in range(int(owners.max()) + 1)]
+
     def distinct(self) -> Ascent:
         """The distinct ends that matter, the highest first."""
         ranked = np.argsort(-self.value, kind="stable")
@@ -102,7 +107,7 @@ class Ascent(NamedTuple):
         for i in ranked.tolist():
             precision = np.sqrt(np.abs(np.diagonal(self.curvature[i])))
             distances = np.abs(self.x[chosen] - self.x[i]) * precision
-            if (distances.max(axis=1, initial=0.0) > _SAME).all():
+            if (distances.max(axis=1, initial=0.0) > _APART).all():
                 chosen.append(i)
         return self.part(np.array(chosen))
 
@@ -210,7 +215,6 @@ def ascend_from(
     owners: IndexArray,
     starts: FloatArray,
     is_held: BoolArray | bool = False,
-    least_gain: float = _GAIN,
 ) -> Ascent:
     """Fisher scoring from many starts at once.
 
@@ -222,18 +226,41 @@ def ascend_from(
     starts : ndarray, shape (searches, d)
     is_held : ndarray of bool, shape (searches, d)
         Further coordinates that stay where they start.
-    least_gain : float
-        A search ends where the predicted gain, nats, is below this.
     """
     return ascend(
         lambda x, index: _expansion(array.part(owners[index]), x),
         starts,
         is_held=~array.is_free[owners] | is_held,
-        least_gain=least_gain,
+        least_gain=_GAIN,
         largest_step=_LARGEST_STEP,
         most_steps=_MOST_STEPS,
         retry_damping=0.0,
     )
+
+
+def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> Ascent:
+    """Exact maxima from the ends of searches, by Newton's method; arguments as `ascend_from`.
+
+    Scoring would need many steps where the answers leave a coordinate open. The curvature at the
+    maxima is that of Fisher information and prior.
+    """
+
+    def density(points: FloatArray, index: IndexArray) -> ArrayPair:
+        part, w = array.part(owners[index]), points[:, None, :]
+        log_likelihood, slope = part.likelihood.gradient(w)
+        slope = (slope + part.prior_slopes(w)[0])[:, 0]
+        return (log_likelihood + part.log_prior(w))[:, 0], np.where(part.is_free, slope, 0.0)
+
+    owned = array.part(owners)
+    curvature = _expansion(owned, starts).curvature
+    searches = ascend(
+        Differenced(density, np.diagonal(curvature, axis1=1, axis2=2)).expand,
+        starts,
+        is_held=~owned.is_free,
+        least_gain=_POLISH_GAIN,
+        largest_step=_LARGEST_STEP,
+    )
+    return searches._replace(curvature=_expansion(owned, searches.x).curvature)
 
 
 def _expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
@@ -259,7 +286,7 @@ def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
     n, d = array.is_free.shape
     owners = np.arange(n)
     highest = np.array([ends.x[np.argmax(ends.value)] for ends in maxima])
-    top = ascend_from(array, owners, highest, least_gain=_POLISH_GAIN)
+    top = polished(array, owners, highest)
 
     def gradient(points: FloatArray) -> FloatArray:
         repeated = array.part(np.resize(owners, len(points)))

@@ -31,9 +31,7 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     starts, owners, is_held = _second_starts(array, profile, profile_owners, values)
     second = ascend_from(array, owners, starts, is_held)
     # A search along the constant error is of the posteriors that have it.
-    searches = profile.joined(second)
-    all_owners = np.concatenate([profile_owners, owners])
-    return [searches.part(all_owners == i) for i in range(len(array))]
+    return profile.joined(second).by_owner(np.concatenate([profile_owners, owners]))
 
 
 def _start(array: PosteriorArray, noise: float) -> FloatArray:

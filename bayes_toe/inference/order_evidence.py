@@ -130,8 +130,9 @@ def _evidences(
     maxima = observer_maxima(array)
     modes, by_laplace = laplace(array, maxima)
     mixtures = [mixture_of_maxima(*pair) for pair in zip(maxima, array.is_free, strict=True)]
-    streams = [generator(seed, subject.name, "order evidence") for subject in subjects]
-    generators = [streams[i] for i in families]
+    generators = []
+    for subject in subjects:
+        generators += [generator(seed, subject.name, "order evidence")] * _N_MODELS
     draws = weighted_draws(array, mixtures, generators, families, precision)
 
     results = []

@@ -23,16 +23,18 @@ _LOGITS_OF_LAPSE_RATE = (-3.0, -0.5)
 _STEP_OF_EQUAL_PAIRS = 0.3  # stands for D where no pair has different stimuli
 #: Nats below the highest at which a maximum says nothing of the funnel.
 _LOW = 3.0
-FAC = 1.0
 
 
 def paper_maxima(array: PosteriorArray) -> list[Ascent]:
     """The ends of searches of every posterior, from a grid on the scale of its stimuli."""
     rows = cast(PaperRows, array.likelihood.rows)
-    starts = [_starts(rows.part(np.array([i]))) for i in range(len(array))]
-    owners = np.repeat(np.arange(len(array)), [len(points) for points in starts])
-    searches = ascend_from(array, owners, np.concatenate(starts))
-    return [searches.part(owners == i) for i in range(len(array))]
+    starts, owners = [], []
+    for i in range(len(array)):
+        points = _starts(rows.part(np.array([i])))
+        starts.append(points)
+        owners += [i] * len(points)
+    owner_array = np.array(owners)
+    return ascend_from(array, owner_array, np.concatenate(starts)).by_owner(owner_array)
 
 
 def _starts(row: PaperRows) -> FloatArray:
@@ -49,7 +51,7 @@ def _starts(row: PaperRows) -> FloatArray:
         shares = (float(logit(largest_share)),)
 
     axes = np.meshgrid(_OFFSETS, _NOISE_RATIOS, _LOG_WIDTHS, shares)
-    offset, gamma, log_width, logit_share = (axis.ravel() for axis in axes)
+    offset, gamma, log_width, logit_share = np.reshape(axes, (4, -1))
     pull, width = pull_at(gamma), step * np.exp(log_width)
     mu1 = _mean_first(row) + offset * step / pull
     if row.prior.spread == "width":
@@ -72,11 +74,11 @@ def funnel_of_maxima(array: PosteriorArray, maxima: Sequence[Ascent]) -> Funnel:
     columns = np.empty((5, len(array), 1))
     for i, ends in enumerate(maxima):
         near = ends.part(ends.value > ends.value[0] - _LOW)
-        columns[:, i, 0] = _of_one(rows.part(np.array([i])), near.x[None])
+        columns[:, i, 0] = _funnel_numbers(rows.part(np.array([i])), near.x[None])
     return Funnel(rows, *columns)
 
 
-def _of_one(row: PaperRows, u: FloatArray) -> tuple[float, ...]:
+def _funnel_numbers(row: PaperRows, u: FloatArray) -> tuple[float, ...]:
     """The numbers of :class:`Funnel` from maxima, (1, maxima, 4), the highest first."""
     mean_first, sd = _mean_first(row), float(row.mu1_sd[0, 0])
     offsets = row.pull(u)[0] * (row.mu1(u)[0] - mean_first)

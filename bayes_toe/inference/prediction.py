@@ -113,8 +113,8 @@ def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) ->
     ['s1', 's2', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
     fitted = Predictor.from_draws(draws, subject)
-    arrays = [np.atleast_1d(np.asarray(values, np.float64)) for values in (s1, s2)]
-    first, second = (values.ravel() for values in np.broadcast_arrays(*arrays))
+    pairs = np.broadcast_arrays(np.asarray(s1, np.float64), np.asarray(s2, np.float64))
+    first, second = np.reshape(pairs, (2, -1))
     return _table(
         {"s1": first, "s2": second},
         len(fitted.x),
@@ -130,9 +130,10 @@ def _table(
     `predicted` has the predictions for a slice of the rows.
     """
     rows, size = len(next(iter(columns.values()))), max(1, _BLOCK // draws)
-    values = [predicted(slice(i, i + size)) for i in range(0, rows, size)]
-    mean = np.concatenate([part.mean(axis=0) for part in values])
-    quantiles = np.concatenate(
-        [np.quantile(part, list(QUANTILES.values()), axis=0) for part in values], axis=1
-    )
+    mean, quantiles = np.empty(rows), np.empty((len(QUANTILES), rows))
+    for i in range(0, rows, size):
+        block = slice(i, i + size)
+        values = predicted(block)
+        mean[block] = values.mean(axis=0)
+        quantiles[:, block] = np.quantile(values, list(QUANTILES.values()), axis=0)
     return pd.DataFrame({**columns, "mean": mean, **dict(zip(QUANTILES, quantiles, strict=True))})

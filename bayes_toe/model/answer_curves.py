@@ -81,8 +81,8 @@ def second_answers(z: FloatArray) -> LogAnswers:
 def second_slopes(z: FloatArray) -> Slopes:
     """Slopes of :func:`second_answers` in z: Mills' ratios, by which nothing cancels far out."""
     root = np.sqrt(2.0 / np.pi)
-    rise = root / erfcx(-z * np.sqrt(0.5))
-    fall = root / erfcx(z * np.sqrt(0.5))
+    with np.errstate(divide="ignore"):  # a slope beyond the largest float is infinite
+        rise, fall = root / erfcx(-z * np.sqrt(0.5)), root / erfcx(z * np.sqrt(0.5))
     return Slopes(rise, -fall)
 
 

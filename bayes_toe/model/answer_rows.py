@@ -82,8 +82,9 @@ class AnswerRows(ABC):
         n_trials = self.n_yes + self.n_no
         yes_weight = (n_trials * np.exp(answers.yes))[..., None, :]
         no_weight = (n_trials * np.exp(answers.no))[..., None, :]
-        information = times_counts(yes_weight, yes_slopes) @ np.swapaxes(yes_slopes, -1, -2)
-        information += times_counts(no_weight, no_slopes) @ np.swapaxes(no_slopes, -1, -2)
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite slopes, as in _summed
+            information = times_counts(yes_weight, yes_slopes) @ np.swapaxes(yes_slopes, -1, -2)
+            information += times_counts(no_weight, no_slopes) @ np.swapaxes(no_slopes, -1, -2)
         return value, gradient, information
 
     def _summed(
@@ -93,4 +94,6 @@ class AnswerRows(ABC):
         terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
         in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
         in_no = times_counts(self.n_no[:, :, None], no_slopes)
-        return terms.sum(axis=-1), (in_yes + in_no).sum(axis=-1)
+        # Where an answer is impossible the density is 0, and slopes are infinite.
+        with np.errstate(invalid="ignore"):
+            return terms.sum(axis=-1), (in_yes + in_no).sum(axis=-1)

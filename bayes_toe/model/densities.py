@@ -31,6 +31,8 @@ LOG_2PI = float(np.log(2.0 * np.pi))
 _LN2 = float(np.log(2.0))
 #: A quantile above this one is a float with all its digits.
 _SMALLEST_QUANTILE = 1e-200
+#: A half-normal quantile of a lower score is proportional to its probability.
+_LOWEST_SCORE = -20.0
 _STUDENT_LOG_NORM = float(np.log(2.0 / (np.pi * np.sqrt(3.0))))
 
 
@@ -162,8 +164,8 @@ class ProbitOfBeta:
         """A positive stand-in for its negative second derivative."""
         below, above = normal_hazard(-u), normal_hazard(u)
         of_share = max(self.a - 1.0, 0.0) * below * (below + u)
-        of_rest = max(self.b - 1.0, 0.0) * above * (above - u)
-        return 1.0 + of_share + of_rest
+        of_complement = max(self.b - 1.0, 0.0) * above * (above - u)
+        return 1.0 + of_share + of_complement
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function, finite also where the share rounds to 0 or 1."""
@@ -239,12 +241,27 @@ def from_half_normal_score(score: FloatArray) -> FloatArray:
 
 def half_normal_score(u: FloatArray) -> FloatArray:
     """Inverse of :func:`from_half_normal_score`."""
-    lower = ndtri(erf(np.minimum(u, 1.0) * np.sqrt(0.5)))
-    upper = -ndtri_exp(log_ndtr(-np.maximum(u, 1.0)) + _LN2)
-    return np.where(u < 1.0, lower, upper)
+    probability = erf(u * np.sqrt(0.5))
+    upper = -ndtri_exp(log_ndtr(-u) + _LN2)
+    return np.where(probability < 0.5, ndtri(probability), upper)
 
 
-def log_half_normal_rise(score: FloatArray) -> FloatArray:
-    """Log of the derivative of ln u in the score, for the u of :func:`from_half_normal_score`."""
-    u = from_half_normal_score(score)
-    return 0.5 * (np.square(u) - np.square(score)) - _LN2 - np.log(u)
+def log_half_normal(score: FloatArray) -> FloatArray:
+    """Log of :func:`from_half_normal_score`, finite however small that is.
+
+    Examples
+    --------
+    >>> log_half_normal(np.array([-100.0, 0.0])).round(4).tolist()
+    [-5005.2984, -0.3938]
+    """
+    u = from_half_normal_score(np.maximum(score, _LOWEST_SCORE))
+    log_of_small = log_ndtr(score) + 0.5 * np.log(0.5 * np.pi)
+    return np.where(score > _LOWEST_SCORE, np.log(u), log_of_small)
+
+
+def log_half_normal_slope(score: FloatArray) -> FloatArray:
+    """Derivative of :func:`log_half_normal`."""
+    least_score = np.maximum(score, _LOWEST_SCORE)
+    u = from_half_normal_score(least_score)
+    slope = normal_hazard(least_score) / (normal_hazard(u) * u)
+    return np.where(score > _LOWEST_SCORE, slope, normal_hazard(-score))

@@ -49,8 +49,8 @@ class Funnel:
 
     def part(self, index: IndexArray) -> Funnel:
         """The funnels of some posteriors, in this order."""
-        rows, *columns = [getattr(self, field.name) for field in fields(self)]
-        return Funnel(rows.part(index), *[column[index] for column in columns])
+        columns = [getattr(self, field.name)[index] for field in fields(self)[1:]]
+        return Funnel(self.rows.part(index), *columns)
 
     def conditional(self, u: FloatArray) -> ArrayPair:
         """Mean and log standard deviation, (posteriors, points) each."""

@@ -26,9 +26,9 @@ from bayes_toe.model.answer_rows import AnswerRows
 from bayes_toe.model.densities import (
     PriorDensity,
     StandardNormal,
-    from_half_normal_score,
     half_normal_score,
-    log_half_normal_rise,
+    log_half_normal,
+    log_half_normal_slope,
     logit_of_probit,
     logit_rise,
     normal_hazard,
@@ -80,8 +80,8 @@ class PaperRows(AnswerRows):
             n_no = subject.n_trials - subject.n_yes
             columns = (subject.s1, subject.s2 - subject.s1, subject.n_yes, n_no)
             arrays[:, i, 0, : subject.n_pairs] = columns
-            own = prior.for_subjects(subject)
-            numbers[:, i, 0] = (own.mu1_mean, own.mu1_sd, own.spread_scale)
+            numbered = prior.for_subjects(subject)
+            numbers[:, i, 0] = (numbered.mu1_mean, numbered.mu1_sd, numbered.spread_scale)
         values = dict(zip(_ROW_ARRAYS, (*arrays, *numbers), strict=True))
         return cls(subjects[0].task, prior, **values)
 
@@ -126,16 +126,15 @@ class PaperRows(AnswerRows):
     def log_pull(self, u: FloatArray) -> FloatArray:
         """Log of the pull, finite however small gamma is, (rows, points)."""
         gamma = ndtr(u[..., 2])
-        rest = np.log(1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
-        return LN2 + log_ndtr(u[..., 2]) - rest
+        log_divisor = np.log(1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
+        return LN2 + log_ndtr(u[..., 2]) - log_divisor
 
     def log_width(self, u: FloatArray) -> FloatArray:
         """Log of the width w, (rows, points)."""
         if self.prior.spread == "width":
             return np.log(self.spread_scale) + self.prior.width_sd * u[..., 1]
         log_gain = np.log1p(-self.pull(u))
-        with np.errstate(divide="ignore"):  # sigma_p may be below the smallest float
-            log_sigma_p = np.log(self.spread_scale * from_half_normal_score(u[..., 1]))
+        log_sigma_p = np.log(self.spread_scale) + log_half_normal(u[..., 1])
         return log_sigma_p - self.power * log_gain
 
     def _log_width_slopes(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -144,7 +143,7 @@ class PaperRows(AnswerRows):
             return np.full(u.shape[:-1], self.prior.width_sd), np.zeros(u.shape[:-1])
         p = self.pull(u)
         by_gamma = self.power * self._pull_slope(u) / (1.0 - p)
-        return np.exp(log_half_normal_rise(u[..., 1])), by_gamma
+        return log_half_normal_slope(u[..., 1]), by_gamma
 
     def with_log_width(self, u: FloatArray) -> ArrayPair:
         """Points with the log width in the place of the score of sigma_p, and log |change|."""
@@ -152,7 +151,7 @@ class PaperRows(AnswerRows):
             return u.copy(), np.zeros(u.shape[:-1])
         changed = u.copy()
         changed[..., 1] = self.log_width(u)
-        return changed, log_half_normal_rise(u[..., 1])
+        return changed, np.log(log_half_normal_slope(u[..., 1]))
 
     def without_log_width(self, changed: FloatArray) -> FloatArray:
         """Inverse of :meth:`with_log_width`."""

@@ -71,7 +71,9 @@ class LinearLikelihood:
     def gradient(self, w: FloatArray) -> ArrayPair:
         """Log likelihood, (posteriors, points), and its gradient, (posteriors, points, d)."""
         value, slope = self.rows.gradient(self.row_points(w))
-        return self._summed(value), self._summed(slope @ self.loading)
+        with np.errstate(invalid="ignore"):  # infinite slopes where an answer is impossible
+            slope = slope @ self.loading
+        return self._summed(value), self._summed(slope)
 
     def plain_gradient(self, w: FloatArray) -> ArrayPair:
         """:meth:`gradient` by plain probabilities."""
@@ -82,8 +84,10 @@ class LinearLikelihood:
         """:meth:`gradient` with the Fisher information, (posteriors, points, d, d)."""
         value, slope, information = self.rows.scoring(self.row_points(w))
         loading = self.loading[:, None]
-        information = loading.swapaxes(2, 3) @ information @ loading
-        return self._summed(value), self._summed(slope @ self.loading), self._summed(information)
+        with np.errstate(invalid="ignore"):  # infinite slopes where an answer is impossible
+            slope = slope @ self.loading
+            information = loading.swapaxes(2, 3) @ information @ loading
+        return self._summed(value), self._summed(slope), self._summed(information)
 
     def _summed(self, values: FloatArray) -> FloatArray:
         """Sums over the rows of every posterior."""

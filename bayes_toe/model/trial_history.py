@@ -173,8 +173,8 @@ class HistoryRows(ObserverRows):
         expectations = np.zeros_like(of_stimuli)
         for trial in range(1, len(expectations)):
             if not self.trials.is_session_start[trial]:
-                before = trial - 1
-                expectations[trial] = of_stimuli[before] + share_kept * expectations[before]
+                expectation = of_stimuli[trial - 1] + share_kept * expectations[trial - 1]
+                expectations[trial] = expectation
         return expectations
 
     def lever_at(self, values: NamedArrays) -> FloatArray:
@@ -317,8 +317,8 @@ class TrialSequence:
         """Index of the trial `lag` trials before, of the same session; -1 where there is none."""
         session = np.cumsum(self.is_session_start)
         index = np.full(len(session), -1, np.intp)
-        is_known = session[lag:] == session[:-lag]
-        index[lag:][is_known] = np.flatnonzero(is_known)
+        is_same_session = session[lag:] == session[:-lag]
+        index[lag:][is_same_session] = np.flatnonzero(is_same_session)
         return index
 
 

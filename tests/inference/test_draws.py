@@ -14,8 +14,8 @@ from conftest import grouped_csv
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
+from bayes_toe.inference.fitted import find_maxima
 from bayes_toe.inference.goodness_of_fit import binomial_deviance
-from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
 from bayes_toe.model.models import MODEL_NAMES
 from bayes_toe.model.prior import DEFAULT
@@ -66,7 +66,7 @@ def test_summary_fit_and_predictions_are_those_of_the_draws(draws):
         # about as many.
         assert (rows["ess_bulk"] > 300).all()
     x = draws.points("A").reshape(-1, len(target.coordinates))
-    log_answers, maximum = target.log_answers(x), find_maxima(target).x[:1]
+    log_answers, maximum = target.log_answers(x), find_maxima(target).x[:1, target.is_free]
     counts = subject.n_yes, subject.n_trials
     deviance = binomial_deviance(*counts, *target.log_answers(maximum)).sum()
     fit = draws.fit("A")

@@ -15,7 +15,7 @@ from bayes_toe.answers.order_effect import best_model_fit
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.observers import Observer, parameter_names
 from bayes_toe.inference import goodness_of_fit as gof
-from bayes_toe.inference.maxima import find_maxima
+from bayes_toe.inference.fitted import find_maxima
 from bayes_toe.inference.order_evidence import Precision, order_evidence
 
 counts = st.integers(1, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))

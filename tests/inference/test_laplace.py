@@ -30,10 +30,10 @@ def test_value_is_that_of_the_definition(name):
     value, posterior, maxima = by_laplace(name)
     best, step = maxima.x[0], 1e-4
     hessian = np.empty((4, 4))
-    for i, ahead in enumerate(step * np.eye(4)):
-        for j, aside in enumerate(step * np.eye(4)):
-            corners = [best + ahead + aside, best - ahead - aside]
-            corners += [best + ahead - aside, best - ahead + aside]
+    for i, first in enumerate(step * np.eye(4)):
+        for j, second in enumerate(step * np.eye(4)):
+            corners = [best + first + second, best - first - second]
+            corners += [best + first - second, best - first + second]
             heights = posterior.log_density(np.array(corners))
             hessian[i, j] = (heights[:2].sum() - heights[2:].sum()) / (4 * step**2)
     height = posterior.log_density(best)[0]

@@ -77,9 +77,8 @@ def replications():
 def test_claimed_effective_sizes_hold_over_independent_runs(replications):
     posterior, runs = replications
     for key in ("sigma_p", "sigma_l", "q0", "gamma", "offset"):
-        values = [judged_quantities(posterior, run.x)[key] for run in runs]
-        spread = np.var([v.mean() for v in values], ddof=1)
-        true_size = np.mean([v.var() for v in values]) / spread
+        values = np.array([judged_quantities(posterior, run.x)[key].ravel() for run in runs])
+        true_size = values.var(axis=1).mean() / values.mean(axis=1).var(ddof=1)
         claimed = np.median([run.diagnostics[key].ess_bulk for run in runs])
         # A variance of 40 means is within a factor 2.1 of the truth with probability above 0.999.
         assert 1 / 2.1 < claimed / true_size < 2.1, key

@@ -1,23 +1,23 @@
-"""The prior: quantiles and draws, families against mpmath and SciPy, contraction."""
+"""The prior: quantiles and draws, densities against mpmath, contraction."""
 
 from dataclasses import fields, replace
 
 import mpmath
 import numpy as np
 import pytest
-from bayes_toe.model.distributions import (
-    Beta,
-    HalfNormal,
-    LogNormal,
-    Normal,
-)
 from conftest import made_subject, problems
+from definitions import ncdf, normal
 from numpy.random import default_rng
 from scipy import stats
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.model.paper_model import log_noise_ratio
+from bayes_toe.model.densities import (
+    ProbitOfBeta,
+    half_normal_score,
+    log_half_normal,
+    log_half_normal_slope,
+)
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.posterior import posterior_contraction
 from bayes_toe.model.prior import DEFAULT, Prior
@@ -25,12 +25,6 @@ from bayes_toe.model.prior_file import example_file, read_prior, sections
 
 ONE_PAIR = made_subject("0 0.3 4 10")
 OF_WIDTH = Prior(0.4, 2.5, width_median=0.3, width_sd=0.7, gamma_a=2.0, gamma_b=3.0, q0_a=4.0)
-
-
-def prior_part(prior, x):
-    """Log density of H1's prior and its gradient, with respect to unconstrained coordinates."""
-    posterior = bt.model.paper_posterior(made_subject("0.2 0.2 3 5"), prior)
-    return posterior.log_prior(x), posterior.prior_gradient(x)
 
 
 @pytest.mark.parametrize(
@@ -43,8 +37,9 @@ def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
     n, p = 200_000, np.array([0.05, 0.5, 0.95])
     target = bt.model.paper_posterior(ONE_PAIR, prior)
     values = target.quantities(target.sample_prior(default_rng(8), n))[parameter]
-    low, median, high = (target.prior_quantile(parameter, share) for share in p)
-    shares = [(values < limit).mean() for limit in (low, median, high)]
+    limits = np.array([target.prior_quantile(parameter, share) for share in p])
+    low, _, high = limits
+    shares = (values[:, None] < limits).mean(axis=0)
     # 4.5 standard errors of a share: 48 comparisons, a false alarm in about 3,000 such tests
     assert np.all(np.abs(shares - p) < 4.5 * np.sqrt(p * (1 - p) / n))
     middle, quarter = 0.5 * (low + high), 0.25 * (high - low)
@@ -77,9 +72,7 @@ def test_numbers_that_are_refused(numbers, message):
         Prior(**numbers)
 
 
-def test_names_and_numbers_without_a_distribution_are_refused():
-    with pytest.raises(bt.InputError, match="no distribution of 'sigma_l', allowed: mu1, sigma_p"):
-        Prior().distribution("sigma_l")
+def test_a_contraction_without_a_distribution_is_refused():
     with pytest.raises(bt.InputError, match="contraction_sd is 0"):
         ObserverPrior(contraction_sd=0.0)
 
@@ -186,72 +179,40 @@ def test_paths_that_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("a, b", [(1.0, 2.0), (2.0, 3.0), (0.6, 1.0), (0.3, 0.4), (30.0, 7.0)])
-def test_a_beta_of_gamma_is_exact_wherever_the_pull_is(a, b):
-    prior = Prior(gamma_a=a, gamma_b=b)
-    logits = [-700.0, -80.0, -9.0, -0.6, -1e-3, 0.0, 0.4, 3.0, 36.0, 80.0, 700.0]
-    x = np.array([[0.0, logit, -1.0, 0.5] for logit in logits])
-    values = prior.distribution("gamma").log_density_of_logs(*log_noise_ratio(x[:, 1]))
-    log_prior, gradient = prior_part(prior, x)
-    uniform, of_uniform = prior_part(Prior(), x)
-
-    def exact(logit):
-        p = (3 - mpmath.sqrt(5)) / 2 / (1 + mpmath.exp(-logit))
-        gamma = p / (1 - p) ** 2
-        shape = (a - 1) * mpmath.log(gamma) + (b - 1) * mpmath.log(1 - gamma)
-        return shape - mpmath.log(mpmath.beta(a, b))
-
-    for i, logit in enumerate(logits):
-        with mpmath.workdps(700):
-            h = mpmath.mpf(10) ** -300
-            value = float(exact(mpmath.mpf(logit)))
-            slope = float((exact(logit + h) - exact(logit - h)) / (2 * h))
-        assert values[i] == pytest.approx(value, rel=1e-12, abs=1e-300), logit
-        observed = log_prior[i] - uniform[i], gradient[i, 1] - of_uniform[i, 1]
-        assert observed == pytest.approx((value, slope), rel=1e-9, abs=1e-9), logit
+def test_the_probit_of_a_beta_is_exact_wherever_the_share_is(a, b):
+    probits = np.array([-1e4, -40.0, -9.0, -0.6, 0.0, 0.4, 3.0, 8.0, 40.0, 1e4])
+    density = ProbitOfBeta(a, b)
+    with mpmath.workdps(60):
+        for probit, value in zip(probits, density.log_density(probits), strict=True):
+            # The smaller share has 60 digits, the larger one is its complement.
+            below, above = ncdf(mpmath.mpf(probit)), ncdf(mpmath.mpf(-probit))
+            log_below = mpmath.log(below) if probit < 0 else mpmath.log1p(-above)
+            log_above = mpmath.log(above) if probit > 0 else mpmath.log1p(-below)
+            expected = (a - 1) * log_below + (b - 1) * log_above - mpmath.log(mpmath.beta(a, b))
+            expected += normal(mpmath.mpf(probit), 0, 1)
+            assert value == pytest.approx(float(expected), rel=1e-12, abs=1e-12)
+            of_phi = mpmath.npdf(probit)
+            slope = of_phi * ((a - 1) / below - (b - 1) / above) - probit
+            observed = density.slope(np.array(probit))
+            assert observed == pytest.approx(float(slope), rel=1e-11, abs=1e-11)
 
 
-# --- families against SciPy -----------------------------------------------------------------------
-
-FAMILIES = [
-    (Normal(0.3, 2.5), stats.norm(0.3, 2.5)),
-    (HalfNormal(0.7), stats.halfnorm(scale=0.7)),
-    (Beta(1.0, 1.0), stats.uniform()),
-    (Beta(1.0, 9.0), stats.beta(1.0, 9.0)),
-    (Beta(1.7, 2.5), stats.beta(1.7, 2.5)),
-    (LogNormal(2.0, 0.5), stats.lognorm(0.5, scale=2.0)),
-]
-
-
-def log_density(distribution, x):
-    """The log density of x, from that of its logarithm or logit where a family has this one."""
-    with np.errstate(divide="ignore"):
-        if isinstance(distribution, Beta):
-            return distribution.log_density_of_logs(np.log(x), np.log1p(-x))
-        if isinstance(distribution, LogNormal):
-            return distribution.log_density_of_log(np.log(x)) - np.log(x)
-    return distribution.log_density(x)
-
-
-@pytest.mark.parametrize("ours, theirs", FAMILIES)
-def test_families_are_scipys(ours, theirs):
-    p = np.array([1e-12, 0.01, 0.2, 0.5, 0.9, 1 - 1e-6])
-    x = theirs.ppf(p)
-    assert log_density(ours, x) == pytest.approx(theirs.logpdf(x), rel=1e-12, abs=1e-12)
-    assert ours.quantile(p) == pytest.approx(x, rel=1e-9)
-    if hasattr(ours, "cdf"):
-        assert ours.cdf([-1.0, *x]) == pytest.approx([0.0, *p], rel=1e-9)
-    step = 1e-5 * theirs.std()
-    if hasattr(ours, "slope"):
-        rise = ours.log_density(x[1:-1] + step) - ours.log_density(x[1:-1] - step)
-        assert ours.slope(x[1:-1]) == pytest.approx(rise / (2 * step), rel=1e-6, abs=1e-6)
-    if hasattr(ours, "slope_of_log"):
-        rise = ours.log_density_of_log(np.log(x) + 1e-5) - ours.log_density_of_log(np.log(x) - 1e-5)
-        assert ours.slope_of_log(np.log(x)) == pytest.approx(rise / 2e-5, rel=1e-6, abs=1e-6)
-        of_log = theirs.logpdf(x) + np.log(x)
-        assert ours.log_density_of_log(np.log(x)) == pytest.approx(of_log, rel=1e-12)
-    for rng in (default_rng(11), np.random.RandomState(11)):
-        # 14 such tests at 1e-4 each: a false alarm in 700
-        assert stats.kstest(ours.sample(rng, 20_000), theirs.cdf).pvalue > 1e-4
+@pytest.mark.parametrize("score", [-600.0, -37.0, -20.5, -19.5, -3.0, 0.0, 2.0, 12.0, 37.0])
+def test_the_log_of_a_half_normal_quantile_is_exact_in_both_tails(score):
+    """P(U <= u) = Phi(score); its slope is phi(score) / (2 phi(u) u)."""
+    with mpmath.workdps(330):
+        log_u = mpmath.mpf(float(log_half_normal(np.array(score))))
+        u = mpmath.exp(log_u)
+        height = 2 * mpmath.npdf(u) * u
+        slope = mpmath.npdf(score) / height
+        mass, expected = mpmath.erf(u / mpmath.sqrt(2)), mpmath.ncdf(score)
+        if score > 0:
+            mass, expected = 2 * mpmath.ncdf(-u), mpmath.ncdf(-score)
+        error_of_log = (mass - expected) / height
+        assert abs(error_of_log) < 1e-14 * max(1, abs(log_u))
+        assert log_half_normal_slope(np.array(score)) == pytest.approx(float(slope), rel=1e-11)
+        if score > -37.5:
+            assert half_normal_score(np.array(float(u))) == pytest.approx(score, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["gamma", "lapse_rate"])

@@ -53,11 +53,8 @@ def test_the_unit_of_intensity_changes_nothing(task, factor, shift):
     plain = bt.model.paper_posterior(make_subject(task=task))
     moved = bt.model.paper_posterior(make_subject(factor=factor, shift=shift, task=task))
     x = default_rng(5).normal(size=(30, 4)) * 0.5
-    log_factor = np.log(factor)
-    y = x * [factor, 1.0, 1.0, 1.0] + [0.0, 0.0, log_factor, 0.0]
-    assert moved.log_likelihood(y) == pytest.approx(plain.log_likelihood(x), rel=1e-9)
-    # Of an evidence every point counts.
-    assert moved.log_density(y) + log_factor == pytest.approx(plain.log_density(x), rel=1e-9)
+    assert moved.log_likelihood(x) == pytest.approx(plain.log_likelihood(x), rel=1e-9)
+    assert moved.log_density(x) == pytest.approx(plain.log_density(x), rel=1e-9)
 
 
 def test_subjects_with_different_stimuli_in_one_study_have_each_their_own():
