@@ -1,12 +1,10 @@
 """Evidence of both models by routes that share nothing with the estimators."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from bayes_toe.inference.adaptation import fit_proposal
 from conftest import few_pairs, made_subject
 from reference.hard_cases import hard_cases
 
@@ -19,9 +17,8 @@ from bayes_toe.answers.evidence_table import (
     subject_evidence,
 )
 from bayes_toe.errors import NumericalError
-from bayes_toe.inference.evidence import (
-    importance_evidence,
-)
+from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.inference.subject import AnalysisRequest, fitted_result
 from bayes_toe.model.paper_model import paper_posterior
@@ -51,10 +48,12 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
 
 
 def test_untrusted_weights_give_no_number():
-    fitted = fit_proposal(paper_posterior(CASES["one batch"]), np.random.default_rng(1))
-    estimate = importance_evidence(replace(fitted, pareto_k=0.9))
+    tail = np.random.default_rng(1).pareto(1.0 / 0.9, size=20_000)  # of shape 0.9
+    draws = WeightedDraws(tail[:, None], tail, np.log(tail), np.zeros_like(tail))
+    estimate = importance_evidence(draws)
     assert (estimate.value, estimate.se) == (None, None)
-    assert "0.90" in estimate.why_not
+    assert f"{estimate.pareto_k:.2f}" in estimate.why_not
+    assert estimate.pareto_k == pytest.approx(0.9, abs=0.1)
 
 
 def test_the_table_has_the_bayes_factor_of_its_evidences(analysis):
