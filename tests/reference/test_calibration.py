@@ -25,7 +25,7 @@ from scipy.stats import norm
 import bayes_toe as bt
 from bayes_toe.model.posterior_array import PosteriorArray
 
-STUDIES, FEWER = 8, 5  # the fewer are enough for errors as large as these
+STUDIES, FEWER = 8, 5  # the fewer are enough for a prior as wrong as the one below
 
 
 def ranks_under(prior, studies=STUDIES):
@@ -56,7 +56,7 @@ def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
 
     with monkeypatch.context() as wrong:
         wrong.setattr(PosteriorArray, "densities", with_jacobian)
-        jacobian = ranks_under(bt.Prior(), FEWER)
+        jacobian = ranks_under(bt.Prior())
     assert jacobian.verdict["sigma_p"] == "outside"
     assert jacobian.largest_difference["sigma_p"] > 0  # draws too large: the truth ranks low
     prior = ranks_under(bt.Prior(mu1_sd=3.0, sigma_p_scale=0.3), FEWER)
