@@ -56,7 +56,7 @@ from bayes_toe.groups.population import study_scales
 from bayes_toe.inference.diagnostics import worst
 from bayes_toe.inference.engine import USUAL
 
-_WIDTH = 95
+_WIDTH = 88
 #: What notes of reading a study say if something was done to the data.
 _CHANGE = re.compile("dropped|excluded|merged|swapped|only rows|only pairs")
 #: Letters that mean something in Markdown.
