@@ -152,13 +152,17 @@ def _two_rows(
     high: float, kinds: Sequence[str], draw: Callable[[str, Axes], None], across: str, up: str
 ) -> Figure:
     """One panel a kind, half of them above the others, with words at the outer axes only."""
-    figure = new_figure(PAGE, high)
-    for ax, kind in zip(
-        figure.subplots(2, len(kinds) // 2, sharex=True, sharey=True).ravel(), kinds, strict=True
-    ):
+    figure, n_columns = new_figure(PAGE, high), (len(kinds) + 1) // 2
+    axes = figure.subplots(2, n_columns, sharex=True, sharey=True).ravel()
+    for ax, kind in zip(axes[: len(kinds)], kinds, strict=True):
         draw(kind, ax)
         ax.set(xlabel=across, ylabel=up)
         style_axes(ax).label_outer()
+    if len(kinds) % 2:
+        axes[-1].remove()
+        above = axes[n_columns - 1]
+        above.set_xlabel(across)
+        above.tick_params(labelbottom=True)
     legend_below(figure, size=SMALL)
     return figure
 

@@ -20,6 +20,7 @@ import scipy
 from reference.hard_cases import hard_cases
 from reference.lattice_quantiles import LEVELS
 from reference.order_cases import order_cases
+from reference.paper_density import PaperDensity
 from reference.quadrature import METHOD, QUANTITIES, integrate
 from reference.tempering import METHOD as TEMPERING
 from reference.tempering import MODELS, describe_prior, tempered_evidence
@@ -45,7 +46,7 @@ def case(subject: bt.Subject, model: str | None) -> dict[str, object]:
     if model is not None:
         value, error = tempered_evidence(subject, model)
         return {"log_evidence": value, "log_evidence_error": error}
-    numbers = vars(integrate(bt.model.paper_posterior(subject, bt.Prior())))
+    numbers = vars(integrate(PaperDensity(subject, bt.Prior())))
     return {
         key: value.tolist() if isinstance(value, np.ndarray) else value
         for key, value in numbers.items()

@@ -6,24 +6,9 @@ range of floats.
 """
 
 import mpmath
-import numpy as np
 from mpmath import exp, log, mpf, sqrt
 
 from bayes_toe.data.tasks import SAME_DIFFERENT
-from bayes_toe.model.paper_equations import MAX_PULL, Natural
-
-
-def natural(x, sbar):
-    """The paper's parameters at x, shape (..., 4).
-
-    K = 1 - p, sigma_p = w K^(3/2), gamma = p/K^2, mu1 = sbar + c/p.
-    """
-    c, a, log_width, top = np.moveaxis(np.asarray(x, np.float64), -1, 0)
-    p = MAX_PULL / (1.0 + np.exp(-a))
-    sigma_p = np.exp(log_width) * (1.0 - p) ** 1.5
-    with np.errstate(over="ignore", invalid="ignore"):
-        mu1 = sbar + np.where(c == 0.0, 0.0, c * (1.0 + np.exp(-a)) / MAX_PULL)
-    return Natural(mu1, sigma_p, sigma_p * np.sqrt(p) / (1.0 - p), 1.0 / (1.0 + np.exp(-top)))
 
 
 def expit(a):

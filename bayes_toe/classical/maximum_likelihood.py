@@ -233,13 +233,15 @@ def fit_counts(
     u, value, arrived, is_narrow, is_open = map(np.concatenate, zip(*blocks, strict=True))
 
     _, pull, minus_log_width, minus_log_share = u.T
-    is_wide = -minus_log_width - likelihood.log_scale > _WIDE
     no_share, full_share = minus_log_share > _SMALL, minus_log_share <= _FULL
+    is_wide = (-minus_log_width - likelihood.log_scale > _WIDE) & ~no_share
+    is_open[is_wide | is_narrow, 1:3] = False
+    # Without a share no answer depends on the curve.
+    is_open[no_share, 1:3] = True
     # A share of 1 is q0 = 1, or a lapse rate of 0.
     if share == "lapse_rate":
         no_share, full_share = full_share, no_share
 
-    is_open[is_wide | is_narrow, 1:3] = False
     parameters = likelihood.natural(u)
     parameters[pull > _SMALL, 2] = 0.0
     parameters[is_wide, 1:3] = np.inf

@@ -5,8 +5,8 @@
     which is stronger   P(second) = lambda/2 + (1 - lambda) Phi(z),   w = sigma_p (1 - p)^(-1)
 
 There are four coordinates u: the score of mu1; the score of the width w or of sigma_p, whichever
-has a prior of its own; the logit of gamma; the logit of q0 or of the lapse rate lambda. A score is
-that of :mod:`bayes_toe.model.densities`.
+has a prior of its own; the probit of gamma; the probit of q0 or of the lapse rate lambda. A score
+is that of :mod:`bayes_toe.model.densities`.
 """
 
 from __future__ import annotations

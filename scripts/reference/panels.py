@@ -41,7 +41,7 @@ _COARSE_WEIGHTS = _clenshaw_curtis(_ORDER // 2)[1]
 class Density(Protocol):
     """What is integrated: a log density of x = (c, a, b, l) and the natural parameters at x.
 
-    As in :mod:`bayes_toe.model.paper_model`, log sigma_p and log sigma_l are linear in b with slope
+    As in :mod:`reference.paper_density`, log sigma_p and log sigma_l are linear in b with slope
     1, and mu1 = sbar + c/p. A `subject` is optional; its stimuli show where the likelihood has
     features in c.
     """

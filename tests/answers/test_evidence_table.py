@@ -1,12 +1,10 @@
 """Evidence of both models by routes that share nothing with the estimators."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from bayes_toe.inference.adaptation import fit_proposal
 from conftest import few_pairs, made_subject
 from reference.hard_cases import hard_cases
 
@@ -19,9 +17,8 @@ from bayes_toe.answers.evidence_table import (
     subject_evidence,
 )
 from bayes_toe.errors import NumericalError
-from bayes_toe.inference.evidence import (
-    importance_evidence,
-)
+from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.inference.subject import AnalysisRequest, fitted_result
 from bayes_toe.model.paper_model import paper_posterior
@@ -40,7 +37,9 @@ def test_h0_laplace_is_appendix_c_term_by_term():
     assert frequency_evidence_laplace(subject) == pytest.approx(total, rel=1e-12)
 
 
-def test_laplace_that_does_not_exist_is_empty_and_says_why():
+def test_laplace_that_does_not_exist_is_empty_and_says_why(monkeypatch):
+    module = "bayes_toe.answers.evidence_table"
+    monkeypatch.setattr(f"{module}.laplace", lambda *_: (None, np.array([np.nan])))
     posterior = paper_posterior(CASES["perfect observer"], bt.Prior())
     result, fitted = fitted_result(posterior, 1, AnalysisRequest(evidence_draws=20_000))
     row = subject_evidence(result, fitted)
@@ -51,10 +50,12 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
 
 
 def test_untrusted_weights_give_no_number():
-    fitted = fit_proposal(paper_posterior(CASES["one batch"]), np.random.default_rng(1))
-    estimate = importance_evidence(replace(fitted, pareto_k=0.9))
+    probability = (np.arange(20_000) + 0.5) / 20_000
+    log_weights = -0.9 * np.log(probability)  # a Pareto distribution of shape 0.9
+    draws = WeightedDraws(probability[:, None], 0.0 * log_weights, log_weights, 0.0 * log_weights)
+    estimate = importance_evidence(draws)
     assert (estimate.value, estimate.se) == (None, None)
-    assert "0.90" in estimate.why_not
+    assert "k-hat 0.89" in estimate.why_not
 
 
 def test_the_table_has_the_bayes_factor_of_its_evidences(analysis):

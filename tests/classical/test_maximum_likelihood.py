@@ -116,7 +116,7 @@ def test_rows_together_are_rows_alone():
 def test_curves_have_the_likelihood_that_is_claimed(name):
     subject = CASES[name]
     fits = fit_counts(subject, Prior())
-    q = fits.curves.yes(subject.s1, subject.s2)[0]
+    q = fits.yes(subject.s1, subject.s2)[0]
     assert ((q >= 0) & (q <= 1)).all()
     k, d = subject.n_yes, subject.n_trials - subject.n_yes
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -23,9 +23,9 @@ from reference.calibration import (
 from scipy.stats import norm
 
 import bayes_toe as bt
-from bayes_toe.model.paper_model import PaperPosterior
+from bayes_toe.model.posterior_array import PosteriorArray
 
-STUDIES, FEWER = 8, 5  # the fewer are enough for errors as large as these
+STUDIES, FEWER = 8, 5  # the fewer are enough for a prior as wrong as the one below
 
 
 def ranks_under(prior, studies=STUDIES):
@@ -46,15 +46,17 @@ def ranks_under(prior, studies=STUDIES):
 @pytest.mark.slow
 def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
     assert (ranks_under(bt.Prior()).verdict == "inside").all()
-    right = PaperPosterior.log_prior
-    # The Jacobian of (sigma_p^2, sigma_l^2), 2 sigma_p^3, in the place of that of (sigma_p, gamma).
+    right = PosteriorArray.densities
+
+    def with_jacobian(self, u):
+        """With that of (sigma_p^2, sigma_l^2), 2 sigma_p^3, in the place of (sigma_p, gamma)."""
+        (log_prior, log_posterior), rows = right(self, u), self.likelihood.rows
+        log_sigma_p = rows.log_width(u) + rows.power * np.log1p(-rows.pull(u))
+        return log_prior, log_posterior + 3.0 * log_sigma_p
+
     with monkeypatch.context() as wrong:
-        wrong.setattr(
-            PaperPosterior,
-            "log_prior",
-            lambda self, x: right(self, x) + 3.0 * np.log(self.natural(x).sigma_p),
-        )
-        jacobian = ranks_under(bt.Prior(), FEWER)
+        wrong.setattr(PosteriorArray, "densities", with_jacobian)
+        jacobian = ranks_under(bt.Prior())
     assert jacobian.verdict["sigma_p"] == "outside"
     assert jacobian.largest_difference["sigma_p"] > 0  # draws too large: the truth ranks low
     prior = ranks_under(bt.Prior(mu1_sd=3.0, sigma_p_scale=0.3), FEWER)

@@ -6,17 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from definitions import natural
 from reference import lattice
 from reference.hard_cases import hard_cases
 from reference.lattice_quantiles import LEVELS
+from reference.paper_density import PaperDensity, natural
 from reference.quadrature import TOLERANCE, integrate
 from scipy import integrate as scipy_integrate
 from scipy import stats
 from scipy.special import expit
 
 from bayes_toe.model.paper_equations import MAX_PULL
-from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.prior import Prior
 
 STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encoding="utf-8"))[
@@ -99,7 +98,7 @@ def test_evidence_of_a_normal_density_and_quantiles_of_functions_of_two_coordina
 
 def test_a_stored_case_is_reproduced():
     observed, stored = (
-        integrate(paper_posterior(hard_cases()["stimuli offset by 100"], Prior()), tolerance=1e-3),
+        integrate(PaperDensity(hard_cases()["stimuli offset by 100"], Prior()), tolerance=1e-3),
         STORED["stimuli offset by 100"],
     )
     assert (

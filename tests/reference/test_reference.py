@@ -5,12 +5,10 @@ scripts/make_reference.py made the stored numbers.
 
 import hashlib
 import json
-from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bayes_toe.inference.adaptation import fit_proposal
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from reference.order_cases import order_cases
@@ -32,8 +30,7 @@ from scipy.special import xlogy
 
 import bayes_toe as bt
 from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.inference.maxima import find_maxima
-from bayes_toe.inference.mixture import WeightedDraws, efficiency
+from bayes_toe.inference.fitted import fit_posterior
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.parameters import ObserverPrior
@@ -68,25 +65,17 @@ def test_stored_cases_belong_to_todays_counts_prior_and_method():
         assert case["log_evidence_error"] < (0.02 if case["log_evidence"] > best - 6.0 else 0.2)
 
 
-def parts(fitted, count):
-    """The judging draws in equal parts, each with an evidence and an error bar of its own."""
-    for index in np.array_split(np.arange(len(fitted.draws.x)), count):
-        draws = WeightedDraws(
-            *(getattr(fitted.draws, field.name)[index] for field in fields(WeightedDraws))
-        )
-        yield replace(fitted, draws=draws, efficiency=efficiency(draws.log_weights))
-
-
 @pytest.mark.parametrize("name, fits", [("S01", 5), ("one order missing", 5)])
 def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fits):
-    # Parts of the draws are as independent as fits are, and error bars of fewer draws are harder to
+    # Draws of one fit are as independent as fits are, and error bars of fewer draws are harder to
     # get right.
     posterior, case = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
-    maxima = find_maxima(posterior)
-    fitted = (fit_proposal(posterior, default_rng([seed, 7]), start=maxima) for seed in range(fits))
-    estimates = [
-        importance_evidence(part) for element in fitted for part in parts(element, 100 // fits)
-    ]
+    estimates = []
+    for seed in range(fits):
+        rng = default_rng([seed, 7])
+        fitted = fit_posterior(posterior, rng)
+        for _ in range(100 // fits):
+            estimates.append(importance_evidence(fitted.fresh(rng, 400)))
     z = np.array(
         [
             (estimate.value - case["log_evidence"]) / estimate.se
@@ -105,8 +94,9 @@ def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fi
 )
 def test_evidence_and_draws_agree(name):
     posterior, case = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
-    fitted = fit_proposal(posterior, default_rng(1))
-    estimate = importance_evidence(fitted)
+    rng = default_rng(1)
+    fitted = fit_posterior(posterior, rng)
+    estimate = importance_evidence(fitted.fresh(rng, 20_000))
     if estimate.value is None:  # said, not hidden
         assert "withheld" in estimate.why_not
     else:
