@@ -27,8 +27,7 @@ from reference.order_cases import order_cases
 import bayes_toe as bt
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_writable, whole_file
-from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.inference.fitted import fit_posterior
+from bayes_toe.inference.fitted import fit_posterior, importance_evidence
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.workers import run_in_order
 

@@ -37,7 +37,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.engine import Precision, mixture_of_maxima, weighted_draws
 from bayes_toe.inference.maxima import ascend_from
 from bayes_toe.inference.model_set import ModelSet
-from bayes_toe.inference.observer_maxima import observer_maxima
+from bayes_toe.inference.searches import observer_maxima
 from bayes_toe.model.condition_model import ConditionModels
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import (

@@ -23,8 +23,7 @@ from bayes_toe.answers.order_effect import ANSWER_COLUMNS, OrderEffect
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.inference.evidence import Evidence
-from bayes_toe.inference.fitted import Fitted
+from bayes_toe.inference.fitted import Evidence, Fitted
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
 from bayes_toe.inference.maxima import laplace
 from bayes_toe.inference.subject import SubjectResult

@@ -425,6 +425,7 @@ class _Engine:
                 going.append(i)
         return going
 
+
 def _must_return(fresh: _Fresh, precision: Precision) -> bool:
     """Whether a mixture misses a part of its posterior; counts how often it did."""
     draws, n_draws = fresh.draws, len(fresh.draws.x)

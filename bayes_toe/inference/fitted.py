@@ -1,6 +1,7 @@
 """The posterior of one subject under one model, fitted by the engine for emcee and an evidence.
 
-`find_maxima` finds its maxima, and `fit_posterior` fits a mixture to it.
+`find_maxima` finds its maxima, and `fit_posterior` fits a mixture to it. `importance_evidence` is
+its log evidence, by draws that chose no mixture.
 """
 
 from __future__ import annotations
@@ -23,8 +24,7 @@ from bayes_toe.inference.engine import (
 )
 from bayes_toe.inference.maxima import Ascent, polished
 from bayes_toe.inference.mixture import WeightedDraws
-from bayes_toe.inference.observer_maxima import observer_maxima
-from bayes_toe.inference.paper_maxima import funnel_of_maxima, paper_maxima
+from bayes_toe.inference.searches import funnel_of_maxima, observer_maxima, paper_maxima
 from bayes_toe.model.funnel import FunnelArray
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.paper_model import PaperPosterior
@@ -140,3 +140,34 @@ def _searches(target: SubjectPosterior) -> Ascent:
     rows = target.array.likelihood.rows.part(np.zeros(len(coordinates), np.intp))
     maxima = observer_maxima(independent_array(rows, coordinates))
     return maxima[list(ORDER_MODELS).index(target.model.name)]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Log evidence in nats, without binomial coefficients.
+
+    Value and standard error are None where it is withheld.
+    """
+
+    value: float | None
+    se: float | None
+    # Of the importance weights.
+    efficiency: float
+    pareto_k: float
+    why_not: str = ""  # the reason where it is withheld
+
+
+def importance_evidence(draws: WeightedDraws) -> Evidence:
+    """Log evidence and its standard error from draws that chose no mixture.
+
+    The estimate is the log mean weight; its standard error is that of the mean, relative to it.
+    Withheld, with a reason, where the weights' Pareto k says that neither can be trusted.
+    """
+    k, efficiency = pareto_k(draws.log_weights), draws.efficiency
+    if not is_trusted(k, efficiency):
+        reason = (
+            "evidence withheld: importance weights are unreliable "
+            f"(Pareto k-hat {k:.2f}, efficiency {efficiency:.3f})"
+        )
+        return Evidence(None, None, efficiency, k, reason)
+    return Evidence(draws.log_evidence, draws.standard_error, efficiency, k)

@@ -2,6 +2,8 @@
 
 `ascend` searches from every start, with a density of its own for each if wanted. `ascend_from`
 searches the posteriors of an array, and `laplace` has Laplace's approximation at their maxima.
+
+`one_sided_hessian` is fast, for searches. `hessian` is accurate, for results.
 """
 
 from __future__ import annotations
@@ -14,7 +16,6 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
 from bayes_toe.model.densities import LOG_2PI
-from bayes_toe.model.derivatives import hessian, one_sided_hessian
 from bayes_toe.model.posterior_array import PosteriorArray
 
 _CONVERGED = 5e-13  # predicted gain, in nats, at which a search has converged
@@ -303,3 +304,56 @@ def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
     dimensions = array.is_free.sum(axis=1)
     laplace = top.value + 0.5 * dimensions * LOG_2PI - 0.5 * log_determinant
     return top.x, np.where(is_proper, laplace, np.nan)
+
+
+# --- Hessians ------------------------------------------------------------------------------------
+
+Gradient = Callable[[FloatArray], FloatArray]
+#: Points, (points, k), to the value, (points,), and the gradient, (points, k).
+ValueAndGradient = Callable[[FloatArray], ArrayPair]
+#: Steps in units of 1/sqrt abs H_ii: one-sided ones during a search, central ones for results.
+_SHORT, _LONG = 1e-6, 1e-4
+#: Smallest size of a curvature, and smallest step over the size of the coordinate.
+_FLAT, _FINEST = 1e-6, 1e-12
+
+
+def one_sided_hessian(
+    value_and_gradient: ValueAndGradient, x: FloatArray, diagonal: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Value (points,), gradient (points, k) and Hessian (points, k, k) from one call.
+
+    `diagonal`, shape (points, k), has the sizes of the Hessian's diagonal nearby. They set the
+    steps.
+    """
+    n_points, k = x.shape
+    ahead = x + _difference_steps(x, diagonal, _SHORT)
+    value, gradient = value_and_gradient(np.concatenate([x[None], ahead]).reshape(-1, k))
+    gradient = gradient.reshape(k + 1, n_points, k)
+    return value[:n_points], gradient[0], _symmetric(gradient[1:] - gradient[0], ahead - x)
+
+
+def hessian(gradient: Gradient, x: FloatArray, diagonal: FloatArray | None = None) -> FloatArray:
+    """Hessian, (points, k, k), by central differences of a gradient, (points, k) -> (points, k).
+
+    By default `diagonal`, as in :func:`one_sided_hessian`, comes from differences over 1e-4.
+    """
+    k = x.shape[1]
+    if diagonal is None:
+        diagonal = np.abs(np.diagonal(hessian(gradient, x, np.ones(x.shape)), axis1=1, axis2=2))
+    step = _difference_steps(x, diagonal, _LONG)
+    forward, backward = x + step, x - step
+    slopes = gradient(np.concatenate([forward, backward]).reshape(-1, k)).reshape(2, k, *x.shape)
+    return _symmetric(slopes[0] - slopes[1], forward - backward)
+
+
+def _difference_steps(x: FloatArray, diagonal: FloatArray, unit: float) -> FloatArray:
+    """Steps in one coordinate after the other, (k, points, k), larger than rounding errors."""
+    sizes = unit / np.sqrt(np.maximum(diagonal, _FLAT))
+    return np.eye(x.shape[1])[:, None] * np.maximum(sizes, _FINEST * np.abs(x))
+
+
+def _symmetric(change: FloatArray, step: FloatArray) -> FloatArray:
+    """Hessians from changes of gradients, (k, points, k), over steps of the same shape."""
+    k = len(change)
+    rows = change / step[np.arange(k), :, np.arange(k)][:, :, None]
+    return 0.5 * (rows.transpose(1, 0, 2) + rows.transpose(1, 2, 0))

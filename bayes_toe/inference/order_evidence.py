@@ -19,7 +19,7 @@ from bayes_toe.errors import NumericalError
 from bayes_toe.inference.engine import USUAL, Precision, mixture_of_maxima, weighted_draws
 from bayes_toe.inference.maxima import laplace
 from bayes_toe.inference.model_set import AveragedDraws, ModelSet
-from bayes_toe.inference.observer_maxima import observer_maxima
+from bayes_toe.inference.searches import observer_maxima
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
 from bayes_toe.model.parameters import (

@@ -24,8 +24,7 @@ from bayes_toe.inference.diagnostics import (
     worst,
 )
 from bayes_toe.inference.engine import SHARP
-from bayes_toe.inference.evidence import Evidence, importance_evidence
-from bayes_toe.inference.fitted import Fitted, fit_posterior
+from bayes_toe.inference.fitted import Evidence, Fitted, fit_posterior, importance_evidence
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, summarise_fit
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains

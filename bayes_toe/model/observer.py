@@ -28,6 +28,7 @@ from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.answer_curves import (
+    AnswerRows,
     LogAnswers,
     Slopes,
     criterion,
@@ -37,7 +38,6 @@ from bayes_toe.model.answer_curves import (
     second_answers,
     second_slopes,
 )
-from bayes_toe.model.answer_rows import AnswerRows
 from bayes_toe.model.densities import (
     LOG_2PI,
     CutNormal,

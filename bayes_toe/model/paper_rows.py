@@ -18,11 +18,16 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, log_expit, log_ndtr, ndtr
 
-from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
-from bayes_toe.model.answer_curves import LogAnswers, Slopes, second_answers, second_slopes
-from bayes_toe.model.answer_rows import AnswerRows
+from bayes_toe.model.answer_curves import (
+    AnswerRows,
+    LogAnswers,
+    Slopes,
+    second_answers,
+    second_slopes,
+)
 from bayes_toe.model.densities import (
     PriorDensity,
     StandardNormal,

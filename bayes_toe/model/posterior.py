@@ -19,8 +19,7 @@ from scipy.stats import qmc
 from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError, NumericalError
-from bayes_toe.model.answer_curves import LogAnswers
-from bayes_toe.model.answer_rows import AnswerRows
+from bayes_toe.model.answer_curves import AnswerRows, LogAnswers
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.posterior_array import PosteriorArray
 

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
-from bayes_toe.model.answer_rows import AnswerRows
+from bayes_toe.model.answer_curves import AnswerRows
 from bayes_toe.model.densities import PriorDensity
 
 

@@ -17,7 +17,7 @@ from bayes_toe.answers.evidence_table import (
     subject_evidence,
 )
 from bayes_toe.errors import NumericalError
-from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.inference.fitted import importance_evidence
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.inference.subject import AnalysisRequest, fitted_result

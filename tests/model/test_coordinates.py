@@ -8,7 +8,7 @@ from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.fitted import find_maxima
-from bayes_toe.inference.paper_maxima import funnel_of_maxima
+from bayes_toe.inference.searches import funnel_of_maxima
 from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.prior import DEFAULT, Prior
 

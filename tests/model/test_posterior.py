@@ -12,8 +12,8 @@ from scipy.special import ndtri
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import TASKS
 from bayes_toe.errors import NumericalError
+from bayes_toe.inference.maxima import hessian, one_sided_hessian
 from bayes_toe.model.densities import probit_of_logit
-from bayes_toe.model.derivatives import hessian, one_sided_hessian
 from bayes_toe.model.paper_equations import pull
 from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.prior import Prior

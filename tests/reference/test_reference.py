@@ -29,8 +29,7 @@ from scipy import stats
 from scipy.special import xlogy
 
 import bayes_toe as bt
-from bayes_toe.inference.evidence import importance_evidence
-from bayes_toe.inference.fitted import fit_posterior
+from bayes_toe.inference.fitted import fit_posterior, importance_evidence
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.parameters import ObserverPrior
