@@ -22,7 +22,7 @@ from bayes_toe.inference.engine import (
     normal_clouds,
     with_prior_components,
 )
-from bayes_toe.inference.maxima import Ascent, polished
+from bayes_toe.inference.maxima import POLISH_GAIN, Ascent, ascend_from, polished
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.searches import funnel_of_maxima, observer_maxima, paper_maxima
 from bayes_toe.model.funnel import FunnelArray
@@ -108,27 +108,41 @@ def fit_posterior(
     >>> fitted.is_trusted
     True
     """
-    maxima, array = find_maxima(target), target.array
-    clouds = normal_clouds(maxima, rng)
+    ends, array = _distinct_ends(target), target.array
+    clouds = normal_clouds(ends, rng)
     engine_array: EngineArray = array
     if isinstance(target, PaperPosterior):
         # Far from a maximum, the normal about it does not follow the funnel; its points do.
-        engine_array = FunnelArray(array, funnel_of_maxima(array, [maxima]))
+        engine_array = FunnelArray(array, funnel_of_maxima(array, [ends]))
         clouds = [engine_array.funnel.forward(cloud[None])[0][0] for cloud in clouds]
-    first = mixture_of_clouds(clouds, maxima, target.is_free, SHARP.prior_share)
+    first = mixture_of_clouds(clouds, ends, target.is_free, SHARP.prior_share)
     precision = replace(SHARP, most_draws=judging_draws)
     first = with_prior_components(first, engine_array, rng)
     (mixture,), (draws,) = fitted_draws(
         engine_array, [first], [rng], np.zeros(1, np.intp), precision
     )
-    return Fitted(target, maxima, engine_array, mixture, draws)
+    return Fitted(target, _maxima_from(target, ends), engine_array, mixture, draws)
 
 
 def find_maxima(target: SubjectPosterior) -> Ascent:
     """Distinct maxima of a posterior, the highest first, with all coordinates of the task."""
+    return _maxima_from(target, _distinct_ends(target))
+
+
+def _maxima_from(target: SubjectPosterior, ends: Ascent) -> Ascent:
+    """The distinct maxima that searches reach from these ends."""
+    owners = np.zeros(len(ends.x), np.intp)
+    return polished(target.array, owners, ends.x).distinct()
+
+
+def _distinct_ends(target: SubjectPosterior) -> Ascent:
+    """Distinct ends of a few steps of scoring: maxima, or several points along a ridge.
+
+    A mixture needs the points along a ridge, where a maximum would stand for its middle only.
+    """
     searches = _searches(target).distinct()
     owners = np.zeros(len(searches.x), np.intp)
-    return polished(target.array, owners, searches.x).distinct()
+    return ascend_from(target.array, owners, searches.x, least_gain=POLISH_GAIN).distinct()
 
 
 def _searches(target: SubjectPosterior) -> Ascent:

@@ -27,7 +27,7 @@ _TINY = 1e-300
 _GAIN = 0.03  # nats of predicted gain below which a search ends
 _LARGEST_STEP = 2.0
 _MOST_STEPS = 12
-_POLISH_GAIN = 1e-8  # the same for a maximum that is exact
+POLISH_GAIN = 1e-8  # the same for a maximum that is exact
 _APART = 0.5  # standard deviations, in every coordinate, within which two ends are one maximum
 _FAR = 8.0  # nats below the highest at which a maximum does not matter
 
@@ -216,6 +216,7 @@ def ascend_from(
     owners: IndexArray,
     starts: FloatArray,
     is_held: BoolArray | bool = False,
+    least_gain: float = _GAIN,
 ) -> Ascent:
     """Fisher scoring from many starts at once.
 
@@ -227,12 +228,14 @@ def ascend_from(
     starts : ndarray, shape (searches, d)
     is_held : ndarray of bool, shape (searches, d)
         Further coordinates that stay where they start.
+    least_gain : float
+        A search ends where the predicted gain, nats, is below this.
     """
     return ascend(
         lambda x, index: _expansion(array.part(owners[index]), x),
         starts,
         is_held=~array.is_free[owners] | is_held,
-        least_gain=_GAIN,
+        least_gain=least_gain,
         largest_step=_LARGEST_STEP,
         most_steps=_MOST_STEPS,
         retry_damping=0.0,
@@ -258,7 +261,7 @@ def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> A
         Differenced(density, np.diagonal(curvature, axis1=1, axis2=2)).expand,
         starts,
         is_held=~owned.is_free,
-        least_gain=_POLISH_GAIN,
+        least_gain=POLISH_GAIN,
         largest_step=_LARGEST_STEP,
     )
     return searches._replace(curvature=_expansion(owned, searches.x).curvature)

@@ -6,7 +6,7 @@ from conftest import made_subject
 
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.inference.order_evidence import order_evidence
+from bayes_toe.inference.order_evidence import Precision, order_evidence
 from bayes_toe.model.observer import ObserverRows
 
 STEPS = np.array([-0.5, -0.25, 0.25, 0.5])
@@ -76,10 +76,9 @@ def test_a_criterion_near_zero_is_no_numerical_failure():
 
 
 def test_draws_by_which_a_mixture_is_changed_do_not_count(evidence, monkeypatch):
-    module = "bayes_toe.inference.engine"
-    monkeypatch.setattr(f"{module}._FEWEST_ASSESSED", 500)
-    monkeypatch.setattr(f"{module}._HEAVY", 0.0)  # eight times a new mixture
-    changed = order_evidence([SHIFTED], seed=3)[0]
+    monkeypatch.setattr("bayes_toe.inference.engine._FEWEST_ASSESSED", 500)
+    precision = Precision(largest_share=0.0)  # eight times a new mixture
+    changed = order_evidence([SHIFTED], seed=3, precision=precision)[0]
     difference = np.abs(changed.log_evidence - evidence.log_evidence)
     error = np.hypot(evidence.standard_error, changed.standard_error)
     assert ((difference > 0.0) & (difference < 4.0 * error)).all()
