@@ -313,7 +313,7 @@ def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
 
 Gradient = Callable[[FloatArray], FloatArray]
 #: Points, (points, k), to the value, (points,), and the gradient, (points, k).
-ValueAndGradient = Callable[[FloatArray], ArrayPair]
+GradientWithValue = Callable[[FloatArray], ArrayPair]
 #: Steps in units of 1/sqrt abs H_ii: one-sided ones during a search, central ones for results.
 _SHORT, _LONG = 1e-6, 1e-4
 #: Smallest size of a curvature, and smallest step over the size of the coordinate.
@@ -321,7 +321,7 @@ _FLAT, _FINEST = 1e-6, 1e-12
 
 
 def one_sided_hessian(
-    value_and_gradient: ValueAndGradient, x: FloatArray, diagonal: FloatArray
+    value_and_gradient: GradientWithValue, x: FloatArray, diagonal: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Value (points,), gradient (points, k) and Hessian (points, k, k) from one call.
 
