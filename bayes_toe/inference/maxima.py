@@ -27,7 +27,9 @@ _GAIN = 0.03  # nats of predicted gain below which a search ends
 _LARGEST_STEP = 2.0
 _MOST_STEPS = 12
 _POLISH_GAIN = 1e-8  # the same for the maximum of which Laplace's evidence is
-_SAME = 0.5  # standard deviations, in every coordinate, within which two ends are one maximum
+_EQUAL_WITHIN = (
+    0.5  # standard deviations, in every coordinate, within which two ends are one maximum
+)
 _FAR = 8.0  # nats below the highest at which a maximum does not matter
 
 
@@ -102,7 +104,7 @@ class Ascent(NamedTuple):
         for i in ranked.tolist():
             precision = np.sqrt(np.abs(np.diagonal(self.curvature[i])))
             distances = np.abs(self.x[chosen] - self.x[i]) * precision
-            if (distances.max(axis=1, initial=0.0) > _SAME).all():
+            if (distances.max(axis=1, initial=0.0) > _EQUAL_WITHIN).all():
                 chosen.append(i)
         return self.part(np.array(chosen))
 

@@ -23,7 +23,6 @@ _LOGITS_OF_LAPSE_RATE = (-3.0, -0.5)
 _STEP_OF_EQUAL_PAIRS = 0.3  # stands for D where no pair has different stimuli
 #: Nats below the highest at which a maximum says nothing of the funnel.
 _LOW = 3.0
-FAC = 1.0
 
 
 def paper_maxima(array: PosteriorArray) -> list[Ascent]:
@@ -72,11 +71,11 @@ def funnel_of_maxima(array: PosteriorArray, maxima: Sequence[Ascent]) -> Funnel:
     columns = np.empty((5, len(array), 1))
     for i, ends in enumerate(maxima):
         near = ends.part(ends.value > ends.value[0] - _LOW)
-        columns[:, i, 0] = _of_one(rows.part(np.array([i])), near.x[None])
+        columns[:, i, 0] = _funnel_numbers(rows.part(np.array([i])), near.x[None])
     return Funnel(rows, *columns)
 
 
-def _of_one(row: PaperRows, u: FloatArray) -> tuple[float, ...]:
+def _funnel_numbers(row: PaperRows, u: FloatArray) -> tuple[float, ...]:
     """The numbers of :class:`Funnel` from maxima, (1, maxima, 4), the highest first."""
     mean_first, sd = _mean_first(row), float(row.mu1_sd[0, 0])
     offsets = row.pull(u)[0] * (row.mu1(u)[0] - mean_first)

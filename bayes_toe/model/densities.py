@@ -160,9 +160,9 @@ class ProbitOfBeta:
     def curvature(self, u: FloatArray) -> FloatArray:
         """A positive stand-in for its negative second derivative."""
         below, above = normal_hazard(-u), normal_hazard(u)
-        of_share = max(self.a - 1.0, 0.0) * below * (below + u)
-        of_rest = max(self.b - 1.0, 0.0) * above * (above - u)
-        return 1.0 + of_share + of_rest
+        lower_tail = max(self.a - 1.0, 0.0) * below * (below + u)
+        upper_tail = max(self.b - 1.0, 0.0) * above * (above - u)
+        return 1.0 + lower_tail + upper_tail
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function, finite also where the share rounds to 0 or 1."""

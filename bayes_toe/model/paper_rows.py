@@ -79,8 +79,8 @@ class PaperRows(AnswerRows):
             n_no = subject.n_trials - subject.n_yes
             columns = (subject.s1, subject.s2 - subject.s1, subject.n_yes, n_no)
             arrays[:, i, 0, : subject.n_pairs] = columns
-            own = prior.for_subjects(subject)
-            numbers[:, i, 0] = (own.mu1_mean, own.mu1_sd, own.spread_scale)
+            numbered = prior.for_subjects(subject)
+            numbers[:, i, 0] = (numbered.mu1_mean, numbered.mu1_sd, numbered.spread_scale)
         values = dict(zip(_ROW_ARRAYS, (*arrays, *numbers), strict=True))
         return cls(subjects[0].task, prior, **values)
 
@@ -125,8 +125,8 @@ class PaperRows(AnswerRows):
     def log_pull(self, u: FloatArray) -> FloatArray:
         """Log of the pull, finite however small gamma is, (rows, points)."""
         gamma = ndtr(u[..., 2])
-        rest = np.log(1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
-        return LN2 + log_ndtr(u[..., 2]) - rest
+        log_denominator = np.log(1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
+        return LN2 + log_ndtr(u[..., 2]) - log_denominator
 
     def log_width(self, u: FloatArray) -> FloatArray:
         """Log of the width w, (rows, points)."""
