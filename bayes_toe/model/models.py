@@ -181,7 +181,7 @@ class ObserverPosterior(SubjectPosterior):
         The inverse of :meth:`quantities`.
         """
         step, prior = self.scales.step, self.prior
-        at_one = self.quantities(np.ones(len(self.coordinates)))
+        unit_quantities = self.quantities(np.ones(len(self.coordinates)))
         columns = []
         for name in self.coordinates:
             values = np.asarray(quantities[name], np.float64)
@@ -192,7 +192,7 @@ class ObserverPosterior(SubjectPosterior):
             elif name == "lapse_rate":
                 columns.append(lapse_score(values, prior.lapse_rate_b))
             else:
-                columns.append(values / at_one[name])
+                columns.append(values / unit_quantities[name])
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
