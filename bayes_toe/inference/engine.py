@@ -18,7 +18,6 @@ from typing import Protocol, Self
 import numpy as np
 
 from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, IndexArray, Rng
-from bayes_toe.inference.diagnostics import pareto_k
 from bayes_toe.inference.maxima import Ascent
 from bayes_toe.inference.mixture import (
     StudentMixture,
@@ -434,12 +433,20 @@ def _must_return(fresh: _Fresh, precision: Precision) -> bool:
     largest = float(draws.shares.max())
     is_heavy = largest > precision.largest_share or largest * n_draws > precision.largest_weight
     is_poor = draws.effective_number < _POOR * n_draws and fresh.poor_returns < _MOST_POOR_RETURNS
-    has_tail = precision.largest_k < np.inf and pareto_k(draws.log_weights) > precision.largest_k
+    has_tail = precision.largest_k < np.inf and _pareto_k(draws) > precision.largest_k
     if not (is_heavy or is_poor or has_tail):
         return False
     fresh.returns += 1
     fresh.poor_returns += not (is_heavy or has_tail)
     return True
+
+
+def _pareto_k(draws: WeightedDraws) -> float:
+    """Pareto k of weights."""
+    # Only here, because a quick command needs no tails, and their library takes long to load.
+    from bayes_toe.inference.diagnostics import pareto_k
+
+    return pareto_k(draws.log_weights)
 
 
 def _refitted(

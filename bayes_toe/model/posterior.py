@@ -14,7 +14,6 @@ from typing import Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import qmc
 
 from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
@@ -212,6 +211,9 @@ class SubjectPosterior(ABC):
     @cached_property
     def _prior_quantities(self) -> dict[str, FloatArray]:
         """Every named quantity at evenly spread points of the prior."""
+        # Only here, because a quick command needs no Sobol points, and scipy.stats loads slowly.
+        from scipy.stats import qmc
+
         spread_points = qmc.Sobol(len(self.array.names), rng=np.random.default_rng(0))
         return self.quantities(self._prior_points(spread_points.random_base2(_LOG2_PRIOR_POINTS)))
 
