@@ -28,7 +28,7 @@ _BATCH = 1024  # draws made at once where those of the judging are used up
 _SAFE = 0.85  # of the largest error of a quantile: what the draws that are asked for aim at
 #: Efficiency of a proposal below which two draws of successive steps are worth less than one
 #: effective draw.
-_SLOW = 0.86
+_SLOW = 0.8
 
 
 @dataclass(frozen=True)
