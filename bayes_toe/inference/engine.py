@@ -78,6 +78,8 @@ class Precision:
         Share of all weight, and weight over the mean, of one draw, and Pareto k of the weights,
         above which a posterior goes back to get a better mixture.
     most_returns : int
+    has_cover : bool
+        Whether a mixture has a wide component, so that no draw in a tail is heavy.
     """
 
     standard_error: float = 0.03
@@ -152,6 +154,8 @@ class EngineArray(Protocol):
 @dataclass(frozen=True, eq=False)
 class PriorMixture:
     """The proposal of one posterior: a mixture of Student-t densities, and a share of the prior.
+
+    The core is adapted to draws. The cover, if there is one, is a wide component.
 
     A coordinate that the posterior does not have stays at 0 and is no dimension of the mixture.
     """
