@@ -99,6 +99,7 @@ def write_methods(analysis: Analysis, path: Path) -> None:
         capitalized=capitalized,
         decimals=format_decimals,
         escaped=_escaped,
+        exp=exp,
         p_value=describe_p_value,
         range=_range,
         word=_marked_word,
@@ -152,7 +153,6 @@ def _methods(analysis: Analysis) -> Record:
         "largest_error": format_number(_largest_error(answers)),
         "within": COUNTS_WITHIN,
         "words": words,
-        "factor": f"{exp(words.PROBABLY_NOT_LOG_BAYES_FACTOR):.3f}",
         "fit_limit": format_decimals(FALSE_ALARM_SHARE),
         "has_order": any(answer.history_p is not None for answer in answers),
         "group": group,
@@ -178,7 +178,7 @@ def _range(counts: Sequence[int]) -> str:
 def _numbers(study: Study, logs: npt.ArrayLike) -> tuple[list[str], str]:
     """Stimuli in the unit of the study, or in per cent of their mean, and the unit in words."""
     texts, unit = study.unit.numbers(logs, study_scales(study).mean)
-    in_words = {"ln": "in natural-log intensity", "% of mean": "% of their geometric mean"}
+    in_words = {"ln": "in natural-log intensity", "% of mean": "% of the geometric mean stimulus"}
     return texts, in_words.get(unit, unit)
 
 

@@ -432,7 +432,7 @@ def _prior(answers: Sequence[OrderEffect]) -> str:
     dependent = [answer.subject for answer in answers if answer.depends_on_prior]
     change = "If the prior is half or twice as wide,"
     if not dependent:
-        return f"{change} every 'yes' and every 'no' stays."
+        return f"{change} no 'yes' and no 'no' becomes undecided."
     return f"{change} a 'yes' or a 'no' becomes undecided for {_name_subjects(dependent)}."
 
 
