@@ -55,7 +55,6 @@ from bayes_toe.data.messages import (
 from bayes_toe.data.study import Study
 from bayes_toe.groups.population import study_scales
 from bayes_toe.inference.diagnostics import worst
-from bayes_toe.inference.engine import USUAL
 
 _WIDTH = 88
 #: What notes of reading a study say if something was done to the data.
@@ -149,7 +148,6 @@ def _methods(analysis: Analysis) -> Record:
         "unit": "participant",
         "priors": analysis.draws.prior.observer.describe(study.task).partition(";")[0],
         "is_roving": any(subject.scales.roving_share < 1.0 for subject in study),
-        "most_draws": USUAL.most_draws,
         "largest_error": format_number(_largest_error(answers)),
         "within": COUNTS_WITHIN,
         "words": words,

@@ -430,10 +430,10 @@ def _doubts(answers: Sequence[OrderEffect], *sentences: str) -> str:
 def _prior(answers: Sequence[OrderEffect]) -> str:
     """Subjects of whom another prior scale leaves a sure word undecided."""
     dependent = [answer.subject for answer in answers if answer.depends_on_prior]
-    change = "If the prior is half or twice as wide,"
     if not dependent:
-        return f"{change} no 'yes' and no 'no' becomes undecided."
-    return f"{change} a 'yes' or a 'no' becomes undecided for {_name_subjects(dependent)}."
+        return "If the prior is half or twice as wide, no 'yes' and no 'no' becomes undecided."
+    subjects = _name_subjects(dependent)
+    return f"If the prior is half or twice as wide, a 'yes' or 'no' of {subjects} is undecided."
 
 
 def _convergence(analysis: Analysis) -> str:

@@ -33,9 +33,9 @@ def test_the_text_has_data_models_criteria_results_and_limits(analysis, tmp_path
         "(1,950 trials, 650 each; 13 ordered pairs of stimuli from 81 to 134 % of the geometric "
         "mean stimulus).",
         "modelled as λ (2Φ(k_m) − 1) + (1 − λ) [Φ(k_m − z) − Φ(−k_m − z)], with z",
-        "The model 'no order effect' (c = p = 0) had the prior probability 1/2.",
+        "models were 1/2, 1/6, 1/6 and 1/6.",
         f"with seed {analysis.draws.seed}, gave",
-        "at least .95, and probably present ('probably') if P was at least .75. We called an",
+        "at least .95, and probably present ('probably') if P was at least .75. We called it",
         "and the BF at most 0.37 (ln BF ≤ -1). All other effects are undecided.",
         "An order effect was present in",
         "A constant error was present in",

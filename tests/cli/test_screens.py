@@ -104,7 +104,7 @@ poor fit.
 Without poor fits, the word is 'yes' or 'probably' for an order effect in 4 of 6
 and for a constant error in 2 of 6.
 In the group of 7, the mean PSE shift is +5 % [-3, +13].
-A08 is not counted. Start with results/report.html. Seed 1.
+The answer does not count A08. Start with results/report.html. Seed 1.
 """
 
 
