@@ -114,7 +114,7 @@ def verdict_lines(found: Calibration) -> list[str]:
             continue
         lines.append(
             f"In the {row.design} design, the probabilities of H1 are "
-            f"{row.verdict.replace('not', 'NOT')}. Their calibration error is {row.error:.4f}, and "
+            f"{row.verdict.replace('not', 'NOT')}. The calibration error is {row.error:.4f}, and "
             f"the limit is {row.floor + MARGIN:.4f}."
         )
     if len(found.ranks):

@@ -38,8 +38,8 @@ FAR = 6.0
 PAGE = """# Are the standard errors of {evidences} right?
 
 We estimate each case with {seeds} seeds. The number z is the difference between an estimate and the reference, divided by
-the reported standard error. If the standard errors are right, the standard deviation of z is 1. With {seeds} seeds,
-chance changes this standard deviation by about {precision:.0f} %. We accept values between {band[0]} and {band[1]}.
+the reported standard error. If the standard errors are right, the standard deviation of z is 1. Chance
+changes this standard deviation by about {precision:.0f} %, because the seeds are few. We accept values between {band[0]} and {band[1]}.
 {conclusion}
 {far}
 `python scripts/error_bars.py -o docs --seeds {seeds} {option}--overwrite` writes this page and [{table}]({table}). The references are in

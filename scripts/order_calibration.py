@@ -54,8 +54,8 @@ run` analyses these responses.
 
 ## Probabilities
 
-If the probabilities are correct, 80 of 100 observers with a probability of .80 have the effect. The expected
-calibration error (ECE) is the mean difference from this rule over ten bins. Even correct probabilities have an ECE
+If the probabilities are correct, 80 of 100 observers with P = .80 have the effect. The expected calibration error
+(ECE) is the mean difference between P and the share of observers with the effect, over ten bins of P. Even correct probabilities have an ECE
 above 0 by chance. The column *floor* has the mean ECE of correct probabilities. The p-value is the probability that
 correct probabilities have an ECE at least as large as the observed ECE. A row is calibrated if p is at least
 {least_p:g}. The log score is in bits, and a lower score is better.

@@ -474,11 +474,11 @@ def format_small_p(p_value: float) -> str:
     Examples
     --------
     >>> format_small_p(0.4), format_small_p(0.00083), format_small_p(0.0)
-    ('test p .40', 'test p .00083', 'test p < .00001')
+    ('test p = .40', 'test p = .00083', 'test p < .00001')
     """
     if p_value < 1e-5:
         return "test p < .00001"
-    return f"test p {format_number(p_value).removeprefix('0')}"
+    return f"test p = {format_number(p_value).removeprefix('0')}"
 
 
 def format_limit(p_value: float, n_subjects: int) -> str:
@@ -487,7 +487,7 @@ def format_limit(p_value: float, n_subjects: int) -> str:
     Examples
     --------
     >>> format_limit(0.00083, 12), format_limit(0.0, 1)
-    ('test p .00083, below .05/12', 'test p < .00001, below .05')
+    ('test p = .00083, below .05/12', 'test p < .00001, below .05')
     """
     limit = format_decimals(FALSE_ALARM_SHARE)
     if n_subjects > 1:
@@ -501,7 +501,7 @@ def describe_fit(fit_p: float | None, n_subjects: int) -> str:
     Examples
     --------
     >>> describe_fit(0.4, 12), describe_fit(0.0008, 12), describe_fit(None, 12)
-    ('good, test p .40', 'poor, test p .00080, below .05/12', 'not testable')
+    ('good, test p = .40', 'poor, test p = .00080, below .05/12', 'not testable')
     """
     if fit_p is None:
         return "not testable"

@@ -17,7 +17,7 @@ from scipy.special import logsumexp, softmax
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, word_of_bayes_factor
 from bayes_toe.answers.words import Word, claim
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
-from bayes_toe.data.messages import capitalized, join_names, plural
+from bayes_toe.data.messages import capitalized, join_names, join_words, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.validation import CONDITION_SEPARATOR
 from bayes_toe.groups.population import GroupEffect, PopulationResult
@@ -28,9 +28,7 @@ from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ORDER_MODELS
 FEWEST_FOR_GROUP = 6
 _MOST_NAMES = 5  # of subjects in a line
 #: How often a test of every subject flags one by chance.
-FALSE_ALARMS = (
-    f"A sound study of this size has such a subject in {100 * FALSE_ALARM_SHARE:.0f} % of cases."
-)
+FALSE_ALARMS = f"By chance, {100 * FALSE_ALARM_SHARE:.0f} % of sound studies have a poor fit."
 _SHARES = np.linspace(0.0, 1.0, 401)  # frequencies over which random effects are summed
 #: One sentence on the table of Appendix C.
 APPENDIX_C = "The comparison of H1 with H0 does not test for an order effect"
@@ -253,9 +251,9 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
     for question in QUESTIONS:
         if good_fits and _count_positive(misfits, question):
             n_positive = _count_positive(good_fits, question)
-            counts.append(f"{with_article(question)} in {n_positive} of {len(good_fits)}")
+            counts.append(f"for {with_article(question)} in {n_positive} of {len(good_fits)}")
     if counts:
-        lines.append(f"Without poor fits, there is or probably is {', '.join(counts)}.")
+        lines.append(f"Without poor fits, the word is 'yes' or 'probably' {join_words(counts)}.")
     return lines
 
 

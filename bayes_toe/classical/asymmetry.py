@@ -200,9 +200,9 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
             significant = sum(row.p_value < LEVEL for row in side)
             corrected = sum(row.p_adjusted < LEVEL for row in side)
             sentences.append(
-                f"With the {stimulus} stimulus first, {len(side)} of {total} gave more "
-                f"{self.share_of} responses. The difference is significant (p < {level}) in "
-                f"{significant} of these subjects, and in {corrected} after Holm's correction."
+                f"{len(side)} of {total} gave more {self.share_of} responses with the {stimulus} "
+                "stimulus first than in the other order. The difference is significant "
+                f"(p < {level}) in {significant} of them, in {corrected} after Holm's correction."
             )
         return " ".join(sentences)
 

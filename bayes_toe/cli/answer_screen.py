@@ -27,7 +27,7 @@ from bayes_toe.cli.terminal import (
     names_to_show,
     repeated_command,
 )
-from bayes_toe.data.messages import capitalized, join_names, join_words
+from bayes_toe.data.messages import capitalized, join_names
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
@@ -228,7 +228,4 @@ def not_counted(answers: Sequence[OrderEffect]) -> list[str]:
     names = [answer.subject for answer in answers if not answer.is_interpretable]
     if not names or len(answers) == 1:
         return []
-    verb = "is" if len(names) == 1 else "are"
-    is_short = len(names) <= _MOST_EXCLUDED
-    listing = join_words(names) if is_short else join_names(names, _MOST_EXCLUDED)
-    return [f"{listing} {verb} not counted."]
+    return [f"The answer does not count {join_names(names, _MOST_EXCLUDED)}."]

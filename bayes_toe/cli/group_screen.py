@@ -84,20 +84,19 @@ def group_answer(result: PopulationResult) -> list[str]:
     parts = []
     for name in _EFFECTS:
         if name not in result.identified:
-            parts.append(f"the {_ROW_LABELS[name]} cannot be told")
+            parts.append(f"the {_ROW_LABELS[name]} cannot be told.")
             continue
         estimate = f"the mean {_LABELS[name]} is {group_estimate(result, name)}"
         sd = _spread(result, name).partition(" [")[0]
-        difference = _differs_from_0(log_factor_of_mean(result, name))
-        parts.append(f"{estimate}, SD between subjects {sd}; {difference}")
+        sizes = f"{estimate}, and the SD between subjects is {sd}."
+        parts.append(f"{sizes} {_describe_mean(result, name)}")
     n_subjects = len(result.subjects)
     heading = f"In the group of {n_subjects}{_reference(result)}"
     first_effect, second_effect = parts
-    lines = [f"{badge}{heading}, {first_effect}. {capitalized(second_effect)}."]
+    lines = [f"{badge}{heading}, {first_effect} {capitalized(second_effect)}"]
     differences: dict[str, list[str]] = {}
     for level, label, difference, factor, word in _comparison_rows(result, "difference"):
-        equality = "from 1" if label == _DIFFERENCE_LABELS[NOISE.name] else "from 0"
-        text = f"{label} {difference}, {claim(Word(word), 'it', 'differ', equality)} (BF {factor})"
+        text = f"{label} {difference} ({word}, BF {factor})"
         differences.setdefault(level, []).append(text)
     for level, texts in differences.items():
         lines.append(f"{badge}Difference {level} in the group: {'; '.join(texts)}.")
@@ -119,7 +118,17 @@ def good_fits_answer(group: PopulationResult, of_good_fits: PopulationResult | N
     return [f"Without the subjects whom the model does not fit, {' and '.join(changes)}."]
 
 
-def _differs_from_0(log_factor: float, noun: str = "it") -> str:
+def _describe_mean(result: PopulationResult, name: str) -> str:
+    """Whether a mean differs from 0; an interval that excludes 0 does not decide that."""
+    [row] = result.table.select("mean", name)
+    log_factor = _log_factor(row)
+    text = f"{capitalized(_differs_from_0(log_factor, 'this mean'))}."
+    if word_of_bayes_factor(log_factor) is Word.UNDECIDED and row.q025 * row.q975 > 0.0:
+        text += " The interval assumes a nonzero mean."
+    return text
+
+
+def _differs_from_0(log_factor: float, noun: str) -> str:
     """Whether a mean differs from 0, with its Bayes factor."""
     text = claim(word_of_bayes_factor(log_factor), noun, "differ", "from 0")
     return f"{text} (BF {format_bayes_factor(log_factor)})"

@@ -55,7 +55,6 @@ from bayes_toe.data.messages import (
 from bayes_toe.data.study import Study
 from bayes_toe.groups.population import study_scales
 from bayes_toe.inference.diagnostics import worst
-from bayes_toe.inference.engine import USUAL
 
 _WIDTH = 88
 #: What notes of reading a study say if something was done to the data.
@@ -99,6 +98,7 @@ def write_methods(analysis: Analysis, path: Path) -> None:
         capitalized=capitalized,
         decimals=format_decimals,
         escaped=_escaped,
+        exp=exp,
         p_value=describe_p_value,
         range=_range,
         word=_marked_word,
@@ -148,11 +148,9 @@ def _methods(analysis: Analysis) -> Record:
         "unit": "participant",
         "priors": analysis.draws.prior.observer.describe(study.task).partition(";")[0],
         "is_roving": any(subject.scales.roving_share < 1.0 for subject in study),
-        "most_draws": USUAL.most_draws,
         "largest_error": format_number(_largest_error(answers)),
         "within": COUNTS_WITHIN,
         "words": words,
-        "factor": f"{exp(words.PROBABLY_NOT_LOG_BAYES_FACTOR):.3f}",
         "fit_limit": format_decimals(FALSE_ALARM_SHARE),
         "has_order": any(answer.history_p is not None for answer in answers),
         "group": group,
@@ -178,7 +176,7 @@ def _range(counts: Sequence[int]) -> str:
 def _numbers(study: Study, logs: npt.ArrayLike) -> tuple[list[str], str]:
     """Stimuli in the unit of the study, or in per cent of their mean, and the unit in words."""
     texts, unit = study.unit.numbers(logs, study_scales(study).mean)
-    in_words = {"ln": "in natural-log intensity", "% of mean": "% of their geometric mean"}
+    in_words = {"ln": "in natural-log intensity", "% of mean": "% of the geometric mean stimulus"}
     return texts, in_words.get(unit, unit)
 
 

@@ -102,14 +102,14 @@ _MOST_MISFITS = 2  # subjects with a figure of the poor fit
 #: Terms of the report, for those who meet them for the first time.
 GLOSSARY = {
     "PSE shift": "Second minus first stimulus when both seem equal, at the mean first stimulus. "
-    "If it is positive, the first stimulus is overestimated.",
-    "constant error": "A PSE shift that is the same at every intensity. It is also called "
-    "time-order error. In 'which was stronger', no analysis can distinguish it from a response "
-    "bias.",
+    "If the shift is positive, the first stimulus is overestimated.",
+    "constant error": "A PSE shift that is the same at every intensity. Another name is "
+    "time-order error. In 'which was stronger', no analysis can distinguish a constant error from "
+    "a response bias.",
     "contraction": "The first stimulus is remembered as nearer to the mean. A contraction of 32 % "
-    "moves it 32 % of the way. It is also called contraction bias or central tendency. A negative "
-    "contraction is a repulsion.",
-    "JND": "Just noticeable difference. Without lapses, it is the step from 50 to 75 % 'second'.",
+    "moves the first stimulus 32 % of the way. Other names are contraction bias and central "
+    "tendency. A negative contraction is a repulsion.",
+    "JND": "Just noticeable difference. Without lapses, this is the step from 50 to 75 % 'second'.",
     "Bayes factor": "Mean evidence of the models with the effect, divided by the mean evidence of "
     "the models without the effect.",
     "serial dependence": "The response depends on earlier trials.",
@@ -430,10 +430,10 @@ def _doubts(answers: Sequence[OrderEffect], *sentences: str) -> str:
 def _prior(answers: Sequence[OrderEffect]) -> str:
     """Subjects of whom another prior scale leaves a sure word undecided."""
     dependent = [answer.subject for answer in answers if answer.depends_on_prior]
-    change = "If the prior is half or twice as wide,"
     if not dependent:
-        return f"{change} every 'yes' and every 'no' stays."
-    return f"{change} a 'yes' or a 'no' becomes undecided for {_name_subjects(dependent)}."
+        return "If the prior is half or twice as wide, no 'yes' and no 'no' becomes undecided."
+    subjects = _name_subjects(dependent)
+    return f"If the prior is half or twice as wide, a 'yes' or 'no' of {subjects} is undecided."
 
 
 def _convergence(analysis: Analysis) -> str:

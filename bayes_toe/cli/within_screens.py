@@ -28,7 +28,7 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
         out.line()
         out.line(f"All {len(table.subjects):,} subjects: {file}")
     if len({row.comparison for row in table}) > 1:
-        out.line("BF and word: a difference between any two conditions.")
+        out.line("BF and word refer to a difference between any two conditions.")
     if any(row.robust == "no" for row in table):
         out.line("? The word changes if the lapse rate may differ between conditions.")
     notes = []
@@ -82,8 +82,10 @@ def print_history(out: Terminal, table: SerialDependence, file: str = OUTPUT) ->
         out.line(f"All {len(rows):,} subjects: {file}")
     elif rows:
         out.table(headings, rows)
-        out.line("rho: share of a stimulus that is carried over to the next trial.")
-        out.line("kappa: above 0 subjects repeat their response, below 0 they alternate.")
+        out.line(
+            "rho is the share of a stimulus that is carried over to the next trial. If kappa is "
+            "above 0, a subject repeats responses. If kappa is below 0, a subject alternates."
+        )
     out.notes(notes, file=file)
 
 

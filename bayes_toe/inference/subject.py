@@ -20,11 +20,18 @@ from bayes_toe.inference.diagnostics import (
     Errors,
     convergence_of,
     errors_of,
+    pareto_k,
     smoothed_weights,
     worst,
 )
 from bayes_toe.inference.engine import SHARP
-from bayes_toe.inference.fitted import Evidence, Fitted, fit_posterior, importance_evidence
+from bayes_toe.inference.fitted import (
+    Evidence,
+    Fitted,
+    fit_posterior,
+    importance_evidence,
+    is_trusted,
+)
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, summarise_fit
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
@@ -36,6 +43,8 @@ from bayes_toe.seeds import generator
 #: Independent draws behind the evidence of H1, unless more are asked for.
 EVIDENCE_DRAWS = 4000
 _FEWEST_JUDGING = 4000  # draws that judge a mixture where no chains follow
+# Further mixtures for an evidence whose weights cannot be trusted, and the draws of each.
+_FURTHER_ATTEMPTS, _MANY_DRAWS = 2, 20_000
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 _MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
 SUMMARY_COLUMNS = (
@@ -117,12 +126,29 @@ def fitted_result(
         fit = summarise_fit(target, x, fitted.maximum)
 
     if request.evidence_draws:
-        draws = fitted.fresh(generator(*key, "evidence"), request.evidence_draws)
+        trusted, draws = _trusted_draws(fitted, key, request.evidence_draws)
         evidence = importance_evidence(draws)
         if fit is None and evidence.value is not None:
-            fit = _weighted_fit(fitted, draws, generator(*key, "resampling"))
+            fit = _weighted_fit(trusted, draws, generator(*key, "resampling"))
     result = SubjectResult(target, fitted.efficiency, fitted.pareto_k, evidence, chains, fit)
     return result, fitted
+
+
+def _trusted_draws(
+    fitted: Fitted, key: tuple[int, str, str], size: int
+) -> tuple[Fitted, WeightedDraws]:
+    """Draws that chose no mixture, and their mixture.
+
+    It is a further one where the weights of the first cannot be trusted.
+    """
+    draws = fitted.fresh(generator(*key, "evidence"), size)
+    for attempt in range(_FURTHER_ATTEMPTS):
+        if is_trusted(pareto_k(draws.log_weights), draws.efficiency):
+            break
+        rng = generator(*key, f"further mixture {attempt}")
+        fitted = fit_posterior(fitted.target, rng, _MANY_DRAWS)
+        draws = fitted.fresh(rng, max(_MANY_DRAWS, size))
+    return fitted, draws
 
 
 def _weighted_fit(fitted: Fitted, draws: WeightedDraws, rng: Rng) -> GoodnessOfFit:

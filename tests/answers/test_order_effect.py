@@ -155,7 +155,7 @@ def test_a_study_of_more_subjects_has_a_smaller_limit(answers):
     assert WANDERING_FLAG in single.flags
     of_study = single.in_study(12)
     assert of_study.flags == (*answers["none"].flags, MISFIT_FLAG)
-    assert of_study.problems[-1].message == "The model does not fit: test p .00080, below .05/12."
+    assert of_study.problems[-1].message == "The model does not fit: test p = .00080, below .05/12."
     assert of_study.marked_word("order_effect").endswith(" !")
     assert of_study.in_study(200).fits is True
     assert of_study.cells["interpretable"] == "yes"
@@ -166,7 +166,7 @@ def test_a_criterion_that_wanders_may_be_the_constant_error_of_2afc(task):
     subject = replace(compared(), task=task)
     answer = replace(answer_subject(subject, seed=1)[0], moving_criterion_p=0.001).in_study(1)
     sentence = answer.problems[-1].message
-    start = "The preference for a response wanders over the trials (test p .0010, below .05)."
+    start = "The preference for a response wanders over the trials (test p = .0010, below .05)."
     assert sentence.startswith(start)
     is_2afc = task == WHICH_STRONGER
     assert sentence.endswith(" A constant error may be due to it.") == is_2afc

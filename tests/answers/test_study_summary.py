@@ -47,7 +47,7 @@ def test_directions_and_exceptions_are_named():
         "Constant error: 2 yes, 1 undecided.",
         "Contraction: 1 yes (contraction), 1 probably (repulsion), 1 no.",
         f"The model does not fit 1 subject: C. {FALSE_ALARMS}",
-        "Without poor fits, there is or probably is an order effect in 2 of 2.",
+        "Without poor fits, the word is 'yes' or 'probably' for an order effect in 2 of 2.",
     ]
 
 

@@ -30,18 +30,18 @@ def test_the_text_has_data_models_criteria_results_and_limits(analysis, tmp_path
     text = text_of(analysis, tmp_path)
     expected_names = [
         "Each of 3 participants reported whether two successive stimuli were equal or different "
-        "(1,950 trials, 650 each; 13 ordered pairs of stimuli from 81 to 134 % of their geometric "
-        "mean).",
+        "(1,950 trials, 650 each; 13 ordered pairs of stimuli from 81 to 134 % of the geometric "
+        "mean stimulus).",
         "modelled as λ (2Φ(k_m) − 1) + (1 − λ) [Φ(k_m − z) − Φ(−k_m − z)], with z",
-        "no order effect (c = p = 0; prior probability 1/2), constant error (p = 0)",
-        f"seed {analysis.draws.seed}, gave",
-        "at least .95, probably present ('probably') from .75, absent ('no') up to .05",
-        "with a BF of at most 0.368, and otherwise undecided.",
+        "models were 1/2, 1/6, 1/6 and 1/6.",
+        f"with seed {analysis.draws.seed}, gave",
+        "at least .95, and probably present ('probably') if P was at least .75. We called it",
+        "and the BF at most 0.37 (ln BF ≤ -1). All other effects are undecided.",
         "An order effect was present in",
         "A constant error was present in",
         "These pairs cannot distinguish a contraction from noise",
         "The priors were `noise ~ LogNormal(1 D, 0.7)",
-        "Pairs (s1, s2), % of their geometric mean: (81, 81), ",
+        "Pairs (s1, s2), % of the geometric mean stimulus: (81, 81), ",
     ]
     assert [sentence for sentence in expected_names if sentence not in text] == []
     assert "A contraction was" not in text
@@ -77,11 +77,11 @@ def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
     assert f"The fit was not testable for {third}." in text
     assert f"{second} was not interpreted: keys look swapped." in text
     assert "of 2 participants" in text
-    assert " ! means that the model does not fit." in text
+    assert " ! marks a poor fit." in text
     text = text_of(with_answers(analysis, {"fit_p": 0.5}, excluded, excluded), tmp_path)
     assert "The order changed the response: the first stimulus was" in text
     assert "No fit was poor." in text
-    assert " ! means that the model does not fit." not in text
+    assert " ! marks a poor fit." not in text
 
 
 def test_words_are_counted_by_direction(analysis, tmp_path):
@@ -123,4 +123,4 @@ def test_answers_that_depend_on_the_prior_are_named_and_marked(analysis, tmp_pat
     assert "no 'yes' and no 'no' became undecided." in unchanged
     text = text_of(with_answers(analysis, dependent, plain, plain), tmp_path)
     assert f"a 'yes' or a 'no' became undecided for {analysis.draws.names[0]}." in text
-    assert " ? means 'undecided with half or twice the prior scale'." in text
+    assert " ? marks a 'yes' or a 'no' that became undecided with another prior scale." in text

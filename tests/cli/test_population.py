@@ -51,7 +51,9 @@ def test_files_and_answer(finished, folder):
     assert sorted(path.name for path in folder.glob("group*")) == [*FILES]
     text = " ".join(finished.split())
     assert "Answer In the group of 5 (site 0, age mean), the mean PSE shift is " in text
-    assert re.search(r"\], SD between subjects .*; [\w ]+ differs? from 0 \(BF .*\)\.", text)
+    assert re.search(
+        r"and the SD between subjects is .*\. [\w ]+ differs? from 0 \(BF .*\)\.", text
+    )
     assert "Effects of covariates" in text
     assert "! subjects left out: 'P005' (no age)" in text
     assert text.endswith("Written: group.nc, group.csv, group_subjects.csv, group.png. Seed 1.")
@@ -116,7 +118,7 @@ def test_an_sd_near_zero_is_given_as_a_bound():
     small = built.draws.sd.copy()
     small[..., 1] = 0.001 + 0.02 * np.random.default_rng(1).uniform(size=small.shape[:2])
     [line] = group_answer(replace(built, draws=replace(built.draws, sd=small)))
-    assert "], SD between subjects at most 2 %; " in line.partition("contraction")[2]
+    assert "], and the SD between subjects is at most 2 %. " in line.partition("contraction")[2]
 
 
 def test_conditions_have_a_line_and_a_table():

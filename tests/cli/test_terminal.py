@@ -65,7 +65,7 @@ def test_subjects_that_are_not_counted_have_names(numerous):
     assert not_counted(numerous[:2]) == []
     excluded = [replace(answer, is_interpretable=False) for answer in numerous[:7]]
     [sentence] = not_counted([*excluded, numerous[8]])
-    assert sentence == "S0, S1, S2, S3, S4, ... and 2 more are not counted."
+    assert sentence == "The answer does not count S0, S1, S2, S3, S4, ... and 2 more."
 
 
 def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):

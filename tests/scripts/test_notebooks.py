@@ -24,7 +24,7 @@ get_ipython().run_line_magic("config", "InlineBackend.print_figure_kwargs = {'bb
 #: Numbers that are smaller than as stored.
 FEWER = {
     r"replicates=\d+": "replicates=100",
-    r"draws=[\d_]{4,}": "draws=500",
+    r"draws=[\d_]{4,}": "draws=10_000",
     r"data_sets=\d+": "data_sets=1",
 }
 IMAGES = {"corner_exploration": 4, "paper": 8}
