@@ -350,7 +350,7 @@ subjects. The noise of these observers is .6 times the difference between the st
 {faults}
 
 In some of these observers, the constant error is 2.5 times this difference and hides the fault.
-The alarm of another task needs more than half of the subjects to respond as in the other task.
+The program finds another task only if more than half of the subjects respond as in another task.
 
 ## Observers whom no model describes
 

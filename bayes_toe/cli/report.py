@@ -431,7 +431,7 @@ def _prior(answers: Sequence[OrderEffect]) -> str:
     """Subjects of whom another prior scale leaves a sure word undecided."""
     dependent = [answer.subject for answer in answers if answer.depends_on_prior]
     if not dependent:
-        return "If the prior is half or twice as wide, no 'yes' and no 'no' becomes undecided."
+        return "With half or twice the prior width, no conclusion 'yes' or 'no' becomes undecided."
     subjects = _name_subjects(dependent)
     return f"If the prior is half or twice as wide, a 'yes' or 'no' of {subjects} is undecided."
 

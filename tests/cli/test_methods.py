@@ -120,7 +120,7 @@ def test_names_are_no_markup(analysis, tmp_path):
 def test_answers_that_depend_on_the_prior_are_named_and_marked(analysis, tmp_path):
     plain, dependent = {"flags": ()}, {"flags": (f"{PRIOR_FLAG}: order effect",)}
     unchanged = text_of(with_answers(analysis, plain, plain, plain), tmp_path)
-    assert "no 'yes' and no 'no' became undecided." in unchanged
+    assert "no conclusion 'yes' or 'no' became undecided." in unchanged
     text = text_of(with_answers(analysis, dependent, plain, plain), tmp_path)
     assert f"a 'yes' or a 'no' became undecided for {analysis.draws.names[0]}." in text
     assert " ? marks a 'yes' or a 'no' that became undecided with another prior scale." in text
