@@ -35,7 +35,7 @@ from bayes_toe.data.whole_files import (
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.libraries import library_versions
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Failed, Progress, Workers, report_progress, run_jobs
+from bayes_toe.workers import Failed, Progress, Workers, report_progress, run_in_order, run_jobs
 
 Result = TypeVar("Result")
 SUFFIX = ".result"
@@ -90,27 +90,27 @@ def run_stored(
     OutputError
         If the folder cannot be written to.
     """
-    results: dict[int, Result | Failed] = {}
-    files: list[Path] = []
-    standing = Standing(len(jobs))
-    if folder is not None:
-        place = Path(folder)
-        require_writable(place / SUFFIX, overwrite=True)
-        files = [place / f"{joblib.hash((versions(), job))}{SUFFIX}" for job in jobs]
-        for index, file in enumerate(files):
-            stored = _read(file)
-            if stored is not None:
-                results[index] = stored["result"]
-                report_progress(progress, [names[index]])
-        n_damaged = sum(file.exists() for file in files) - len(results)
-        standing = Standing(len(jobs), len(results), len(results), n_damaged)
-        under_way[place] = standing
-    missing = [index for index in range(len(jobs)) if index not in results]
+    if folder is None:
+        return run_in_order(jobs, workers, progress, [(name,) for name in names])
+    place, results = Path(folder), dict[int, Result | Failed]()
+    require_writable(place / SUFFIX, overwrite=True)
+    files = [place / f"{joblib.hash((versions(), job))}{SUFFIX}" for job in jobs]
+    missing = list[int]()
+    for index, file in enumerate(files):
+        stored = _read(file)
+        if stored is None:
+            missing.append(index)
+        else:
+            results[index] = stored["result"]
+            report_progress(progress, [names[index]])
+    n_damaged = sum(files[index].exists() for index in missing)
+    standing = under_way[place] = Standing(len(jobs), len(results), len(results), n_damaged)
+
     with closing(run_jobs([jobs[index] for index in missing], workers)) as outcomes:
         for position, result in outcomes:
             index = missing[position]
             results[index] = result
-            if folder is not None and not isinstance(result, Failed):
+            if not isinstance(result, Failed):
                 content = pickle.dumps({"seed": seed, "result": result})
                 with reporting(place, hidden=files[index]):
                     write_whole(files[index], content)

@@ -102,8 +102,8 @@ def verdict_lines(found: Calibration) -> list[str]:
     if len(found.ranks):
         inside = (found.rank_verdicts["verdict"] == "inside").sum()
         lines.append(
-            f"The ranks of the true values are uniform in {inside} of {len(found.rank_verdicts)} "
-            "rows. In a correct analysis, all rows are uniform with a probability of "
+            f"The ranks of {inside} of {len(found.rank_verdicts)} rows are inside their bands. In "
+            "a correct analysis, all rows are inside with a probability of "
             f"{100 * (1 - FALSE_ALARM):g} %."
         )
     for row in found.evidence_verdicts.itertuples():

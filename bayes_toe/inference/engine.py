@@ -188,7 +188,7 @@ class PriorMixture:
         if precision.has_cover:
             flat_log_weights = _FLAT * draws.log_posterior - draws.log_proposal
             flat_weights = tempered(flat_log_weights, precision.tempered)
-            cover = _cover(points, flat_weights, core.df)
+            cover = _component(points, core.df, flat_weights)
         return replace(self, core=core, cover=cover)
 
     def sample(self, rng: AnyRng, size: int) -> tuple[FloatArray, BoolArray]:
@@ -201,9 +201,9 @@ class PriorMixture:
         return points, rng.uniform(size=size) < self.prior_share
 
 
-def _cover(points: FloatArray, weights: FloatArray, df: int) -> StudentMixture:
-    """One component with the mean and covariance of weighted points, (n, d)."""
-    means = (weights @ points)[None]
+def _component(points: FloatArray, df: int, weights: FloatArray | None = None) -> StudentMixture:
+    """One component with the mean and covariance of points, (n, d)."""
+    means = np.average(points, axis=0, weights=weights)[None]
     scale = np.atleast_2d(np.cov(points.T, aweights=weights))
     return StudentMixture(np.ones(1), means, scale[None], df)
 
@@ -264,10 +264,7 @@ def with_prior_components(mixture: PriorMixture, array: EngineArray, rng: Rng) -
 
 def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
     """One component with the mean and covariance of points, shape (n, d)."""
-    free_points = points[:, is_free]
-    scale = np.atleast_2d(np.cov(free_points.T))
-    means, df = free_points.mean(axis=0)[None], _degrees_of_freedom(is_free)
-    return PriorMixture(is_free, StudentMixture(np.ones(1), means, scale[None], df))
+    return PriorMixture(is_free, _component(points[:, is_free], _degrees_of_freedom(is_free)))
 
 
 def _laplace_weights(maxima: Ascent) -> FloatArray:

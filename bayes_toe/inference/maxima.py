@@ -248,23 +248,28 @@ def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> A
     Scoring would need many steps where the answers leave a coordinate open. The curvature at the
     maxima is that of Fisher information and prior.
     """
-
-    def density(points: FloatArray, index: IndexArray) -> ArrayPair:
-        part, w = array.part(owners[index]), points[:, None, :]
-        log_likelihood, slope = part.likelihood.gradient(w)
-        slope = (slope + part.prior_slopes(w)[0])[:, 0]
-        return (log_likelihood + part.log_prior(w))[:, 0], np.where(part.is_free, slope, 0.0)
-
     owned = array.part(owners)
-    curvature = _expansion(owned, starts).curvature
+    densities = _differenced(owned, _expansion(owned, starts).curvature)
     searches = ascend(
-        Differenced(density, np.diagonal(curvature, axis1=1, axis2=2)).expand,
+        densities.expand,
         starts,
         is_held=~owned.is_free,
         least_gain=POLISH_GAIN,
         largest_step=_LARGEST_STEP,
     )
     return searches._replace(curvature=_expansion(owned, searches.x).curvature)
+
+
+def _differenced(array: PosteriorArray, curvature: FloatArray) -> Differenced:
+    """The log density of each posterior, with differences as fine as a curvature nearby asks."""
+
+    def density(points: FloatArray, index: IndexArray) -> ArrayPair:
+        part, w = array.part(index), points[:, None, :]
+        log_likelihood, slope = part.likelihood.gradient(w)
+        slope = (slope + part.prior_slopes(w)[0])[:, 0]
+        return (log_likelihood + part.log_prior(w))[:, 0], np.where(part.is_free, slope, 0.0)
+
+    return Differenced(density, np.diagonal(curvature, axis1=1, axis2=2))
 
 
 def _expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
@@ -287,21 +292,13 @@ def _expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
 
 def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
     """The highest maximum of every posterior, (n, d), and Laplace's log evidence, (n,)."""
-    n, d = array.is_free.shape
-    owners = np.arange(n)
+    owners = np.arange(len(array))
     highest = np.array([ends.x[np.argmax(ends.value)] for ends in maxima])
     top = polished(array, owners, highest)
 
-    def gradient(points: FloatArray) -> FloatArray:
-        repeated = array.part(np.resize(owners, len(points)))
-        w = points[:, None, :]
-        slope = repeated.likelihood.gradient(w)[1] + repeated.prior_slopes(w)[0]
-        return slope[:, 0]
-
-    diagonal = np.arange(d)
-    curvature = -hessian(gradient, top.x, top.curvature[:, diagonal, diagonal])
+    curvature = _differenced(array, top.curvature).curvature(top.x, owners)
     both_free = array.is_free[:, :, None] & array.is_free[:, None, :]
-    curvature = np.where(both_free, curvature, np.eye(d))
+    curvature = np.where(both_free, curvature, np.eye(top.x.shape[1]))
     is_proper = np.linalg.eigvalsh(curvature)[:, 0] > 0.0
     log_determinant = np.linalg.slogdet(curvature)[1]
     dimensions = array.is_free.sum(axis=1)
@@ -335,14 +332,12 @@ def one_sided_hessian(
     return value[:n_points], gradient[0], _symmetric(gradient[1:] - gradient[0], ahead - x)
 
 
-def hessian(gradient: Gradient, x: FloatArray, diagonal: FloatArray | None = None) -> FloatArray:
+def hessian(gradient: Gradient, x: FloatArray, diagonal: FloatArray) -> FloatArray:
     """Hessian, (points, k, k), by central differences of a gradient, (points, k) -> (points, k).
 
-    By default `diagonal`, as in :func:`one_sided_hessian`, comes from differences over 1e-4.
+    `diagonal` is that of :func:`one_sided_hessian`.
     """
     k = x.shape[1]
-    if diagonal is None:
-        diagonal = np.abs(np.diagonal(hessian(gradient, x, np.ones(x.shape)), axis1=1, axis2=2))
     step = _difference_steps(x, diagonal, _LONG)
     forward, backward = x + step, x - step
     slopes = gradient(np.concatenate([forward, backward]).reshape(-1, k)).reshape(2, k, *x.shape)

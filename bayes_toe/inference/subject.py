@@ -20,7 +20,6 @@ from bayes_toe.inference.diagnostics import (
     Errors,
     convergence_of,
     errors_of,
-    pareto_k,
     smoothed_weights,
     worst,
 )
@@ -30,7 +29,6 @@ from bayes_toe.inference.fitted import (
     Fitted,
     fit_posterior,
     importance_evidence,
-    is_trusted,
 )
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, summarise_fit
 from bayes_toe.inference.mixture import WeightedDraws
@@ -126,29 +124,30 @@ def fitted_result(
         fit = summarise_fit(target, x, fitted.maximum)
 
     if request.evidence_draws:
-        trusted, draws = _trusted_draws(fitted, key, request.evidence_draws)
-        evidence = importance_evidence(draws)
+        evidence, draws, trusted = _evidence(fitted, key, request.evidence_draws)
         if fit is None and evidence.value is not None:
             fit = _weighted_fit(trusted, draws, generator(*key, "resampling"))
     result = SubjectResult(target, fitted.efficiency, fitted.pareto_k, evidence, chains, fit)
     return result, fitted
 
 
-def _trusted_draws(
+def _evidence(
     fitted: Fitted, key: tuple[int, str, str], size: int
-) -> tuple[Fitted, WeightedDraws]:
-    """Draws that chose no mixture, and their mixture.
+) -> tuple[Evidence, WeightedDraws, Fitted]:
+    """The evidence, the draws behind it, which chose no mixture, and their mixture.
 
-    It is a further one where the weights of the first cannot be trusted.
+    It is a further mixture where the weights of the first cannot be trusted.
     """
     draws = fitted.fresh(generator(*key, "evidence"), size)
+    evidence = importance_evidence(draws)
     for attempt in range(_FURTHER_ATTEMPTS):
-        if is_trusted(pareto_k(draws.log_weights), draws.efficiency):
+        if evidence.value is not None:
             break
         rng = generator(*key, f"further mixture {attempt}")
         fitted = fit_posterior(fitted.target, rng, _MANY_DRAWS)
         draws = fitted.fresh(rng, max(_MANY_DRAWS, size))
-    return fitted, draws
+        evidence = importance_evidence(draws)
+    return evidence, draws, fitted
 
 
 def _weighted_fit(fitted: Fitted, draws: WeightedDraws, rng: Rng) -> GoodnessOfFit:

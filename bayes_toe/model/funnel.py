@@ -67,16 +67,16 @@ class Funnel:
     def forward(self, u: FloatArray) -> ArrayPair:
         """Coordinates y of u, (posteriors, points, 4), and log |dy/du|, (posteriors, points)."""
         mean, log_sd = self.conditional(u)
-        y, log_change = self.rows.with_log_width(u)
+        y = self.rows.with_log_width(u)
         y[..., 0] = (u[..., 0] - mean) * np.exp(-log_sd)
-        return y, log_change - log_sd
+        return y, self.rows.log_width_volume(u) - log_sd
 
     def inverse(self, y: FloatArray) -> ArrayPair:
         """Coordinates u of y, and log |dy/du| there."""
         u = self.rows.without_log_width(y)
         mean, log_sd = self.conditional(u)
         u[..., 0] = mean + y[..., 0] * np.exp(log_sd)
-        return u, self.rows.with_log_width(u)[1] - log_sd
+        return u, self.rows.log_width_volume(u) - log_sd
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, log_expit, log_ndtr, ndtr
 
-from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray
+from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.model.answer_curves import (
@@ -150,13 +150,18 @@ class PaperRows(AnswerRows):
         by_gamma = self.power * self._pull_slope(u) / (1.0 - p)
         return log_half_normal_slope(u[..., 1]), by_gamma
 
-    def with_log_width(self, u: FloatArray) -> ArrayPair:
-        """Points with the log width in the place of the score of sigma_p, and log |change|."""
-        if self.prior.spread == "width":
-            return u.copy(), np.zeros(u.shape[:-1])
+    def with_log_width(self, u: FloatArray) -> FloatArray:
+        """Points with the log width in the place of the score of sigma_p."""
         changed = u.copy()
-        changed[..., 1] = self.log_width(u)
-        return changed, np.log(log_half_normal_slope(u[..., 1]))
+        if self.prior.spread != "width":
+            changed[..., 1] = self.log_width(u)
+        return changed
+
+    def log_width_volume(self, u: FloatArray) -> FloatArray:
+        """Log of the change of volume by :meth:`with_log_width`, (rows, points)."""
+        if self.prior.spread == "width":
+            return np.zeros(u.shape[:-1])
+        return np.log(log_half_normal_slope(u[..., 1]))
 
     def without_log_width(self, changed: FloatArray) -> FloatArray:
         """Inverse of :meth:`with_log_width`."""
