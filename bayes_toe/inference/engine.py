@@ -36,8 +36,9 @@ _SHRINKAGE = 0.7  # of components in a cloud, toward its mean
 _LEAST_CURVATURE = 0.2  # flatter than this is a ridge that only the prior ends
 _NEIGHBOURS = 120  # draws that give a component its shape where one is added at a heavy draw
 
-_COVER_SHARE = 0.1
-_FLAT = 0.3  # the power by which the posterior is flattened for the cover
+# The cover of a mixture: components, share, floor and EM steps of a round.
+_COVER_COMPONENTS, _COVER_SHARE, _COVER_FLOOR, _COVER_EM_STEPS = 6, 0.1, 0.4, 2
+_FLAT = 0.3  # the power by which the posterior is flattened for it
 
 # --- Draws ---
 _FAR = 8.0  # nats below the best of its family at which a posterior needs no further draws
@@ -79,7 +80,7 @@ class Precision:
         above which a posterior goes back to get a better mixture.
     most_returns : int
     has_cover : bool
-        Whether a mixture has a wide component, so that no draw in a tail is heavy.
+        Whether a mixture has wide components, so that no draw in a tail is heavy.
     """
 
     standard_error: float = 0.03
@@ -155,7 +156,7 @@ class EngineArray(Protocol):
 class PriorMixture:
     """The proposal of one posterior: a mixture of Student-t densities, and a share of the prior.
 
-    The core is adapted to draws. The cover, if there is one, is a wide component.
+    The core is adapted to draws. The cover, if there is one, is adapted to a flattened posterior.
 
     A coordinate that the posterior does not have stays at 0 and is no dimension of the mixture.
     """
@@ -179,16 +180,20 @@ class PriorMixture:
 
     def updated(self, draws: WeightedDraws, precision: Precision) -> PriorMixture:
         """Steps of EM toward draws whose weights are flattened."""
-        weights = tempered(draws.log_weights, precision.tempered)
         inertia = 2.0 * len(self.is_free)
         points = draws.x[:, self.is_free]
-        core, cover = self.core, None
+        weights = tempered(draws.log_weights, precision.tempered)
+        core = self.core
         for _ in range(precision.em_steps):
             core = core.drawn_toward(points, weights, precision.floor, inertia)
-        if precision.has_cover:
-            flat_log_weights = _FLAT * draws.log_posterior - draws.log_proposal
-            flat_weights = tempered(flat_log_weights, precision.tempered)
-            cover = _component(points, core.df, flat_weights)
+        if not precision.has_cover:
+            return replace(self, core=core)
+
+        flat_log_weights = _FLAT * draws.log_posterior - draws.log_proposal
+        flat_weights = tempered(flat_log_weights, precision.tempered)
+        cover = self.cover or _components(points, flat_weights, _COVER_COMPONENTS, core.df)
+        for _ in range(_COVER_EM_STEPS):
+            cover = cover.drawn_toward(points, flat_weights, _COVER_FLOOR, inertia)
         return replace(self, core=core, cover=cover)
 
     def sample(self, rng: AnyRng, size: int) -> tuple[FloatArray, BoolArray]:
@@ -201,11 +206,16 @@ class PriorMixture:
         return points, rng.uniform(size=size) < self.prior_share
 
 
-def _component(points: FloatArray, df: int, weights: FloatArray | None = None) -> StudentMixture:
-    """One component with the mean and covariance of points, (n, d)."""
-    means = np.average(points, axis=0, weights=weights)[None]
+def _components(points: FloatArray, weights: FloatArray, n: int, df: int) -> StudentMixture:
+    """Components at points in random order, (points, d), chosen by weights that sum to 1.
+
+    All have the shape of the points, and lie a little toward their mean.
+    """
+    centre = weights @ points
+    chosen = np.searchsorted(np.cumsum(weights), (np.arange(n) + 0.5) / n)
+    means = centre + _SHRINKAGE * (points[chosen] - centre)
     scale = np.atleast_2d(np.cov(points.T, aweights=weights))
-    return StudentMixture(np.ones(1), means, scale[None], df)
+    return StudentMixture(np.full(n, 1.0 / n), means, np.repeat(scale[None], n, axis=0), df)
 
 
 def mixture_of_maxima(maxima: Ascent, is_free: BoolArray) -> PriorMixture:
@@ -222,15 +232,12 @@ def mixture_of_clouds(
     """Several components in a cloud of points about every maximum, (n, d) each."""
     n_each = _COMPONENTS // len(clouds) + 1
     df = _CLOUD_DF + int(is_free.sum()) % 2  # because its sum with the dimension is even
-    means, scales = [], []
-    for cloud in clouds:
-        points = cloud[:, is_free]
-        centre = points.mean(axis=0)
-        means.append(centre + _SHRINKAGE * (points[:n_each] - centre))
-        scales.append(np.repeat(np.atleast_2d(np.cov(points.T))[None], n_each, axis=0))
+    even = np.full(_CLOUD, 1.0 / _CLOUD)
+    parts = [_components(cloud[:, is_free], even, n_each, df) for cloud in clouds]
     weights = np.repeat(_laplace_weights(maxima), n_each) / n_each
-    columns = np.concatenate(means), np.concatenate(scales), df
-    return PriorMixture(is_free, StudentMixture(weights, *columns), prior_share)
+    means = np.concatenate([part.means for part in parts])
+    scales = np.concatenate([part.scales for part in parts])
+    return PriorMixture(is_free, StudentMixture(weights, means, scales, df), prior_share)
 
 
 def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:
@@ -253,18 +260,17 @@ def with_prior_components(mixture: PriorMixture, array: EngineArray, rng: Rng) -
     log_prior, log_posterior = array.densities(points)
     weights = tempered((log_posterior - log_prior)[0], _PRIOR_EFFECTIVE)
 
-    free_points, core = points[0][:, mixture.is_free], mixture.core
-    n_added = _COMPONENTS // 2
-    chosen = free_points[rng.choice(_PRIOR_DRAWS, n_added, p=weights)]
-    scale = np.atleast_2d(np.cov(free_points.T, aweights=weights))
-    scales = np.repeat(scale[None], n_added, axis=0)
-    added = StudentMixture(np.full(n_added, 1.0 / n_added), chosen, scales, core.df)
+    core = mixture.core
+    added = _components(points[0][:, mixture.is_free], weights, _COMPONENTS // 2, core.df)
     return replace(mixture, core=core.joined([added], 0.5))
 
 
 def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
     """One component with the mean and covariance of points, shape (n, d)."""
-    return PriorMixture(is_free, _component(points[:, is_free], _degrees_of_freedom(is_free)))
+    free_points = points[:, is_free]
+    means, scale = free_points.mean(axis=0)[None], np.atleast_2d(np.cov(free_points.T))
+    df = _degrees_of_freedom(is_free)
+    return PriorMixture(is_free, StudentMixture(np.ones(1), means, scale[None], df))
 
 
 def _laplace_weights(maxima: Ascent) -> FloatArray:
