@@ -12,7 +12,7 @@ from typing import Any
 import emcee
 import numpy as np
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
 from bayes_toe.inference.fitted import Fitted
@@ -181,18 +181,11 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
     def propose(self, model: Any, state: Any) -> tuple[Any, Any]:
         """One step of all walkers, as emcee asks for it."""
         fresh = self.take(len(state.coords), model.random)
-        log_old = self._log_proposal(state.coords)
-        log_ratio = fresh.log_weights - (state.log_prob - log_old)
+        log_ratio = fresh.log_weights - (state.log_prob - state.blobs)
         is_accepted = np.log(model.random.rand(len(fresh.x))) < log_ratio
         coordinates = fresh.x[:, self.fitted.target.is_free]
-        proposed = emcee.State(coordinates, log_prob=fresh.log_posterior)
+        proposed = emcee.State(coordinates, fresh.log_posterior, fresh.log_proposal)
         return self.update(state, proposed, is_accepted), is_accepted
-
-    def _log_proposal(self, coordinates: FloatArray) -> FloatArray:
-        """Log density of the mixture where walkers stand."""
-        w = full_coordinates(self.fitted, coordinates)
-        log_prior = self.fitted.array.log_prior(w[None])[0]
-        return self.fitted.mixture.log_density(w, log_prior)
 
     def take(self, size: int, random: np.random.RandomState) -> WeightedDraws:
         """The next draws from the mixture."""
@@ -236,7 +229,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         super().__init__(
             settings.walkers,
             len(target.coordinates),
-            self._log_density,
+            self.compute_log_prob,
             vectorize=True,
             moves=moves(fitted, first),
         )
@@ -259,19 +252,16 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         log_density = self.get_log_prob().T.ravel() + log_volume
         return x, log_density, float(np.mean(self.acceptance_fraction))
 
-    def compute_log_prob(self, coords: FloatArray) -> tuple[FloatArray, None]:
-        """Log densities as the array that they come in.
+    def compute_log_prob(self, coords: FloatArray) -> ArrayPair:
+        """Log posterior density, and the log density of the mixture, (points,) each.
 
-        emcee itself goes through them one by one.
+        emcee keeps the second with a walker, as its blob: a global move needs it where the walker
+        stands.
         """
-        return self._log_density(coords), None
-
-    def _log_density(self, coordinates: FloatArray) -> FloatArray:
-        """Log posterior density in the coordinates of the mixture, (points,)."""
-        w = full_coordinates(self._fitted, coordinates)
-        log_density = self._fitted.array.densities(w[None])[1][0]
-        require_defined(log_density, self._fitted.target)
-        return log_density
+        w = full_coordinates(self._fitted, coords)
+        log_prior, log_posterior = self._fitted.array.densities(w[None])
+        require_defined(log_posterior[0], self._fitted.target)
+        return log_posterior[0], self._fitted.mixture.log_density(w, log_prior[0])
 
     def _run(self, state: Any, steps: int, **options: Any) -> Any:
         # emcee refuses walkers that are close to one plane, where local moves stay. A posterior may
@@ -286,16 +276,14 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         """
         draws, is_free = self._fitted.draws, self._fitted.target.is_free
         mean = (draws.shares @ draws.x)[is_free]
-        start, log_density = np.empty((0, self.ndim)), np.empty(0)
+        start = np.empty((0, self.ndim))
         while len(start) < self.nwalkers:
             chosen = draws.resampled(random, self.nwalkers)[:, is_free]
             jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
             points = mean + np.sqrt(_DISPERSION) * (chosen + jitter - mean)
-            heights = self._log_density(points)
-            is_finite = np.isfinite(heights)
+            is_finite = np.isfinite(self.compute_log_prob(points)[0])
             start = np.concatenate([start, points[is_finite]])
-            log_density = np.concatenate([log_density, heights[is_finite]])
-        return emcee.State(start[: self.nwalkers], log_prob=log_density[: self.nwalkers])
+        return emcee.State(start[: self.nwalkers])
 
 
 def _uncertain_quantile(
