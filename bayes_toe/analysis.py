@@ -11,7 +11,7 @@ left out, and the result names the reason.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -362,14 +362,16 @@ def _settings(
 
 
 def _table(
-    analysed: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str], task: Task
+    analysed: Sequence[_Analysed], settings: Settings, failed: Mapping[str, str], task: Task
 ) -> EvidenceTable:
-    rows = [result.evidence for result in analysed]
-    judged = []
-    for row in rows:
-        answer = None if row.answer is None else row.answer.in_study(len(rows))
-        judged.append(replace(row, answer=answer))
-    return EvidenceTable(tuple(judged), settings.seed, settings.prior, failed, task)
+    n_subjects = len(analysed)
+    rows = []
+    for result in analysed:
+        row = result.evidence
+        if row.answer is not None:
+            row = replace(row, answer=row.answer.in_study(n_subjects))
+        rows.append(row)
+    return EvidenceTable(tuple(rows), settings.seed, settings.prior, failed, task)
 
 
 def _survivors(

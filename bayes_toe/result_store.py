@@ -165,9 +165,9 @@ class _Records(pickle.Unpickler):
         if library == "numpy" and name in _NUMPY_NAMES:
             return super().find_class(module, name)
         if library == "bayes_toe":
-            found = super().find_class(module, name)
-            if isinstance(found, type) and _is_record(found):
-                return found
+            record = super().find_class(module, name)
+            if isinstance(record, type) and _is_record(record):
+                return record
         raise InputError(f"{module}.{name} is not a record of this package")
 
 

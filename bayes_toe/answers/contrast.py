@@ -372,9 +372,9 @@ def subject_contrast(
     rows = []
     for quantity, parameters in _PARAMETERS_OF.items():
         differs = np.array([not parameters.isdisjoint(choice) for choice in CHOICES])
-        log_bf, se = evidence.log_bayes_factor(differs)
-        is_robust = word_of(log_bf) == word_of(with_lapses.log_bayes_factor(differs)[0])
-        answer = log_bf, se, "yes" if is_robust else "no"
+        log_bf = evidence.log_bayes_factor(differs)
+        is_robust = word_of(log_bf) == word_of(with_lapses.log_bayes_factor(differs))
+        answer = log_bf, evidence.bayes_factor_error(differs), "yes" if is_robust else "no"
         values = models.quantities(evidence.averaged(differs).resampled(rng, _DRAWS))
         for level, reference in conditions.comparisons:
             if level in levels and reference in levels:
@@ -432,5 +432,5 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
     draws = weighted_draws(array, mixtures, generators, np.zeros(len(array), int), _PRECISION)
 
     n, prior_probabilities = len(CHOICES), np.full(len(CHOICES), 1.0 / len(CHOICES))
-    without_lapses = ModelSet(tuple(draws[:n]), prior_probabilities)
-    return without_lapses, ModelSet(tuple(draws[n:]), prior_probabilities)
+    without_lapses = ModelSet.from_draws(draws[:n], prior_probabilities)
+    return without_lapses, ModelSet.from_draws(draws[n:], prior_probabilities)

@@ -17,7 +17,6 @@ from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
 
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, remains, word_for
@@ -29,21 +28,19 @@ from bayes_toe.data.messages import capitalized, join_words
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, PairResidual, summarise_fit
-from bayes_toe.inference.model_set import log_bayes_factor, probability_of, weighted_quantiles
+from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import (
     HAS_CONTRACTION,
     HAS_EFFECT,
     HAS_ERROR,
     MODEL_NAMES,
-    PRIOR_PROBABILITIES,
     OrderDraws,
     OrderEvidence,
     order_evidence,
 )
-from bayes_toe.model.densities import CutNormal, StandardStudent
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR
-from bayes_toe.model.parameters import ObserverPrior
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ObserverPrior
 from bayes_toe.seeds import generator
 
 #: The questions in the order of all tables, with the models that say yes to each.
@@ -82,7 +79,6 @@ _FAR_ROVING = 3.0  # D; a larger median of abs(p) sd(s1) rests on the prior
 _Numbers = Mapping[str, float]
 #: Nats below the best within which a model's error matters, and the largest error left unsaid.
 COUNTS_WITHIN, _LARGEST_ERROR = 5.0, 0.1
-_STUDENT = StandardStudent()
 _MOST_DECIMALS = 15
 #: Natural logs beyond which a percentage is infinite, or -100.
 _LARGEST_LOG, _SMALLEST_LOG = 700, -30
@@ -562,7 +558,7 @@ def order_effect(
         Score tests of the trial before.
     """
     is_error_only = identification.contraction_adds_to_error
-    probabilities, log_bayes_factors = _questions(evidence.log_evidence, is_error_only)
+    probabilities, log_bayes_factors = _questions(evidence, is_error_only)
     sizes, upper_bounds, size_flags = _sizes(evidence)
     is_interpretable = all(flag.is_interpretable for flag in flags)
     questions = [question for question in QUESTIONS if getattr(identification, question)]
@@ -616,17 +612,15 @@ def _by_model(values: FloatArray) -> dict[str, float]:
     return dict(zip(MODEL_NAMES, values.tolist(), strict=True))
 
 
-def _questions(
-    log_evidence: FloatArray, is_error_only: bool
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Posterior probability and log Bayes factor of each question, from four log evidences.
+def _questions(models: ModelSet, is_error_only: bool) -> tuple[dict[str, float], dict[str, float]]:
+    """Posterior probability and log Bayes factor of each question.
 
     If no contraction can be told from a constant error, the order effect is the constant error.
     """
     probabilities, log_bayes_factors = {}, {}
     for question, has_effect in QUESTIONS.items():
-        probabilities[question] = probability_of(log_evidence, PRIOR_PROBABILITIES, has_effect)
-        log_bayes_factors[question] = log_bayes_factor(log_evidence, has_effect)
+        probabilities[question] = models.probability(has_effect)
+        log_bayes_factors[question] = models.log_bayes_factor(has_effect)
     if is_error_only:
         for values in (probabilities, log_bayes_factors):
             values["order_effect"] = values["constant_error"]
@@ -665,8 +659,7 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> dict[str, float
     }
     bounds = {}
     for question, size in sizes.items():
-        (bound,) = weighted_quantiles(size / draws.quantities["jnd"], draws.weights, [0.95])
-        bounds[question] = bound
+        (bounds[question],) = draws.quantiles(size / draws.quantities["jnd"], [0.95])
     return bounds
 
 
@@ -687,12 +680,12 @@ def _size_flags(
 def _median_size(draws: OrderDraws, quantity: str, factor: float = 1.0) -> float:
     """Weighted median of the absolute value of a quantity times a factor."""
     size = np.abs(draws.quantities[quantity]) * factor
-    (median,) = weighted_quantiles(size, draws.weights, [0.5])
+    (median,) = draws.quantiles(size, [0.5])
     return median
 
 
 def _size(draws: OrderDraws, values: FloatArray) -> Size:
-    return Size(*weighted_quantiles(values, draws.weights, tuple(QUANTILES.values())))
+    return Size(*draws.quantiles(values, tuple(QUANTILES.values())))
 
 
 def _error_flags(evidence: OrderEvidence) -> list[str]:
@@ -716,11 +709,12 @@ def _prior_problems(
     """The flag of questions whose `yes` or `no` another prior scale leaves undecided."""
     changes: dict[str, list[str]] = {}
     rescaled_words = []
-    for log_evidence in rescaled_evidences(evidence):
-        rescaled_words.append(_words(questions, *_questions(log_evidence, is_error_only)))
+    for effect, factor in product((CONSTANT_ERROR, CONTRACTION), SCALE_FACTORS):
+        models = evidence.with_prior_scale(effect, factor)
+        rescaled_words.append((factor, _words(questions, *_questions(models, is_error_only))))
     for question in questions:
         word = words[question]
-        for factor, rescaled in zip(SCALE_FACTORS * 2, rescaled_words, strict=True):  # c, then p
+        for factor, rescaled in rescaled_words:
             if not remains(word, rescaled[question]):
                 change = (
                     f"A prior {'twice' if factor > 1.0 else 'half'} as wide changes {{}} from "
@@ -733,44 +727,6 @@ def _prior_problems(
     sentences = [change.format(join_words(names)) for change, names in changes.items()]
     dependent = ", ".join(chain(*changes.values()))
     return {f"{PRIOR_FLAG}: {dependent}": Problem(" ".join(sentences))}
-
-
-def rescaled_evidences(evidence: OrderEvidence) -> list[FloatArray]:
-    """Log evidences with one prior scale of c or p halved or doubled, by re-weighting.
-
-    Each has the shape (4,).
-    """
-    varied = []
-    for models, log_ratio in ((HAS_ERROR, _error_ratio), (HAS_CONTRACTION, _contraction_ratio)):
-        for factor in SCALE_FACTORS:
-            values = evidence.log_evidence.copy()
-            for i in np.flatnonzero(models):
-                draws = evidence.draws[i]
-                log_weights = draws.log_weights
-                changed = log_weights + log_ratio(evidence, draws.x, factor)
-                values[i] += logsumexp(changed) - logsumexp(log_weights)
-            varied.append(values)
-    return varied
-
-
-def _error_ratio(evidence: OrderEvidence, points: FloatArray, factor: float) -> FloatArray:
-    """Log ratio of the prior of c with another scale to the prior, (draws,)."""
-    u = points[:, -2]
-    wider = _STUDENT.log_density(u / factor) - np.log(factor)
-    return wider - _STUDENT.log_density(u)
-
-
-def _contraction_ratio(evidence: OrderEvidence, points: FloatArray, factor: float) -> FloatArray:
-    """Log ratio of the prior of p with another scale to the prior, (draws,)."""
-    sd = evidence.prior.contraction_sd * evidence.scales.roving_share
-    density = CutNormal(1.0 / sd)
-    wider = CutNormal(1.0 / (factor * sd))
-    u = points[:, -1]
-    # Draws beyond abs(p) = 1 have no weight under either.
-    is_inside = np.abs(u) * sd < 1.0
-    inside = np.where(is_inside, u, 0.0)
-    ratio = wider.log_density(inside / factor) - np.log(factor) - density.log_density(inside)
-    return np.where(is_inside, ratio, 0.0)
 
 
 # --- The whole way of one subject ----------------------------------------------------------------

@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import betaln, logsumexp
+from scipy.special import betaln
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.responses import response_trend
@@ -103,4 +103,4 @@ def _log_evidence(subjects: Sequence[Subject]) -> FloatArray:
         if len(subjects) == 1:
             return np.full(1, np.nan)
         return np.concatenate([_log_evidence([subject]) for subject in subjects])
-    return np.array([logsumexp(evidence.log_joint) for evidence in evidences])
+    return np.array([evidence.log_mean_evidence for evidence in evidences])

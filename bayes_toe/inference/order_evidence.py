@@ -20,6 +20,7 @@ from bayes_toe.inference.engine import USUAL, Precision, mixture_of_maxima, weig
 from bayes_toe.inference.maxima import laplace
 from bayes_toe.inference.model_set import AveragedDraws, ModelSet
 from bayes_toe.inference.searches import observer_maxima
+from bayes_toe.model.densities import CutNormal, PriorDensity, StandardStudent
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
 from bayes_toe.model.parameters import (
@@ -28,6 +29,7 @@ from bayes_toe.model.parameters import (
     MODEL_PRIOR,
     ORDER_MODELS,
     ObserverPrior,
+    Parameter,
 )
 from bayes_toe.model.posterior_array import independent_array
 from bayes_toe.seeds import generator
@@ -58,7 +60,7 @@ class OrderDraws(AveragedDraws):
         return self.posterior.quantities(self.x)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class OrderEvidence(ModelSet):
     """The four models of one subject by their draws, in the order of :data:`MODEL_NAMES`.
 
@@ -83,10 +85,28 @@ class OrderEvidence(ModelSet):
         return self.subject.scales
 
     def averaged(self, is_chosen: BoolArray = EVERY_MODEL) -> OrderDraws:
-        """Draws of some models, by default of all four, by probability and weight."""
+        """Draws of some models, by default of all four."""
         draws = super().averaged(is_chosen)
         posterior = OrderModel("both").posterior(self.subject, self.prior)
         return OrderDraws(draws.x, draws.weights, posterior)
+
+    def with_prior_scale(self, effect: Parameter, factor: float) -> ModelSet:
+        """The models where the prior of c, or of p, is `factor` times as wide."""
+        if effect == CONSTANT_ERROR:
+            has_effect, coordinate = HAS_ERROR, -2
+            density: PriorDensity = StandardStudent()
+            density_of_scaled = density
+        else:
+            has_effect, coordinate = HAS_CONTRACTION, -1
+            sd = self.prior.contraction_sd * self.scales.roving_share
+            density, density_of_scaled = CutNormal(1.0 / sd), CutNormal(1.0 / (factor * sd))
+
+        def log_ratio(points: FloatArray) -> FloatArray:
+            u = points[:, coordinate]
+            log_other = density_of_scaled.log_density(u / factor) - np.log(factor)
+            return log_other - density.log_density(u)
+
+        return self.reweighted(has_effect, log_ratio)
 
 
 def order_evidence(
@@ -138,9 +158,16 @@ def _evidences(
     results = []
     for i, subject in enumerate(subjects):
         models = slice(_N_MODELS * i, _N_MODELS * (i + 1))
-        of_models = tuple(draws[models]), PRIOR_PROBABILITIES
-        results.append(OrderEvidence(*of_models, subject, prior, by_laplace[models], modes[models]))
-        _require_finite(results[-1])
+        evidence = OrderEvidence.from_draws(
+            draws[models],
+            PRIOR_PROBABILITIES,
+            subject=subject,
+            prior=prior,
+            laplace=by_laplace[models],
+            modes=modes[models],
+        )
+        _require_finite(evidence)
+        results.append(evidence)
     return results
 
 
