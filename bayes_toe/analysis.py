@@ -13,13 +13,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, TypeVar
 
 from bayes_toe.answers.contrast import ContrastTable, contrast
 from bayes_toe.answers.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
-from bayes_toe.answers.order_effect import OrderEffect, answer_subject
+from bayes_toe.answers.order_effect import OrderEffect, answer_evidence
 from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP
 from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.checks.answer_checks import Finding, answer_flags, not_interpreted
@@ -30,6 +29,7 @@ from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.draws_file import assembled_tree
+from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, try_order_evidence
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
@@ -53,6 +53,7 @@ from bayes_toe.workers import Failed, Progress, Workers, without_failed
 if TYPE_CHECKING:
     import pandas as pd
 
+Job = TypeVar("Job")
 Result = TypeVar("Result")
 _N_CURVE_DRAWS = 400  # draws averaged over the four models, for curves
 
@@ -147,7 +148,9 @@ def run(
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
     jobs = _analysis_jobs(study, settings, AnalysisRequest(settings.sampler, EVIDENCE_DRAWS))
     faults = not_interpreted(study)
-    study, analysed, failed = _survivors(study, jobs, settings.seed, workers, progress, keep)
+    study, analysed, failed = _survivors(
+        study, _analysed, jobs, settings.seed, workers, progress, keep
+    )
     drawn = [result.drawn for result in analysed if result.drawn is not None]
     all_draws = Draws(assembled_tree(study, drawn, settings, failed, faults))
     summary = list(chain.from_iterable(subject.summary for subject in drawn))
@@ -249,9 +252,11 @@ def sample(
     name = require_model(model, study.task).name
     settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
     request = AnalysisRequest(settings.sampler)
-    jobs = [partial(_catch_failure, _drawn, subject, settings, request) for subject in study]
+    jobs = [(subject, settings, request) for subject in study]
     faults = not_interpreted(study)
-    study, analysed, failed = _survivors(study, jobs, settings.seed, workers, progress, keep)
+    study, analysed, failed = _survivors(
+        study, _drawn, jobs, settings.seed, workers, progress, keep
+    )
     all_draws = Draws(assembled_tree(study, analysed, settings, failed, faults))
     for problem, reasons in (
         (" is left out, ", all_draws.failed),
@@ -292,7 +297,7 @@ def evidence(
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
     jobs = _analysis_jobs(study, settings, AnalysisRequest(evidence_draws=draws))
-    _, analysed, failed = _survivors(study, jobs, settings.seed, workers, progress, keep)
+    _, analysed, failed = _survivors(study, _analysed, jobs, settings.seed, workers, progress, keep)
     return _table(analysed, settings, failed, study.task)
 
 
@@ -309,12 +314,14 @@ class _Analysed:
     curve_draws: FloatArray | None
 
 
-def _analysis_jobs(
-    study: Study, settings: Settings, request: AnalysisRequest
-) -> list[Callable[[], _Analysed | Failed]]:
-    jobs: list[Callable[[], _Analysed | Failed]] = []
+#: A subject with all that decides its results; its responses have the findings.
+_Job = tuple[Subject, Settings, AnalysisRequest, tuple[Finding, ...]]
+
+
+def _analysis_jobs(study: Study, settings: Settings, request: AnalysisRequest) -> list[_Job]:
+    jobs = []
     for subject, flags in zip(study, answer_flags(study), strict=True):
-        jobs.append(partial(_catch_failure, _analysed, subject, settings, request, flags))
+        jobs.append((subject, settings, request, flags))
     return jobs
 
 
@@ -326,27 +333,44 @@ def _catch_failure(work: Callable[..., Result], *arguments: object) -> Result | 
         return Failed(str(error))
 
 
-def _drawn(subject: Subject, settings: Settings, request: AnalysisRequest) -> SubjectDraws:
+def _drawn(
+    jobs: Sequence[tuple[Subject, Settings, AnalysisRequest]],
+) -> list[SubjectDraws | Failed]:
+    return [_catch_failure(_drawn_subject, *job) for job in jobs]
+
+
+def _drawn_subject(subject: Subject, settings: Settings, request: AnalysisRequest) -> SubjectDraws:
     model = stored_model(settings.model, subject.task)
     target = model_posterior(model, subject, settings.prior)
     result, _ = fitted_result(target, settings.seed, request)
     return subject_draws(result)
 
 
-def _analysed(
-    subject: Subject, settings: Settings, request: AnalysisRequest, flags: tuple[Finding, ...]
-) -> _Analysed:
+def _analysed(jobs: Sequence[_Job]) -> list[_Analysed | Failed]:
+    """The results of some subjects, whose four models are one array."""
+    _, settings, _, _ = jobs[0]
+    evidences = try_order_evidence(
+        [subject for subject, *_ in jobs], settings.seed, settings.prior.observer
+    )
+    results = []
+    for job, evidence in zip(jobs, evidences, strict=True):
+        results.append(_catch_failure(_analysed_subject, job, evidence))
+    return results
+
+
+def _analysed_subject(job: _Job, evidence: OrderEvidence | NumericalError) -> _Analysed:
     """The answer, and the paper's model with all that is wanted."""
+    if isinstance(evidence, NumericalError):
+        raise evidence
+    subject, settings, request, flags = job
     prior, seed = settings.prior.for_subjects(subject), settings.seed
-    answer, order = answer_subject(subject, seed, settings.prior.observer, flags)
+    answer = answer_evidence(evidence, seed, flags)
     result, fitted = fitted_result(paper_posterior(subject, prior), seed, request)
-    row = subject_evidence(result, fitted, answer=answer, fit=result.fit)
+    row = subject_evidence(result, fitted, answer)
     curve_draws, drawn = None, None
     if request.chains is not None:
-        curve_draws = order.averaged().resampled(
-            generator(seed, subject.name, "shown"), _N_CURVE_DRAWS
-        )
-    if result.chains is not None:
+        rng = generator(seed, subject.name, "shown")
+        curve_draws = evidence.averaged().resampled(rng, _N_CURVE_DRAWS)
         drawn = subject_draws(result, summarised=True)
     return _Analysed(drawn, row, curve_draws)
 
@@ -376,7 +400,8 @@ def _table(
 
 def _survivors(
     study: Study,
-    jobs: Sequence[Callable[[], Result | Failed]],
+    work: Callable[[Sequence[Job]], list[Result | Failed]],
+    jobs: Sequence[Job],
     seed: int,
     workers: Workers,
     progress: Progress | None,
@@ -387,7 +412,16 @@ def _survivors(
     The result has the subjects that did not fail, their results, and the reasons of the others by
     name. A WorkerError is raised if all failed.
     """
-    results = run_stored(jobs, seed, keep, workers, progress, study.names)
+    results = run_stored(
+        work,
+        jobs,
+        study.names,
+        seed=seed,
+        folder=keep,
+        workers=workers,
+        progress=progress,
+        batch=BATCH,
+    )
     analysed, failed = without_failed(study.names, results)
     if failed:
         subjects = tuple(subject for subject in study if subject.name not in failed)

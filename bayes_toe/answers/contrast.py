@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -306,10 +305,15 @@ def contrast(
             levels = join_names([display_name(unit.condition) for unit in units])
             left_out[name] = f"at {levels} only"
     root, numbers = resumed_seed(seed, keep), prior_for(study, prior).observer
-    jobs = [
-        partial(subject_contrast, units, conditions, numbers, root) for units in compared.values()
-    ]
-    results = run_stored(jobs, root, keep, workers, progress, list(compared))
+    results = run_stored(
+        _contrasts,
+        [(units, conditions, numbers, root) for units in compared.values()],
+        list(compared),
+        seed=root,
+        folder=keep,
+        workers=workers,
+        progress=progress,
+    )
     subjects, failed = without_failed(compared, results)
     rows = tuple(chain.from_iterable(subject.rows for subject in subjects))
     return ContrastTable(
@@ -354,6 +358,13 @@ def _compared_subjects(study: Study, conditions: Conditions) -> dict[str, tuple[
 
 
 # --- One subject ---------------------------------------------------------------------------------
+
+#: The arguments of :func:`subject_contrast`.
+_Job = tuple[Sequence[Subject], Conditions, ObserverPrior, int]
+
+
+def _contrasts(jobs: Sequence[_Job]) -> list[SubjectContrast]:
+    return [subject_contrast(*job) for job in jobs]
 
 
 def subject_contrast(

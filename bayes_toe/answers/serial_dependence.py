@@ -10,9 +10,8 @@ carried over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -24,10 +23,16 @@ from bayes_toe.answers.words import Word, word_for
 from bayes_toe.arrays import BoolArray, FloatArray, StrPath
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
+from bayes_toe.errors import NumericalError
 from bayes_toe.inference.engine import Precision, mixture_of_points, weighted_draws
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.model_set import ModelSet, weighted_quantiles
-from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
+from bayes_toe.inference.order_evidence import (
+    BATCH,
+    MODEL_NAMES,
+    OrderEvidence,
+    try_order_evidence,
+)
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
@@ -215,11 +220,17 @@ def serial_dependence(
     for subject in study:
         require_order(subject)
     chosen, root = prior_for(study, prior), resumed_seed(seed, keep)
-    jobs: list[Callable[[], SubjectDependence]] = [
-        partial(_analyse, subject, root, chosen.observer) for subject in study
-    ]
+    results = run_stored(
+        _dependences,
+        [(subject, root, chosen.observer) for subject in study],
+        study.names,
+        seed=root,
+        folder=keep,
+        workers=workers,
+        progress=progress,
+        batch=BATCH,
+    )
     rows = []
-    results = run_stored(jobs, root, keep, workers, progress, study.names)
     for name, result in zip(study.names, results, strict=True):
         if isinstance(result, Failed):
             rows.append(SubjectDependence(name, note=result.reason))
@@ -228,9 +239,18 @@ def serial_dependence(
     return SerialDependence(tuple(rows), study, root, chosen)
 
 
-def _analyse(subject: Subject, seed: int, prior: ObserverPrior) -> SubjectDependence:
-    (evidence,) = order_evidence([subject], seed, prior)
-    return subject_dependence(evidence, seed)
+def _dependences(
+    jobs: Sequence[tuple[Subject, int, ObserverPrior]],
+) -> list[SubjectDependence | Failed]:
+    """The serial dependence of some subjects, whose four models of order are one array."""
+    _, seed, prior = jobs[0]
+    results = list[SubjectDependence | Failed]()
+    for evidence in try_order_evidence([job[0] for job in jobs], seed, prior):
+        if isinstance(evidence, NumericalError):
+            results.append(Failed(str(evidence)))
+        else:
+            results.append(subject_dependence(evidence, seed))
+    return results
 
 
 def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:

@@ -6,6 +6,7 @@ weighted draws of :mod:`bayes_toe.inference.engine`.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -44,7 +45,7 @@ HAS_ERROR = np.array([CONSTANT_ERROR in ORDER_MODELS[name] for name in MODEL_NAM
 HAS_CONTRACTION = np.array([CONTRACTION in ORDER_MODELS[name] for name in MODEL_NAMES])
 HAS_EFFECT = HAS_ERROR | HAS_CONTRACTION
 EVERY_MODEL = np.ones(len(MODEL_NAMES), np.bool_)
-#: Subjects whose posteriors are computed together where there are many.
+#: Subjects whose posteriors are one array where there are many.
 BATCH = 8
 
 
@@ -117,8 +118,7 @@ def order_evidence(
 ) -> list[OrderEvidence]:
     """The evidences of the four models for subjects of one task.
 
-    Random streams are keyed by seed and subject. Subjects are computed :data:`BATCH` at a time;
-    one subject at a time gives the same numbers up to Monte Carlo error.
+    Random streams are keyed by seed and subject.
 
     Raises
     ------
@@ -132,15 +132,41 @@ def order_evidence(
     >>> evidence.log_evidence.shape
     (4,)
     """
-    results = []
-    for start in range(0, len(subjects), BATCH):
-        results += _evidences(subjects[start : start + BATCH], seed, prior, precision)
-    return results
+    evidences = []
+    for evidence in try_order_evidence(subjects, seed, prior, precision):
+        if isinstance(evidence, NumericalError):
+            raise evidence
+        evidences.append(evidence)
+    return evidences
+
+
+def try_order_evidence(
+    subjects: Sequence[Subject],
+    seed: int,
+    prior: ObserverPrior = DEFAULT_PRIOR,
+    precision: Precision = USUAL,
+) -> list[OrderEvidence | NumericalError]:
+    """:func:`order_evidence`, with the error of each subject that fails in its place.
+
+    Up to :data:`BATCH` subjects are one array, which is faster. Their number does not change the
+    results, because the subjects of an array have equally many pairs: a sum over more pairs may
+    round otherwise.
+    """
+    results = dict[int, OrderEvidence | NumericalError]()
+    by_size = defaultdict[int, list[int]](list)
+    for i, subject in enumerate(subjects):
+        by_size[subject.n_pairs].append(i)
+    for indices in by_size.values():
+        for start in range(0, len(indices), BATCH):
+            batch = indices[start : start + BATCH]
+            evidences = _evidences([subjects[i] for i in batch], seed, prior, precision)
+            results.update(zip(batch, evidences, strict=True))
+    return [results[i] for i in range(len(subjects))]
 
 
 def _evidences(
     subjects: Sequence[Subject], seed: int, prior: ObserverPrior, precision: Precision
-) -> list[OrderEvidence]:
+) -> list[OrderEvidence | NumericalError]:
     """The evidences of a few subjects, four posteriors each, computed together."""
     families = np.repeat(np.arange(len(subjects)), _N_MODELS)
     rows = ObserverRows.from_subjects(subjects, prior).part(families)
@@ -155,7 +181,7 @@ def _evidences(
         generators += [generator(seed, subject.name, "order evidence")] * _N_MODELS
     draws = weighted_draws(array, mixtures, generators, families, precision)
 
-    results = []
+    results = list[OrderEvidence | NumericalError]()
     for i, subject in enumerate(subjects):
         models = slice(_N_MODELS * i, _N_MODELS * (i + 1))
         evidence = OrderEvidence.from_draws(
@@ -166,16 +192,16 @@ def _evidences(
             laplace=by_laplace[models],
             modes=modes[models],
         )
-        _require_finite(evidence)
-        results.append(evidence)
+        results.append(_finite(evidence))
     return results
 
 
-def _require_finite(evidence: OrderEvidence) -> None:
-    """Refuse an evidence that is not a finite number."""
+def _finite(evidence: OrderEvidence) -> OrderEvidence | NumericalError:
+    """The evidences, or an error where one is not a finite number."""
     for model, log_evidence in zip(MODEL_NAMES, evidence.log_evidence, strict=True):
         if not np.isfinite(log_evidence):
-            raise NumericalError(
+            return NumericalError(
                 f"subject {evidence.subject.name!r}: the evidence of the model {model!r} is not a "
                 "finite number"
             )
+    return evidence
