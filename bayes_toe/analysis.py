@@ -13,6 +13,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, TypeVar
 
@@ -48,12 +49,11 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.result_store import resumed_seed, run_stored
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Failed, Progress, Workers, without_failed
+from bayes_toe.workers import Progress, Workers, without_failed
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Job = TypeVar("Job")
 Result = TypeVar("Result")
 _N_CURVE_DRAWS = 400  # draws averaged over the four models, for curves
 
@@ -146,21 +146,20 @@ def run(
         Without a seed, that of the stored subjects is used.
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
-    jobs = _analysis_jobs(study, settings, AnalysisRequest(settings.sampler, EVIDENCE_DRAWS))
+    request = AnalysisRequest(settings.sampler, EVIDENCE_DRAWS)
+    jobs = list(zip(study, answer_flags(study), strict=True))
     faults = not_interpreted(study)
     study, analysed, failed = _survivors(
-        study, _analysed, jobs, settings.seed, workers, progress, keep
+        study, _analysed, jobs, settings, request, workers, progress, keep
     )
-    drawn = [result.drawn for result in analysed if result.drawn is not None]
-    all_draws = Draws(assembled_tree(study, drawn, settings, failed, faults))
-    summary = list(chain.from_iterable(subject.summary for subject in drawn))
-    curves = []
-    for result in analysed:
-        if result.curve_draws is not None:
-            posterior = OrderModel("both").posterior(
-                study[result.evidence.subject], settings.prior.observer
-            )
+    drawn, curves = list[SubjectDraws](), list[Predictor]()
+    for subject, result in zip(study, analysed, strict=True):
+        if result.drawn is not None and result.curve_draws is not None:
+            drawn.append(result.drawn)
+            posterior = OrderModel("both").posterior(subject, settings.prior.observer)
             curves.append(Predictor(posterior, result.curve_draws))
+    all_draws = Draws(assembled_tree(study, drawn, settings, failed, faults))
+    summary = list(chain.from_iterable(of_subject.summary for of_subject in drawn))
     differences = None
     if study.conditions is not None:
         differences = contrast(
@@ -252,10 +251,9 @@ def sample(
     name = require_model(model, study.task).name
     settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
     request = AnalysisRequest(settings.sampler)
-    jobs = [(subject, settings, request) for subject in study]
     faults = not_interpreted(study)
     study, analysed, failed = _survivors(
-        study, _drawn, jobs, settings.seed, workers, progress, keep
+        study, _drawn, study.subjects, settings, request, workers, progress, keep
     )
     all_draws = Draws(assembled_tree(study, analysed, settings, failed, faults))
     for problem, reasons in (
@@ -296,8 +294,11 @@ def evidence(
     True
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
-    jobs = _analysis_jobs(study, settings, AnalysisRequest(evidence_draws=draws))
-    _, analysed, failed = _survivors(study, _analysed, jobs, settings.seed, workers, progress, keep)
+    request = AnalysisRequest(evidence_draws=draws)
+    jobs = list(zip(study, answer_flags(study), strict=True))
+    _, analysed, failed = _survivors(
+        study, _analysed, jobs, settings, request, workers, progress, keep
+    )
     return _table(analysed, settings, failed, study.task)
 
 
@@ -305,38 +306,18 @@ def evidence(
 class _Analysed:
     """The row of one subject in the evidence table, with draws if they are wanted.
 
-    `curve_draws`, shape (draws, k), are averaged over the four models; they are there if chains are
-    wanted.
+    `curve_draws`, shape (draws, k), are averaged over the four models.
     """
 
-    drawn: SubjectDraws | None
     evidence: SubjectEvidence
-    curve_draws: FloatArray | None
-
-
-#: A subject with all that decides its results; its responses have the findings.
-_Job = tuple[Subject, Settings, AnalysisRequest, tuple[Finding, ...]]
-
-
-def _analysis_jobs(study: Study, settings: Settings, request: AnalysisRequest) -> list[_Job]:
-    jobs = []
-    for subject, flags in zip(study, answer_flags(study), strict=True):
-        jobs.append((subject, settings, request, flags))
-    return jobs
-
-
-def _catch_failure(work: Callable[..., Result], *arguments: object) -> Result | Failed:
-    """The work of a subject; a numerical failure is the refusal of that subject alone."""
-    try:
-        return work(*arguments)
-    except NumericalError as error:
-        return Failed(str(error))
+    drawn: SubjectDraws | None = None
+    curve_draws: FloatArray | None = None
 
 
 def _drawn(
-    jobs: Sequence[tuple[Subject, Settings, AnalysisRequest]],
-) -> list[SubjectDraws | Failed]:
-    return [_catch_failure(_drawn_subject, *job) for job in jobs]
+    subjects: Sequence[Subject], settings: Settings, request: AnalysisRequest
+) -> list[SubjectDraws | NumericalError]:
+    return [_catch_failure(_drawn_subject, subject, settings, request) for subject in subjects]
 
 
 def _drawn_subject(subject: Subject, settings: Settings, request: AnalysisRequest) -> SubjectDraws:
@@ -346,33 +327,47 @@ def _drawn_subject(subject: Subject, settings: Settings, request: AnalysisReques
     return subject_draws(result)
 
 
-def _analysed(jobs: Sequence[_Job]) -> list[_Analysed | Failed]:
+def _analysed(
+    flagged_subjects: Sequence[tuple[Subject, Sequence[Finding]]],
+    settings: Settings,
+    request: AnalysisRequest,
+) -> list[_Analysed | NumericalError]:
     """The results of some subjects, whose four models are one array."""
-    _, settings, _, _ = jobs[0]
-    evidences = try_order_evidence(
-        [subject for subject, *_ in jobs], settings.seed, settings.prior.observer
-    )
+    subjects, all_flags = zip(*flagged_subjects, strict=True)
+    evidences = try_order_evidence(subjects, settings.seed, settings.prior.observer)
     results = []
-    for job, evidence in zip(jobs, evidences, strict=True):
-        results.append(_catch_failure(_analysed_subject, job, evidence))
+    for evidence, flags in zip(evidences, all_flags, strict=True):
+        results.append(_catch_failure(_analysed_subject, evidence, flags, settings, request))
     return results
 
 
-def _analysed_subject(job: _Job, evidence: OrderEvidence | NumericalError) -> _Analysed:
+def _analysed_subject(
+    evidence: OrderEvidence | NumericalError,
+    flags: Sequence[Finding],
+    settings: Settings,
+    request: AnalysisRequest,
+) -> _Analysed:
     """The answer, and the paper's model with all that is wanted."""
     if isinstance(evidence, NumericalError):
         raise evidence
-    subject, settings, request, flags = job
-    prior, seed = settings.prior.for_subjects(subject), settings.seed
+    subject, seed = evidence.subject, settings.seed
     answer = answer_evidence(evidence, seed, flags)
-    result, fitted = fitted_result(paper_posterior(subject, prior), seed, request)
+    target = paper_posterior(subject, settings.prior.for_subjects(subject))
+    result, fitted = fitted_result(target, seed, request)
     row = subject_evidence(result, fitted, answer)
-    curve_draws, drawn = None, None
-    if request.chains is not None:
-        rng = generator(seed, subject.name, "shown")
-        curve_draws = evidence.averaged().resampled(rng, _N_CURVE_DRAWS)
-        drawn = subject_draws(result, summarised=True)
-    return _Analysed(drawn, row, curve_draws)
+    if request.chains is None:
+        return _Analysed(row)
+    rng = generator(seed, subject.name, "shown")
+    curve_draws = evidence.averaged().resampled(rng, _N_CURVE_DRAWS)
+    return _Analysed(row, subject_draws(result, summarised=True), curve_draws)
+
+
+def _catch_failure(work: Callable[..., Result], *arguments: object) -> Result | NumericalError:
+    """The work of a subject; a numerical failure is the refusal of that subject alone."""
+    try:
+        return work(*arguments)
+    except NumericalError as error:
+        return error
 
 
 def _settings(
@@ -400,9 +395,10 @@ def _table(
 
 def _survivors(
     study: Study,
-    work: Callable[[Sequence[Job]], list[Result | Failed]],
-    jobs: Sequence[Job],
-    seed: int,
+    work: Callable[..., list[Result | NumericalError]],
+    jobs: Sequence[object],
+    settings: Settings,
+    request: AnalysisRequest,
     workers: Workers,
     progress: Progress | None,
     keep: StrPath | None,
@@ -413,10 +409,10 @@ def _survivors(
     name. A WorkerError is raised if all failed.
     """
     results = run_stored(
-        work,
+        partial(work, settings=settings, request=request),
         jobs,
         study.names,
-        seed=seed,
+        seed=settings.seed,
         folder=keep,
         workers=workers,
         progress=progress,

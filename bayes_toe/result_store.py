@@ -32,10 +32,10 @@ from bayes_toe.data.whole_files import (
     under_way,
     write_whole,
 )
-from bayes_toe.errors import InputError, require_kind
+from bayes_toe.errors import InputError, NumericalError, require_kind
 from bayes_toe.libraries import library_versions
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Failed, Progress, Workers, in_batches, report_progress, run_jobs
+from bayes_toe.workers import Progress, Workers, in_batches, report_progress, run_jobs
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -60,7 +60,7 @@ def resumed_seed(seed: int | None, folder: StrPath | None) -> int:
 
 
 def run_stored(
-    work: Callable[[Sequence[Job]], Sequence[Result | Failed]],
+    work: Callable[[Sequence[Job]], Sequence[Result | NumericalError]],
     jobs: Sequence[Job],
     names: Sequence[str],
     *,
@@ -69,7 +69,7 @@ def run_stored(
     workers: Workers,
     progress: Progress | None,
     batch: int = 1,
-) -> list[Result | Failed]:
+) -> list[Result | NumericalError]:
     """Do the jobs whose results are not in the folder, and store each result.
 
     Parameters
@@ -92,14 +92,14 @@ def run_stored(
     Returns
     -------
     list
-        The results in the order of the jobs. A job that failed is not stored.
+        The results in the order of the jobs. An error is not stored.
 
     Raises
     ------
     OutputError
         If the folder cannot be written to.
     """
-    results = dict[int, Result | Failed]()
+    results = dict[int, Result | NumericalError]()
     files = dict[int, Path]()
     if folder is not None:
         path = Path(folder)
@@ -115,12 +115,14 @@ def run_stored(
 
     missing = [index for index in range(len(jobs)) if index not in results]
     batches = in_batches(missing, batch, workers)
-    batch_jobs = [partial(work, [jobs[index] for index in indices]) for indices in batches]
+    batch_jobs = []
+    for indices in batches:
+        batch_jobs.append(partial(work, [jobs[index] for index in indices]))
     with closing(run_jobs(batch_jobs, workers)) as outcomes:
         for position, batch_results in outcomes:
             for index, result in zip(batches[position], batch_results, strict=True):
                 results[index] = result
-                if folder is not None and not isinstance(result, Failed):
+                if folder is not None and not isinstance(result, NumericalError):
                     _write(files[index], seed, result)
                 report_progress(progress, [names[index]])
     return [results[index] for index in range(len(jobs))]

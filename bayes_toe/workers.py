@@ -12,7 +12,6 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from math import ceil
 from multiprocessing import resource_tracker
 from numbers import Integral
@@ -23,7 +22,7 @@ from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import threadpool_limits
 
 from bayes_toe.cluster import DEAD_WORKER, count_workers, run_on
-from bayes_toe.errors import InputError, WorkerError
+from bayes_toe.errors import InputError, NumericalError, WorkerError
 from bayes_toe.libraries import ignore_settings_of_folder
 
 if TYPE_CHECKING:
@@ -43,13 +42,6 @@ _SAFE_PATH = "PYTHONSAFEPATH"
 #: Processes that have started workers. A copy that `fork` makes of one has none of its workers, and
 #: cannot start others.
 _parents: set[int] = set()
-
-
-@dataclass(frozen=True)
-class Failed:
-    """The result of a job that cannot have another one, such as a subject without a maximum."""
-
-    reason: str
 
 
 def of_this_machine(workers: Workers) -> int | None:
@@ -139,9 +131,11 @@ def run_in_order(
 
 
 def without_failed(
-    names: Iterable[str], results: Iterable[Result | Failed]
+    names: Iterable[str], results: Iterable[Result | NumericalError]
 ) -> tuple[list[Result], dict[str, str]]:
     """The results of the jobs that did not fail, and the reasons of the others by name.
+
+    The result of a job that failed is its error.
 
     Raises
     ------
@@ -151,8 +145,8 @@ def without_failed(
     finished = list[Result]()
     failed = dict[str, str]()
     for name, result in zip(names, results, strict=True):
-        if isinstance(result, Failed):
-            failed[name] = result.reason
+        if isinstance(result, NumericalError):
+            failed[name] = str(result)
         else:
             finished.append(result)
     if not finished:

@@ -11,10 +11,10 @@ from conftest import known_observers
 
 import bayes_toe as bt
 from bayes_toe import result_store
-from bayes_toe.errors import InputError, OutputError
+from bayes_toe.errors import InputError, NumericalError, OutputError
 from bayes_toe.result_store import discard, run_stored, stored_files
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Failed, run_jobs
+from bayes_toe.workers import run_jobs
 
 
 @pytest.mark.parametrize("seed", [-1, 2**63, 1.5, "1", np.float64(3.0)])
@@ -36,7 +36,7 @@ def computed(monkeypatch):
     counts = []
 
     def counted(jobs, workers):
-        counts.append(sum(len(job.args[0]) for job in jobs))
+        counts.append(sum(len(job.args[-1]) for job in jobs))
         return run_jobs(jobs, workers)
 
     monkeypatch.setattr(result_store, "run_jobs", counted)
@@ -121,9 +121,13 @@ def test_a_damaged_or_foreign_file_is_computed_again(few, tmp_path, computed, co
     assert file.read_bytes() == original
 
 
-def cubes(jobs):
-    """The cube of each number; one without a number fails."""
-    return [Failed("no number") if job is None else job**3 for job in jobs]
+FAILURE = NumericalError("too large")
+
+
+def cubes(numbers):
+    """The cube of each number; 9 fails."""
+    results = {number: number**3 for number in numbers} | {9: FAILURE}
+    return [results[number] for number in numbers]
 
 
 def stored_cubes(numbers, folder, **options):
@@ -133,11 +137,10 @@ def stored_cubes(numbers, folder, **options):
 
 def test_each_result_of_a_batch_is_stored_but_that_of_a_failed_job(tmp_path):
     heard = []
-    failed = Failed("no number")
-    assert stored_cubes([None, 2], tmp_path, batch=8, progress=heard.append) == [failed, 8]
-    assert heard == ["None", "2"]
+    assert stored_cubes([9, 2], tmp_path, batch=8, progress=heard.append) == [FAILURE, 8]
+    assert heard == ["9", "2"]
     assert len(stored_files(tmp_path)) == 1
-    assert stored_cubes([3, 2, None], tmp_path, batch=2) == [27, 8, failed]
+    assert stored_cubes([3, 2, 9], tmp_path, batch=2) == [27, 8, FAILURE]
     assert len(stored_files(tmp_path)) == 2
 
 

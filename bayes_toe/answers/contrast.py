@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -306,8 +307,8 @@ def contrast(
             left_out[name] = f"at {levels} only"
     root, numbers = resumed_seed(seed, keep), prior_for(study, prior).observer
     results = run_stored(
-        _contrasts,
-        [(units, conditions, numbers, root) for units in compared.values()],
+        partial(_contrasts, conditions=conditions, prior=numbers, seed=root),
+        list(compared.values()),
         list(compared),
         seed=root,
         folder=keep,
@@ -359,12 +360,11 @@ def _compared_subjects(study: Study, conditions: Conditions) -> dict[str, tuple[
 
 # --- One subject ---------------------------------------------------------------------------------
 
-#: The arguments of :func:`subject_contrast`.
-_Job = tuple[Sequence[Subject], Conditions, ObserverPrior, int]
 
-
-def _contrasts(jobs: Sequence[_Job]) -> list[SubjectContrast]:
-    return [subject_contrast(*job) for job in jobs]
+def _contrasts(
+    subjects: Sequence[Sequence[Subject]], conditions: Conditions, prior: ObserverPrior, seed: int
+) -> list[SubjectContrast]:
+    return [subject_contrast(units, conditions, prior, seed) for units in subjects]
 
 
 def subject_contrast(

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -40,7 +41,7 @@ from bayes_toe.model.prior_file import prior_for
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior, require_order
 from bayes_toe.result_store import resumed_seed, run_stored
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Failed, Progress, Workers
+from bayes_toe.workers import Progress, Workers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -221,8 +222,8 @@ def serial_dependence(
         require_order(subject)
     chosen, root = prior_for(study, prior), resumed_seed(seed, keep)
     results = run_stored(
-        _dependences,
-        [(subject, root, chosen.observer) for subject in study],
+        partial(_dependences, seed=root, prior=chosen.observer),
+        study.subjects,
         study.names,
         seed=root,
         folder=keep,
@@ -232,22 +233,21 @@ def serial_dependence(
     )
     rows = []
     for name, result in zip(study.names, results, strict=True):
-        if isinstance(result, Failed):
-            rows.append(SubjectDependence(name, note=result.reason))
+        if isinstance(result, NumericalError):
+            rows.append(SubjectDependence(name, note=str(result)))
         else:
             rows.append(result)
     return SerialDependence(tuple(rows), study, root, chosen)
 
 
 def _dependences(
-    jobs: Sequence[tuple[Subject, int, ObserverPrior]],
-) -> list[SubjectDependence | Failed]:
+    subjects: Sequence[Subject], seed: int, prior: ObserverPrior
+) -> list[SubjectDependence | NumericalError]:
     """The serial dependence of some subjects, whose four models of order are one array."""
-    _, seed, prior = jobs[0]
-    results = list[SubjectDependence | Failed]()
-    for evidence in try_order_evidence([job[0] for job in jobs], seed, prior):
+    results = list[SubjectDependence | NumericalError]()
+    for evidence in try_order_evidence(subjects, seed, prior):
         if isinstance(evidence, NumericalError):
-            results.append(Failed(str(evidence)))
+            results.append(evidence)
         else:
             results.append(subject_dependence(evidence, seed))
     return results

@@ -15,7 +15,7 @@ from processes import members, needs_proc, start, until, until_gone, workers
 
 import bayes_toe as bt
 from bayes_toe.data.whole_files import HIDDEN
-from bayes_toe.workers import Failed
+from bayes_toe.errors import NumericalError
 
 pytestmark = needs_proc
 FAILURE = "no maximum"
@@ -36,7 +36,7 @@ def without_the_first(monkeypatch):
         for index, job in enumerate(jobs):
             results = job()
             if index == 0:
-                results[0] = Failed(FAILURE)
+                results[0] = NumericalError(FAILURE)
             yield index, results
 
     monkeypatch.setattr("bayes_toe.result_store.run_jobs", few_jobs)
