@@ -557,8 +557,10 @@ def order_effect(
     screen : SerialScreen, optional
         Score tests of the trial before.
     """
-    is_error_only = identification.contraction_adds_to_error
-    probabilities, log_bayes_factors = _questions(evidence, is_error_only)
+    has_effects = dict(QUESTIONS)
+    if identification.contraction_adds_to_error:
+        has_effects["order_effect"] = HAS_ERROR
+    probabilities, log_bayes_factors = _questions(evidence, has_effects)
     sizes, upper_bounds, size_flags = _sizes(evidence)
     is_interpretable = all(flag.is_interpretable for flag in flags)
     questions = [question for question in QUESTIONS if getattr(identification, question)]
@@ -567,7 +569,7 @@ def order_effect(
         words = _words(questions, probabilities, log_bayes_factors)
     worst_first = sorted(flags, key=lambda flag: flag.is_interpretable)
     problems = {flag.words: Problem(flag.message, flag.option) for flag in worst_first}
-    problems |= _prior_problems(evidence, words, questions, is_error_only)
+    problems |= _prior_problems(evidence, words, questions, has_effects)
     for flag_words in (*size_flags, *_error_flags(evidence)):
         problems[flag_words] = Problem(f"{capitalized(flag_words)}.")
     best = int(np.argmax(evidence.log_evidence))
@@ -612,18 +614,14 @@ def _by_model(values: FloatArray) -> dict[str, float]:
     return dict(zip(MODEL_NAMES, values.tolist(), strict=True))
 
 
-def _questions(models: ModelSet, is_error_only: bool) -> tuple[dict[str, float], dict[str, float]]:
-    """Posterior probability and log Bayes factor of each question.
-
-    If no contraction can be told from a constant error, the order effect is the constant error.
-    """
+def _questions(
+    models: ModelSet, has_effects: Mapping[str, BoolArray]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Posterior probability and log Bayes factor of each question."""
     probabilities, log_bayes_factors = {}, {}
-    for question, has_effect in QUESTIONS.items():
+    for question, has_effect in has_effects.items():
         probabilities[question] = models.probability(has_effect)
         log_bayes_factors[question] = models.log_bayes_factor(has_effect)
-    if is_error_only:
-        for values in (probabilities, log_bayes_factors):
-            values["order_effect"] = values["constant_error"]
     return probabilities, log_bayes_factors
 
 
@@ -647,7 +645,7 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], 
 
 def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> dict[str, float]:
     """The 95 % quantile of each question's size, in JND."""
-    subject, scales = evidence.subject, evidence.scales
+    subject, scales = evidence.subject, evidence.subject.scales
     constant_error, p = draws.quantities["constant_error"], draws.quantities["contraction"]
     # The mean first stimulus of one condition is not that of all conditions.
     mean_first = np.average(subject.s1, weights=subject.n_trials)
@@ -671,8 +669,10 @@ def _size_flags(
     largest_difference = float(np.abs(evidence.subject.s2 - evidence.subject.s1).max())
     if _median_size(with_error, "constant_error") > largest_difference:
         flags.append(OUTSIDE_FLAG)
-    median_contraction = _median_size(with_contraction, "contraction", evidence.scales.first_spread)
-    if median_contraction > _FAR_ROVING * evidence.scales.step:
+    median_contraction = _median_size(
+        with_contraction, "contraction", evidence.subject.scales.first_spread
+    )
+    if median_contraction > _FAR_ROVING * evidence.subject.scales.step:
         flags.append(ROVING_FLAG)
     return flags
 
@@ -704,14 +704,14 @@ def _prior_problems(
     evidence: OrderEvidence,
     words: Mapping[str, Word],
     questions: Sequence[str],
-    is_error_only: bool,
+    has_effects: Mapping[str, BoolArray],
 ) -> dict[str, Problem]:
     """The flag of questions whose `yes` or `no` another prior scale leaves undecided."""
     changes: dict[str, list[str]] = {}
     rescaled_words = []
     for effect, factor in product((CONSTANT_ERROR, CONTRACTION), SCALE_FACTORS):
         models = evidence.with_prior_scale(effect, factor)
-        rescaled_words.append((factor, _words(questions, *_questions(models, is_error_only))))
+        rescaled_words.append((factor, _words(questions, *_questions(models, has_effects))))
     for question in questions:
         word = words[question]
         for factor, rescaled in rescaled_words:

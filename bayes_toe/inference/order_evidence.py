@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
-from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.engine import USUAL, Precision, mixture_of_maxima, weighted_draws
@@ -80,11 +79,6 @@ class OrderEvidence(ModelSet):
     laplace: FloatArray
     modes: FloatArray
 
-    @property
-    def scales(self) -> StimulusScales:
-        """Location and scales of the subject's stimuli."""
-        return self.subject.scales
-
     def averaged(self, is_chosen: BoolArray = EVERY_MODEL) -> OrderDraws:
         """Draws of some models, by default of all four."""
         draws = super().averaged(is_chosen)
@@ -99,7 +93,7 @@ class OrderEvidence(ModelSet):
             density_of_scaled = density
         else:
             has_effect, coordinate = HAS_CONTRACTION, -1
-            sd = self.prior.contraction_sd * self.scales.roving_share
+            sd = self.prior.contraction_sd * self.subject.scales.roving_share
             density, density_of_scaled = CutNormal(1.0 / sd), CutNormal(1.0 / (factor * sd))
 
         def log_ratio(points: FloatArray) -> FloatArray:
