@@ -11,7 +11,7 @@ left out, and the result names the reason.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from bayes_toe.answers.contrast import ContrastTable, contrast
 from bayes_toe.answers.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
-from bayes_toe.answers.order_effect import OrderEffect, answer_subject
+from bayes_toe.answers.order_effect import OrderEffect, answer_evidence
 from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP
 from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.checks.answer_checks import Finding, answer_flags, not_interpreted
@@ -30,6 +30,7 @@ from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.draws_file import assembled_tree
+from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, try_order_evidence
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
@@ -48,7 +49,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.result_store import resumed_seed, run_stored
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Failed, Progress, Workers, without_failed
+from bayes_toe.workers import Progress, Workers, without_failed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -145,19 +146,20 @@ def run(
         Without a seed, that of the stored subjects is used.
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
-    jobs = _analysis_jobs(study, settings, AnalysisRequest(settings.sampler, EVIDENCE_DRAWS))
+    request = AnalysisRequest(settings.sampler, EVIDENCE_DRAWS)
+    jobs = list(zip(study, answer_flags(study), strict=True))
     faults = not_interpreted(study)
-    study, analysed, failed = _survivors(study, jobs, settings.seed, workers, progress, keep)
-    drawn = [result.drawn for result in analysed if result.drawn is not None]
-    all_draws = Draws(assembled_tree(study, drawn, settings, failed, faults))
-    summary = list(chain.from_iterable(subject.summary for subject in drawn))
-    curves = []
-    for result in analysed:
-        if result.curve_draws is not None:
-            posterior = OrderModel("both").posterior(
-                study[result.evidence.subject], settings.prior.observer
-            )
+    study, analysed, failed = _survivors(
+        study, _analysed, jobs, settings, request, workers, progress, keep
+    )
+    drawn, curves = list[SubjectDraws](), list[Predictor]()
+    for subject, result in zip(study, analysed, strict=True):
+        if result.drawn is not None and result.curve_draws is not None:
+            drawn.append(result.drawn)
+            posterior = OrderModel("both").posterior(subject, settings.prior.observer)
             curves.append(Predictor(posterior, result.curve_draws))
+    all_draws = Draws(assembled_tree(study, drawn, settings, failed, faults))
+    summary = list(chain.from_iterable(of_subject.summary for of_subject in drawn))
     differences = None
     if study.conditions is not None:
         differences = contrast(
@@ -249,9 +251,10 @@ def sample(
     name = require_model(model, study.task).name
     settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
     request = AnalysisRequest(settings.sampler)
-    jobs = [partial(_catch_failure, _drawn, subject, settings, request) for subject in study]
     faults = not_interpreted(study)
-    study, analysed, failed = _survivors(study, jobs, settings.seed, workers, progress, keep)
+    study, analysed, failed = _survivors(
+        study, _drawn, study.subjects, settings, request, workers, progress, keep
+    )
     all_draws = Draws(assembled_tree(study, analysed, settings, failed, faults))
     for problem, reasons in (
         (" is left out, ", all_draws.failed),
@@ -291,8 +294,11 @@ def evidence(
     True
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
-    jobs = _analysis_jobs(study, settings, AnalysisRequest(evidence_draws=draws))
-    _, analysed, failed = _survivors(study, jobs, settings.seed, workers, progress, keep)
+    request = AnalysisRequest(evidence_draws=draws)
+    jobs = list(zip(study, answer_flags(study), strict=True))
+    _, analysed, failed = _survivors(
+        study, _analysed, jobs, settings, request, workers, progress, keep
+    )
     return _table(analysed, settings, failed, study.task)
 
 
@@ -300,33 +306,21 @@ def evidence(
 class _Analysed:
     """The row of one subject in the evidence table, with draws if they are wanted.
 
-    `curve_draws`, shape (draws, k), are averaged over the four models; they are there if chains are
-    wanted.
+    `curve_draws`, shape (draws, k), are averaged over the four models.
     """
 
-    drawn: SubjectDraws | None
     evidence: SubjectEvidence
-    curve_draws: FloatArray | None
+    drawn: SubjectDraws | None = None
+    curve_draws: FloatArray | None = None
 
 
-def _analysis_jobs(
-    study: Study, settings: Settings, request: AnalysisRequest
-) -> list[Callable[[], _Analysed | Failed]]:
-    jobs: list[Callable[[], _Analysed | Failed]] = []
-    for subject, flags in zip(study, answer_flags(study), strict=True):
-        jobs.append(partial(_catch_failure, _analysed, subject, settings, request, flags))
-    return jobs
+def _drawn(
+    subjects: Sequence[Subject], settings: Settings, request: AnalysisRequest
+) -> list[SubjectDraws | NumericalError]:
+    return [_catch_failure(_drawn_subject, subject, settings, request) for subject in subjects]
 
 
-def _catch_failure(work: Callable[..., Result], *arguments: object) -> Result | Failed:
-    """The work of a subject; a numerical failure is the refusal of that subject alone."""
-    try:
-        return work(*arguments)
-    except NumericalError as error:
-        return Failed(str(error))
-
-
-def _drawn(subject: Subject, settings: Settings, request: AnalysisRequest) -> SubjectDraws:
+def _drawn_subject(subject: Subject, settings: Settings, request: AnalysisRequest) -> SubjectDraws:
     model = stored_model(settings.model, subject.task)
     target = model_posterior(model, subject, settings.prior)
     result, _ = fitted_result(target, settings.seed, request)
@@ -334,21 +328,46 @@ def _drawn(subject: Subject, settings: Settings, request: AnalysisRequest) -> Su
 
 
 def _analysed(
-    subject: Subject, settings: Settings, request: AnalysisRequest, flags: tuple[Finding, ...]
+    flagged_subjects: Sequence[tuple[Subject, Sequence[Finding]]],
+    settings: Settings,
+    request: AnalysisRequest,
+) -> list[_Analysed | NumericalError]:
+    """The results of some subjects, whose four models are one array."""
+    subjects, all_flags = zip(*flagged_subjects, strict=True)
+    evidences = try_order_evidence(subjects, settings.seed, settings.prior.observer)
+    results = []
+    for evidence, flags in zip(evidences, all_flags, strict=True):
+        results.append(_catch_failure(_analysed_subject, evidence, flags, settings, request))
+    return results
+
+
+def _analysed_subject(
+    evidence: OrderEvidence | NumericalError,
+    flags: Sequence[Finding],
+    settings: Settings,
+    request: AnalysisRequest,
 ) -> _Analysed:
     """The answer, and the paper's model with all that is wanted."""
-    prior, seed = settings.prior.for_subjects(subject), settings.seed
-    answer, order = answer_subject(subject, seed, settings.prior.observer, flags)
-    result, fitted = fitted_result(paper_posterior(subject, prior), seed, request)
-    row = subject_evidence(result, fitted, answer=answer, fit=result.fit)
-    curve_draws, drawn = None, None
-    if request.chains is not None:
-        curve_draws = order.averaged().resampled(
-            generator(seed, subject.name, "shown"), _N_CURVE_DRAWS
-        )
-    if result.chains is not None:
-        drawn = subject_draws(result, summarised=True)
-    return _Analysed(drawn, row, curve_draws)
+    if isinstance(evidence, NumericalError):
+        raise evidence
+    subject, seed = evidence.subject, settings.seed
+    answer = answer_evidence(evidence, seed, flags)
+    target = paper_posterior(subject, settings.prior.for_subjects(subject))
+    result, fitted = fitted_result(target, seed, request)
+    row = subject_evidence(result, fitted, answer)
+    if request.chains is None:
+        return _Analysed(row)
+    rng = generator(seed, subject.name, "shown")
+    curve_draws = evidence.averaged().resampled(rng, _N_CURVE_DRAWS)
+    return _Analysed(row, subject_draws(result, summarised=True), curve_draws)
+
+
+def _catch_failure(work: Callable[..., Result], *arguments: object) -> Result | NumericalError:
+    """The work of a subject; a numerical failure is the refusal of that subject alone."""
+    try:
+        return work(*arguments)
+    except NumericalError as error:
+        return error
 
 
 def _settings(
@@ -362,20 +381,24 @@ def _settings(
 
 
 def _table(
-    analysed: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str], task: Task
+    analysed: Sequence[_Analysed], settings: Settings, failed: Mapping[str, str], task: Task
 ) -> EvidenceTable:
-    rows = [result.evidence for result in analysed]
-    judged = []
-    for row in rows:
-        answer = None if row.answer is None else row.answer.in_study(len(rows))
-        judged.append(replace(row, answer=answer))
-    return EvidenceTable(tuple(judged), settings.seed, settings.prior, failed, task)
+    n_subjects = len(analysed)
+    rows = []
+    for result in analysed:
+        row = result.evidence
+        if row.answer is not None:
+            row = replace(row, answer=row.answer.in_study(n_subjects))
+        rows.append(row)
+    return EvidenceTable(tuple(rows), settings.seed, settings.prior, failed, task)
 
 
 def _survivors(
     study: Study,
-    jobs: Sequence[Callable[[], Result | Failed]],
-    seed: int,
+    work: Callable[..., list[Result | NumericalError]],
+    jobs: Sequence[object],
+    settings: Settings,
+    request: AnalysisRequest,
     workers: Workers,
     progress: Progress | None,
     keep: StrPath | None,
@@ -385,7 +408,16 @@ def _survivors(
     The result has the subjects that did not fail, their results, and the reasons of the others by
     name. A WorkerError is raised if all failed.
     """
-    results = run_stored(jobs, seed, keep, workers, progress, study.names)
+    results = run_stored(
+        partial(work, settings=settings, request=request),
+        jobs,
+        study.names,
+        seed=settings.seed,
+        folder=keep,
+        workers=workers,
+        progress=progress,
+        batch=BATCH,
+    )
     analysed, failed = without_failed(study.names, results)
     if failed:
         subjects = tuple(subject for subject in study if subject.name not in failed)

@@ -74,6 +74,12 @@ async def _identity(address: str) -> dict[str, str]:
         return identity
 
 
+def count_workers(client: Client) -> int:
+    """The number of workers of a cluster."""
+    _require_open(client)
+    return len(client.nthreads())
+
+
 def run_on(client: Client, jobs: Sequence[Callable[[], Result]]) -> Generator[tuple[int, Result]]:
     """Yield the index of each job with its result, in the order in which jobs finish.
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import is_dataclass, replace
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,11 +32,12 @@ from bayes_toe.data.whole_files import (
     under_way,
     write_whole,
 )
-from bayes_toe.errors import InputError, require_kind
+from bayes_toe.errors import InputError, NumericalError, require_kind
 from bayes_toe.libraries import library_versions
 from bayes_toe.seeds import root_seed
-from bayes_toe.workers import Failed, Progress, Workers, report_progress, run_in_order, run_jobs
+from bayes_toe.workers import Progress, Workers, in_batches, report_progress, run_jobs
 
+Job = TypeVar("Job")
 Result = TypeVar("Result")
 SUFFIX = ".result"
 #: Besides records of this package, what arrays and numbers of NumPy are made of.
@@ -59,64 +60,80 @@ def resumed_seed(seed: int | None, folder: StrPath | None) -> int:
 
 
 def run_stored(
-    jobs: Sequence[Callable[[], Result | Failed]],
+    work: Callable[[Sequence[Job]], Sequence[Result | NumericalError]],
+    jobs: Sequence[Job],
+    names: Sequence[str],
+    *,
     seed: int,
     folder: StrPath | None,
     workers: Workers,
     progress: Progress | None,
-    names: Sequence[str],
-) -> list[Result | Failed]:
-    """Run the jobs whose results are not in the folder, and store each result as it comes.
+    batch: int = 1,
+) -> list[Result | NumericalError]:
+    """Do the jobs whose results are not in the folder, and store each result.
 
     Parameters
     ----------
-    jobs : sequence of callable
+    work : callable
+        Does some jobs together. It is a function that can be imported.
+    jobs : sequence
+        All that decides each result.
+    names : sequence of str
+        The name of each job, which `progress` hears.
     seed : int
         The root seed of the jobs, which each file has too.
     folder : path, optional
         Without one nothing is stored.
     workers, progress
-        As in :func:`bayes_toe.workers.run_jobs`; `progress` hears the name of each job.
-    names : sequence of str
-        The name of each job.
+        As in :func:`bayes_toe.workers.run_jobs`.
+    batch : int
+        The largest number of jobs that a worker does together.
 
     Returns
     -------
     list
-        The results in the order of the jobs. A job that failed is not stored.
+        The results in the order of the jobs. An error is not stored.
 
     Raises
     ------
     OutputError
         If the folder cannot be written to.
     """
-    if folder is None:
-        return run_in_order(jobs, workers, progress, [(name,) for name in names])
-    place, results = Path(folder), dict[int, Result | Failed]()
-    require_writable(place / SUFFIX, overwrite=True)
-    files = [place / f"{joblib.hash((versions(), job))}{SUFFIX}" for job in jobs]
-    missing = list[int]()
-    for index, file in enumerate(files):
-        stored = _read(file)
-        if stored is None:
-            missing.append(index)
-        else:
-            results[index] = stored["result"]
-            report_progress(progress, [names[index]])
-    n_damaged = sum(files[index].exists() for index in missing)
-    standing = under_way[place] = Standing(len(jobs), len(results), len(results), n_damaged)
+    results = dict[int, Result | NumericalError]()
+    files = dict[int, Path]()
+    if folder is not None:
+        path = Path(folder)
+        require_writable(path / SUFFIX, overwrite=True)
+        for index, job in enumerate(jobs):
+            files[index] = path / f"{joblib.hash((versions(), work, job))}{SUFFIX}"
+            stored = _read(files[index])
+            if stored is not None:
+                results[index] = stored["result"]
+                report_progress(progress, [names[index]])
+        n_damaged = sum(file.exists() for file in files.values()) - len(results)
+        under_way[path] = Standing(len(jobs), len(results), len(results), n_damaged)
 
-    with closing(run_jobs([jobs[index] for index in missing], workers)) as outcomes:
-        for position, result in outcomes:
-            index = missing[position]
-            results[index] = result
-            if not isinstance(result, Failed):
-                content = pickle.dumps({"seed": seed, "result": result})
-                with reporting(place, hidden=files[index]):
-                    write_whole(files[index], content)
-                standing = under_way[place] = replace(standing, done=standing.done + 1)
-            report_progress(progress, [names[index]])
+    missing = [index for index in range(len(jobs)) if index not in results]
+    batches = in_batches(missing, batch, workers)
+    batch_jobs = []
+    for indices in batches:
+        batch_jobs.append(partial(work, [jobs[index] for index in indices]))
+    with closing(run_jobs(batch_jobs, workers)) as outcomes:
+        for position, batch_results in outcomes:
+            for index, result in zip(batches[position], batch_results, strict=True):
+                results[index] = result
+                if folder is not None and not isinstance(result, NumericalError):
+                    _write(files[index], seed, result)
+                report_progress(progress, [names[index]])
     return [results[index] for index in range(len(jobs))]
+
+
+def _write(file: Path, seed: int, result: object) -> None:
+    """Store a result, which then counts as done."""
+    with reporting(file.parent, hidden=file):
+        write_whole(file, pickle.dumps({"seed": seed, "result": result}))
+    standing = under_way[file.parent]
+    under_way[file.parent] = replace(standing, done=standing.done + 1)
 
 
 @cache
@@ -165,9 +182,9 @@ class _Records(pickle.Unpickler):
         if library == "numpy" and name in _NUMPY_NAMES:
             return super().find_class(module, name)
         if library == "bayes_toe":
-            found = super().find_class(module, name)
-            if isinstance(found, type) and _is_record(found):
-                return found
+            record = super().find_class(module, name)
+            if isinstance(record, type) and _is_record(record):
+                return record
         raise InputError(f"{module}.{name} is not a record of this package")
 
 

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from math import ceil
 from multiprocessing import resource_tracker
 from numbers import Integral
 from threading import Thread
@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import threadpool_limits
 
-from bayes_toe.cluster import DEAD_WORKER, run_on
-from bayes_toe.errors import InputError, WorkerError
+from bayes_toe.cluster import DEAD_WORKER, count_workers, run_on
+from bayes_toe.errors import InputError, NumericalError, WorkerError
 from bayes_toe.libraries import ignore_settings_of_folder
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ Workers: TypeAlias = "int | Client | None"
 #: Called with the name of each subject or data set when it is finished.
 Progress = Callable[[str], None]
 Result = TypeVar("Result")
+Value = TypeVar("Value")
 _TERMINAL_SIGNALS = [
     getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name)
 ]
@@ -43,16 +44,32 @@ _SAFE_PATH = "PYTHONSAFEPATH"
 _parents: set[int] = set()
 
 
-@dataclass(frozen=True)
-class Failed:
-    """The result of a job that cannot have another one, such as a subject without a maximum."""
-
-    reason: str
-
-
 def of_this_machine(workers: Workers) -> int | None:
     """A number of processes here: for jobs on files, which the workers of a cluster may not see."""
     return int(workers) if isinstance(workers, Integral) else None
+
+
+def count_processes(workers: Workers) -> int:
+    """The number of processes, of this machine or of the cluster."""
+    if workers is None:
+        return cpu_count()
+    if not isinstance(workers, Integral):  # NumPy's integers too
+        return count_workers(workers)
+    if workers < 1:
+        raise InputError(f"workers={workers} must be at least 1")
+    return int(workers)
+
+
+def in_batches(values: Sequence[Value], largest: int, workers: Workers) -> list[Sequence[Value]]:
+    """The values in batches of at most `largest`, and a batch for each process where possible.
+
+    Examples
+    --------
+    >>> in_batches("abcdefg", 8, workers=2), in_batches("abcdefg", 3, workers=2)
+    (['abcd', 'efg'], ['abc', 'def', 'g'])
+    """
+    size = max(1, min(largest, ceil(len(values) / count_processes(workers))))
+    return [values[start : start + size] for start in range(0, len(values), size)]
 
 
 def run_jobs(
@@ -79,11 +96,9 @@ def run_jobs(
     >>> list(run_jobs([partial(pow, 2, 3), partial(pow, 3, 2)], workers=1))
     [(0, 8), (1, 9)]
     """
-    if workers is not None and not isinstance(workers, Integral):  # NumPy's integers too
+    if workers is not None and not isinstance(workers, Integral):
         return run_on(workers, jobs)
-    if workers is not None and workers < 1:
-        raise InputError(f"workers={workers} must be at least 1")
-    n_processes = min(cpu_count() if workers is None else int(workers), len(jobs))
+    n_processes = min(count_processes(workers), len(jobs))
     is_copy_of_parent = bool(_parents - {os.getpid()})
     if n_processes <= 1 or is_copy_of_parent:
         return _run_here(jobs)
@@ -116,9 +131,11 @@ def run_in_order(
 
 
 def without_failed(
-    names: Iterable[str], results: Iterable[Result | Failed]
+    names: Iterable[str], results: Iterable[Result | NumericalError]
 ) -> tuple[list[Result], dict[str, str]]:
     """The results of the jobs that did not fail, and the reasons of the others by name.
+
+    The result of a job that failed is its error.
 
     Raises
     ------
@@ -128,8 +145,8 @@ def without_failed(
     finished = list[Result]()
     failed = dict[str, str]()
     for name, result in zip(names, results, strict=True):
-        if isinstance(result, Failed):
-            failed[name] = result.reason
+        if isinstance(result, NumericalError):
+            failed[name] = str(result)
         else:
             finished.append(result)
     if not finished:

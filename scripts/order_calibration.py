@@ -122,10 +122,8 @@ def row(
 ) -> dict[str, object]:
     """Log odds of the three questions, and the rank of every true value."""
     entries: dict[str, object] = {"design": design.name, "model": observer.model}
-    log_joint = evidence.log_evidence + np.log(list(PROBABILITIES.values()))
     for question, has in QUESTIONS.items():
-        log_with = np.logaddexp.reduce(log_joint[has])
-        entries[f"log_odds_{question}"] = log_with - np.logaddexp.reduce(log_joint[~has])
+        entries[f"log_odds_{question}"] = evidence.log_odds(has)
     models = {"constant_error": HAS_ERROR, "contraction": HAS_CONTRACTION, "jnd": EVERY_MODEL}
     for quantity, has in models.items():
         entries[f"rank_{quantity}"] = np.nan

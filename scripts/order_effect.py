@@ -148,12 +148,12 @@ def judged(design: Design, made: list[tuple[Subject, Truth]], seed: int) -> pd.D
         row["direction"] = answer.direction
         row["depends_on_prior"] = any(flag.startswith("depends") for flag in answer.flags)
         shift = answer.sizes["pse_shift_percent"]
-        true_shift = 100.0 * np.expm1(truth.constant_error * evidence.scales.step)
+        true_shift = 100.0 * np.expm1(truth.constant_error * evidence.subject.scales.step)
         row["c_covered"] = bool(shift.q025 <= true_shift <= shift.q975)
         size = answer.sizes["contraction_p"]
         row["p_covered"] = bool(size.q025 <= truth.contraction <= size.q975)
         jnd = answer.sizes["jnd_percent"]
-        true_jnd = 100.0 * np.expm1(truth.jnd * evidence.scales.step)
+        true_jnd = 100.0 * np.expm1(truth.jnd * evidence.subject.scales.step)
         covered = bool(jnd.q025 <= true_jnd <= jnd.q975)
         row["jnd_covered"] = covered if np.isfinite(true_jnd) else None
         rows.append(row)

@@ -2,7 +2,6 @@
 
 import pickle
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -12,10 +11,10 @@ from conftest import known_observers
 
 import bayes_toe as bt
 from bayes_toe import result_store
-from bayes_toe.errors import InputError, OutputError
+from bayes_toe.errors import InputError, NumericalError, OutputError
 from bayes_toe.result_store import discard, run_stored, stored_files
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Failed, run_jobs
+from bayes_toe.workers import run_jobs
 
 
 @pytest.mark.parametrize("seed", [-1, 2**63, 1.5, "1", np.float64(3.0)])
@@ -37,7 +36,7 @@ def computed(monkeypatch):
     counts = []
 
     def counted(jobs, workers):
-        counts.append(len(jobs))
+        counts.append(sum(len(job.args[-1]) for job in jobs))
         return run_jobs(jobs, workers)
 
     monkeypatch.setattr(result_store, "run_jobs", counted)
@@ -45,7 +44,7 @@ def computed(monkeypatch):
 
 
 def interrupted(jobs, workers):
-    """The work ends as by a signal after one job."""
+    """The work ends as by a signal after one batch."""
     yield next(run_jobs(jobs, workers))
     raise KeyboardInterrupt
 
@@ -63,6 +62,7 @@ def test_an_interrupted_call_goes_on_to_the_same_bits(few, tmp_path, monkeypatch
     calm = bt.run(few, seed=3, **QUICK)
     with monkeypatch.context() as patch:
         patch.setattr(result_store, "run_jobs", interrupted)
+        patch.setattr("bayes_toe.analysis.BATCH", 1)
         with pytest.raises(KeyboardInterrupt):
             bt.run(few, seed=3, keep=tmp_path / "kept", **QUICK)
     assert len(stored_files(tmp_path / "kept")) == 1
@@ -121,23 +121,41 @@ def test_a_damaged_or_foreign_file_is_computed_again(few, tmp_path, computed, co
     assert file.read_bytes() == original
 
 
-def test_a_failed_job_is_not_stored(tmp_path):
-    jobs = [partial(Failed, "no maximum"), partial(pow, 2, 3)]
-    results = run_stored(jobs, 1, tmp_path, 1, None, ["a", "b"])
-    assert results == [Failed("no maximum"), 8]
+FAILURE = NumericalError("too large")
+
+
+def cubes(numbers):
+    """The cube of each number; 9 fails."""
+    results = (np.array(numbers, dtype=object) ** 3).tolist()
+    if 9 in numbers:
+        results[numbers.index(9)] = FAILURE
+    return results
+
+
+def stored_cubes(numbers, folder, **options):
+    settings = {"seed": 1, "folder": folder, "workers": 1, "progress": None}
+    return run_stored(cubes, numbers, list(map(str, numbers)), **settings | options)
+
+
+def test_each_result_of_a_batch_is_stored_but_that_of_a_failed_job(tmp_path):
+    heard = []
+    assert stored_cubes([9, 2], tmp_path, batch=8, progress=heard.append) == [FAILURE, 8]
+    assert heard == ["9", "2"]
     assert len(stored_files(tmp_path)) == 1
+    assert stored_cubes([3, 2, 9], tmp_path, batch=2) == [27, 8, FAILURE]
+    assert len(stored_files(tmp_path)) == 2
 
 
 def test_files_of_others_stay_and_links_are_refused(tmp_path):
-    jobs, folder = [partial(pow, 2, 3)], tmp_path / "kept"
-    run_stored(jobs, 1, folder, 1, None, ["a"])
+    folder = tmp_path / "kept"
+    stored_cubes([2], folder)
     (folder / "note.result").write_text("mine")
     (file,) = stored_files(folder)
     discard(folder)
     assert [path.name for path in folder.iterdir()] == ["note.result"]
     file.symlink_to(folder / "note.result")
     with pytest.raises(OutputError, match="is a link"):
-        run_stored(jobs, 1, folder, 1, None, ["a"])
+        stored_cubes([2], folder)
     assert (folder / "note.result").read_text() == "mine"
     with pytest.raises(OutputError, match="cannot be written"):
-        run_stored(jobs, 1, folder / "note.result", 1, None, ["a"])
+        stored_cubes([2], folder / "note.result")

@@ -10,8 +10,8 @@ import pytest
 from conftest import few_pairs, grouped_csv
 from processes import die, interrupted, needs_proc, slow, until, workers_of
 
-from bayes_toe.errors import WorkerError
-from bayes_toe.workers import Failed, run_in_order, run_jobs, without_failed
+from bayes_toe.errors import NumericalError, WorkerError
+from bayes_toe.workers import run_in_order, run_jobs, without_failed
 
 
 def test_a_worker_that_dies_ends_the_work_in_one_line_and_the_next_call_has_others():
@@ -23,9 +23,9 @@ def test_a_worker_that_dies_ends_the_work_in_one_line_and_the_next_call_has_othe
 
 
 def test_jobs_that_failed_are_named_and_an_error_if_all_did():
-    assert without_failed("ab", [1, Failed("no maximum")]) == ([1], {"b": "no maximum"})
+    assert without_failed("ab", [1, NumericalError("no maximum")]) == ([1], {"b": "no maximum"})
     with pytest.raises(WorkerError, match=r"^a: no maximum$"):
-        without_failed("a", [Failed("no maximum")])
+        without_failed("a", [NumericalError("no maximum")])
 
 
 @needs_proc

@@ -306,10 +306,15 @@ def contrast(
             levels = join_names([display_name(unit.condition) for unit in units])
             left_out[name] = f"at {levels} only"
     root, numbers = resumed_seed(seed, keep), prior_for(study, prior).observer
-    jobs = [
-        partial(subject_contrast, units, conditions, numbers, root) for units in compared.values()
-    ]
-    results = run_stored(jobs, root, keep, workers, progress, list(compared))
+    results = run_stored(
+        partial(_contrasts, conditions=conditions, prior=numbers, seed=root),
+        list(compared.values()),
+        list(compared),
+        seed=root,
+        folder=keep,
+        workers=workers,
+        progress=progress,
+    )
     subjects, failed = without_failed(compared, results)
     rows = tuple(chain.from_iterable(subject.rows for subject in subjects))
     return ContrastTable(
@@ -356,6 +361,12 @@ def _compared_subjects(study: Study, conditions: Conditions) -> dict[str, tuple[
 # --- One subject ---------------------------------------------------------------------------------
 
 
+def _contrasts(
+    subjects: Sequence[Sequence[Subject]], conditions: Conditions, prior: ObserverPrior, seed: int
+) -> list[SubjectContrast]:
+    return [subject_contrast(units, conditions, prior, seed) for units in subjects]
+
+
 def subject_contrast(
     units: Sequence[Subject], conditions: Conditions, prior: ObserverPrior, seed: int
 ) -> SubjectContrast:
@@ -372,9 +383,9 @@ def subject_contrast(
     rows = []
     for quantity, parameters in _PARAMETERS_OF.items():
         differs = np.array([not parameters.isdisjoint(choice) for choice in CHOICES])
-        log_bf, se = evidence.log_bayes_factor(differs)
-        is_robust = word_of(log_bf) == word_of(with_lapses.log_bayes_factor(differs)[0])
-        answer = log_bf, se, "yes" if is_robust else "no"
+        log_bf = evidence.log_bayes_factor(differs)
+        is_robust = word_of(log_bf) == word_of(with_lapses.log_bayes_factor(differs))
+        answer = log_bf, evidence.bayes_factor_error(differs), "yes" if is_robust else "no"
         values = models.quantities(evidence.averaged(differs).resampled(rng, _DRAWS))
         for level, reference in conditions.comparisons:
             if level in levels and reference in levels:
@@ -432,5 +443,5 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
     draws = weighted_draws(array, mixtures, generators, np.zeros(len(array), int), _PRECISION)
 
     n, prior_probabilities = len(CHOICES), np.full(len(CHOICES), 1.0 / len(CHOICES))
-    without_lapses = ModelSet(tuple(draws[:n]), prior_probabilities)
-    return without_lapses, ModelSet(tuple(draws[n:]), prior_probabilities)
+    without_lapses = ModelSet.from_draws(draws[:n], prior_probabilities)
+    return without_lapses, ModelSet.from_draws(draws[n:], prior_probabilities)

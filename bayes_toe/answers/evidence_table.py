@@ -62,7 +62,7 @@ class SubjectEvidence:
     answer : OrderEffect or None
         None where only H1 against H0 was asked for.
     fit : GoodnessOfFit or None
-        Goodness of fit of the paper's model (H1).
+        Goodness of fit of the paper's model (H1), of chains.
     notes : tuple of str
         What is not reported, and why.
     footnotes : tuple of str
@@ -77,10 +77,9 @@ class SubjectEvidence:
     log_evidence_h0: float
     log_evidence_h1_laplace: float | None
     log_evidence_h0_laplace: float
-    efficiency: float
     pareto_k: float
-    fit: GoodnessOfFit | None
     answer: OrderEffect | None = None
+    fit: GoodnessOfFit | None = None
     notes: tuple[str, ...] = ()
     footnotes: tuple[str, ...] = ()
 
@@ -163,20 +162,19 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 
 
 def subject_evidence(
-    result: SubjectResult,
-    fitted: Fitted,
-    *,
-    answer: OrderEffect | None = None,
-    fit: GoodnessOfFit | None = None,
+    result: SubjectResult, fitted: Fitted, answer: OrderEffect | None = None
 ) -> SubjectEvidence:
-    """The row of one subject in the evidence table, from the fit of H1.
-
-    `fit` is None where draws of H1 cannot be trusted.
-    """
+    """The row of one subject in the evidence table, from the fit of H1."""
     estimate = cast(Evidence, result.evidence)
     subject = result.subject
-    by_laplace, why_no_laplace = _laplace(fitted)
-    notes = [why_no_laplace]
+    notes, footnotes = list[str](), list[str]()
+    if estimate.why_not:
+        notes.append(f"H1: {estimate.why_not}")
+    by_laplace = float(laplace(fitted.target.array, [fitted.maxima])[1][0])
+    if np.isnan(by_laplace):
+        footnotes.append(
+            "Laplace of H1 does not exist: the Hessian at the maximum is not negative definite"
+        )
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
@@ -184,25 +182,14 @@ def subject_evidence(
         log_evidence_h1=estimate.value,
         log_evidence_h1_se=estimate.se,
         log_evidence_h0=frequency_evidence(subject),
-        log_evidence_h1_laplace=by_laplace,
+        log_evidence_h1_laplace=None if np.isnan(by_laplace) else by_laplace,
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
-        efficiency=estimate.efficiency,
         pareto_k=estimate.pareto_k,
-        fit=fit,
         answer=answer,
-        notes=(f"H1: {estimate.why_not}",) if estimate.why_not else (),
-        footnotes=tuple(note for note in notes if note),
+        fit=result.fit,
+        notes=tuple(notes),
+        footnotes=tuple(footnotes),
     )
-
-
-def _laplace(fitted: Fitted) -> tuple[float | None, str]:
-    """Laplace's log evidence of H1, nats; or None and the reason."""
-    value = float(laplace(fitted.target.array, [fitted.maxima])[1][0])
-    if np.isnan(value):
-        return None, (
-            "Laplace of H1 does not exist: the Hessian at the maximum is not negative definite"
-        )
-    return value, ""
 
 
 def frequency_evidence(subject: Subject) -> float:

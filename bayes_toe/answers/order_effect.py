@@ -17,7 +17,6 @@ from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
 
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, remains, word_for
@@ -29,21 +28,19 @@ from bayes_toe.data.messages import capitalized, join_words
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, PairResidual, summarise_fit
-from bayes_toe.inference.model_set import log_bayes_factor, probability_of, weighted_quantiles
+from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import (
     HAS_CONTRACTION,
     HAS_EFFECT,
     HAS_ERROR,
     MODEL_NAMES,
-    PRIOR_PROBABILITIES,
     OrderDraws,
     OrderEvidence,
     order_evidence,
 )
-from bayes_toe.model.densities import CutNormal, StandardStudent
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR
-from bayes_toe.model.parameters import ObserverPrior
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ObserverPrior
 from bayes_toe.seeds import generator
 
 #: The questions in the order of all tables, with the models that say yes to each.
@@ -82,7 +79,6 @@ _FAR_ROVING = 3.0  # D; a larger median of abs(p) sd(s1) rests on the prior
 _Numbers = Mapping[str, float]
 #: Nats below the best within which a model's error matters, and the largest error left unsaid.
 COUNTS_WITHIN, _LARGEST_ERROR = 5.0, 0.1
-_STUDENT = StandardStudent()
 _MOST_DECIMALS = 15
 #: Natural logs beyond which a percentage is infinite, or -100.
 _LARGEST_LOG, _SMALLEST_LOG = 700, -30
@@ -561,8 +557,10 @@ def order_effect(
     screen : SerialScreen, optional
         Score tests of the trial before.
     """
-    is_error_only = identification.contraction_adds_to_error
-    probabilities, log_bayes_factors = _questions(evidence.log_evidence, is_error_only)
+    has_effects = dict(QUESTIONS)
+    if identification.contraction_adds_to_error:
+        has_effects["order_effect"] = HAS_ERROR
+    probabilities, log_bayes_factors = _questions(evidence, has_effects)
     sizes, upper_bounds, size_flags = _sizes(evidence)
     is_interpretable = all(flag.is_interpretable for flag in flags)
     questions = [question for question in QUESTIONS if getattr(identification, question)]
@@ -571,7 +569,7 @@ def order_effect(
         words = _words(questions, probabilities, log_bayes_factors)
     worst_first = sorted(flags, key=lambda flag: flag.is_interpretable)
     problems = {flag.words: Problem(flag.message, flag.option) for flag in worst_first}
-    problems |= _prior_problems(evidence, words, questions, is_error_only)
+    problems |= _prior_problems(evidence, words, questions, has_effects)
     for flag_words in (*size_flags, *_error_flags(evidence)):
         problems[flag_words] = Problem(f"{capitalized(flag_words)}.")
     best = int(np.argmax(evidence.log_evidence))
@@ -617,19 +615,13 @@ def _by_model(values: FloatArray) -> dict[str, float]:
 
 
 def _questions(
-    log_evidence: FloatArray, is_error_only: bool
+    models: ModelSet, has_effects: Mapping[str, BoolArray]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Posterior probability and log Bayes factor of each question, from four log evidences.
-
-    If no contraction can be told from a constant error, the order effect is the constant error.
-    """
+    """Posterior probability and log Bayes factor of each question."""
     probabilities, log_bayes_factors = {}, {}
-    for question, has_effect in QUESTIONS.items():
-        probabilities[question] = probability_of(log_evidence, PRIOR_PROBABILITIES, has_effect)
-        log_bayes_factors[question] = log_bayes_factor(log_evidence, has_effect)
-    if is_error_only:
-        for values in (probabilities, log_bayes_factors):
-            values["order_effect"] = values["constant_error"]
+    for question, has_effect in has_effects.items():
+        probabilities[question] = models.probability(has_effect)
+        log_bayes_factors[question] = models.log_bayes_factor(has_effect)
     return probabilities, log_bayes_factors
 
 
@@ -653,7 +645,7 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], 
 
 def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> dict[str, float]:
     """The 95 % quantile of each question's size, in JND."""
-    subject, scales = evidence.subject, evidence.scales
+    subject, scales = evidence.subject, evidence.subject.scales
     constant_error, p = draws.quantities["constant_error"], draws.quantities["contraction"]
     # The mean first stimulus of one condition is not that of all conditions.
     mean_first = np.average(subject.s1, weights=subject.n_trials)
@@ -665,8 +657,7 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> dict[str, float
     }
     bounds = {}
     for question, size in sizes.items():
-        (bound,) = weighted_quantiles(size / draws.quantities["jnd"], draws.weights, [0.95])
-        bounds[question] = bound
+        (bounds[question],) = draws.quantiles(size / draws.quantities["jnd"], [0.95])
     return bounds
 
 
@@ -678,8 +669,10 @@ def _size_flags(
     largest_difference = float(np.abs(evidence.subject.s2 - evidence.subject.s1).max())
     if _median_size(with_error, "constant_error") > largest_difference:
         flags.append(OUTSIDE_FLAG)
-    median_contraction = _median_size(with_contraction, "contraction", evidence.scales.first_spread)
-    if median_contraction > _FAR_ROVING * evidence.scales.step:
+    median_contraction = _median_size(
+        with_contraction, "contraction", evidence.subject.scales.first_spread
+    )
+    if median_contraction > _FAR_ROVING * evidence.subject.scales.step:
         flags.append(ROVING_FLAG)
     return flags
 
@@ -687,12 +680,12 @@ def _size_flags(
 def _median_size(draws: OrderDraws, quantity: str, factor: float = 1.0) -> float:
     """Weighted median of the absolute value of a quantity times a factor."""
     size = np.abs(draws.quantities[quantity]) * factor
-    (median,) = weighted_quantiles(size, draws.weights, [0.5])
+    (median,) = draws.quantiles(size, [0.5])
     return median
 
 
 def _size(draws: OrderDraws, values: FloatArray) -> Size:
-    return Size(*weighted_quantiles(values, draws.weights, tuple(QUANTILES.values())))
+    return Size(*draws.quantiles(values, tuple(QUANTILES.values())))
 
 
 def _error_flags(evidence: OrderEvidence) -> list[str]:
@@ -711,16 +704,17 @@ def _prior_problems(
     evidence: OrderEvidence,
     words: Mapping[str, Word],
     questions: Sequence[str],
-    is_error_only: bool,
+    has_effects: Mapping[str, BoolArray],
 ) -> dict[str, Problem]:
     """The flag of questions whose `yes` or `no` another prior scale leaves undecided."""
     changes: dict[str, list[str]] = {}
     rescaled_words = []
-    for log_evidence in rescaled_evidences(evidence):
-        rescaled_words.append(_words(questions, *_questions(log_evidence, is_error_only)))
+    for effect, factor in product((CONSTANT_ERROR, CONTRACTION), SCALE_FACTORS):
+        models = evidence.with_prior_scale(effect, factor)
+        rescaled_words.append((factor, _words(questions, *_questions(models, has_effects))))
     for question in questions:
         word = words[question]
-        for factor, rescaled in zip(SCALE_FACTORS * 2, rescaled_words, strict=True):  # c, then p
+        for factor, rescaled in rescaled_words:
             if not remains(word, rescaled[question]):
                 change = (
                     f"A prior {'twice' if factor > 1.0 else 'half'} as wide changes {{}} from "
@@ -733,44 +727,6 @@ def _prior_problems(
     sentences = [change.format(join_words(names)) for change, names in changes.items()]
     dependent = ", ".join(chain(*changes.values()))
     return {f"{PRIOR_FLAG}: {dependent}": Problem(" ".join(sentences))}
-
-
-def rescaled_evidences(evidence: OrderEvidence) -> list[FloatArray]:
-    """Log evidences with one prior scale of c or p halved or doubled, by re-weighting.
-
-    Each has the shape (4,).
-    """
-    varied = []
-    for models, log_ratio in ((HAS_ERROR, _error_ratio), (HAS_CONTRACTION, _contraction_ratio)):
-        for factor in SCALE_FACTORS:
-            values = evidence.log_evidence.copy()
-            for i in np.flatnonzero(models):
-                draws = evidence.draws[i]
-                log_weights = draws.log_weights
-                changed = log_weights + log_ratio(evidence, draws.x, factor)
-                values[i] += logsumexp(changed) - logsumexp(log_weights)
-            varied.append(values)
-    return varied
-
-
-def _error_ratio(evidence: OrderEvidence, points: FloatArray, factor: float) -> FloatArray:
-    """Log ratio of the prior of c with another scale to the prior, (draws,)."""
-    u = points[:, -2]
-    wider = _STUDENT.log_density(u / factor) - np.log(factor)
-    return wider - _STUDENT.log_density(u)
-
-
-def _contraction_ratio(evidence: OrderEvidence, points: FloatArray, factor: float) -> FloatArray:
-    """Log ratio of the prior of p with another scale to the prior, (draws,)."""
-    sd = evidence.prior.contraction_sd * evidence.scales.roving_share
-    density = CutNormal(1.0 / sd)
-    wider = CutNormal(1.0 / (factor * sd))
-    u = points[:, -1]
-    # Draws beyond abs(p) = 1 have no weight under either.
-    is_inside = np.abs(u) * sd < 1.0
-    inside = np.where(is_inside, u, 0.0)
-    ratio = wider.log_density(inside / factor) - np.log(factor) - density.log_density(inside)
-    return np.where(is_inside, ratio, 0.0)
 
 
 # --- The whole way of one subject ----------------------------------------------------------------

@@ -10,25 +10,30 @@ carried over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import logsumexp
 
 from bayes_toe.answers.order_effect import QUANTILES
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, word_for
-from bayes_toe.arrays import BoolArray, FloatArray, Rng, StrPath
+from bayes_toe.arrays import BoolArray, FloatArray, StrPath
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
+from bayes_toe.errors import NumericalError
 from bayes_toe.inference.engine import Precision, mixture_of_points, weighted_draws
 from bayes_toe.inference.mixture import WeightedDraws
-from bayes_toe.inference.model_set import log_bayes_factor, probability_of, weighted_quantiles
-from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
+from bayes_toe.inference.model_set import ModelSet, weighted_quantiles
+from bayes_toe.inference.order_evidence import (
+    BATCH,
+    MODEL_NAMES,
+    OrderEvidence,
+    try_order_evidence,
+)
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
@@ -36,7 +41,7 @@ from bayes_toe.model.prior_file import prior_for
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior, require_order
 from bayes_toe.result_store import resumed_seed, run_stored
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Failed, Progress, Workers
+from bayes_toe.workers import Progress, Workers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -117,11 +122,11 @@ class SubjectDependence:
 
     def probability(self, effect: str) -> float:
         """Posterior probability of one of the two effects."""
-        return probability_of(self.log_evidence, _EQUAL, EFFECT_MODELS[effect])
+        return ModelSet(self.log_evidence, _EQUAL).probability(EFFECT_MODELS[effect])
 
     def log_bayes_factor(self, effect: str) -> float:
         """Log of the evidence with an effect over that without, nats."""
-        return log_bayes_factor(self.log_evidence, EFFECT_MODELS[effect])
+        return ModelSet(self.log_evidence, _EQUAL).log_bayes_factor(EFFECT_MODELS[effect])
 
     def word(self, effect: str) -> str:
         """The word for an effect; of the previous response with its direction."""
@@ -216,22 +221,36 @@ def serial_dependence(
     for subject in study:
         require_order(subject)
     chosen, root = prior_for(study, prior), resumed_seed(seed, keep)
-    jobs: list[Callable[[], SubjectDependence]] = [
-        partial(_analyse, subject, root, chosen.observer) for subject in study
-    ]
+    results = run_stored(
+        partial(_dependences, seed=root, prior=chosen.observer),
+        study.subjects,
+        study.names,
+        seed=root,
+        folder=keep,
+        workers=workers,
+        progress=progress,
+        batch=BATCH,
+    )
     rows = []
-    results = run_stored(jobs, root, keep, workers, progress, study.names)
     for name, result in zip(study.names, results, strict=True):
-        if isinstance(result, Failed):
-            rows.append(SubjectDependence(name, note=result.reason))
+        if isinstance(result, NumericalError):
+            rows.append(SubjectDependence(name, note=str(result)))
         else:
             rows.append(result)
     return SerialDependence(tuple(rows), study, root, chosen)
 
 
-def _analyse(subject: Subject, seed: int, prior: ObserverPrior) -> SubjectDependence:
-    (evidence,) = order_evidence([subject], seed, prior)
-    return subject_dependence(evidence, seed)
+def _dependences(
+    subjects: Sequence[Subject], seed: int, prior: ObserverPrior
+) -> list[SubjectDependence | NumericalError]:
+    """The serial dependence of some subjects, whose four models of order are one array."""
+    results = list[SubjectDependence | NumericalError]()
+    for evidence in try_order_evidence(subjects, seed, prior):
+        if isinstance(evidence, NumericalError):
+            results.append(evidence)
+        else:
+            results.append(subject_dependence(evidence, seed))
+    return results
 
 
 def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
@@ -243,35 +262,28 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
         _order_models(evidence),
         screen=serial_screen(subject, posterior, evidence.modes[MODEL_NAMES.index("both")]),
     )
-    order_index = MODEL_NAMES.index(row.order_models[0])
-    log_evidence = np.empty(len(HISTORIES))
-    standard_error = np.empty(len(HISTORIES))
-    log_evidence[0] = evidence.log_evidence[order_index]
-    standard_error[0] = evidence.standard_error[order_index]
-    samples: list[tuple[TrialHistoryPosterior, WeightedDraws]] = []
-    for i, name in enumerate(HISTORIES[1:], start=1):
+    static = evidence.draws[MODEL_NAMES.index(row.order_models[0])]
+    histories, draws = list[TrialHistoryPosterior](), [static]
+    for name in HISTORIES[1:]:
         history = TrialHistoryPosterior(subject, row.history(name), prior)
-        draws = _sample(history, evidence, seed)
-        log_evidence[i], standard_error[i] = draws.log_evidence, draws.standard_error
-        if not np.isfinite(log_evidence[i]):
+        histories.append(history)
+        draws.append(_sample(history, evidence, seed))
+        if not np.isfinite(draws[-1].log_evidence):
             note = f"model {history.model.name!r}: its evidence is not a finite number"
             return SubjectDependence(subject.name, screen=row.screen, note=note)
-        samples.append((history, draws))
 
+    models = ModelSet.from_draws(draws, _EQUAL)
     rng = generator(seed, subject.name, "history draws")
-    static_draws = _without_history(row.order_models[0], evidence, rng, _FIGURE_DRAWS)
-    best = int(np.argmax(log_evidence))
-    best_draws = static_draws
+    static_draws = best_draws = static.resampled(rng, _FIGURE_DRAWS)
+    best = int(np.argmax(models.log_evidence))
     if best:
-        best_draws = samples[best - 1][1].resampled(rng, _FIGURE_DRAWS)
-    return SubjectDependence(
-        subject.name,
-        row.order_models,
-        log_evidence,
-        standard_error,
-        rho=_quantiles("carry_over", log_evidence, samples),
-        kappa=_quantiles("previous_response", log_evidence, samples),
-        screen=row.screen,
+        best_draws = draws[best].resampled(rng, _FIGURE_DRAWS)
+    return replace(
+        row,
+        log_evidence=models.log_evidence,
+        standard_error=models.standard_error,
+        rho=_quantiles("carry_over", models, histories),
+        kappa=_quantiles("previous_response", models, histories),
         draws=(static_draws, best_draws),
     )
 
@@ -283,12 +295,6 @@ def _order_models(evidence: OrderEvidence) -> tuple[str, str]:
     return likeliest, max(("contraction", "both"), key=log_evidence.__getitem__)
 
 
-def _without_history(order_model: str, evidence: OrderEvidence, rng: Rng, size: int) -> FloatArray:
-    """Draws of an order model, (size, k), by their importance weights."""
-    draws = evidence.draws[MODEL_NAMES.index(order_model)]
-    return draws.resampled(rng, size)
-
-
 def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int) -> WeightedDraws:
     """Fresh draws of a fixed mixture.
 
@@ -296,7 +302,8 @@ def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
     of their prior.
     """
     rng = generator(seed, posterior.subject.name, posterior.model.name, "history")
-    of_order = _without_history(posterior.model.order.name, evidence, rng, _CLOUD)
+    order_index = MODEL_NAMES.index(posterior.model.order.name)
+    of_order = evidence.draws[order_index].resampled(rng, _CLOUD)
     n_history = len(posterior.model.effects)
     of_history = _START_SPREAD * rng.standard_normal((_CLOUD, n_history))
     cloud = np.concatenate([of_order, of_history], axis=1)
@@ -306,17 +313,11 @@ def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
 
 
 def _quantiles(
-    effect: str,
-    log_evidence: FloatArray,
-    samples: list[tuple[TrialHistoryPosterior, WeightedDraws]],
+    effect: str, models: ModelSet, histories: Sequence[TrialHistoryPosterior]
 ) -> tuple[float, ...]:
     """Quantiles of rho or kappa over the models that have it, weighted by their evidence."""
-    with_effect = [i for i in range(1, 4) if EFFECT_MODELS[effect][i]]
-    total = logsumexp(log_evidence[with_effect])
-    values, weights = [], []
-    for i in with_effect:
-        posterior, draws = samples[i - 1]
-        values.append(posterior.quantities(draws.x)[effect])
-        weights.append(draws.shares * np.exp(log_evidence[i] - total))
-    joined = np.concatenate(values), np.concatenate(weights)
+    has_effect, values = EFFECT_MODELS[effect], []
+    for i in np.flatnonzero(has_effect).tolist():  # the first model, without history, has neither
+        values.append(histories[i - 1].quantities(models.draws[i].x)[effect])
+    joined = np.concatenate(values), models.weights(has_effect)
     return tuple(weighted_quantiles(*joined, tuple(QUANTILES.values())))

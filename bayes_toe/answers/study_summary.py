@@ -9,10 +9,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from operator import itemgetter
 
 import numpy as np
-from scipy.special import logsumexp, softmax
+from scipy.special import softmax
 
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, word_of_bayes_factor
 from bayes_toe.answers.words import Word, claim
@@ -22,7 +21,7 @@ from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.validation import CONDITION_SEPARATOR
 from bayes_toe.groups.population import GroupEffect, PopulationResult
 from bayes_toe.inference.goodness_of_fit import PairResidual
-from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ORDER_MODELS
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 
 #: Interpretable subjects from which on `run` fits the population.
 FEWEST_FOR_GROUP = 6
@@ -328,16 +327,13 @@ def effect_frequency(answers: Sequence[OrderEffect], question: str) -> float:
     A subject has the effect with an unknown frequency, uniform beforehand, which is summed over.
     Source: Penny et al. 2010 (PLoS Comput. Biol. 6:e1000709), with two families.
     """
-    evidences_of = itemgetter(*ORDER_MODELS)
-    log_evidence = np.array([evidences_of(answer.log_evidence) for answer in answers])
     with np.errstate(divide="ignore"):
         log_share, log_other_share = np.log(_SHARES), np.log1p(-_SHARES)
-    # Half of the four models have the effect.
-    has_effect = QUESTIONS[question]
-    log_with = logsumexp(log_evidence[:, has_effect], axis=1, keepdims=True)
-    log_without = logsumexp(log_evidence[:, ~has_effect], axis=1, keepdims=True)
-    log_likelihoods = np.logaddexp(log_share + log_with, log_other_share + log_without)
-    return float(_SHARES @ softmax(log_likelihoods.sum(axis=0)))
+    log_likelihoods = np.zeros(len(_SHARES))
+    for answer in answers:
+        log_bayes_factor = answer.log_bayes_factors[question]
+        log_likelihoods += np.logaddexp(log_share + log_bayes_factor, log_other_share)
+    return float(_SHARES @ softmax(log_likelihoods))
 
 
 def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:

@@ -15,15 +15,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import betaln, logsumexp
+from scipy.special import betaln
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.responses import response_trend
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
-from bayes_toe.errors import NumericalError
 from bayes_toe.inference.engine import Precision
-from bayes_toe.inference.order_evidence import order_evidence
+from bayes_toe.inference.order_evidence import OrderEvidence, try_order_evidence
 
 _SEED = 0  # the same alarms for the same study
 _QUICK = Precision(standard_error=0.2, effective_draws=50.0, most_draws=1000)
@@ -97,10 +96,10 @@ def _guessing_evidence(subject: Subject) -> float:
 
 def _log_evidence(subjects: Sequence[Subject]) -> FloatArray:
     """Log mean evidence of the four models by their prior probabilities; NaN where it fails."""
-    try:
-        evidences = order_evidence(subjects, _SEED, precision=_QUICK)
-    except NumericalError:
-        if len(subjects) == 1:
-            return np.full(1, np.nan)
-        return np.concatenate([_log_evidence([subject]) for subject in subjects])
-    return np.array([logsumexp(evidence.log_joint) for evidence in evidences])
+    values = []
+    for evidence in try_order_evidence(subjects, _SEED, precision=_QUICK):
+        if isinstance(evidence, OrderEvidence):
+            values.append(evidence.log_mean_evidence)
+        else:
+            values.append(np.nan)
+    return np.array(values)

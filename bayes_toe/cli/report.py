@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
-from scipy.special import softmax
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.contrast import LEGEND, ContrastTable, Difference
@@ -75,6 +74,7 @@ from bayes_toe.data.stimulus_unit import StimulusUnit, percent
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.groups.predictive_check import PredictiveCheck
+from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import PRIOR_PROBABILITIES
 from bayes_toe.model.posterior import DOMINATED
 from bayes_toe.plots.figure_files import png
@@ -521,7 +521,7 @@ def _sizes(answer: OrderEffect) -> list[tuple[str, str]]:
 def _models(answer: OrderEffect) -> list[tuple[str, str]]:
     """The four models with their posterior probabilities and log evidences."""
     log_evidence = np.array(list(answer.log_evidence.values()))
-    probabilities = softmax(log_evidence + np.log(PRIOR_PROBABILITIES)).tolist()
+    probabilities = ModelSet(log_evidence, PRIOR_PROBABILITIES).probabilities.tolist()
     rows = []
     for (name, value), p in zip(answer.log_evidence.items(), probabilities, strict=True):
         error = answer.standard_error[name]

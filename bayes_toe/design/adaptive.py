@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import entr, logsumexp
+from scipy.special import entr
 
 from bayes_toe.answers.order_effect import OrderEffect, answer_subject
 from bayes_toe.arrays import ArrayPair, FloatArray, Rng, StrPath
@@ -27,9 +27,10 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.engine import SHARP, PriorMixture, fresh_draws
 from bayes_toe.inference.fitted import fit_posterior
 from bayes_toe.inference.mixture import WeightedDraws
-from bayes_toe.inference.model_set import weighted_quantiles
+from bayes_toe.inference.model_set import ModelSet
+from bayes_toe.inference.order_evidence import MODEL_NAMES, PRIOR_PROBABILITIES
 from bayes_toe.model.models import ObserverPosterior, OrderModel
-from bayes_toe.model.parameters import MODEL_PRIOR, ORDER_MODELS, ObserverPrior
+from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
 
@@ -169,7 +170,7 @@ class Adaptive:
         self._answers: list[tuple[Pair, bool]] = []
         self._predicted: dict[str, tuple[int, FloatArray]] = {}
         self._particles = {}
-        for name in ORDER_MODELS:
+        for name in MODEL_NAMES:
             rule = OrderModel(name).posterior(self.pairs.unanswered, self.prior)
             rng = generator(self.seed, "adaptive", name, "prior")
             self._particles[name] = Particles.from_prior(rule, draws, rng)
@@ -225,17 +226,16 @@ class Adaptive:
 
     def information(self) -> FloatArray:
         """Expected information of one answer to each pair about what is asked, nats, (pairs,)."""
-        log_share = self._log_probabilities()
         mean_yes = np.zeros(self.pairs.n_pairs)
         left = np.zeros(self.pairs.n_pairs)  # entropy where what is asked about is known
-        for name, log_p in log_share.items():
+        for name, probability in self.probabilities.items():
             p_yes, weights = self._predictions(name)
             of_model = weights @ p_yes
-            mean_yes += np.exp(log_p) * of_model
+            mean_yes += probability * of_model
             if self.about == MODEL:
-                left += np.exp(log_p) * _entropy(of_model)
+                left += probability * _entropy(of_model)
             else:
-                left += np.exp(log_p) * (weights @ _entropy(p_yes))
+                left += probability * (weights @ _entropy(p_yes))
         return _entropy(mean_yes) - left
 
     def _predictions(self, name: str) -> ArrayPair:
@@ -244,8 +244,7 @@ class Adaptive:
         if name not in self._predicted or self._predicted[name][0] != particles.generation:
             p_yes = np.exp(particles.rule.log_answers(particles.x[: self._n_judges]).yes)
             self._predicted[name] = particles.generation, p_yes
-        log_weight = particles.draws.log_weights[: self._n_judges]
-        return self._predicted[name][1], np.exp(log_weight - logsumexp(log_weight))
+        return self._predicted[name][1], particles.draws.part(slice(self._n_judges)).shares
 
     # --- What is known ----------------------------------------------------------------------------
 
@@ -272,20 +271,16 @@ class Adaptive:
             raise InputError("session: no answers yet, allowed after the first one")
         return self._make_subject(self._answers)
 
-    def _log_probabilities(self) -> dict[str, float]:
-        """Log posterior probability of each model."""
-        values = np.array(
-            [
-                particles.draws.log_evidence + np.log(MODEL_PRIOR[name])
-                for name, particles in self._particles.items()
-            ]
-        )
-        return dict(zip(self._particles, (values - logsumexp(values)).tolist(), strict=True))
+    @property
+    def _models(self) -> ModelSet:
+        """The four models by the session's own draws."""
+        draws = [particles.draws for particles in self._particles.values()]
+        return ModelSet.from_draws(draws, PRIOR_PROBABILITIES)
 
     @property
     def probabilities(self) -> dict[str, float]:
         """Posterior probability of each of the four models, by the session's own draws."""
-        return {name: float(np.exp(log_p)) for name, log_p in self._log_probabilities().items()}
+        return dict(zip(MODEL_NAMES, self._models.probabilities.tolist(), strict=True))
 
     @property
     def order_effect(self) -> OrderEffect:
@@ -312,17 +307,14 @@ class Adaptive:
         """
         if not all(0.0 <= level <= 1.0 for level in levels):
             raise InputError(f"levels {list(levels)}: allowed are numbers from 0 to 1")
-        log_share, values, weights = self._log_probabilities(), [], []
-        names = self._particles["both"].rule.names.all
+        widest_rule = self._particles["both"].rule
+        names = widest_rule.names.all
         if quantity not in names:
             raise InputError(f"quantity {quantity!r}: allowed: {', '.join(names)}")
-        for name, particles in self._particles.items():
-            quantities = particles.rule.quantities(particles.x)
-            if quantity in quantities:
-                values.append(quantities[quantity])
-                weights.append(particles.draws.shares * np.exp(log_share[name]))
-        joined = np.concatenate(weights)
-        return weighted_quantiles(np.concatenate(values), joined / joined.sum(), levels)
+        rules = [particles.rule for particles in self._particles.values()]
+        has_quantity = np.array([quantity in rule.names.all for rule in rules])
+        draws = self._models.averaged(has_quantity)
+        return draws.quantiles(widest_rule.quantities(draws.x)[quantity], levels)
 
     def effective(self) -> dict[str, float]:
         """The effective number of particles of each model.

@@ -398,7 +398,7 @@ def simulate_batch(
     data_sets = []
     for observer, evidence in zip(observers, order_evidence(subjects, seed, prior), strict=True):
         answer = order_effect(evidence, identification)
-        data_sets.append(DataSet(name, design.total, observer, answer, evidence.scales))
+        data_sets.append(DataSet(name, design.total, observer, answer, evidence.subject.scales))
     return data_sets
 
 

@@ -1,44 +1,155 @@
-"""Models that are compared: their probabilities, Bayes factors and averaged draws.
+"""Models that are compared: probabilities, Bayes factors, averages and other priors.
 
 A choice of models is an array of bool, one for each model: those that have an effect, for example.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
-from scipy.special import logsumexp, softmax
+from scipy.special import expit, softmax
 
 from bayes_toe.arrays import BoolArray, FloatArray, Rng
 from bayes_toe.inference.mixture import WeightedDraws
 
 
-def probability_of(
-    log_evidence: FloatArray, prior_probabilities: FloatArray, is_chosen: BoolArray
-) -> float:
-    """Posterior probability of some models, shape (models,) each.
+@dataclass(frozen=True, eq=False)
+class ModelSet:
+    """Models of the same answers.
+
+    Attributes
+    ----------
+    log_evidence : ndarray, shape (models,)
+        Nats, without binomial coefficients.
+    prior_probabilities : ndarray, shape (models,)
+    draws : tuple of WeightedDraws
+        One of each model; empty where only the evidences are known.
 
     Examples
     --------
+    >>> models = ModelSet(np.zeros(3), np.array([0.5, 0.25, 0.25]))
     >>> has_effect = np.array([False, True, True])
-    >>> round(probability_of(np.zeros(3), np.array([0.5, 0.25, 0.25]), has_effect), 3)
-    0.5
+    >>> models.probability(has_effect), models.log_bayes_factor(has_effect)
+    (0.5, 0.0)
     """
-    log_joint = log_evidence + np.log(prior_probabilities)
-    return float(np.exp(logsumexp(log_joint[is_chosen]) - logsumexp(log_joint)))
+
+    log_evidence: FloatArray
+    prior_probabilities: FloatArray
+    draws: tuple[WeightedDraws, ...] = ()
+
+    @classmethod
+    def from_draws(
+        cls, draws: Sequence[WeightedDraws], prior_probabilities: FloatArray, **attributes: Any
+    ) -> Self:
+        """Models by their weighted draws, with the further attributes of a subclass."""
+        log_evidence = np.array([of_model.log_evidence for of_model in draws])
+        return cls(log_evidence, prior_probabilities, tuple(draws), **attributes)
+
+    @property
+    def standard_error(self) -> FloatArray:
+        """Standard errors of the log evidences, shape (models,)."""
+        return np.array([draws.standard_error for draws in self.draws])
+
+    @property
+    def effective_draws(self) -> FloatArray:
+        """The effective number of each model's draws, shape (models,)."""
+        return np.array([draws.effective_number for draws in self.draws])
+
+    @property
+    def probabilities(self) -> FloatArray:
+        """Posterior probabilities of the models, shape (models,)."""
+        return np.asarray(softmax(self._log_joint))
+
+    @property
+    def log_mean_evidence(self) -> float:
+        """Log of the mean evidence by the prior probabilities."""
+        return _log_sum(self._log_joint)
+
+    @property
+    def _log_joint(self) -> FloatArray:
+        return self.log_evidence + np.log(self.prior_probabilities)
+
+    def probability(self, is_chosen: BoolArray) -> float:
+        """Posterior probability of some models together."""
+        return float(expit(self.log_odds(is_chosen)))
+
+    def log_odds(self, is_chosen: BoolArray) -> float:
+        """Log of the posterior odds of some models against the others."""
+        log_joint = self._log_joint
+        return _log_sum(log_joint[is_chosen]) - _log_sum(log_joint[~is_chosen])
+
+    def log_bayes_factor(self, has_effect: BoolArray) -> float:
+        """Log of the mean evidence of the models with an effect over that of the others.
+
+        It does not depend on the prior probabilities of the two groups of models.
+        """
+        log_mean_with = _log_sum(self.log_evidence[has_effect]) - np.log(has_effect.sum())
+        log_mean_without = _log_sum(self.log_evidence[~has_effect]) - np.log((~has_effect).sum())
+        return float(log_mean_with - log_mean_without)
+
+    def bayes_factor_error(self, has_effect: BoolArray) -> float:
+        """The standard error of :meth:`log_bayes_factor`."""
+        variance = 0.0
+        for side in (has_effect, ~has_effect):
+            shares = softmax(self.log_evidence[side])
+            variance += float(np.square(shares * self.standard_error[side]).sum())
+        return variance**0.5
+
+    def weights(self, is_chosen: BoolArray) -> FloatArray:
+        """Normalised weights of the draws of some models, one model after the other.
+
+        A draw weighs as much as its model's posterior probability times its importance weight.
+        """
+        weights = []
+        probabilities = softmax(self._log_joint[is_chosen])
+        for i, probability in zip(np.flatnonzero(is_chosen), probabilities, strict=True):
+            weights.append(probability * self.draws[i].shares)
+        return np.concatenate(weights)
+
+    def averaged(self, is_chosen: BoolArray) -> AveragedDraws:
+        """Draws of some models that have common coordinates."""
+        points = np.concatenate([self.draws[i].x for i in np.flatnonzero(is_chosen)])
+        return AveragedDraws(points, self.weights(is_chosen))
+
+    def reweighted(
+        self, is_changed: BoolArray, log_ratio: Callable[[FloatArray], FloatArray]
+    ) -> ModelSet:
+        """The models where some have another prior, by re-weighting their draws.
+
+        `log_ratio` takes points, (draws, k), and gives the log of the other prior density over the
+        prior density, (draws,).
+        """
+        reweighted = list(self.draws)
+        for i in np.flatnonzero(is_changed):
+            draws = self.draws[i]
+            # A draw beyond the edge of the prior has no weight under either.
+            is_inside = np.isfinite(draws.log_prior)
+            change = np.zeros(len(draws.x))
+            change[is_inside] = log_ratio(draws.x[is_inside])
+            log_posterior = draws.log_posterior + change
+            reweighted[i] = replace(
+                draws, log_prior=draws.log_prior + change, log_posterior=log_posterior
+            )
+        return ModelSet.from_draws(reweighted, self.prior_probabilities)
 
 
-def log_bayes_factor(log_evidence: FloatArray, has_effect: BoolArray) -> float:
-    """Log of the mean evidence of the models with an effect over that of the others.
+@dataclass(frozen=True, eq=False)
+class AveragedDraws:
+    """Draws of several models, shape (draws, k), with normalised weights, shape (draws,)."""
 
-    It does not depend on the prior probabilities of the two groups of models.
-    """
-    log_mean_with = logsumexp(log_evidence[has_effect]) - np.log(has_effect.sum())
-    log_mean_without = logsumexp(log_evidence[~has_effect]) - np.log((~has_effect).sum())
-    return float(log_mean_with - log_mean_without)
+    x: FloatArray
+    weights: FloatArray
+
+    def resampled(self, rng: Rng, size: int) -> FloatArray:
+        """Points drawn by their weights, shape (size, k)."""
+        return self.x[rng.choice(len(self.weights), size, p=self.weights)]
+
+    def quantiles(self, values: FloatArray, probabilities: Sequence[float]) -> list[float]:
+        """:func:`weighted_quantiles` of values at the draws."""
+        return weighted_quantiles(values, self.weights, probabilities)
 
 
 def weighted_quantiles(
@@ -57,73 +168,6 @@ def weighted_quantiles(
     return np.interp(probabilities, middle, values[order]).tolist()
 
 
-@dataclass(frozen=True, eq=False)
-class AveragedDraws:
-    """Draws of several models, shape (draws, k), with normalised weights, shape (draws,)."""
-
-    x: FloatArray
-    weights: FloatArray
-
-    def resampled(self, rng: Rng, size: int) -> FloatArray:
-        """Points drawn by their weights, shape (size, k)."""
-        return self.x[rng.choice(len(self.weights), size, p=self.weights)]
-
-
-@dataclass(frozen=True, eq=False)
-class ModelSet:
-    """Models of the same answers, by their weighted draws in common coordinates.
-
-    Attributes
-    ----------
-    draws : tuple of WeightedDraws
-        One of each model.
-    prior_probabilities : ndarray, shape (models,)
-    """
-
-    draws: tuple[WeightedDraws, ...]
-    prior_probabilities: FloatArray
-
-    @cached_property
-    def log_evidence(self) -> FloatArray:
-        """Log evidences, nats, without binomial coefficients, shape (models,)."""
-        return np.array([draws.log_evidence for draws in self.draws])
-
-    @cached_property
-    def standard_error(self) -> FloatArray:
-        """Their standard errors, shape (models,)."""
-        return np.array([draws.standard_error for draws in self.draws])
-
-    @cached_property
-    def effective_draws(self) -> FloatArray:
-        """The effective number of each model's draws, shape (models,)."""
-        return np.array([draws.effective_number for draws in self.draws])
-
-    @property
-    def log_joint(self) -> FloatArray:
-        """Log evidence plus log prior probability, shape (models,)."""
-        return self.log_evidence + np.log(self.prior_probabilities)
-
-    @property
-    def probabilities(self) -> FloatArray:
-        """Posterior probabilities of the models, shape (models,)."""
-        return np.asarray(softmax(self.log_joint))
-
-    def log_bayes_factor(self, has_effect: BoolArray) -> tuple[float, float]:
-        """:func:`log_bayes_factor` of these models, and its standard error."""
-        variance = 0.0
-        for side in (has_effect, ~has_effect):
-            shares = softmax(self.log_evidence[side])
-            variance += float(np.square(shares * self.standard_error[side]).sum())
-        return log_bayes_factor(self.log_evidence, has_effect), variance**0.5
-
-    def averaged(self, is_chosen: BoolArray) -> AveragedDraws:
-        """Draws of some models.
-
-        A draw weighs as much as its model's posterior probability times its importance weight.
-        """
-        points, weights = [], []
-        probabilities = softmax(self.log_joint[is_chosen])
-        for i, probability in zip(np.flatnonzero(is_chosen), probabilities, strict=True):
-            points.append(self.draws[i].x)
-            weights.append(probability * self.draws[i].shares)
-        return AveragedDraws(np.concatenate(points), np.concatenate(weights))
+def _log_sum(values: FloatArray) -> float:
+    """Log of the sum of exp(values)."""
+    return float(np.logaddexp.reduce(values))

@@ -6,6 +6,7 @@ weighted draws of :mod:`bayes_toe.inference.engine`.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,13 +14,13 @@ from functools import cached_property
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
-from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.engine import USUAL, Precision, mixture_of_maxima, weighted_draws
 from bayes_toe.inference.maxima import laplace
 from bayes_toe.inference.model_set import AveragedDraws, ModelSet
 from bayes_toe.inference.searches import observer_maxima
+from bayes_toe.model.densities import CutNormal, PriorDensity, StandardStudent
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
 from bayes_toe.model.parameters import (
@@ -28,6 +29,7 @@ from bayes_toe.model.parameters import (
     MODEL_PRIOR,
     ORDER_MODELS,
     ObserverPrior,
+    Parameter,
 )
 from bayes_toe.model.posterior_array import independent_array
 from bayes_toe.seeds import generator
@@ -42,7 +44,7 @@ HAS_ERROR = np.array([CONSTANT_ERROR in ORDER_MODELS[name] for name in MODEL_NAM
 HAS_CONTRACTION = np.array([CONTRACTION in ORDER_MODELS[name] for name in MODEL_NAMES])
 HAS_EFFECT = HAS_ERROR | HAS_CONTRACTION
 EVERY_MODEL = np.ones(len(MODEL_NAMES), np.bool_)
-#: Subjects whose posteriors are computed together where there are many.
+#: Subjects whose posteriors are one array where there are many.
 BATCH = 8
 
 
@@ -58,7 +60,7 @@ class OrderDraws(AveragedDraws):
         return self.posterior.quantities(self.x)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class OrderEvidence(ModelSet):
     """The four models of one subject by their draws, in the order of :data:`MODEL_NAMES`.
 
@@ -77,16 +79,29 @@ class OrderEvidence(ModelSet):
     laplace: FloatArray
     modes: FloatArray
 
-    @property
-    def scales(self) -> StimulusScales:
-        """Location and scales of the subject's stimuli."""
-        return self.subject.scales
-
     def averaged(self, is_chosen: BoolArray = EVERY_MODEL) -> OrderDraws:
-        """Draws of some models, by default of all four, by probability and weight."""
+        """Draws of some models, by default of all four."""
         draws = super().averaged(is_chosen)
         posterior = OrderModel("both").posterior(self.subject, self.prior)
         return OrderDraws(draws.x, draws.weights, posterior)
+
+    def with_prior_scale(self, effect: Parameter, factor: float) -> ModelSet:
+        """The models where the prior of c, or of p, is `factor` times as wide."""
+        if effect == CONSTANT_ERROR:
+            has_effect, coordinate = HAS_ERROR, -2
+            density: PriorDensity = StandardStudent()
+            density_of_scaled = density
+        else:
+            has_effect, coordinate = HAS_CONTRACTION, -1
+            sd = self.prior.contraction_sd * self.subject.scales.roving_share
+            density, density_of_scaled = CutNormal(1.0 / sd), CutNormal(1.0 / (factor * sd))
+
+        def log_ratio(points: FloatArray) -> FloatArray:
+            u = points[:, coordinate]
+            log_other = density_of_scaled.log_density(u / factor) - np.log(factor)
+            return log_other - density.log_density(u)
+
+        return self.reweighted(has_effect, log_ratio)
 
 
 def order_evidence(
@@ -97,8 +112,7 @@ def order_evidence(
 ) -> list[OrderEvidence]:
     """The evidences of the four models for subjects of one task.
 
-    Random streams are keyed by seed and subject. Subjects are computed :data:`BATCH` at a time;
-    one subject at a time gives the same numbers up to Monte Carlo error.
+    Random streams are keyed by seed and subject.
 
     Raises
     ------
@@ -112,15 +126,41 @@ def order_evidence(
     >>> evidence.log_evidence.shape
     (4,)
     """
-    results = []
-    for start in range(0, len(subjects), BATCH):
-        results += _evidences(subjects[start : start + BATCH], seed, prior, precision)
-    return results
+    evidences = []
+    for evidence in try_order_evidence(subjects, seed, prior, precision):
+        if isinstance(evidence, NumericalError):
+            raise evidence
+        evidences.append(evidence)
+    return evidences
+
+
+def try_order_evidence(
+    subjects: Sequence[Subject],
+    seed: int,
+    prior: ObserverPrior = DEFAULT_PRIOR,
+    precision: Precision = USUAL,
+) -> list[OrderEvidence | NumericalError]:
+    """:func:`order_evidence`, with the error of each subject that fails in its place.
+
+    Up to :data:`BATCH` subjects are one array, which is faster. Their number does not change the
+    results, because the subjects of an array have equally many pairs: a sum over more pairs may
+    round otherwise.
+    """
+    results = dict[int, OrderEvidence | NumericalError]()
+    by_size = defaultdict[int, list[int]](list)
+    for i, subject in enumerate(subjects):
+        by_size[subject.n_pairs].append(i)
+    for indices in by_size.values():
+        for start in range(0, len(indices), BATCH):
+            batch = indices[start : start + BATCH]
+            evidences = _evidences([subjects[i] for i in batch], seed, prior, precision)
+            results.update(zip(batch, evidences, strict=True))
+    return [results[i] for i in range(len(subjects))]
 
 
 def _evidences(
     subjects: Sequence[Subject], seed: int, prior: ObserverPrior, precision: Precision
-) -> list[OrderEvidence]:
+) -> list[OrderEvidence | NumericalError]:
     """The evidences of a few subjects, four posteriors each, computed together."""
     families = np.repeat(np.arange(len(subjects)), _N_MODELS)
     rows = ObserverRows.from_subjects(subjects, prior).part(families)
@@ -135,20 +175,27 @@ def _evidences(
         generators += [generator(seed, subject.name, "order evidence")] * _N_MODELS
     draws = weighted_draws(array, mixtures, generators, families, precision)
 
-    results = []
+    results = list[OrderEvidence | NumericalError]()
     for i, subject in enumerate(subjects):
         models = slice(_N_MODELS * i, _N_MODELS * (i + 1))
-        of_models = tuple(draws[models]), PRIOR_PROBABILITIES
-        results.append(OrderEvidence(*of_models, subject, prior, by_laplace[models], modes[models]))
-        _require_finite(results[-1])
+        evidence = OrderEvidence.from_draws(
+            draws[models],
+            PRIOR_PROBABILITIES,
+            subject=subject,
+            prior=prior,
+            laplace=by_laplace[models],
+            modes=modes[models],
+        )
+        results.append(_finite(evidence))
     return results
 
 
-def _require_finite(evidence: OrderEvidence) -> None:
-    """Refuse an evidence that is not a finite number."""
+def _finite(evidence: OrderEvidence) -> OrderEvidence | NumericalError:
+    """The evidences, or an error where one is not a finite number."""
     for model, log_evidence in zip(MODEL_NAMES, evidence.log_evidence, strict=True):
         if not np.isfinite(log_evidence):
-            raise NumericalError(
+            return NumericalError(
                 f"subject {evidence.subject.name!r}: the evidence of the model {model!r} is not a "
                 "finite number"
             )
+    return evidence

@@ -196,7 +196,8 @@ def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:
     """Log of the integral of exp(-t^2/2 - d t) over -k < t < k, shape (n,), of positive terms."""
     t = k[:, None] * _NODES
     heights = np.exp(-0.5 * np.square(t)) * np.cosh(distance[:, None] * t)
-    return np.log(2.0 * k * (heights @ _WEIGHTS))
+    # A matrix product may round a row otherwise where the matrix has other rows.
+    return np.log(2.0 * k * (heights * _WEIGHTS).sum(axis=1))
 
 
 # --- Rows of counts ------------------------------------------------------------------------------

@@ -15,7 +15,6 @@ from bayes_toe.answers.order_effect import (
     WANDERING_FLAG,
     answer_subject,
     order_effect,
-    rescaled_evidences,
 )
 from bayes_toe.answers.words import Word, word_for
 from bayes_toe.checks.answer_checks import Finding
@@ -23,9 +22,13 @@ from bayes_toe.checks.identification import IMITATION, ONE_FIRST_STIMULUS, Ident
 from bayes_toe.data.options import changed
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.inference.model_set import weighted_quantiles
-from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
-from bayes_toe.model.parameters import ObserverPrior
+from bayes_toe.inference.model_set import ModelSet
+from bayes_toe.inference.order_evidence import (
+    MODEL_NAMES,
+    PRIOR_PROBABILITIES,
+    order_evidence,
+)
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ObserverPrior
 
 LEVELS = np.linspace(0.0, 1.25, 6)
 S1 = np.concatenate([LEVELS[:-1], LEVELS[1:]])
@@ -126,18 +129,27 @@ def test_limits_of_the_words(probability, log_bayes_factor, word):
 
 def test_reweighting_is_a_fresh_run_with_another_scale():
     (evidence,) = order_evidence([compared(c=0.05, p=0.1, n=20)], seed=1)
-    priors = [ObserverPrior(constant_error_scale=scale) for scale in (0.25, 1.0)]
-    priors += [ObserverPrior(contraction_sd=sd) for sd in (0.125, 0.5)]
-    for prior, values in zip(priors, rescaled_evidences(evidence), strict=True):
+    cases = {
+        (CONSTANT_ERROR, 0.5): ObserverPrior(constant_error_scale=0.25),
+        (CONSTANT_ERROR, 2.0): ObserverPrior(constant_error_scale=1.0),
+        (CONTRACTION, 0.5): ObserverPrior(contraction_sd=0.125),
+        (CONTRACTION, 2.0): ObserverPrior(contraction_sd=0.5),
+    }
+    for scale, prior in cases.items():
+        rescaled = evidence.with_prior_scale(*scale)
         (fresh,) = order_evidence([evidence.subject], seed=2, prior=prior)
-        assert np.abs(fresh.log_evidence - values).max() < 0.15
+        assert np.abs(fresh.log_evidence - rescaled.log_evidence).max() < 0.15
 
 
 def test_a_yes_that_another_prior_leaves_undecided_is_marked(evidence, monkeypatch):
-    no_effect = np.array([0.0, -5.0, -5.0, -5.0])
-    rescaled = [evidence.log_evidence, no_effect, evidence.log_evidence, evidence.log_evidence]
-    target = "bayes_toe.answers.order_effect.rescaled_evidences"
-    monkeypatch.setattr(target, lambda evidence: rescaled)
+    no_effect = ModelSet(np.array([0.0, -5.0, -5.0, -5.0]), PRIOR_PROBABILITIES)
+
+    def rescaled(self, effect, factor):
+        if (effect, factor) == (CONSTANT_ERROR, 2.0):
+            return no_effect
+        return self
+
+    monkeypatch.setattr(type(evidence), "with_prior_scale", rescaled)
     answer = order_effect(evidence, EVERYTHING)
     assert answer.marked_word("constant_error") == "yes ?"
     assert answer.marked_word("contraction") == answer.word("contraction")
@@ -296,5 +308,5 @@ def test_a_bound_of_a_condition_counts_its_distance_from_the_mean_of_all():
         c, p = draws.quantities["constant_error"], draws.quantities["contraction"]
         shifts = c[:, None] - p[:, None] * (unit.s1 - unit.scales.sbar)
         size = np.sqrt(np.mean(np.square(shifts), axis=1)) / draws.quantities["jnd"]
-        (bound,) = weighted_quantiles(size, draws.weights, [0.95])
+        (bound,) = draws.quantiles(size, [0.95])
         assert answer.upper_bounds["order_effect"] == pytest.approx(bound)

@@ -52,16 +52,6 @@ def test_words_are_those_of_the_truth(table):
     assert table["repeats"].kappa[0] > 0.0 > table["alternates"].kappa[2]
 
 
-def test_probabilities_and_bayes_factors_follow_from_four_evidences(table):
-    for row in table:
-        z = np.exp(row.log_evidence - row.log_evidence.max())
-        assert row.probability("carry_over") == pytest.approx((z[2] + z[3]) / z.sum())
-        assert row.probability("previous_response") == pytest.approx((z[1] + z[3]) / z.sum())
-        odds = (z[2] + z[3]) / (z[0] + z[1])
-        assert row.log_bayes_factor("carry_over") == pytest.approx(np.log(odds))
-        assert (row.standard_error < 0.06).all()
-
-
 @pytest.mark.parametrize("kind", ["none", "repeats"])
 def test_the_evidence_of_a_previous_response_is_an_integral_over_kappa(table, study, kind):
     """Of the mean likelihood ratio over draws without the effect, which the table has."""

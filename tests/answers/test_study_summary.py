@@ -214,8 +214,8 @@ def test_one_subject_is_described_in_full_and_synthetic_ones_are_called_so():
 def test_frequency_is_that_of_the_beta_binomial_where_every_answer_is_certain():
     answers = []
     for i, log_odds in enumerate((300.0, 300.0, 300.0, -300.0)):
-        evidence = {"none": 0.0, "contraction": 0.0, "constant error": log_odds, "both": log_odds}
-        answers.append(answer(str(i), (Word.YES,) * 3, log_evidence=evidence))
+        log_bayes_factors = {"constant_error": log_odds, "contraction": 0.0}
+        answers.append(answer(str(i), (Word.YES,) * 3, log_bayes_factors=log_bayes_factors))
     expected = {"constant_error": (3 + 1) / (4 + 2), "contraction": 0.5}
     frequencies = {name: effect_frequency(answers, name) for name in expected}
     assert frequencies == pytest.approx(expected, abs=1e-3)

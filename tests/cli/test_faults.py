@@ -15,7 +15,7 @@ from processes import members, needs_proc, start, until, until_gone, workers
 
 import bayes_toe as bt
 from bayes_toe.data.whole_files import HIDDEN
-from bayes_toe.workers import Failed
+from bayes_toe.errors import NumericalError
 
 pytestmark = needs_proc
 FAILURE = "no maximum"
@@ -30,11 +30,14 @@ def folder(tmp_path):
 
 @pytest.fixture
 def without_the_first(monkeypatch):
-    """Commands whose first job fails, as for a subject without a maximum."""
+    """Commands whose first subject fails, as where there is no maximum."""
 
     def few_jobs(jobs, workers):
-        yield 0, Failed(FAILURE)
-        yield from ((index, job()) for index, job in enumerate(jobs) if index > 0)
+        for index, job in enumerate(jobs):
+            results = job()
+            if index == 0:
+                results[0] = NumericalError(FAILURE)
+            yield index, results
 
     monkeypatch.setattr("bayes_toe.result_store.run_jobs", few_jobs)
 

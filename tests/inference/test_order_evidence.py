@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import made_subject
 
+import bayes_toe as bt
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.inference.order_evidence import Precision, order_evidence
@@ -31,12 +32,22 @@ def test_laplace_is_near(evidence):
     assert np.abs(evidence.laplace - evidence.log_evidence).max() < 0.5
 
 
-def test_a_seed_gives_the_same_bits_and_companions_change_nothing(evidence):
-    repeated = order_evidence([SHIFTED], seed=3)[0]
-    assert np.array_equal(repeated.log_evidence, evidence.log_evidence)
-    other = make_subject([0, 1, 19, 20, 20, 18, 1, 0], name="T")
-    together = order_evidence([other, SHIFTED], seed=3)[1]
-    assert np.abs(together.log_evidence - evidence.log_evidence).max() < 0.1
+def without_a_pair(subject):
+    columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
+    return Subject(subject.name, *(column[1:] for column in columns), task=subject.task)
+
+
+@pytest.mark.parametrize("task", ["2afc", "same/different"])
+def test_companions_and_their_order_change_no_bit(task):
+    study = list(bt.example_study(task))[:11]
+    subjects = [*study[:4], without_a_pair(study[0]), *study[4:], without_a_pair(study[1])]
+    for position, together in enumerate(order_evidence(subjects, seed=3)):
+        (alone,) = order_evidence([subjects[position]], seed=3)
+        assert together.subject is subjects[position]
+        for name in ("log_evidence", "standard_error", "laplace", "modes"):
+            assert np.array_equal(getattr(together, name), getattr(alone, name))
+        for draws, draws_alone in zip(together.draws, alone.draws, strict=True):
+            assert np.array_equal(draws.x, draws_alone.x)
 
 
 def test_one_trial_says_next_to_nothing():
