@@ -30,6 +30,7 @@ from bayes_toe.model.answer_curves import (
 )
 from bayes_toe.model.densities import (
     PriorDensity,
+    ProbitOfBeta,
     StandardNormal,
     half_normal_score,
     log_half_normal,
@@ -108,7 +109,12 @@ class PaperRows(AnswerRows):
     def priors(self) -> tuple[PriorDensity, ...]:
         """The prior of every coordinate."""
         normal = StandardNormal()
-        return normal, normal, self.prior.gamma_density, self.prior.share_density(self.task)
+        of_gamma = ProbitOfBeta(self.prior.gamma_a, self.prior.gamma_b)
+        if self.task.lapses == "q0":
+            of_share = ProbitOfBeta(self.prior.q0_a, self.prior.q0_b)
+        else:
+            of_share = ProbitOfBeta(self.prior.lapse_rate_a, self.prior.lapse_rate_b)
+        return normal, normal, of_gamma, of_share
 
     # --- Quantities ------------------------------------------------------------------------------
 
