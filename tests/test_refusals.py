@@ -15,7 +15,7 @@ from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.model.prior_file import read_hyperprior
+from bayes_toe.model.prior_file import hyperprior_from
 
 FUZZ = settings(settings.get_profile(os.environ.get("HYPOTHESIS_PROFILE", "day")))
 
@@ -33,7 +33,7 @@ READERS = {
     "pairs": lambda path: read_numbers(path, ("s1", "s2"), optional=("n",)),
     "covariates": read_covariates,
     "prior": lambda path: bt.model.read_prior(path).describe(),
-    "hyperprior": lambda path: read_hyperprior(path).describe(SAME_DIFFERENT),
+    "hyperprior": lambda path: hyperprior_from(path).describe(SAME_DIFFERENT),
 }
 #: What breaks readers: quotes, delimiters, line ends, marks, escapes, numbers that are none,
 #: brackets without an end.

@@ -3,7 +3,7 @@
 `assume_observers` makes them from ranges, a prior, a file of draws or records.
 
 An observer has the parameters of :mod:`bayes_toe.model.parameters`, in the unit of the stimuli
-(natural-log intensity). Its contraction is to the mean first stimulus of the design that is format_value.
+(natural-log intensity). Its contraction is to the mean first stimulus of the design that is shown.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ def assume_observers(
     size : int
     seed : int
     designs : sequence of StudyDesign
-        What will be format_value, of one task.
+        What will be shown, of one task.
     prior : ObserverPrior
         The one that observers 'prior' are drawn from.
     is_even : bool

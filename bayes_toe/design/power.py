@@ -352,7 +352,7 @@ def power(
 
 def observer_prior(prior: Prior | str | None) -> ObserverPrior:
     """The prior of the four models that a prior, a preset or a file has."""
-    return (prior if isinstance(prior, Prior) else preset_or_file(prior)).observer
+    return preset_or_file(prior).observer
 
 
 def name_designs(

@@ -60,7 +60,7 @@ from bayes_toe.model.parameters import (
     task_parameters,
 )
 from bayes_toe.model.prior import Hyperprior, ParameterHyperprior
-from bayes_toe.model.prior_file import require_hyperprior
+from bayes_toe.model.prior_file import hyperprior_from
 from bayes_toe.seeds import generator, root_seed
 
 #: Draws of all chains together; enough for 95 % intervals, and about 5 s of CPU for 10 subjects.
@@ -503,7 +503,7 @@ def population(
     True
     """
     require_study(study)
-    settings = GroupSettings(root_seed(seed), require_hyperprior(hyperprior), draws)
+    settings = GroupSettings(root_seed(seed), hyperprior_from(hyperprior), draws)
     if study.conditions is not None and covariates is not None:
         raise InputError(
             "population: a condition and covariates are not analysed together; "

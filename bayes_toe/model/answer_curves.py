@@ -19,7 +19,7 @@ import numpy.typing as npt
 from scipy.special import erfcx, expit, log_expit, log_ndtr
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, IntArray
-from bayes_toe.model.densities import LOG_2PI, PriorDensity, half_normal_quantile
+from bayes_toe.model.densities import PriorDensity, half_normal_quantile, log_normal
 from bayes_toe.model.paper_equations import LN2
 
 #: Nodes and weights of Gauss and Legendre on (0, 1), for windows in which the density is level.
@@ -105,8 +105,7 @@ def criterion(logit_peak: npt.ArrayLike) -> FloatArray:
 
 def criterion_slope(logit_peak: FloatArray, k: FloatArray) -> FloatArray:
     """Derivative of :func:`criterion`: 2 phi(k) dk/dl = expit(l) expit(-l)."""
-    log_density = -0.5 * (np.square(k) + LOG_2PI)
-    return np.exp(log_expit(logit_peak) + log_expit(-logit_peak) - log_density - LN2)
+    return np.exp(log_expit(logit_peak) + log_expit(-logit_peak) - log_normal(k) - LN2)
 
 
 def equal_answers(z: FloatArray, k: FloatArray) -> LogAnswers:
@@ -119,7 +118,7 @@ def equal_answers(z: FloatArray, k: FloatArray) -> LogAnswers:
     """
     distance, k = np.broadcast_arrays(np.abs(z), k)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        near = _near_edge(distance, k)
+        near = near_edge(distance, k)
         inside = _log_inside(distance, k, near)
         outside = np.logaddexp(log_ndtr(-near), log_ndtr(-distance - k))
         # The log of the larger probability is near 0: it comes from the smaller one.
@@ -140,8 +139,8 @@ def equal_slopes(z: FloatArray, k: FloatArray, answers: LogAnswers) -> tuple[Slo
     """
     distance, k = np.broadcast_arrays(np.abs(z), k)
     with np.errstate(over="ignore", invalid="ignore"):
-        near = _near_edge(distance, k)
-        log_density = -0.5 * (np.square(near) + LOG_2PI)
+        near = near_edge(distance, k)
+        log_density = log_normal(near)
         over_yes = _density_over_inside(distance, k, log_density, answers.yes)
         over_no = np.exp(log_density - answers.no)
         # Slopes of P over the density at the near edge.
@@ -157,7 +156,7 @@ def _density_over_inside(
     ratio = np.asarray(np.exp(log_density - log_inside))
     is_narrow = _is_narrow(distance, k)
     # Far out both are too small for their ratio.
-    near = _near_edge(distance, k)
+    near = near_edge(distance, k)
     is_far = (near < -2.0) & ~is_narrow
     far_share = np.exp(-2.0 * distance * k)
     edges = erfcx(-near * np.sqrt(0.5)) - far_share * erfcx((distance + k) * np.sqrt(0.5))
@@ -167,7 +166,7 @@ def _density_over_inside(
     return ratio
 
 
-def _near_edge(distance: FloatArray, k: FloatArray) -> FloatArray:
+def near_edge(distance: FloatArray, k: FloatArray) -> FloatArray:
     """From the distance to the near edge, k - d; beyond the largest float both are alike: 0."""
     edge = np.asarray(k - distance)
     edge[np.isnan(edge)] = 0.0
@@ -183,7 +182,7 @@ def _log_inside(distance: FloatArray, k: FloatArray, near: FloatArray) -> FloatA
     is_narrow = _is_narrow(distance, k)
     if is_narrow.any():
         d = distance[is_narrow]
-        result[is_narrow] = _log_window(d, k[is_narrow]) - 0.5 * (np.square(d) + LOG_2PI)
+        result[is_narrow] = _log_window(d, k[is_narrow]) + log_normal(d)
     return result
 
 

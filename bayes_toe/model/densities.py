@@ -52,13 +52,18 @@ class PriorDensity(Protocol):
         """Inverse of the distribution function."""
 
 
+def log_normal(u: FloatArray) -> FloatArray:
+    """Log of the standard normal density, -u^2/2 - ln(2 pi)/2."""
+    return -0.5 * (np.square(u) + LOG_2PI)
+
+
 @dataclass(frozen=True)
 class StandardNormal:
     """Normal(0, 1)."""
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """-u^2/2 - ln(2 pi)/2."""
-        return -0.5 * (np.square(u) + LOG_2PI)
+        return log_normal(u)
 
     def slope(self, u: FloatArray) -> FloatArray:
         """-u."""
@@ -104,7 +109,7 @@ class CutNormal(StandardNormal):
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density of the normal over its mass inside; -inf outside."""
         log_mass = np.log1p(-2.0 * ndtr(-np.asarray(self.limit)))
-        inside = -0.5 * (np.square(u) + LOG_2PI) - log_mass
+        inside = log_normal(u) - log_mass
         return np.where(np.abs(u) < self.limit, inside, -np.inf)
 
     def quantile(self, probability: FloatArray) -> FloatArray:

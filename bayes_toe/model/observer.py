@@ -35,16 +35,17 @@ from bayes_toe.model.answer_curves import (
     criterion_slope,
     equal_answers,
     equal_slopes,
+    near_edge,
     second_answers,
     second_slopes,
 )
 from bayes_toe.model.densities import (
-    LOG_2PI,
     CutNormal,
     LogitOfBeta,
     PriorDensity,
     StandardNormal,
     StandardStudent,
+    log_normal,
 )
 from bayes_toe.model.paper_equations import LN2
 from bayes_toe.model.parameters import ObserverPrior, lapse_logs, task_parameters
@@ -123,20 +124,27 @@ class ObserverRows(AnswerRows):
 
     # --- Quantities in units of D ----------------------------------------------------------------
 
+    @cached_property
+    def units(self) -> dict[str, FloatArray | float]:
+        """By how much each quantity rises with its coordinate, in the order of the coordinates."""
+        prior = self.prior
+        units: dict[str, FloatArray | float] = {
+            "log_noise": prior.noise_sd,
+            "logit_q0": 1.0,
+            "lapse_score": 1.0,
+            "noise_slope": prior.noise_slope_scale * self.slope_unit,
+            "criterion_slope": prior.criterion_slope_scale * self.slope_unit,
+            "constant_error": prior.constant_error_scale,
+            "contraction": self.contraction_sd,
+        }
+        if not self.is_same_different:
+            del units["logit_q0"], units["criterion_slope"]
+        return units
+
     def quantities(self, u: FloatArray) -> dict[str, FloatArray]:
         """The parameters at points, stimuli in units of D, shape (rows, points) each."""
-        prior = self.prior
-        columns = iter(np.moveaxis(u, -1, 0))
-        values = {"log_noise": np.log(prior.noise_median) + prior.noise_sd * next(columns)}
-        if self.is_same_different:
-            values["logit_q0"] = next(columns)
-        values["lapse_score"] = next(columns)
-        values["noise_slope"] = prior.noise_slope_scale * self.slope_unit * next(columns)
-        if self.is_same_different:
-            unit = prior.criterion_slope_scale * self.slope_unit
-            values["criterion_slope"] = unit * next(columns)
-        values["constant_error"] = prior.constant_error_scale * next(columns)
-        values["contraction"] = self.contraction_sd * next(columns)
+        values = {name: unit * u[..., j] for j, (name, unit) in enumerate(self.units.items())}
+        values["log_noise"] = np.log(self.prior.noise_median) + values["log_noise"]
         return values
 
     def distance(self, u: FloatArray) -> FloatArray:
@@ -227,8 +235,7 @@ class ObserverRows(AnswerRows):
             return yes, no
         distance = np.abs(z)
         with np.errstate(invalid="ignore"):
-            near = k - distance
-        near[np.isnan(near)] = 0.0
+            near = near_edge(distance, k)
         far = -k - distance
         inside = ndtr(near) - ndtr(far)
         # Rounding could turn the difference of a window this narrow negative.
@@ -329,16 +336,11 @@ class ObserverRows(AnswerRows):
 
     def _slope_units(self, values: NamedArrays, lapse_unit: FloatArray) -> FloatArray:
         """Derivatives of those quantities in their coordinates, (rows, points, k)."""
-        prior = self.prior
-        noise, lapse = np.full((1, 1), prior.noise_sd), lapse_unit
-        noise_slope = prior.noise_slope_scale * self.slope_unit
-        units = [noise, lapse, noise_slope]
+        units = self.units | {"lapse_score": lapse_unit}
         if self.is_same_different:
-            criterion_slope = prior.criterion_slope_scale * self.slope_unit
-            log_criterion = _log_criterion_slope(values["logit_q0"])
-            units = [noise, log_criterion, lapse, noise_slope, criterion_slope]
-        units += [np.full((1, 1), prior.constant_error_scale), self.contraction_sd]
-        return np.stack(np.broadcast_arrays(*units), axis=-1)
+            units["logit_q0"] = _log_criterion_slope(values["logit_q0"])
+        columns = [np.atleast_2d(unit) for unit in units.values()]
+        return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
     # --- Prior -----------------------------------------------------------------------------------
 
@@ -362,7 +364,7 @@ def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:
 
 def _log_hazard(score: FloatArray) -> FloatArray:
     """Log of phi(u) / (1 - Phi(u))."""
-    return -0.5 * (np.square(score) + LOG_2PI) - log_ndtr(-score)
+    return log_normal(score) - log_ndtr(-score)
 
 
 def _log_criterion_slope(logit_q0: FloatArray) -> FloatArray:
@@ -373,4 +375,4 @@ def _log_criterion_slope(logit_q0: FloatArray) -> FloatArray:
 
 def _density(x: FloatArray) -> FloatArray:
     """Standard normal density."""
-    return np.exp(-0.5 * (np.square(x) + LOG_2PI))
+    return np.exp(log_normal(x))

@@ -23,6 +23,7 @@ from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.model.densities import half_normal_score, probit_of_logit
+from bayes_toe.model.observer import JND_OVER_NOISE
 from bayes_toe.model.paper_equations import (
     NATURAL,
     Natural,
@@ -40,7 +41,7 @@ PAPER_MODEL = "predictive update"
 PRIOR_DRAWS = 100_000
 #: The just noticeable difference over the width: where P(equal) is half its peak, or P(second) 75
 #: %.
-_JND_OVER_WIDTH = {"q0": 1.0, "lapse_rate": float(ndtri(0.75))}
+_JND_OVER_WIDTH = {"q0": 1.0, "lapse_rate": JND_OVER_NOISE}
 #: By so much, relatively, sigma_l may come out above sigma_p though gamma is below 1.
 _ROUNDING = 1e-15
 

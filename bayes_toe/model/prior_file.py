@@ -1,7 +1,7 @@
 """Presets and prior files: TOML with a section for each parameter, [paper] for H1, and [group].
 
-`read_prior` reads a file, `read_hyperprior` that of a group, and `prior_for` gives the prior of a
-study.
+`read_prior` reads a file, `hyperprior_from` reads the prior of a group from it, and `prior_for`
+gives the prior of a study.
 """
 
 from __future__ import annotations
@@ -45,18 +45,27 @@ def read_prior(path: StrPath) -> Prior:
     return changed_prior(Prior() if PAPER in table else DEFAULT, table, format_path(Path(path)))
 
 
-def read_hyperprior(path: StrPath) -> Hyperprior:
-    """The prior of a group in a prior file, or in a file of nothing but the sections of [group].
+def hyperprior_from(source: Hyperprior | StrPath | None) -> Hyperprior:
+    """The prior of a group that is given, or that in the prior file of this path.
+
+    A file may also have nothing but the sections of [group], without `group.` in their names. None
+    is the default.
 
     Raises
     ------
     InputError
         As :func:`read_prior`.
     """
-    table = toml_table(path, "[group.PARAMETER] and NAME = NUMBER, as in sd_scale = 0.3")
+    if source is None:
+        return Hyperprior()
+    if isinstance(source, Hyperprior):
+        return source
+    kinds = "a Hyperprior, or the path of a TOML file"
+    require_kind("hyperprior", source, (str, os.PathLike), kinds)
+    table = toml_table(source, "[group.PARAMETER] and NAME = NUMBER, as in sd_scale = 0.3")
     if GROUP not in table:
         table = {GROUP: table}
-    return changed_prior(DEFAULT, table, format_path(Path(path))).group
+    return changed_prior(DEFAULT, table, format_path(Path(source))).group
 
 
 # --- The prior of a study -------------------------------------------------------------------------
@@ -64,10 +73,15 @@ def read_hyperprior(path: StrPath) -> Hyperprior:
 PRESETS = {"default": DEFAULT, "paper": Prior()}
 
 
-def preset_or_file(source: StrPath | None) -> Prior:
-    """The preset of this name, or the prior in the file of this path; None is the default."""
+def preset_or_file(source: Prior | StrPath | None) -> Prior:
+    """A prior, the preset of this name, or the prior in the file of this path.
+
+    None is the default.
+    """
     if source is None:
         return DEFAULT
+    if isinstance(source, Prior):
+        return source
     kinds = f"{', '.join(map(repr, PRESETS))}, a TOML file, or in Python a Prior"
     require_kind("prior", source, (str, os.PathLike), kinds)
     if str(source) in PRESETS:
@@ -75,17 +89,6 @@ def preset_or_file(source: StrPath | None) -> Prior:
     if not Path(source).suffix and not Path(source).exists():
         raise InputError(f"prior {str(source)!r}: no such preset or file, allowed: {kinds}")
     return read_prior(source)
-
-
-def require_hyperprior(source: Hyperprior | StrPath | None) -> Hyperprior:
-    """The prior of a group that is given, or that in the file of this path; None is the default."""
-    if source is None:
-        return Hyperprior()
-    if isinstance(source, Hyperprior):
-        return source
-    kinds = "a Hyperprior, or the path of a TOML file"
-    require_kind("hyperprior", source, (str, os.PathLike), kinds)
-    return read_hyperprior(source)
 
 
 def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
@@ -115,7 +118,7 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     'mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1), gamma ~ Uniform(0, 1), q0 ~ Beta(4, 1)'
     """
     require_study(study)
-    study_prior = prior if isinstance(prior, Prior) else preset_or_file(prior)
+    study_prior = preset_or_file(prior)
     for subject in study:
         study_prior.for_subjects(subject)
     return study_prior

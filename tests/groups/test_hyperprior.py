@@ -13,7 +13,7 @@ from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.model.densities import from_half_normal_score, half_normal_score
 from bayes_toe.model.parameters import group_parameters
 from bayes_toe.model.prior import DEFAULT, Hyperprior, ParameterHyperprior
-from bayes_toe.model.prior_file import read_hyperprior, read_prior
+from bayes_toe.model.prior_file import hyperprior_from, read_prior
 
 ROWS = [getattr(Hyperprior(), row.name) for row in group_parameters(SAME_DIFFERENT)]
 NUMBERS = HyperpriorNumbers.from_rows(ROWS)
@@ -58,7 +58,7 @@ def test_a_file_changes_what_it_names(tmp_path, prefix):
     path = tmp_path / "wide.toml"
     text = f"[{prefix}contraction]\nmean_scale = 0.6\n[{prefix}q0]\nmean = 2\n"
     path.write_text(text, encoding="utf-8")
-    changed = read_hyperprior(path)
+    changed = hyperprior_from(path)
     assert (changed.contraction.mean_scale, changed.contraction.sd_scale) == (0.6, 0.15)
     assert changed.q0.mean == 2
     assert changed.constant_error == bt.Hyperprior().constant_error
@@ -81,4 +81,4 @@ def test_what_is_refused(tmp_path, text, words):
     path = tmp_path / "odd.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=words):
-        read_hyperprior(path)
+        hyperprior_from(path)
