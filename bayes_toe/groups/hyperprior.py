@@ -12,9 +12,9 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.model.densities import (
-    StandardNormal,
     StandardStudent,
     from_half_normal_score,
+    log_normal,
 )
 from bayes_toe.model.prior import ParameterHyperprior
 
@@ -66,26 +66,22 @@ class HyperpriorNumbers(NamedTuple):
         is smaller. Where the data do not show that subjects differ, the posterior of a score has
         a normal tail; that of a log SD has a long one.
         """
-        normal = StandardNormal()
         u = from_half_normal_score(score)
         rise = 0.5 * np.exp(0.5 * (np.square(u) - np.square(score)))
-        log_prior = normal.log_density(score) + self._log_density(u) - normal.log_density(u)
+        log_prior = log_normal(score) + self._log_density(u) - log_normal(u)
         slope = (self._slope(u) + u) * rise - score
         return StandardDeviations(self.sd_scale * u, self.sd_scale * rise, log_prior, slope)
 
     def log_effect(self, effect: FloatArray) -> FloatArray:
         """Log prior density of a covariate's effects: Normal(0, sd_scale)."""
-        density = StandardNormal().log_density(effect / self.sd_scale)
-        return density - np.log(self.sd_scale)
+        return log_normal(effect / self.sd_scale) - np.log(self.sd_scale)
 
     def effect_slope(self, effect: FloatArray) -> FloatArray:
         """Its derivative."""
         return -effect / np.square(self.sd_scale)
 
     def _log_density(self, u: FloatArray) -> FloatArray:
-        student, normal = StandardStudent().log_density(u), StandardNormal().log_density(u)
-        return np.where(self.has_heavy_tails, student, normal)
+        return np.where(self.has_heavy_tails, StandardStudent().log_density(u), log_normal(u))
 
     def _slope(self, u: FloatArray) -> FloatArray:
-        student, normal = StandardStudent().slope(u), StandardNormal().slope(u)
-        return np.where(self.has_heavy_tails, student, normal)
+        return np.where(self.has_heavy_tails, StandardStudent().slope(u), -u)

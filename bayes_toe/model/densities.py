@@ -29,8 +29,6 @@ from bayes_toe.arrays import BoolArray, FloatArray
 
 LOG_2PI = float(np.log(2.0 * np.pi))
 _LN2 = float(np.log(2.0))
-#: A quantile above this one is a float with all its digits.
-_SMALLEST_QUANTILE = 1e-200
 #: A half-normal quantile of a lower score is proportional to its probability.
 _LOWEST_SCORE = -20.0
 _STUDENT_LOG_NORM = float(np.log(2.0 / (np.pi * np.sqrt(3.0))))
@@ -203,16 +201,19 @@ def logit_rise(probits: FloatArray) -> FloatArray:
     return normal_hazard(probits) + normal_hazard(-probits)
 
 
-def _log_beta_quantile(a: float, b: float, probability: FloatArray) -> FloatArray:
+def _log_beta_quantile(
+    a: float, b: float, probability: FloatArray, smallest: float = 1e-200
+) -> FloatArray:
     """Log of the quantile of Beta(a, b).
 
+    A quantile above `smallest` is a float with all its digits.
     The distribution function of a small x is x^a / (a B(a, b)), which gives the quantiles that are
     no floats.
     """
     quantile = betaincinv(a, b, probability)
     with np.errstate(divide="ignore"):
         log_of_small = (np.log(probability) + np.log(a) + betaln(a, b)) / a
-        return np.where(quantile > _SMALLEST_QUANTILE, np.log(quantile), log_of_small)
+        return np.where(quantile > smallest, np.log(quantile), log_of_small)
 
 
 def half_normal_quantile(

@@ -50,8 +50,6 @@ from bayes_toe.model.densities import (
 from bayes_toe.model.paper_equations import LN2
 from bayes_toe.model.parameters import ObserverPrior, lapse_logs, task_parameters
 
-#: Criterion below which the density is level over the window of 'equal', to 12 digits.
-_NARROW = 1e-6
 DEFAULT_PRIOR = ObserverPrior()
 #: JND over sigma_d: the z at which 75 % of the answers are 'second'.
 JND_OVER_NOISE = 0.6744897501960817
@@ -238,8 +236,9 @@ class ObserverRows(AnswerRows):
             near = near_edge(distance, k)
         far = -k - distance
         inside = ndtr(near) - ndtr(far)
-        # Rounding could turn the difference of a window this narrow negative.
-        is_narrow = k < _NARROW
+        # Rounding could turn the difference negative. Here the density over the window is level to
+        # 12 digits.
+        is_narrow = k < 1e-6
         if is_narrow.any():
             inside = np.where(is_narrow, 2.0 * k * _density(distance), inside)
         yes = lapse * erf(k * np.sqrt(0.5)) + attend * inside

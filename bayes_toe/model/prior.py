@@ -48,8 +48,6 @@ from bayes_toe.model.parameters import (
 PAPER, GROUP = "paper", "group"
 #: Beyond these a square would leave the range of floats.
 _SMALLEST, _LARGEST = 1e-100, 1e100
-#: A beta distribution with a smaller number is all but an atom at an edge.
-_SMALLEST_OF_BETA = 0.05
 
 # --- A group --------------------------------------------------------------------------------------
 
@@ -147,7 +145,8 @@ class Hyperprior:
 
 
 def _number_of_beta(default: float) -> Any:
-    return prior_number(default, _SMALLEST_OF_BETA)
+    """A number of a beta distribution: with a smaller one it is all but an atom at an edge."""
+    return prior_number(default, smallest=0.05)
 
 
 @dataclass(frozen=True)
@@ -261,10 +260,7 @@ class Prior(PriorNumbers):
         >>> Prior(mu1_mean="stimuli").for_subjects(subject).mu1_mean
         0.125
         """
-        symbols = {}
-        for name, number in self.declared().items():
-            if getattr(self, name) == STIMULI:
-                symbols[name] = number.stimuli
+        symbols = self._symbols()
         if not symbols:
             return self
         scales = common_scales(*subjects)
@@ -283,15 +279,15 @@ class Prior(PriorNumbers):
 
     def depends_on_stimuli(self, parameter: str) -> bool:
         """Whether a parameter's distribution has a number of the stimuli, and so their unit."""
-        return any(getattr(self, name) == STIMULI for name in self._numbers(parameter))
+        return any(name.rpartition("_")[0] == parameter for name in self._symbols())
 
-    def _numbers(self, parameter: str) -> dict[str, PriorNumber]:
-        """The numbers of a parameter's distribution by name."""
-        numbers = {}
+    def _symbols(self) -> dict[str, str]:
+        """By name, the symbols of the numbers that the stimuli give."""
+        symbols = {}
         for name, number in self.declared().items():
-            if name.rpartition("_")[0] == parameter:
-                numbers[name] = number
-        return numbers
+            if getattr(self, name) == STIMULI:
+                symbols[name] = number.stimuli
+        return symbols
 
     # --- In words ---------------------------------------------------------------------------------
 
@@ -300,10 +296,11 @@ class Prior(PriorNumbers):
 
         As in 'Normal(M, 2.5 R)' where its numbers are those of the stimuli.
         """
+        symbols = self._symbols()
         words = []
-        for name, number in self._numbers(parameter).items():
-            value = getattr(self, name)
-            words.append(number.stimuli if value == STIMULI else f"{value:g}")
+        for name in self.declared():
+            if name.rpartition("_")[0] == parameter:
+                words.append(symbols.get(name) or f"{getattr(self, name):g}")
         family = self.families[parameter]
         if family == "Beta" and words == ["1", "1"]:
             return "Uniform(0, 1)"
