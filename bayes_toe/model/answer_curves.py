@@ -12,13 +12,16 @@ accurate where the other one is near 1.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple, Self
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import erfcx, expit, log_expit, log_ndtr
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, IntArray
+from bayes_toe.data.study import Subject
 from bayes_toe.model.densities import PriorDensity, half_normal_quantile, log_normal
 from bayes_toe.model.paper_equations import LN2
 
@@ -201,16 +204,48 @@ def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:
 # --- Rows of counts ------------------------------------------------------------------------------
 
 
+_PAIR_ARRAYS = ("first", "difference", "middle", "n_yes", "n_no")
+
+
+def pair_arrays(
+    subjects: Sequence[Subject], origins: Sequence[float], units: Sequence[float]
+) -> dict[str, FloatArray]:
+    """Stimuli and counts of several subjects by name, shape (rows, 1, pairs) each.
+
+    The stimuli of a subject count from an origin in a unit. Pairs of subjects who have fewer than
+    others are filled up with pairs that nobody answered.
+    """
+    n_pairs = max(subject.n_pairs for subject in subjects)
+    arrays = np.zeros((5, len(subjects), 1, n_pairs))
+    for i, (subject, origin, unit) in enumerate(zip(subjects, origins, units, strict=True)):
+        first, second = (subject.s1 - origin) / unit, (subject.s2 - origin) / unit
+        difference = (subject.s2 - subject.s1) / unit
+        n_no = subject.n_trials - subject.n_yes
+        columns = (first, difference, 0.5 * (first + second), subject.n_yes, n_no)
+        arrays[:, i, 0, : subject.n_pairs] = columns
+    return dict(zip(_PAIR_ARRAYS, arrays, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
 class AnswerRows(ABC):
     """Counts of one or several subjects of a task.
 
-    Points u have the shape (rows, points, k). Pairs of subjects who have fewer than others are
-    filled up with pairs that nobody answered.
+    Points u have the shape (rows, points, k).
+
+    Attributes
+    ----------
+    first, difference, middle : ndarray, shape (rows, 1, pairs)
+        s1, s2 - s1 and (s1 + s2)/2, from the origin of the model and in its unit.
+    n_yes, n_no : ndarray, shape (rows, 1, pairs)
     """
 
-    difference: FloatArray  # s2 - s1, (rows, 1, pairs)
+    first: FloatArray
+    difference: FloatArray
+    middle: FloatArray
     n_yes: FloatArray
     n_no: FloatArray
+    #: The names of further arrays that have rows.
+    row_numbers: ClassVar[tuple[str, ...]]
 
     @property
     @abstractmethod
@@ -222,9 +257,10 @@ class AnswerRows(ABC):
     def priors(self) -> tuple[PriorDensity, ...]:
         """The prior of every coordinate."""
 
-    @abstractmethod
     def part(self, index: IndexArray) -> Self:
         """Some rows, in this order; a row may come more than once."""
+        names = (*_PAIR_ARRAYS, *self.row_numbers)
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     @abstractmethod
     def distance(self, u: FloatArray) -> FloatArray:

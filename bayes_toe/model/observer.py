@@ -17,13 +17,13 @@ are those of :mod:`bayes_toe.model.parameters`. The four models
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.special import erf, log_ndtr, ndtr, xlogy
 
-from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, NamedArrays
+from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -36,6 +36,7 @@ from bayes_toe.model.answer_curves import (
     equal_answers,
     equal_slopes,
     near_edge,
+    pair_arrays,
     second_answers,
     second_slopes,
 )
@@ -53,8 +54,6 @@ from bayes_toe.model.parameters import ObserverPrior, lapse_logs, task_parameter
 DEFAULT_PRIOR = ObserverPrior()
 #: JND over sigma_d: the z at which 75 % of the answers are 'second'.
 JND_OVER_NOISE = 0.6744897501960817
-#: The arrays that have rows.
-_ROW_ARRAYS = ("first", "difference", "middle", "n_yes", "n_no", "slope_unit", "contraction_sd")
 #: Responses of an observer who ignores the stimuli and is asked which one is stronger.
 _GUESS = LogAnswers(np.array(-LN2), np.array(-LN2))
 _NO_SLOPES = Slopes(np.zeros(1), np.zeros(1))
@@ -76,13 +75,9 @@ class ObserverRows(AnswerRows):
 
     is_same_different: bool
     prior: ObserverPrior
-    first: FloatArray
-    difference: FloatArray
-    middle: FloatArray
-    n_yes: FloatArray
-    n_no: FloatArray
     slope_unit: FloatArray
     contraction_sd: FloatArray
+    row_numbers = ("slope_unit", "contraction_sd")
 
     @classmethod
     def from_subjects(
@@ -94,25 +89,16 @@ class ObserverRows(AnswerRows):
         """A row for each subject; all of one task. `scales` default to the subjects' own."""
         if scales is None:
             scales = [subject.scales for subject in subjects]
-        n_pairs = max(subject.n_pairs for subject in subjects)
-        arrays = np.zeros((5, len(subjects), 1, n_pairs))
-        for i, (subject, scale) in enumerate(zip(subjects, scales, strict=True)):
-            first = (subject.s1 - scale.sbar) / scale.step
-            second = (subject.s2 - scale.sbar) / scale.step
-            difference = (subject.s2 - subject.s1) / scale.step
-            middle = 0.5 * (first + second)
-            other_answers = subject.n_trials - subject.n_yes
-            columns = (first, difference, middle, subject.n_yes, other_answers)
-            arrays[:, i, 0, : subject.n_pairs] = columns
-        slope_unit = np.array([[scale.step / scale.spread] for scale in scales])
+        sbars, steps = [scale.sbar for scale in scales], [scale.step for scale in scales]
+        pairs = pair_arrays(subjects, sbars, steps)
         roving_share = np.array([[scale.roving_share] for scale in scales])
-        is_same_different = subjects[0].task == SAME_DIFFERENT
-        values = (*arrays, slope_unit, prior.contraction_sd * roving_share)
-        return cls(is_same_different, prior, **dict(zip(_ROW_ARRAYS, values, strict=True)))
-
-    def part(self, index: IndexArray) -> ObserverRows:
-        """Some rows, in this order; a row may come more than once."""
-        return replace(self, **{name: getattr(self, name)[index] for name in _ROW_ARRAYS})
+        return cls(
+            **pairs,
+            is_same_different=subjects[0].task == SAME_DIFFERENT,
+            prior=prior,
+            slope_unit=np.array([[scale.step / scale.spread] for scale in scales]),
+            contraction_sd=prior.contraction_sd * roving_share,
+        )
 
     @property
     def coordinates(self) -> tuple[str, ...]:
