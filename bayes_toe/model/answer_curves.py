@@ -204,6 +204,7 @@ def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:
 # --- Rows of counts ------------------------------------------------------------------------------
 
 
+#: The arrays of all rows by name.
 _PAIR_ARRAYS = ("first", "difference", "middle", "n_yes", "n_no")
 
 

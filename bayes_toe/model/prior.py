@@ -401,7 +401,7 @@ def _section_problems(section: str, values: object) -> list[str]:
     """Problems of a section of a prior file, a line each."""
     all_sections = sections()
     if section not in all_sections or not isinstance(values, Mapping):
-        # A number may stand outside of its section.
+        # The name may be that of a number outside of its section.
         places = [name for name, keys in all_sections.items() if section in keys]
         names = ", ".join(f"[{name}]" for name in places or all_sections)
         return [f"{display_name(section)}: found no such section, allowed: {names}"]
