@@ -22,10 +22,10 @@ from .errors import BayesToeError as BayesToeError
 from .errors import ConvergenceWarning as ConvergenceWarning
 from .errors import InputError as InputError
 from .explorer.page import explore as explore
-from .groups.hyperprior import Hyperprior as Hyperprior
 from .groups.population import load as load
 from .groups.population import population as population
 from .inference.draws import Draws as Draws
 from .inference.prediction import predict as predict
 from .libraries import __version__ as __version__
+from .model.prior import Hyperprior as Hyperprior
 from .model.prior import Prior as Prior

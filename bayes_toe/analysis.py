@@ -173,9 +173,9 @@ def run(
             excluded.append(answer)
         elif answer.fits is False:
             misfits.append(answer)
-    group = _group(study, excluded, settings.seed)
+    group = _group(study, excluded, settings)
     if group is not None and misfits:
-        group_of_good_fits = _group(study, [*excluded, *misfits], settings.seed)
+        group_of_good_fits = _group(study, [*excluded, *misfits], settings)
     return Analysis(
         study,
         all_draws,
@@ -189,7 +189,9 @@ def run(
     )
 
 
-def _group(study: Study, excluded: Sequence[OrderEffect], seed: int) -> PopulationResult | None:
+def _group(
+    study: Study, excluded: Sequence[OrderEffect], settings: Settings
+) -> PopulationResult | None:
     """The group of the subjects none of whose answers are excluded; None where they are few.
 
     The result says itself whether it is reliable, so no warning is raised.
@@ -200,7 +202,8 @@ def _group(study: Study, excluded: Sequence[OrderEffect], seed: int) -> Populati
         return None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        return population(study.select(names), seed=seed)
+        chosen = study.select(names)
+        return population(chosen, seed=settings.seed, hyperprior=settings.prior.group)
 
 
 def sample(

@@ -12,7 +12,6 @@ from bayes_toe.data.study import with_shared_scales
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.design.study_design import each_once
 from bayes_toe.groups.group_sampler import GroupDraws
-from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.population import (
     DRAWS,
     GroupSettings,
@@ -21,6 +20,7 @@ from bayes_toe.groups.population import (
     study_scales,
 )
 from bayes_toe.groups.regressors import Regressors, regressors
+from bayes_toe.model.prior import Hyperprior
 
 #: 2AFC neighbours: six levels .25 apart, the ten ordered pairs of neighbours.
 STEP = 0.25

@@ -15,7 +15,7 @@ from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.groups.hyperprior import read_hyperprior
+from bayes_toe.model.prior_file import hyperprior_from
 
 FUZZ = settings(settings.get_profile(os.environ.get("HYPOTHESIS_PROFILE", "day")))
 
@@ -24,7 +24,7 @@ TEXTS = {
     "counts": "subject;s1;s2;n_equal;n_trials\nA;0;0,3;4;5\nB;0,3;0;2;5\n",
     "pairs": "s1,s2,n\n0,0.25,0.5\n0.5,-0.125,2\n",
     "covariates": "subject,age,gender\nA,20.5,f\nB,30.25,m\n",
-    "prior": "[noise]\nsd = 0.5\n[paper]\nmu1_mean = -0.5\ngamma_a = 1.5\n",
+    "prior": "[noise]\nsd = 0.5\n[paper]\ngamma_a = 1.5\n[group.q0]\nmean = -0.5\n",
     "hyperprior": "[noise]\nsd_scale = 0.5\n[q0]\nmean = -0.5\n",
 }
 READERS = {
@@ -33,7 +33,7 @@ READERS = {
     "pairs": lambda path: read_numbers(path, ("s1", "s2"), optional=("n",)),
     "covariates": read_covariates,
     "prior": lambda path: bt.model.read_prior(path).describe(),
-    "hyperprior": lambda path: read_hyperprior(path).describe(SAME_DIFFERENT),
+    "hyperprior": lambda path: hyperprior_from(path).describe(SAME_DIFFERENT),
 }
 #: What breaks readers: quotes, delimiters, line ends, marks, escapes, numbers that are none,
 #: brackets without an end.

@@ -81,7 +81,7 @@ def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]
     ['raw_stimuli', 'not_identified', 'two_scales']
     """
     require_study(study)
-    paper_prior = prior if prior is None or isinstance(prior, Prior) else preset_or_file(prior)
+    paper_prior = None if prior is None else preset_or_file(prior)
     findings = [*check_design(study, paper_prior), *check_answers(study)]
     return tuple(sorted(findings, key=lambda finding: finding.subject != ""))
 

@@ -15,7 +15,7 @@ from bayes_toe.cli.options import DrawCount, File, StudyFile, Texts, option, rar
 from bayes_toe.cli.run_context import MODEL, RunContext
 
 #: Written out, so that help does not import SciPy.
-_HYPERPRIOR = r"Prior of the group: \[constant_error], \[contraction], \[noise], \[q0]."
+_HYPERPRIOR = r"Prior file with \[group.PARAMETER] sections."
 
 
 def population(

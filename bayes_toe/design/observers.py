@@ -25,8 +25,14 @@ from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.errors import InputError
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR
-from bayes_toe.model.parameters import ORDER_MODELS, PARAMETERS, ObserverPrior, task_parameters
-from bayes_toe.model.prior_fields import real, shown
+from bayes_toe.model.parameters import (
+    ORDER_MODELS,
+    PARAMETERS,
+    ObserverPrior,
+    format_value,
+    real,
+    task_parameters,
+)
 from bayes_toe.seeds import generator
 
 Range = tuple[float, float]
@@ -173,7 +179,7 @@ def _problems(
         lower_limit, upper_limit, description = limits[name]
         if not lower_limit < low <= high < upper_limit:
             or_range = ", or [LOWEST, HIGHEST] of such" if has_ranges else ""
-            yield f"{name}: found {shown(value)}, allowed: a number {description}{or_range}"
+            yield f"{name}: found {format_value(value)}, allowed: a number {description}{or_range}"
 
 
 # --- Sources of observers -------------------------------------------------------------------------

@@ -38,12 +38,12 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.design.observers import Observer, assume_observers
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
 from bayes_toe.errors import InputError
-from bayes_toe.groups.hyperprior import Hyperprior, HyperpriorNumbers
+from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.zero_mean import approximate_zero_mean
 from bayes_toe.inference.order_evidence import BATCH, order_evidence
 from bayes_toe.model.observer import DEFAULT_PRIOR
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ObserverPrior
-from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior import Hyperprior, Prior
 from bayes_toe.model.prior_file import preset_or_file
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
@@ -352,7 +352,7 @@ def power(
 
 def observer_prior(prior: Prior | str | None) -> ObserverPrior:
     """The prior of the four models that a prior, a preset or a file has."""
-    return (prior if isinstance(prior, Prior) else preset_or_file(prior)).observer
+    return preset_or_file(prior).observer
 
 
 def name_designs(

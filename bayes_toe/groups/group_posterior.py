@@ -32,13 +32,10 @@ import numpy as np
 from bayes_toe.arrays import ArrayPair, FloatArray, IntArray, Rng
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
-from bayes_toe.groups.hyperprior import (
-    HyperpriorNumbers,
-    group_parameters,
-)
+from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.model.densities import half_normal_score
 from bayes_toe.model.observer import ObserverRows
-from bayes_toe.model.parameters import ObserverPrior, task_parameters
+from bayes_toe.model.parameters import ObserverPrior, group_parameters, task_parameters
 from bayes_toe.model.posterior_array import LinearLikelihood
 
 #: With these units a coordinate of the likelihood is c/D, p, log(sigma_d/D) or logit q0 itself.

@@ -36,13 +36,7 @@ from bayes_toe.groups.group_posterior import (
     separate_fits,
 )
 from bayes_toe.groups.group_sampler import GroupDraws, sample_group
-from bayes_toe.groups.hyperprior import (
-    Hyperprior,
-    HyperpriorNumbers,
-    ParameterHyperprior,
-    group_parameters,
-    hyperprior_from,
-)
+from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.population_file import is_group_file, load_group, save_group
 from bayes_toe.groups.population_table import (
     GroupSubjects,
@@ -61,9 +55,12 @@ from bayes_toe.model.parameters import (
     LAPSE_RATE,
     NOISE,
     PEAK,
+    group_parameters,
     lapse_logs,
     task_parameters,
 )
+from bayes_toe.model.prior import Hyperprior, ParameterHyperprior
+from bayes_toe.model.prior_file import hyperprior_from
 from bayes_toe.seeds import generator, root_seed
 
 #: Draws of all chains together; enough for 95 % intervals, and about 5 s of CPU for 10 subjects.
@@ -483,7 +480,7 @@ def population(
         Of all chains together.
     seed : int, optional
     hyperprior : Hyperprior or path, optional
-        Or a TOML file of one.
+        Or a prior file with the section [group].
 
     Raises
     ------
@@ -600,6 +597,6 @@ def load_population(path: StrPath) -> PopulationResult:
         If it is anything else, or damaged.
     """
     study, columns, drawn, record = load_group(path)
-    rows = {name: ParameterHyperprior(**row) for name, row in record["hyperprior"].items()}
-    settings = GroupSettings(record["seed"], Hyperprior(**rows), record["n_draws"])
+    hyperprior = Hyperprior.from_record(record["hyperprior"])
+    settings = GroupSettings(record["seed"], hyperprior, record["n_draws"])
     return PopulationResult(study, settings, StimulusScales(**record["scales"]), columns, drawn)

@@ -83,7 +83,7 @@ def approximate_zero_mean(
 
     Examples
     --------
-    >>> from bayes_toe.groups.hyperprior import Hyperprior
+    >>> from bayes_toe.model.prior import Hyperprior
     >>> numbers = HyperpriorNumbers.from_rows([Hyperprior().contraction])
     >>> estimates = np.array([[0.2, 0.3, 0.25, 0.22], [-0.2, 0.1, 0.2, -0.1]])
     >>> log_factors = approximate_zero_mean(estimates, np.full((2, 4), 0.05), numbers, 0)

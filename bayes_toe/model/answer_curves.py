@@ -12,14 +12,17 @@ accurate where the other one is near 1.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple, Self
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import erfcx, expit, log_expit, log_ndtr
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, IntArray
-from bayes_toe.model.densities import LOG_2PI, PriorDensity, half_normal_quantile
+from bayes_toe.data.study import Subject
+from bayes_toe.model.densities import PriorDensity, half_normal_quantile, log_normal
 from bayes_toe.model.paper_equations import LN2
 
 #: Nodes and weights of Gauss and Legendre on (0, 1), for windows in which the density is level.
@@ -105,8 +108,7 @@ def criterion(logit_peak: npt.ArrayLike) -> FloatArray:
 
 def criterion_slope(logit_peak: FloatArray, k: FloatArray) -> FloatArray:
     """Derivative of :func:`criterion`: 2 phi(k) dk/dl = expit(l) expit(-l)."""
-    log_density = -0.5 * (np.square(k) + LOG_2PI)
-    return np.exp(log_expit(logit_peak) + log_expit(-logit_peak) - log_density - LN2)
+    return np.exp(log_expit(logit_peak) + log_expit(-logit_peak) - log_normal(k) - LN2)
 
 
 def equal_answers(z: FloatArray, k: FloatArray) -> LogAnswers:
@@ -119,7 +121,7 @@ def equal_answers(z: FloatArray, k: FloatArray) -> LogAnswers:
     """
     distance, k = np.broadcast_arrays(np.abs(z), k)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        near = _near_edge(distance, k)
+        near = near_edge(distance, k)
         inside = _log_inside(distance, k, near)
         outside = np.logaddexp(log_ndtr(-near), log_ndtr(-distance - k))
         # The log of the larger probability is near 0: it comes from the smaller one.
@@ -140,8 +142,8 @@ def equal_slopes(z: FloatArray, k: FloatArray, answers: LogAnswers) -> tuple[Slo
     """
     distance, k = np.broadcast_arrays(np.abs(z), k)
     with np.errstate(over="ignore", invalid="ignore"):
-        near = _near_edge(distance, k)
-        log_density = -0.5 * (np.square(near) + LOG_2PI)
+        near = near_edge(distance, k)
+        log_density = log_normal(near)
         over_yes = _density_over_inside(distance, k, log_density, answers.yes)
         over_no = np.exp(log_density - answers.no)
         # Slopes of P over the density at the near edge.
@@ -157,7 +159,7 @@ def _density_over_inside(
     ratio = np.asarray(np.exp(log_density - log_inside))
     is_narrow = _is_narrow(distance, k)
     # Far out both are too small for their ratio.
-    near = _near_edge(distance, k)
+    near = near_edge(distance, k)
     is_far = (near < -2.0) & ~is_narrow
     far_share = np.exp(-2.0 * distance * k)
     edges = erfcx(-near * np.sqrt(0.5)) - far_share * erfcx((distance + k) * np.sqrt(0.5))
@@ -167,7 +169,7 @@ def _density_over_inside(
     return ratio
 
 
-def _near_edge(distance: FloatArray, k: FloatArray) -> FloatArray:
+def near_edge(distance: FloatArray, k: FloatArray) -> FloatArray:
     """From the distance to the near edge, k - d; beyond the largest float both are alike: 0."""
     edge = np.asarray(k - distance)
     edge[np.isnan(edge)] = 0.0
@@ -183,7 +185,7 @@ def _log_inside(distance: FloatArray, k: FloatArray, near: FloatArray) -> FloatA
     is_narrow = _is_narrow(distance, k)
     if is_narrow.any():
         d = distance[is_narrow]
-        result[is_narrow] = _log_window(d, k[is_narrow]) - 0.5 * (np.square(d) + LOG_2PI)
+        result[is_narrow] = _log_window(d, k[is_narrow]) + log_normal(d)
     return result
 
 
@@ -203,16 +205,49 @@ def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:
 # --- Rows of counts ------------------------------------------------------------------------------
 
 
+#: The arrays of all rows by name.
+_PAIR_ARRAYS = ("first", "difference", "middle", "n_yes", "n_no")
+
+
+def pair_arrays(
+    subjects: Sequence[Subject], origins: Sequence[float], units: Sequence[float]
+) -> dict[str, FloatArray]:
+    """Stimuli and counts of several subjects by name, shape (rows, 1, pairs) each.
+
+    The stimuli of a subject count from an origin in a unit. Pairs of subjects who have fewer than
+    others are filled up with pairs that nobody answered.
+    """
+    n_pairs = max(subject.n_pairs for subject in subjects)
+    arrays = np.zeros((5, len(subjects), 1, n_pairs))
+    for i, (subject, origin, unit) in enumerate(zip(subjects, origins, units, strict=True)):
+        first, second = (subject.s1 - origin) / unit, (subject.s2 - origin) / unit
+        difference = (subject.s2 - subject.s1) / unit
+        n_no = subject.n_trials - subject.n_yes
+        columns = (first, difference, 0.5 * (first + second), subject.n_yes, n_no)
+        arrays[:, i, 0, : subject.n_pairs] = columns
+    return dict(zip(_PAIR_ARRAYS, arrays, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
 class AnswerRows(ABC):
     """Counts of one or several subjects of a task.
 
-    Points u have the shape (rows, points, k). Pairs of subjects who have fewer than others are
-    filled up with pairs that nobody answered.
+    Points u have the shape (rows, points, k).
+
+    Attributes
+    ----------
+    first, difference, middle : ndarray, shape (rows, 1, pairs)
+        s1, s2 - s1 and (s1 + s2)/2, from the origin of the model and in its unit.
+    n_yes, n_no : ndarray, shape (rows, 1, pairs)
     """
 
-    difference: FloatArray  # s2 - s1, (rows, 1, pairs)
+    first: FloatArray
+    difference: FloatArray
+    middle: FloatArray
     n_yes: FloatArray
     n_no: FloatArray
+    #: The names of further arrays that have rows.
+    row_numbers: ClassVar[tuple[str, ...]]
 
     @property
     @abstractmethod
@@ -224,9 +259,10 @@ class AnswerRows(ABC):
     def priors(self) -> tuple[PriorDensity, ...]:
         """The prior of every coordinate."""
 
-    @abstractmethod
     def part(self, index: IndexArray) -> Self:
         """Some rows, in this order; a row may come more than once."""
+        names = (*_PAIR_ARRAYS, *self.row_numbers)
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     @abstractmethod
     def distance(self, u: FloatArray) -> FloatArray:

@@ -47,15 +47,14 @@ from bayes_toe.model.parameters import (
 )
 from bayes_toe.model.posterior_array import LinearLikelihood, PosteriorArray
 
-#: Prior standard deviation h of the difference between two levels, in the unit of the parameter.
-DIFFERENCE_SD = 0.5
-#: What h counts in, as a multiple of the parameter's coordinate; that of the noise is over its sd.
-DIFFERENCE_UNITS: Mapping[Parameter, float] = {
-    CONSTANT_ERROR: 1.0,
-    CONTRACTION: 1.0,
-    NOISE: 1.0,
-    LAPSE_RATE: 1.0,
-    PEAK: 1.2,
+#: Prior standard deviation of the difference between two levels, h unit, as a multiple of the
+#: parameter's coordinate; that of the noise is over its sd.
+DIFFERENCE_SDS: Mapping[Parameter, float] = {
+    CONSTANT_ERROR: 0.5,
+    CONTRACTION: 0.5,
+    NOISE: 0.5,
+    LAPSE_RATE: 0.5,
+    PEAK: 0.6,
 }
 
 
@@ -105,7 +104,7 @@ class ConditionModels:
     @cached_property
     def differing(self) -> tuple[Parameter, ...]:
         """The parameters that may differ."""
-        return tuple(parameter for parameter in DIFFERENCE_UNITS if parameter in self.parameters)
+        return tuple(parameter for parameter in DIFFERENCE_SDS if parameter in self.parameters)
 
     @cached_property
     def loading(self) -> FloatArray:
@@ -115,12 +114,12 @@ class ConditionModels:
         loading = np.zeros((n_conditions, k, k + len(self.differing) * n_columns))
         loading[:, :, :k] = np.eye(k)
         for i, parameter in enumerate(self.differing):
-            unit = DIFFERENCE_UNITS[parameter]
+            sd = DIFFERENCE_SDS[parameter]
             if parameter == NOISE:
-                unit /= self.prior.noise_sd
+                sd /= self.prior.noise_sd
             columns = slice(k + i * n_columns, k + (i + 1) * n_columns)
             row = self.parameters.index(parameter)
-            loading[:, row, columns] = DIFFERENCE_SD * unit * self.design
+            loading[:, row, columns] = sd * self.design
         return loading
 
     def array(self, choices: Sequence[Collection[Parameter]]) -> PosteriorArray:

@@ -29,8 +29,6 @@ from bayes_toe.arrays import BoolArray, FloatArray
 
 LOG_2PI = float(np.log(2.0 * np.pi))
 _LN2 = float(np.log(2.0))
-#: A quantile above this one is a float with all its digits.
-_SMALLEST_QUANTILE = 1e-200
 #: A half-normal quantile of a lower score is proportional to its probability.
 _LOWEST_SCORE = -20.0
 _STUDENT_LOG_NORM = float(np.log(2.0 / (np.pi * np.sqrt(3.0))))
@@ -52,13 +50,18 @@ class PriorDensity(Protocol):
         """Inverse of the distribution function."""
 
 
+def log_normal(u: FloatArray) -> FloatArray:
+    """Log of the standard normal density, -u^2/2 - ln(2 pi)/2."""
+    return -0.5 * (np.square(u) + LOG_2PI)
+
+
 @dataclass(frozen=True)
 class StandardNormal:
     """Normal(0, 1)."""
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """-u^2/2 - ln(2 pi)/2."""
-        return -0.5 * (np.square(u) + LOG_2PI)
+        return log_normal(u)
 
     def slope(self, u: FloatArray) -> FloatArray:
         """-u."""
@@ -104,7 +107,7 @@ class CutNormal(StandardNormal):
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density of the normal over its mass inside; -inf outside."""
         log_mass = np.log1p(-2.0 * ndtr(-np.asarray(self.limit)))
-        inside = -0.5 * (np.square(u) + LOG_2PI) - log_mass
+        inside = log_normal(u) - log_mass
         return np.where(np.abs(u) < self.limit, inside, -np.inf)
 
     def quantile(self, probability: FloatArray) -> FloatArray:
@@ -198,16 +201,19 @@ def logit_rise(probits: FloatArray) -> FloatArray:
     return normal_hazard(probits) + normal_hazard(-probits)
 
 
-def _log_beta_quantile(a: float, b: float, probability: FloatArray) -> FloatArray:
+def _log_beta_quantile(
+    a: float, b: float, probability: FloatArray, smallest: float = 1e-200
+) -> FloatArray:
     """Log of the quantile of Beta(a, b).
 
+    A quantile above `smallest` is a float with all its digits.
     The distribution function of a small x is x^a / (a B(a, b)), which gives the quantiles that are
     no floats.
     """
     quantile = betaincinv(a, b, probability)
     with np.errstate(divide="ignore"):
         log_of_small = (np.log(probability) + np.log(a) + betaln(a, b)) / a
-        return np.where(quantile > _SMALLEST_QUANTILE, np.log(quantile), log_of_small)
+        return np.where(quantile > smallest, np.log(quantile), log_of_small)
 
 
 def half_normal_quantile(

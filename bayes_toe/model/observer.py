@@ -17,13 +17,13 @@ are those of :mod:`bayes_toe.model.parameters`. The four models
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.special import erf, log_ndtr, ndtr, xlogy
 
-from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, NamedArrays
+from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -35,27 +35,25 @@ from bayes_toe.model.answer_curves import (
     criterion_slope,
     equal_answers,
     equal_slopes,
+    near_edge,
+    pair_arrays,
     second_answers,
     second_slopes,
 )
 from bayes_toe.model.densities import (
-    LOG_2PI,
     CutNormal,
     LogitOfBeta,
     PriorDensity,
     StandardNormal,
     StandardStudent,
+    log_normal,
 )
 from bayes_toe.model.paper_equations import LN2
 from bayes_toe.model.parameters import ObserverPrior, lapse_logs, task_parameters
 
-#: Criterion below which the density is level over the window of 'equal', to 12 digits.
-_NARROW = 1e-6
 DEFAULT_PRIOR = ObserverPrior()
 #: JND over sigma_d: the z at which 75 % of the answers are 'second'.
 JND_OVER_NOISE = 0.6744897501960817
-#: The arrays that have rows.
-_ROW_ARRAYS = ("first", "difference", "middle", "n_yes", "n_no", "slope_unit", "contraction_sd")
 #: Responses of an observer who ignores the stimuli and is asked which one is stronger.
 _GUESS = LogAnswers(np.array(-LN2), np.array(-LN2))
 _NO_SLOPES = Slopes(np.zeros(1), np.zeros(1))
@@ -77,13 +75,9 @@ class ObserverRows(AnswerRows):
 
     is_same_different: bool
     prior: ObserverPrior
-    first: FloatArray
-    difference: FloatArray
-    middle: FloatArray
-    n_yes: FloatArray
-    n_no: FloatArray
     slope_unit: FloatArray
     contraction_sd: FloatArray
+    row_numbers = ("slope_unit", "contraction_sd")
 
     @classmethod
     def from_subjects(
@@ -95,25 +89,16 @@ class ObserverRows(AnswerRows):
         """A row for each subject; all of one task. `scales` default to the subjects' own."""
         if scales is None:
             scales = [subject.scales for subject in subjects]
-        n_pairs = max(subject.n_pairs for subject in subjects)
-        arrays = np.zeros((5, len(subjects), 1, n_pairs))
-        for i, (subject, scale) in enumerate(zip(subjects, scales, strict=True)):
-            first = (subject.s1 - scale.sbar) / scale.step
-            second = (subject.s2 - scale.sbar) / scale.step
-            difference = (subject.s2 - subject.s1) / scale.step
-            middle = 0.5 * (first + second)
-            other_answers = subject.n_trials - subject.n_yes
-            columns = (first, difference, middle, subject.n_yes, other_answers)
-            arrays[:, i, 0, : subject.n_pairs] = columns
-        slope_unit = np.array([[scale.step / scale.spread] for scale in scales])
+        sbars, steps = [scale.sbar for scale in scales], [scale.step for scale in scales]
+        pairs = pair_arrays(subjects, sbars, steps)
         roving_share = np.array([[scale.roving_share] for scale in scales])
-        is_same_different = subjects[0].task == SAME_DIFFERENT
-        values = (*arrays, slope_unit, prior.contraction_sd * roving_share)
-        return cls(is_same_different, prior, **dict(zip(_ROW_ARRAYS, values, strict=True)))
-
-    def part(self, index: IndexArray) -> ObserverRows:
-        """Some rows, in this order; a row may come more than once."""
-        return replace(self, **{name: getattr(self, name)[index] for name in _ROW_ARRAYS})
+        return cls(
+            **pairs,
+            is_same_different=subjects[0].task == SAME_DIFFERENT,
+            prior=prior,
+            slope_unit=np.array([[scale.step / scale.spread] for scale in scales]),
+            contraction_sd=prior.contraction_sd * roving_share,
+        )
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -123,20 +108,27 @@ class ObserverRows(AnswerRows):
 
     # --- Quantities in units of D ----------------------------------------------------------------
 
+    @cached_property
+    def units(self) -> dict[str, FloatArray | float]:
+        """By how much each quantity rises with its coordinate, in the order of the coordinates."""
+        prior = self.prior
+        units: dict[str, FloatArray | float] = {
+            "log_noise": prior.noise_sd,
+            "logit_q0": 1.0,
+            "lapse_score": 1.0,
+            "noise_slope": prior.noise_slope_scale * self.slope_unit,
+            "criterion_slope": prior.criterion_slope_scale * self.slope_unit,
+            "constant_error": prior.constant_error_scale,
+            "contraction": self.contraction_sd,
+        }
+        if not self.is_same_different:
+            del units["logit_q0"], units["criterion_slope"]
+        return units
+
     def quantities(self, u: FloatArray) -> dict[str, FloatArray]:
         """The parameters at points, stimuli in units of D, shape (rows, points) each."""
-        prior = self.prior
-        columns = iter(np.moveaxis(u, -1, 0))
-        values = {"log_noise": np.log(prior.noise_median) + prior.noise_sd * next(columns)}
-        if self.is_same_different:
-            values["logit_q0"] = next(columns)
-        values["lapse_score"] = next(columns)
-        values["noise_slope"] = prior.noise_slope_scale * self.slope_unit * next(columns)
-        if self.is_same_different:
-            unit = prior.criterion_slope_scale * self.slope_unit
-            values["criterion_slope"] = unit * next(columns)
-        values["constant_error"] = prior.constant_error_scale * next(columns)
-        values["contraction"] = self.contraction_sd * next(columns)
+        values = {name: unit * u[..., j] for j, (name, unit) in enumerate(self.units.items())}
+        values["log_noise"] = np.log(self.prior.noise_median) + values["log_noise"]
         return values
 
     def distance(self, u: FloatArray) -> FloatArray:
@@ -227,12 +219,12 @@ class ObserverRows(AnswerRows):
             return yes, no
         distance = np.abs(z)
         with np.errstate(invalid="ignore"):
-            near = k - distance
-        near[np.isnan(near)] = 0.0
+            near = near_edge(distance, k)
         far = -k - distance
         inside = ndtr(near) - ndtr(far)
-        # Rounding could turn the difference of a window this narrow negative.
-        is_narrow = k < _NARROW
+        # Rounding could turn the difference negative. Here the density over the window is level to
+        # 12 digits.
+        is_narrow = k < 1e-6
         if is_narrow.any():
             inside = np.where(is_narrow, 2.0 * k * _density(distance), inside)
         yes = lapse * erf(k * np.sqrt(0.5)) + attend * inside
@@ -329,16 +321,11 @@ class ObserverRows(AnswerRows):
 
     def _slope_units(self, values: NamedArrays, lapse_unit: FloatArray) -> FloatArray:
         """Derivatives of those quantities in their coordinates, (rows, points, k)."""
-        prior = self.prior
-        noise, lapse = np.full((1, 1), prior.noise_sd), lapse_unit
-        noise_slope = prior.noise_slope_scale * self.slope_unit
-        units = [noise, lapse, noise_slope]
+        units = self.units | {"lapse_score": lapse_unit}
         if self.is_same_different:
-            criterion_slope = prior.criterion_slope_scale * self.slope_unit
-            log_criterion = _log_criterion_slope(values["logit_q0"])
-            units = [noise, log_criterion, lapse, noise_slope, criterion_slope]
-        units += [np.full((1, 1), prior.constant_error_scale), self.contraction_sd]
-        return np.stack(np.broadcast_arrays(*units), axis=-1)
+            units["logit_q0"] = _log_criterion_slope(values["logit_q0"])
+        columns = [np.atleast_2d(unit) for unit in units.values()]
+        return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
     # --- Prior -----------------------------------------------------------------------------------
 
@@ -362,7 +349,7 @@ def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:
 
 def _log_hazard(score: FloatArray) -> FloatArray:
     """Log of phi(u) / (1 - Phi(u))."""
-    return -0.5 * (np.square(score) + LOG_2PI) - log_ndtr(-score)
+    return log_normal(score) - log_ndtr(-score)
 
 
 def _log_criterion_slope(logit_q0: FloatArray) -> FloatArray:
@@ -373,4 +360,4 @@ def _log_criterion_slope(logit_q0: FloatArray) -> FloatArray:
 
 def _density(x: FloatArray) -> FloatArray:
     """Standard normal density."""
-    return np.exp(-0.5 * (np.square(x) + LOG_2PI))
+    return np.exp(log_normal(x))

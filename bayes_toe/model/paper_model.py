@@ -23,6 +23,7 @@ from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.model.densities import half_normal_score, probit_of_logit
+from bayes_toe.model.observer import JND_OVER_NOISE
 from bayes_toe.model.paper_equations import (
     NATURAL,
     Natural,
@@ -40,9 +41,7 @@ PAPER_MODEL = "predictive update"
 PRIOR_DRAWS = 100_000
 #: The just noticeable difference over the width: where P(equal) is half its peak, or P(second) 75
 #: %.
-_JND_OVER_WIDTH = {"q0": 1.0, "lapse_rate": float(ndtri(0.75))}
-#: By so much, relatively, sigma_l may come out above sigma_p though gamma is below 1.
-_ROUNDING = 1e-15
+_JND_OVER_WIDTH = {"q0": 1.0, "lapse_rate": JND_OVER_NOISE}
 
 
 @dataclass(frozen=True)
@@ -207,10 +206,13 @@ class PaperPosterior(SubjectPosterior):
         return Natural(*(quantities[name] for name in NATURAL))
 
 
-def _logit_gamma(sigma_p: FloatArray, sigma_l: FloatArray) -> FloatArray:
-    """The logit of gamma, with 1 - gamma from the difference of the sigmas."""
+def _logit_gamma(sigma_p: FloatArray, sigma_l: FloatArray, rounding: float = 1e-15) -> FloatArray:
+    """The logit of gamma, with 1 - gamma from the difference of the sigmas.
+
+    By `rounding`, relatively, sigma_l may come out above sigma_p though gamma is below 1.
+    """
     difference = (sigma_p - sigma_l) / sigma_p
-    is_rounding = (difference < 0.0) & (difference >= -_ROUNDING)
+    is_rounding = (difference < 0.0) & (difference >= -rounding)
     complement = difference * (1.0 + sigma_l / sigma_p)
     log_complement = np.log(np.where(is_rounding, 0.0, complement))
     return 2.0 * (np.log(sigma_l) - np.log(sigma_p)) - log_complement

@@ -12,24 +12,26 @@ is that of :mod:`bayes_toe.model.densities`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.special import expit, log_expit, log_ndtr, ndtr
 
-from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.model.answer_curves import (
     AnswerRows,
     LogAnswers,
     Slopes,
+    pair_arrays,
     second_answers,
     second_slopes,
 )
 from bayes_toe.model.densities import (
     PriorDensity,
+    ProbitOfBeta,
     StandardNormal,
     half_normal_score,
     log_half_normal,
@@ -43,8 +45,6 @@ from bayes_toe.model.prior import Prior
 
 #: Of G = 1 / (1 - p) in the width sigma_p G^power, by the parameter of the task.
 POWERS = {"q0": 1.5, "lapse_rate": 1.0}
-#: The arrays that have rows.
-_ROW_ARRAYS = ("first", "difference", "n_yes", "n_no", "mu1_mean", "mu1_sd", "spread_scale")
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,32 +67,29 @@ class PaperRows(AnswerRows):
 
     task: Task
     prior: Prior
-    first: FloatArray
-    difference: FloatArray
-    n_yes: FloatArray
-    n_no: FloatArray
     mu1_mean: FloatArray
     mu1_sd: FloatArray
     spread_scale: FloatArray
+    row_numbers = ("mu1_mean", "mu1_sd", "spread_scale")
 
     @classmethod
     def from_subjects(cls, subjects: Sequence[Subject], prior: Prior) -> PaperRows:
         """A row for each subject; all of one task."""
-        n_pairs = max(subject.n_pairs for subject in subjects)
-        arrays = np.zeros((4, len(subjects), 1, n_pairs))
-        numbers = np.empty((3, len(subjects), 1))
+        n_rows = len(subjects)
+        pairs = pair_arrays(subjects, [0.0] * n_rows, [1.0] * n_rows)
+        numbers = np.empty((3, n_rows, 1))
         for i, subject in enumerate(subjects):
-            n_no = subject.n_trials - subject.n_yes
-            columns = (subject.s1, subject.s2 - subject.s1, subject.n_yes, n_no)
-            arrays[:, i, 0, : subject.n_pairs] = columns
             numbered = prior.for_subjects(subject)
             numbers[:, i, 0] = (numbered.mu1_mean, numbered.mu1_sd, numbered.spread_scale)
-        values = dict(zip(_ROW_ARRAYS, (*arrays, *numbers), strict=True))
-        return cls(subjects[0].task, prior, **values)
-
-    def part(self, index: IndexArray) -> PaperRows:
-        """Some rows, in this order; a row may come more than once."""
-        return replace(self, **{name: getattr(self, name)[index] for name in _ROW_ARRAYS})
+        mu1_mean, mu1_sd, spread_scale = numbers
+        return cls(
+            **pairs,
+            task=subjects[0].task,
+            prior=prior,
+            mu1_mean=mu1_mean,
+            mu1_sd=mu1_sd,
+            spread_scale=spread_scale,
+        )
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -108,7 +105,12 @@ class PaperRows(AnswerRows):
     def priors(self) -> tuple[PriorDensity, ...]:
         """The prior of every coordinate."""
         normal = StandardNormal()
-        return normal, normal, self.prior.gamma_density, self.prior.share_density(self.task)
+        of_gamma = ProbitOfBeta(self.prior.gamma_a, self.prior.gamma_b)
+        if self.task.lapses == "q0":
+            of_share = ProbitOfBeta(self.prior.q0_a, self.prior.q0_b)
+        else:
+            of_share = ProbitOfBeta(self.prior.lapse_rate_a, self.prior.lapse_rate_b)
+        return normal, normal, of_gamma, of_share
 
     # --- Quantities ------------------------------------------------------------------------------
 

@@ -17,13 +17,17 @@ matters. Every parameter has one unconstrained coordinate u, in units of its pri
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, field, fields
+from numbers import Real
+from typing import Any, Final
 
 import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
 
 from bayes_toe.arrays import ArrayPair, FloatArray
+from bayes_toe.data.messages import display_name, quoted
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 
@@ -32,9 +36,78 @@ LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, PURE_NUMBER = "ln intensity", "1 / ln int
 SCALES = "D is the root mean square of s2 - s1 over unequal pairs, and R is the SD of the stimuli"
 
 
+#: What may stand for a number of a prior that a subject's stimuli give.
+STIMULI: Final = "stimuli"
+
+
+# --- Numbers of a prior ---------------------------------------------------------------------------
+
+
 @dataclass(frozen=True)
-class ObserverPrior:
+class PriorNumber:
+    """A number of a prior: its default, and the values that it takes.
+
+    Attributes
+    ----------
+    default : float or None
+        None if the number may be omitted.
+    smallest, largest : float
+    stimuli : str
+        The symbol of the number for which "stimuli" stands; empty if "stimuli" is not allowed.
+    """
+
+    default: Any
+    smallest: float
+    largest: float
+    stimuli: str
+
+    def problem(self, value: object) -> str:
+        """What is wrong with a value, and what is allowed; empty if nothing is wrong."""
+        is_omitted = value is None and self.default is None
+        is_of_stimuli = value == STIMULI and self.stimuli
+        is_in_range = self.smallest <= real(value) <= self.largest  # a NaN is in no range
+        if is_omitted or is_of_stimuli or is_in_range:
+            return ""
+        allowed = f"a number from {self.smallest:g} to {self.largest:g}"
+        if self.stimuli:
+            allowed += f" or '{STIMULI}'"
+        return f"found {format_value(value)}, allowed: {allowed}"
+
+
+def prior_number(
+    default: object = MISSING, smallest: float = 1e-3, largest: float = 1e3, stimuli: str = ""
+) -> Any:
+    """Declare a :class:`PriorNumber` as a field of a dataclass."""
+    number = PriorNumber(default, smallest, largest, stimuli)
+    return field(default=default, metadata={"number": number})
+
+
+@dataclass(frozen=True)
+class PriorNumbers:
+    """Numbers of a prior, which are fields that :func:`prior_number` declares."""
+
+    @classmethod
+    def declared(cls) -> dict[str, PriorNumber]:
+        """The numbers by name, in the order of their declaration."""
+        rows = fields(cls)
+        return {row.name: row.metadata["number"] for row in rows if "number" in row.metadata}
+
+    def require_valid(self, source: str) -> None:
+        """Refuse numbers out of range, a line each that begins with the source."""
+        problems = []
+        for name, number in self.declared().items():
+            problem = number.problem(getattr(self, name))
+            if problem:
+                problems.append(f"{source}{name}: {problem}")
+        if problems:
+            raise InputError(problems)
+
+
+@dataclass(frozen=True)
+class ObserverPrior(PriorNumbers):
     """The numbers of the observer's prior. Its scales count in D and R of the stimuli.
+
+    The name of a number begins with that of its parameter. The rest is the key in a prior file.
 
     Attributes
     ----------
@@ -53,15 +126,18 @@ class ObserverPrior:
         beyond 4 D, D over their standard deviation takes its place, in proportion.
     """
 
-    noise_median: float = 1.0
-    noise_sd: float = 0.7
-    q0_a: float = 4.0
-    q0_b: float = 1.0
-    lapse_rate_b: float = 9.0
-    noise_slope_scale: float = 0.15
-    criterion_slope_scale: float = 0.15
-    constant_error_scale: float = 0.5
-    contraction_sd: float = 0.25
+    noise_median: float = prior_number(1.0)
+    noise_sd: float = prior_number(0.7)
+    q0_a: float = prior_number(4.0)
+    q0_b: float = prior_number(1.0)
+    lapse_rate_b: float = prior_number(9.0)
+    noise_slope_scale: float = prior_number(0.15)
+    criterion_slope_scale: float = prior_number(0.15)
+    constant_error_scale: float = prior_number(0.5)
+    contraction_sd: float = prior_number(0.25)
+
+    def __post_init__(self) -> None:
+        self.require_valid("prior: ")
 
     def describe(self, task: Task, held: Collection[Parameter] = ()) -> str:
         """The prior of a task's parameters in words, without those that are held at 0.
@@ -76,12 +152,34 @@ class ObserverPrior:
         priors = [f"{parameter.name} ~ {parameter.prior.format_map(numbers)}" for parameter in free]
         return f"{', '.join(priors)}; {SCALES}"
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not isinstance(value, int | float) or not 1e-3 <= value <= 1e3:
-                number_range = "allowed is a number from 0.001 to 1000"
-                raise InputError(f"prior: {field.name} is {value!r}; {number_range}")
+
+def real(value: object) -> float:
+    """The number that a value is; NaN where it is none, or too large an integer."""
+    # bool is an int for Python, not for a reader.
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan
+
+
+def format_value(value: object) -> str:
+    """A value of a TOML file as messages show it."""
+    if isinstance(value, Mapping):
+        return "a table"
+    if isinstance(value, list):
+        return "a list"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return quoted(value)
+    if isinstance(value, int) and math.isnan(real(value)):
+        return "an integer too large for a number"
+    return display_name(str(value))
+
+
+# --- Quantities and parameters --------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -126,26 +224,25 @@ class Parameter(Quantity):
     ----------
     prior : str
         Its distribution; fields of :class:`ObserverPrior` stand in braces.
-    prior_keys : tuple of (str, str)
-        The numbers of its section in a prior file, and what they are. A number is the field of
-        :class:`ObserverPrior` that has the names of the parameter and of the key.
     limits : tuple of (float, float, str)
         Between which numbers it lies, without these, and the same in words.
     typical : float
         Its value in an observer without order effects; that of the noise is in D.
     tasks : tuple of Task
         Those whose observer has it.
+    group_label : str
+        In words on the scale on which subjects of a group are normally distributed; empty if a
+        group has no distribution of it.
     """
 
     prior: str = ""
-    prior_keys: tuple[tuple[str, str], ...] = ()
     limits: tuple[float, float, str] = (-np.inf, np.inf, "finite")
     typical: float = 0.0
     tasks: tuple[Task, ...] = (SAME_DIFFERENT, WHICH_STRONGER)
+    group_label: str = ""
 
 
 _DIFFERENCE, _KNOWN_DIFFERENCE, _PERCENT = "difference", "known difference", "percent"
-_SLOPE_KEYS = (("scale", "scale of Student's t with 3 degrees of freedom, over R"),)
 
 NOISE = Parameter(
     "noise",
@@ -154,12 +251,9 @@ NOISE = Parameter(
     "standard deviation of the perceived difference",
     display=_KNOWN_DIFFERENCE,
     prior="LogNormal({noise_median:g} D, {noise_sd:g})",
-    prior_keys=(
-        ("median", "median of the lognormal prior of sigma_d, in D"),
-        ("sd", "sd of its logarithm"),
-    ),
     limits=(0.0, np.inf, "above 0"),
     typical=0.5,
+    group_label="log(sigma_d/D)",
 )
 PEAK = Parameter(
     "q0",
@@ -168,10 +262,10 @@ PEAK = Parameter(
     "P(equal) at the peak",
     PURE_NUMBER,
     prior="Beta({q0_a:g}, {q0_b:g})",
-    prior_keys=(("a", "a of the beta prior of q0"), ("b", "its b")),
     limits=(0.0, 1.0, "above 0 and below 1"),
     typical=0.9,
     tasks=(SAME_DIFFERENT,),
+    group_label="logit q0",
 )
 LAPSE_RATE = Parameter(
     "lapse_rate",
@@ -180,7 +274,6 @@ LAPSE_RATE = Parameter(
     "share of responses that ignore the stimuli",
     PURE_NUMBER,
     prior="Beta(1, {lapse_rate_b:g})",
-    prior_keys=(("b", "the lapse rate has the prior Beta(1, b)"),),
     limits=(-1e-300, 1.0, "from 0 to below 1"),
     typical=0.05,
 )
@@ -191,7 +284,6 @@ NOISE_SLOPE = Parameter(
     "change of log noise with intensity",
     PER_LOG_INTENSITY,
     prior="Student(3, {noise_slope_scale:g}/R)",
-    prior_keys=_SLOPE_KEYS,
 )
 CRITERION_SLOPE = Parameter(
     "criterion_slope",
@@ -200,7 +292,6 @@ CRITERION_SLOPE = Parameter(
     "change of the log criterion for 'equal' with intensity",
     PER_LOG_INTENSITY,
     prior="Student(3, {criterion_slope_scale:g}/R)",
-    prior_keys=_SLOPE_KEYS,
     tasks=(SAME_DIFFERENT,),
 )
 CONSTANT_ERROR = Parameter(
@@ -210,7 +301,7 @@ CONSTANT_ERROR = Parameter(
     "constant error: above 0 the first stimulus is overestimated",
     display=_DIFFERENCE,
     prior="Student(3, {constant_error_scale:g} D)",
-    prior_keys=(("scale", "scale of Student's t with 3 degrees of freedom, in D"),),
+    group_label="constant error, D",
 )
 CONTRACTION = Parameter(
     "contraction",
@@ -220,8 +311,8 @@ CONTRACTION = Parameter(
     PURE_NUMBER,
     _PERCENT,
     prior="Normal(0, {contraction_sd:g}) on (-1, 1)",
-    prior_keys=(("sd", "sd of the normal prior of p on (-1, 1)"),),
     limits=(-1.0, 1.0, "above -1 and below 1"),
+    group_label="contraction",
 )
 #: All parameters of the observer, in the order of the coordinates.
 PARAMETERS = (
@@ -335,6 +426,18 @@ def task_parameters(task: Task) -> tuple[Parameter, ...]:
     ['noise', 'lapse_rate', 'noise_slope', 'constant_error', 'contraction']
     """
     return tuple(parameter for parameter in PARAMETERS if task in parameter.tasks)
+
+
+def group_parameters(task: Task) -> tuple[Parameter, ...]:
+    """The parameters that a group has a distribution of.
+
+    Examples
+    --------
+    >>> [parameter.name for parameter in group_parameters(WHICH_STRONGER)]
+    ['constant_error', 'contraction', 'noise']
+    """
+    parameters = CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
+    return tuple(parameter for parameter in parameters if task in parameter.tasks)
 
 
 def lapse_logs(u: FloatArray, b: float) -> ArrayPair:

@@ -27,8 +27,6 @@ RANGE = (0.05, 0.95)
 #: Contraction below which a parameter is said to be dominated by its prior: a range narrowed by
 #: less than three tenths.
 DOMINATED = 0.5
-#: Log2 of the number of prior points behind the quantiles of a quantity without a prior of its own.
-_LOG2_PRIOR_POINTS = 14
 
 
 @dataclass(frozen=True)
@@ -210,12 +208,12 @@ class SubjectPosterior(ABC):
 
     @cached_property
     def _prior_quantities(self) -> dict[str, FloatArray]:
-        """Every named quantity at evenly spread points of the prior."""
+        """Every named quantity at 2^14 evenly spread points of the prior."""
         # Only here, because a quick command needs no Sobol points, and scipy.stats loads slowly.
         from scipy.stats import qmc
 
         spread_points = qmc.Sobol(len(self.array.names), rng=np.random.default_rng(0))
-        return self.quantities(self._prior_points(spread_points.random_base2(_LOG2_PRIOR_POINTS)))
+        return self.quantities(self._prior_points(spread_points.random_base2(14)))
 
 
 def judged_quantities(target: SubjectPosterior, x: FloatArray) -> dict[str, FloatArray]:

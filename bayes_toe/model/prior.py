@@ -1,4 +1,4 @@
-"""The priors of the paper's model (H1) and, as `Prior.observer`, of the observer's four models.
+"""The prior: that of the paper's model (H1), of the observer, and of a group.
 
 The default takes location and scales from the stimuli of each subject, so that adding a constant to
 all stimuli, or multiplying them, changes no probability. With M the mean of all stimuli, R their
@@ -8,31 +8,150 @@ mu1 ~ Normal(M, 2.5 R), log w ~ Normal(log D, 1), gamma ~ Uniform(0, 1) and q0 ~
 `Prior()` is the paper's in H1's four parameters, whatever the stimuli are: mu1 ~ Normal(0, 10),
 sigma_p ~ HalfNormal(1), gamma and q0 uniform (V_1 = 10^2, 0 < sigma_l < sigma_p).
 
-The numbers of H1 are declared in :mod:`bayes_toe.model.prior_fields`, those of the observer in
-:class:`bayes_toe.model.parameters.ObserverPrior`; files are read by
-:mod:`bayes_toe.model.prior_file`.
+The numbers of a prior are those of H1 (`Prior`), of the observer in the four models
+(`Prior.observer`) and of a group (`Prior.group`):
+
+    c/D, p, log(sigma_d/D), logit q0 of a subject ~ Normal(m, tau)
+    c/D:               m ~ Student t, 3 df, scale .5    tau ~ half Student t, 3 df, scale .3
+    p:                 m ~ Normal(0, .2)                tau ~ half-normal, scale .15
+    log(sigma_d/D):    m ~ Normal(0, .6)                tau ~ half-normal, scale .4
+    logit q0:          m ~ Normal(1.8, 1)               tau ~ half-normal, scale 1
+
+D is here that of the whole study. The other parameters of the observer have the prior of a single
+subject. Effects of covariates have the scale of tau; differences between conditions are normal,
+with half the scales.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self, cast
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar, Literal, Self, cast
 
 from bayes_toe.arrays import Record
+from bayes_toe.data.messages import display_name, quoted
 from bayes_toe.data.study import Subject, common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
-from bayes_toe.model.densities import ProbitOfBeta
-from bayes_toe.model.parameters import SCALES, ObserverPrior
-from bayes_toe.model.prior_fields import STIMULI, PriorFields
+from bayes_toe.model.parameters import (
+    SCALES,
+    STIMULI,
+    ObserverPrior,
+    PriorNumber,
+    PriorNumbers,
+    group_parameters,
+    prior_number,
+)
+
+#: Sections of a prior file: that of the paper's model (H1), and that of a group.
+PAPER, GROUP = "paper", "group"
+#: Beyond these a square would leave the range of floats.
+_SMALLEST, _LARGEST = 1e-100, 1e100
+
+# --- A group --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Prior(PriorFields):
-    """The prior of the paper's model (H1) and of the observer in the four models.
+class ParameterHyperprior(PriorNumbers):
+    """The prior of the mean and of the standard deviation between subjects of one parameter.
 
-    Log densities are normalised.
+    Attributes
+    ----------
+    mean : float
+        Centre of the prior of the mean.
+    mean_scale, sd_scale : float
+        Scale of the prior of the mean, and of the prior of the standard deviation.
+    has_heavy_tails : bool
+        Whether both are Student's t with 3 degrees of freedom; otherwise they are normal.
+    """
+
+    mean: float = prior_number(smallest=-1e3)
+    mean_scale: float = prior_number()
+    sd_scale: float = prior_number()
+    has_heavy_tails: bool = False
+
+    @property
+    def difference(self) -> ParameterHyperprior:
+        """The prior of a difference between two conditions: normal, half as wide."""
+        return ParameterHyperprior(0.0, 0.5 * self.mean_scale, 0.5 * self.sd_scale)
+
+    def narrowed(self, share: float) -> ParameterHyperprior:
+        """The same with scales of this share."""
+        mean_scale, sd_scale = share * self.mean_scale, share * self.sd_scale
+        return replace(self, mean_scale=mean_scale, sd_scale=sd_scale)
+
+    @property
+    def words(self) -> str:
+        """Both distributions."""
+        if self.has_heavy_tails:
+            family = "Student t, 3 df,"
+            return (
+                f"mean ~ {family} centre {self.mean:g}, scale {self.mean_scale:g}; "
+                f"SD between subjects ~ half {family} scale {self.sd_scale:g}"
+            )
+        return (
+            f"mean ~ Normal({self.mean:g}, {self.mean_scale:g}); "
+            f"SD between subjects ~ half-normal, scale {self.sd_scale:g}"
+        )
+
+
+@dataclass(frozen=True)
+class Hyperprior:
+    """The prior of a group, with a field for each parameter.
+
+    Constant errors and noise are in units of D.
+
+    Examples
+    --------
+    >>> wide = Hyperprior().changed({"contraction": {"mean_scale": 0.6}})
+    >>> wide.contraction.words
+    'mean ~ Normal(0, 0.6); SD between subjects ~ half-normal, scale 0.15'
+    """
+
+    constant_error: ParameterHyperprior = ParameterHyperprior(0.0, 0.5, 0.3, has_heavy_tails=True)
+    contraction: ParameterHyperprior = ParameterHyperprior(0.0, 0.2, 0.15)
+    noise: ParameterHyperprior = ParameterHyperprior(0.0, 0.6, 0.4)
+    q0: ParameterHyperprior = ParameterHyperprior(1.8, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        for name, row in vars(self).items():
+            row.require_valid(f"hyperprior: [{name}] ")
+
+    @classmethod
+    def from_record(cls, rows: Mapping[str, Mapping[str, Any]]) -> Self:
+        """The hyperprior that a file of results holds."""
+        return cls(**{name: ParameterHyperprior(**row) for name, row in rows.items()})
+
+    def changed(self, sections: Mapping[str, Mapping[str, float]]) -> Hyperprior:
+        """The same with other numbers, by parameter and number.
+
+        Raises
+        ------
+        InputError
+            For an unknown parameter or number, and for a number that is out of range.
+        """
+        return changed_prior(replace(DEFAULT, group=self), {GROUP: sections}, "hyperprior").group
+
+    def describe(self, task: Task) -> tuple[str, ...]:
+        """A line for each parameter of a task."""
+        return tuple(
+            f"{parameter.group_label}: {getattr(self, parameter.name).words}"
+            for parameter in group_parameters(task)
+        )
+
+
+# --- The paper's model (H1), and all others -------------------------------------------------------
+
+
+def _number_of_beta(default: float) -> Any:
+    """A number of a beta distribution: with a smaller one it is all but an atom at an edge."""
+    return prior_number(default, smallest=0.05)
+
+
+@dataclass(frozen=True)
+class Prior(PriorNumbers):
+    """The prior of the paper's model (H1), of the observer in the four models, and of a group.
 
     Parameters
     ----------
@@ -48,11 +167,15 @@ class Prior(PriorFields):
     gamma_a, gamma_b, q0_a, q0_b, lapse_rate_a, lapse_rate_b : float
         Of the beta distributions of gamma, q0 and the lapse rate, the share of answers given
         without regard to the stimuli.
+    observer : ObserverPrior
+        The prior of the observer in the four models.
+    group : Hyperprior
+        The prior of a group.
 
     Raises
     ------
     InputError
-        If a value is not finite or a scale is not positive.
+        If a number is outside its range.
 
     Examples
     --------
@@ -60,8 +183,19 @@ class Prior(PriorFields):
     'mu1 ~ Normal(0, 10), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1)'
     """
 
-    #: The prior of the four models of the observer.
+    mu1_mean: float | Literal["stimuli"] = prior_number(0.0, -_LARGEST, _LARGEST, "M")
+    mu1_sd: float | Literal["stimuli"] = prior_number(10.0, _SMALLEST, _LARGEST, "2.5 R")
+    sigma_p_scale: float | Literal["stimuli"] = prior_number(1.0, _SMALLEST, _LARGEST, "D")
+    width_median: float | Literal["stimuli"] | None = prior_number(None, _SMALLEST, _LARGEST, "D")
+    width_sd: float = prior_number(1.0, _SMALLEST, _LARGEST)
+    gamma_a: float = _number_of_beta(1.0)
+    gamma_b: float = _number_of_beta(1.0)
+    q0_a: float = _number_of_beta(1.0)
+    q0_b: float = _number_of_beta(1.0)
+    lapse_rate_a: float = _number_of_beta(1.0)
+    lapse_rate_b: float = _number_of_beta(9.0)
     observer: ObserverPrior = field(default_factory=ObserverPrior)
+    group: Hyperprior = field(default_factory=Hyperprior)
 
     #: The family of every parameter's distribution, which takes its numbers in the order of their
     #: declaration.
@@ -73,6 +207,9 @@ class Prior(PriorFields):
         "q0": "Beta",
         "lapse_rate": "Beta",
     }
+
+    def __post_init__(self) -> None:
+        self.require_valid("prior: ")
 
     def paper_parameters(self, task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
         """The parameters of the predictive update (H1) that have a distribution.
@@ -86,81 +223,11 @@ class Prior(PriorFields):
         """The parameter whose prior determines the width of the curve: "width" or "sigma_p"."""
         return "sigma_p" if self.width_median is None else "width"
 
-    def for_subjects(self, *subjects: Subject) -> Self:
-        """This prior with numbers in the place of "stimuli", for a subject or for several together.
-
-        Raises
-        ------
-        InputError
-            If no pair has different stimuli and the prior of H1 asks for their scale.
-
-        Examples
-        --------
-        >>> subject = Subject("S", [0.0, 0.0], [0.0, 0.5], [9, 4], [10, 10])
-        >>> Prior(mu1_mean="stimuli").for_subjects(subject).mu1_mean
-        0.125
-        """
-        open_numbers = {}
-        for number in self.declared():
-            if getattr(self, number.name) == STIMULI:
-                open_numbers[number.name] = number
-        if not open_numbers:
-            return self
-        scales = common_scales(*subjects)
-        if scales is None:
-            # A number that H1 does not use may stay open.
-            if any(number.parameter in self.paper_parameters() for number in open_numbers.values()):
-                raise InputError(
-                    f"subject {subjects[0].name!r}: the prior takes its scale from pairs of "
-                    "different stimuli, found none; allowed: the "
-                    "prior 'paper' (--prior paper), or one of numbers"
-                )
-            return self
-        numbers = {"M": scales.mean, "2.5 R": 2.5 * scales.spread, "D": scales.step}
-        values: Record = {}
-        for name, number in open_numbers.items():
-            values[name] = numbers[number.stimuli]
-        return replace(self, **values)
-
-    def depends_on_stimuli(self, parameter: str) -> bool:
-        """Whether a parameter's distribution has a number of the stimuli, and so their unit."""
-        return STIMULI in self._numbers(parameter).values()
-
-    def _numbers(self, parameter: str) -> Record:
-        """The numbers of a parameter's distribution by name."""
-        names = [number.name for number in self.declared() if number.parameter == parameter]
-        return {name: getattr(self, name) for name in names}
-
-    def describe_distribution(self, parameter: str) -> str:
-        """The distribution of a parameter in words.
-
-        As in 'Normal(M, 2.5 R)' where its numbers are those of the stimuli.
-        """
-        words = []
-        for number in self.declared():
-            if number.parameter == parameter:
-                value = getattr(self, number.name)
-                words.append(number.stimuli if value == STIMULI else f"{value:g}")
-        family = self.families[parameter]
-        if family == "Beta" and words == ["1", "1"]:
-            return "Uniform(0, 1)"
-        return f"{family}({', '.join(words)})"
-
     @property
     def spread_scale(self) -> float:
         """The median of the width, or the scale of sigma_p, natural-log intensity."""
         scale = self.sigma_p_scale if self.width_median is None else self.width_median
         return cast(float, scale)
-
-    @property
-    def gamma_density(self) -> ProbitOfBeta:
-        """The density of the probit of gamma."""
-        return ProbitOfBeta(self.gamma_a, self.gamma_b)
-
-    def share_density(self, task: Task) -> ProbitOfBeta:
-        """The density of the probit of the task's q0 or lapse rate."""
-        name = task.lapses
-        return ProbitOfBeta(getattr(self, f"{name}_a"), getattr(self, f"{name}_b"))
 
     @property
     def mu1_normal(self) -> tuple[float, float]:
@@ -177,23 +244,79 @@ class Prior(PriorFields):
             density = stats.lognorm(self.width_sd, scale=scale)
         return float(density.cdf(high) - density.cdf(low))
 
+    # --- Numbers of the stimuli -------------------------------------------------------------------
+
+    def for_subjects(self, *subjects: Subject) -> Self:
+        """This prior with numbers in the place of "stimuli", for a subject or for several together.
+
+        Raises
+        ------
+        InputError
+            If no pair has different stimuli and the prior of H1 asks for their scale.
+
+        Examples
+        --------
+        >>> subject = Subject("S", [0.0, 0.0], [0.0, 0.5], [9, 4], [10, 10])
+        >>> Prior(mu1_mean="stimuli").for_subjects(subject).mu1_mean
+        0.125
+        """
+        symbols = self._symbols()
+        if not symbols:
+            return self
+        scales = common_scales(*subjects)
+        if scales is None:
+            # A number that H1 does not use may stay open.
+            if any(map(self.depends_on_stimuli, self.paper_parameters())):
+                raise InputError(
+                    f"subject {subjects[0].name!r}: the prior takes its scale from pairs of "
+                    "different stimuli, found none; allowed: the "
+                    "prior 'paper' (--prior paper), or one of numbers"
+                )
+            return self
+        numbers = {"M": scales.mean, "2.5 R": 2.5 * scales.spread, "D": scales.step}
+        values: Record = {name: numbers[symbol] for name, symbol in symbols.items()}
+        return replace(self, **values)
+
+    def depends_on_stimuli(self, parameter: str) -> bool:
+        """Whether a parameter's distribution has a number of the stimuli, and so their unit."""
+        return any(name.rpartition("_")[0] == parameter for name in self._symbols())
+
+    def _symbols(self) -> dict[str, str]:
+        """By name, the symbols of the numbers that the stimuli give."""
+        symbols = {}
+        for name, number in self.declared().items():
+            if getattr(self, name) == STIMULI:
+                symbols[name] = number.stimuli
+        return symbols
+
+    # --- In words ---------------------------------------------------------------------------------
+
+    def describe_distribution(self, parameter: str) -> str:
+        """The distribution of a parameter in words.
+
+        As in 'Normal(M, 2.5 R)' where its numbers are those of the stimuli.
+        """
+        symbols = self._symbols()
+        words = []
+        for name in self.declared():
+            if name.rpartition("_")[0] == parameter:
+                words.append(symbols.get(name) or f"{getattr(self, name):g}")
+        family = self.families[parameter]
+        if family == "Beta" and words == ["1", "1"]:
+            return "Uniform(0, 1)"
+        return f"{family}({', '.join(words)})"
+
     def describe(self, task: Task = SAME_DIFFERENT) -> str:
         """H1's in one line for tables, files and Methods sections."""
-        parts = []
-        for name in self.paper_parameters(task):
-            parts.append(f"{name} ~ {self.describe_distribution(name)}")
-        return ", ".join(parts) + self.remark
+        parameters = self.paper_parameters(task)
+        words = ", ".join(f"{name} ~ {self.describe_distribution(name)}" for name in parameters)
+        if any(map(self.depends_on_stimuli, parameters)):
+            words += f"; M is the mean of the stimuli, {SCALES}"
+        return words
 
     def describe_all(self, task: Task = SAME_DIFFERENT) -> str:
         """The priors of the observer and of H1 in words, in one line."""
         return f"{self.observer.describe(task)}. The paper's model (H1): {self.describe(task)}"
-
-    @property
-    def remark(self) -> str:
-        """What the symbols of a description mean, to follow it."""
-        if any(map(self.depends_on_stimuli, self.paper_parameters())):
-            return f"; M is the mean of the stimuli, {SCALES}"
-        return ""
 
     def describe_penalty(self) -> str:
         """:attr:`mu1_normal` in words."""
@@ -203,12 +326,90 @@ class Prior(PriorFields):
         return words
 
 
+#: The default: every scale is that of the stimuli of the subject.
+DEFAULT = Prior(mu1_mean=STIMULI, mu1_sd=STIMULI, width_median=STIMULI, q0_a=4.0)
+
+
 def stored_prior(values: Mapping[str, Any]) -> Prior:
     """The prior that a file of results holds."""
     numbers = dict(values)
     observer = ObserverPrior(**numbers.pop("observer"))
-    return Prior(observer=observer, **numbers)
+    group = Hyperprior.from_record(numbers.pop("group", {}))
+    return Prior(observer=observer, group=group, **numbers)
 
 
-#: The default: every scale is that of the stimuli of the subject.
-DEFAULT = Prior(mu1_mean=STIMULI, mu1_sd=STIMULI, width_median=STIMULI, q0_a=4.0)
+# --- Sections -------------------------------------------------------------------------------------
+
+
+def sections() -> dict[str, dict[str, PriorNumber]]:
+    """The keys of every section of a prior file, by the name of the section.
+
+    Examples
+    --------
+    >>> list(sections()["group.noise"])
+    ['mean', 'mean_scale', 'sd_scale']
+    """
+    keys: dict[str, dict[str, PriorNumber]] = defaultdict(dict)
+    for name, number in ObserverPrior.declared().items():
+        parameter, _, key = name.rpartition("_")
+        keys[parameter][key] = number
+    keys[PAPER] = Prior.declared()
+    for row in fields(Hyperprior):
+        keys[f"{GROUP}.{row.name}"] = ParameterHyperprior.declared()
+    return keys
+
+
+def changed_prior(prior: Prior, table: Mapping[str, Any], source: str) -> Prior:
+    """A prior with the numbers of a table of sections; errors name the source.
+
+    Raises
+    ------
+    InputError
+        For an unknown section or key, something that is not a number, or a number out of range: one
+        line per problem.
+    """
+    contents = dict(table)
+    if isinstance(table.get(GROUP), Mapping):
+        for name, values in contents.pop(GROUP).items():
+            contents[f"{GROUP}.{name}"] = values
+    problems = []
+    for section, values in contents.items():
+        problems += _section_problems(section, values)
+    if problems:
+        raise InputError([f"{source}: {problem}" for problem in problems])
+
+    paper: Record = {}
+    observer: Record = {}
+    group: Record = {}
+    for section, values in contents.items():
+        numbers = dict(values)
+        for key, value in values.items():
+            if value != STIMULI:
+                numbers[key] = float(value)
+        part, _, parameter = section.partition(".")
+        if part == PAPER:
+            paper = numbers
+        elif part == GROUP:
+            group[parameter] = replace(getattr(prior.group, parameter), **numbers)
+        else:
+            observer |= {f"{section}_{key}": number for key, number in numbers.items()}
+    of_observer, of_group = replace(prior.observer, **observer), replace(prior.group, **group)
+    return replace(prior, **paper, observer=of_observer, group=of_group)
+
+
+def _section_problems(section: str, values: object) -> list[str]:
+    """Problems of a section of a prior file, a line each."""
+    all_sections = sections()
+    if section not in all_sections or not isinstance(values, Mapping):
+        # The name may be that of a number outside of its section.
+        places = [name for name, keys in all_sections.items() if section in keys]
+        names = ", ".join(f"[{name}]" for name in places or all_sections)
+        return [f"{display_name(section)}: found no such section, allowed: {names}"]
+    keys = all_sections[section]
+    problems = []
+    for key, value in values.items():
+        if key not in keys:
+            problems.append(f"[{section}] {quoted(key)}: unknown key, allowed: {', '.join(keys)}")
+        elif keys[key].problem(value):
+            problems.append(f"[{section}] {key}: {keys[key].problem(value)}")
+    return problems

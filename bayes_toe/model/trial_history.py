@@ -37,13 +37,6 @@ from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.posterior_array import PosteriorArray, independent_array
 
-#: Values of a temporary array of points times trials.
-_BLOCK = 1 << 17
-#: Standard deviations of the prior of kappa.
-SAME_DIFFERENT_SD, WHICH_STRONGER_SD = 0.25, 0.5
-#: Chance below which trials count as sorted by their stimuli.
-SORTED = 1e-6
-
 
 @dataclass(frozen=True)
 class TrialHistory:
@@ -158,7 +151,7 @@ class HistoryRows(ObserverRows):
         values = super().quantities(u)
         scores = dict(zip(self.coordinates, np.moveaxis(u, -1, 0), strict=True))
         if self.history.has_previous_response:
-            sd = SAME_DIFFERENT_SD if self.is_same_different else WHICH_STRONGER_SD
+            sd = 0.25 if self.is_same_different else 0.5
             values["previous_response"] = sd * scores["previous_response"]
         if self.history.has_carry_over:
             values["carry_over"] = ndtr(scores["carry_over"])
@@ -219,9 +212,9 @@ class HistoryRows(ObserverRows):
             cells.append(self.plain_answers_at(values, z, k)[0][0])
         return np.concatenate(cells)[:, self.cell]
 
-    def _parts(self, u: FloatArray) -> list[FloatArray]:
-        """Points in parts of which temporary arrays stay small."""
-        n_parts = max(1, -(-u.shape[1] * len(self.previous) // _BLOCK))
+    def _parts(self, u: FloatArray, n_values: int = 1 << 17) -> list[FloatArray]:
+        """Points in parts of which temporary arrays have at most about `n_values` values."""
+        n_parts = max(1, -(-u.shape[1] * len(self.previous) // n_values))
         return np.array_split(u, n_parts, axis=1)
 
 
@@ -348,9 +341,10 @@ def knows_order(subject: Subject) -> bool:
     return answers is not None and answers.place is not None and not looks_sorted(answers)
 
 
-def looks_sorted(answers: Answers) -> bool:
+def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
     """Whether stimuli rise or fall from trial to trial more often than by chance.
 
+    `alpha` is the false-alarm rate.
     Trials in one run of each pair count as sorted, too; blocks of a pair in both orders do not.
 
     Examples
@@ -366,7 +360,7 @@ def looks_sorted(answers: Answers) -> bool:
     step = np.diff(pair)[~answers.is_session_start[1:]]
     n_changes = np.count_nonzero(step)
     n_rarer = min(np.count_nonzero(step > 0), np.count_nonzero(step < 0))
-    if bdtr(n_rarer, n_changes, 0.5) < SORTED:
+    if bdtr(n_rarer, n_changes, 0.5) < alpha:
         return True
     in_sessions = np.unique(np.column_stack([np.cumsum(answers.is_session_start), pair]), axis=0)
     is_run_of_each = n_changes == len(in_sessions) - np.count_nonzero(answers.is_session_start)

@@ -20,6 +20,7 @@ from bayes_toe.answers.words import Word
 from bayes_toe.cli.methods import _in_paper
 from bayes_toe.groups.population import GroupEffect, Interval
 from bayes_toe.groups.zero_mean import ZeroBayesFactor
+from bayes_toe.inference.subject import Settings
 
 
 def answer(name, words, shift=5.0, **fields):
@@ -243,11 +244,13 @@ def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypat
         lambda study, **options: fitted.append((study.names, options)),
     )
     study = bt.example_study("same/different").select([f"S{i:02d}" for i in range(1, 8)])
+    wide = bt.Hyperprior().changed({"contraction": {"mean_scale": 0.6}})
+    settings = Settings(4, bt.Prior(group=wide))
 
     def group_without(*names):
-        return _group(study, [answer(name, (Word.NO,) * 3) for name in names], seed=4)
+        return _group(study, [answer(name, (Word.NO,) * 3) for name in names], settings)
 
     group_without("S01")
-    assert fitted == [(study.names[1:], {"seed": 4})]
+    assert fitted == [(study.names[1:], {"seed": 4, "hyperprior": wide})]
     assert group_without("S01", "S02") is None
     assert len(fitted) == 1

@@ -244,7 +244,7 @@ def test_a_prior_file_is_used_shown_and_stored(folder, blank_pictures):
 def test_a_bad_prior_file_is_one_line_for_every_command(study_csv, command):
     (study_csv.parent / "bad.toml").write_text("[paper]\nmu1_sd = -1\n", encoding="utf-8")
     message = refused(f"{command} study.csv --prior bad.toml", cwd=study_csv.parent)
-    assert message.startswith("error: bad.toml: [paper] key mu1_sd: found -1, allowed: a number")
+    assert message.startswith("error: bad.toml: [paper] mu1_sd: found -1, allowed: a number")
 
 
 # --- the program itself ---------------------------------------------------------------------------

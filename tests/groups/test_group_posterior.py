@@ -9,8 +9,8 @@ from scipy import stats
 from scipy.special import ndtr
 
 import bayes_toe as bt
-from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.population import group_posterior, study_scales
+from bayes_toe.model.prior import Hyperprior
 
 X = np.array([[1.0, -0.5], [0.0, 1.2], [1.0, 0.3]])
 

@@ -7,8 +7,8 @@ from populations import simulated_group
 
 from bayes_toe.groups import group_sampler
 from bayes_toe.groups.group_sampler import GroupDraws, Hamiltonian, Metric, sample_group
-from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.population import group_posterior, study_scales
+from bayes_toe.model.prior import Hyperprior
 
 #: Two shared coordinates and two blocks of two, all correlated.
 _ROOT = np.tril(default_rng(5).normal(0.0, 0.4, (6, 6)), -1) + np.diag(

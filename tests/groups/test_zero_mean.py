@@ -6,12 +6,13 @@ from numpy.random import default_rng
 from scipy import integrate, stats
 
 from bayes_toe.groups.group_sampler import GroupDraws
-from bayes_toe.groups.hyperprior import HyperpriorNumbers, ParameterHyperprior
+from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.zero_mean import (
     zero_difference,
     zero_effect,
     zero_mean,
 )
+from bayes_toe.model.prior import ParameterHyperprior
 
 TAU = np.array([0.3, 0.5])
 NO_EFFECTS = np.zeros((0, 2))

@@ -10,7 +10,7 @@ import bayes_toe as bt
 from bayes_toe.answers.contrast import CHOICES, condition_evidences
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.model.condition_model import DIFFERENCE_UNITS, ConditionModels
+from bayes_toe.model.condition_model import DIFFERENCE_SDS, ConditionModels
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, task_parameters
 
 S1, S2 = np.array([0.0, 0.3, 0.3, 0.9, 1.2]), np.array([0.3, 0.0, 0.7, 0.5, 1.2])
@@ -31,7 +31,7 @@ def test_gradient_and_what_happens_where_nothing_differs(task):
     models = condition_models(task)
     array = models.array([models.differing])
     n, k = len(array.names), len(task_parameters(task))
-    assert n == k + 2 * len(set(DIFFERENCE_UNITS) & set(task_parameters(task)))
+    assert n == k + 2 * len(set(DIFFERENCE_SDS) & set(task_parameters(task)))
     points = 0.5 * default_rng(1).standard_normal((1, 4, n))
 
     def density(points):
