@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from numbers import Integral
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -43,7 +43,7 @@ from bayes_toe.groups.hyperprior import (
     group_parameters,
     hyperprior_from,
 )
-from bayes_toe.groups.population_file import is_group_file, load_group, save_group
+from bayes_toe.groups.population_file import group_tree, stored_group
 from bayes_toe.groups.population_table import (
     GroupSubjects,
     PopulationRow,
@@ -53,7 +53,8 @@ from bayes_toe.groups.population_table import (
 )
 from bayes_toe.groups.regressors import Regressors, regressors
 from bayes_toe.groups.zero_mean import ZeroBayesFactor, zero_difference, zero_effect, zero_mean
-from bayes_toe.inference.draws import Draws, load_draws
+from bayes_toe.inference.draws import Draws, draws_from
+from bayes_toe.inference.draws_file import COVARIATES, as_arviz, read_tree, reading, save_tree
 from bayes_toe.model.observer import JND_OVER_NOISE
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
@@ -65,6 +66,9 @@ from bayes_toe.model.parameters import (
     task_parameters,
 )
 from bayes_toe.seeds import generator, root_seed
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Draws of all chains together; enough for 95 % intervals, and about 5 s of CPU for 10 subjects.
 DRAWS = 3200
@@ -435,6 +439,14 @@ class PopulationResult:
 
     def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
         """Write population.nc, which ArviZ opens and :func:`bayes_toe.load` reads."""
+        return save_tree(self.tree(), path, overwrite=overwrite)
+
+    def to_arviz(self) -> Any:
+        """The draws for ArviZ: an InferenceData for ArviZ 0.x, an xarray.DataTree for 1.x."""
+        return as_arviz(self.tree())
+
+    def tree(self) -> xr.DataTree:
+        """The draws with the counts and settings, as the file has them."""
         record = {
             "seed": self.settings.seed,
             "n_draws": self.settings.draws,
@@ -445,15 +457,13 @@ class PopulationResult:
         for name in DIFFERING:
             columns = self.difference_columns(name)
             coefficients += [f"difference {i + 1} of {name}" for i in range(len(columns))]
-        return save_group(
-            path,
+        return group_tree(
             self.study,
             self.regressors,
             self.draws,
             record,
             coefficients=coefficients,
             unshared=self.own_names,
-            overwrite=overwrite,
         )
 
 
@@ -588,18 +598,11 @@ def load(path: StrPath) -> Draws | PopulationResult:
         If it is missing, is damaged, or is neither.
     """
     require_kind("file", path, (str, os.PathLike), "the path of a posterior.nc or population.nc")
-    return load_population(path) if is_group_file(path) else load_draws(path)
-
-
-def load_population(path: StrPath) -> PopulationResult:
-    """Read what :meth:`PopulationResult.save` wrote.
-
-    Raises
-    ------
-    InputError
-        If it is anything else, or damaged.
-    """
-    study, columns, drawn, record = load_group(path)
-    rows = {name: ParameterHyperprior(**row) for name, row in record["hyperprior"].items()}
-    settings = GroupSettings(record["seed"], Hyperprior(**rows), record["n_draws"])
-    return PopulationResult(study, settings, StimulusScales(**record["scales"]), columns, drawn)
+    tree = read_tree(path)
+    if COVARIATES not in tree.children:
+        return draws_from(tree, path)
+    with reading(path):
+        study, columns, drawn, record = stored_group(tree)
+        rows = {name: ParameterHyperprior(**row) for name, row in record["hyperprior"].items()}
+        settings = GroupSettings(record["seed"], Hyperprior(**rows), record["n_draws"])
+        return PopulationResult(study, settings, StimulusScales(**record["scales"]), columns, drawn)

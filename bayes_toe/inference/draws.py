@@ -11,8 +11,6 @@ follow from these. A chain is an independent ensemble; draws are walker-major wi
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -23,20 +21,24 @@ import pandas as pd
 import xarray as xr
 
 from bayes_toe.arrays import FloatArray, IndexArray, Record, StrPath
-from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import (
     MOST_ROWS,
     as_html,
-    format_path,
     join_few,
     join_names,
     name_from_key,
 )
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.tasks import Task, task_counted
-from bayes_toe.data.whole_files import whole_file
+from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
-from bayes_toe.inference import draws_file
+from bayes_toe.inference.draws_file import (
+    BY_SUBJECT,
+    as_arviz,
+    read_tree,
+    reading,
+    save_tree,
+    stored_study,
+)
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
@@ -68,14 +70,10 @@ class Draws:
     Attributes
     ----------
     tree : xarray.DataTree
-        What is stored, in ArviZ's groups; :meth:`to_arviz` has all of them. Of a large file, draws
-        are read when they are asked for.
-    file : Path or None
-        The file that they are read from.
+        What is stored, in ArviZ's groups; :meth:`to_arviz` has all of them.
     """
 
     tree: xr.DataTree
-    file: Path | None = None
     _derived: dict[str, dict[str, FloatArray]] = field(default_factory=dict, init=False)
 
     def group(self, name: str) -> xr.Dataset:
@@ -156,58 +154,34 @@ class Draws:
         return dict(json.loads(self.tree.attrs.get("not_interpreted", "{}")))
 
     def __getitem__(self, name: str | int) -> Draws:
-        """Draws of one subject alone; of a large file, no others are read."""
+        """Draws of one subject alone."""
         name = self._require_name(name)
         groups = {}
-        with self._reading():
-            for key in ("posterior", "sample_stats"):
-                groups[f"/{key}"] = self.group(key).sel(subject=[name]).load()
+        for key in ("posterior", "sample_stats"):
+            groups[f"/{key}"] = self.group(key).sel(subject=[name])
+        rows = np.flatnonzero(self.group("observed_data")["subject"].values == name)
         for key in ("observed_data", "constant_data"):
-            groups[f"/{key}"] = self.group(key).isel(obs=self._places[name])
+            groups[f"/{key}"] = self.group(key).isel(obs=rows)
         tree = xr.DataTree.from_dict(groups)
         tree.attrs.update(self.tree.attrs)
         return Draws(tree)
 
-    @property
+    @cached_property
     def study(self) -> Study:
         """The study that these are draws of.
 
         The counts of everybody who has draws, with the notes of reading them.
         """
-        return Study(
-            tuple(map(self.subject, self.names)),
-            str(self.tree.attrs["source"]),
-            self.synthetic,
-            self._stored_lines("notes"),
-            changes=self._stored_lines("changes"),
-            conditions=self._conditions[0],
-        )
-
-    def _stored_lines(self, key: str) -> tuple[str, ...]:
-        """The lines of a stored text, without empty ones."""
-        return tuple(filter(None, str(self.tree.attrs.get(key, "")).split("\n")))
-
-    @cached_property
-    def _conditions(self) -> tuple[Conditions | None, dict[str, Record]]:
-        """The conditions of the study, and for each unit what a Subject has besides its counts."""
-        return draws_file.stored_conditions(self.tree)
+        return stored_study(self.tree)
 
     @property
     def task(self) -> Task:
         """The task of the subjects."""
-        task = task_counted(self.tree["observed_data"])
-        assert task is not None  # as the layout has it
-        return task
+        return self.study.task
 
     def subject(self, name: str | int) -> Subject:
         """The counts behind one subject's draws."""
-        name = self._require_name(name)
-        columns = {**self.group("constant_data").variables, **self.group("observed_data").variables}
-        keys = ("s1", "s2", self.task.count, "n_trials")
-        values = (columns[key].values[self._places[name]] for key in keys)
-        unit = draws_file.stored_unit(self.tree.attrs)
-        condition = self._conditions[1].get(name, {})
-        return Subject(name, *values, task=self.task, unit=unit, **condition)
+        return self.study[self._require_name(name)]
 
     def posterior(self, name: str | int) -> ObserverPosterior | PaperPosterior:
         """The posterior that one subject's draws are of."""
@@ -305,26 +279,23 @@ class Draws:
         >>> sorted(data["posterior"].data_vars)
         ['gain', 'gamma', 'jnd', 'mu1', 'pse_shift', 'q0', 'sigma1', 'sigma_l', 'sigma_p', 'width']
         """
-        import arviz  # as slow to load as everything else together
-
-        dims = draws_file.BY_SUBJECT
         groups = {
             name: self.group(name)
             for name in ("posterior", "sample_stats", "observed_data", "constant_data")
         }
         for key in self.parameters:
             values = np.stack([self.values(name, key) for name in self.names], axis=-1)
-            groups["posterior"][key] = (dims, values, {"units": QUANTITY_BY_NAME[key].unit})
+            groups["posterior"][key] = (BY_SUBJECT, values, {"units": QUANTITY_BY_NAME[key].unit})
         coords = {**groups["sample_stats"].coords, **groups["observed_data"].coords}
         answers = zip(*(self._answers(name) for name in self.names), strict=True)
         for group, parts in zip(("log_likelihood", "posterior_predictive"), answers, strict=True):
+            values = np.concatenate(parts, axis=-1)
             groups[group] = xr.Dataset(
-                {self.task.count: ((*dims[:2], "obs"), np.concatenate(parts, axis=-1))}, coords
+                {self.task.count: (("chain", "draw", "obs"), values)}, coords
             )
         tree = xr.DataTree.from_dict({f"/{name}": group for name, group in groups.items()})
         tree.attrs.update(self.tree.attrs)
-        convert = getattr(arviz, "from_datatree", None)  # of 0.x, which has a container of its own
-        return tree if convert is None else convert(tree)
+        return as_arviz(tree)
 
     def _answers(self, name: str) -> tuple[FloatArray, IndexArray]:
         """Log likelihood and predicted answers of a subject, (chains, draws, pairs) each.
@@ -350,41 +321,17 @@ class Draws:
         OutputError
             If the file exists and may not be replaced, is a folder, or cannot be written.
         """
-        with whole_file(path, overwrite=overwrite) as target:
-            with self._reading():
-                content = draws_file.as_netcdf(self.tree)
-            with content, target.open("wb") as file:
-                file.write(content)
-        return Path(path)
+        return save_tree(self.tree, path, overwrite=overwrite)
 
     def _stored(self, name: str | int, parameter: str) -> FloatArray:
-        with self._reading():
-            # Of one layout, so that sums have one order.
-            return np.ascontiguousarray(
-                self.group("posterior")[parameter].sel(subject=name_from_key(name)).values,
-                np.float64,
-            )
-
-    @contextmanager
-    def _reading(self) -> Iterator[None]:
-        """Report a damaged part of the file when it is read."""
-        try:
-            yield
-        except (OSError, ValueError) as error:
-            if self.file is None:
-                raise
-            raise draws_file.unreadable(self.file, error) from error
-
-    @cached_property
-    def _places(self) -> Mapping[str, IndexArray]:
-        """The indices of every subject's pairs."""
-        owner = pd.Series(self.group("observed_data")["subject"].values.astype(str))
-        return {str(name): np.asarray(rows) for name, rows in owner.groupby(owner).indices.items()}
+        drawn = self.group("posterior")[parameter].sel(subject=name_from_key(name))
+        # Of one layout, so that sums have one order.
+        return np.ascontiguousarray(drawn.values, np.float64)
 
     def _require_name(self, name: str | int) -> str:
         """A subject's name, of whom there are draws."""
         subject_name = name_from_key(name)
-        if subject_name not in self._places:
+        if subject_name not in self.names:
             raise InputError(
                 f"no subject {name!r} among the draws; there are: "
                 f"{join_names([*map(repr, self.names)], 20)}"
@@ -425,23 +372,19 @@ def require_draws(value: object) -> None:
 
 def load_draws(path: StrPath) -> Draws:
     """Read draws that :meth:`Draws.save` wrote."""
-    draws, name = Draws(draws_file.read_tree(path), Path(path)), format_path(Path(path))
-    natural: set[str] = set()
-    try:
-        for subject in draws.names:
-            natural.update(draws.posterior(subject).names.natural)
-    except InputError as error:
-        raise InputError(f"{name}: draws of {error}") from error
-    except (TypeError, ArithmeticError, LookupError, ValueError, RecursionError) as error:
-        raise InputError(
-            f"{name}: its prior or its pairs are none that draws have; {draws_file.READABLE}"
-        ) from error
-    absent = sorted(natural - set(draws.group("posterior").data_vars))
-    if absent:
-        raise InputError(
-            f"{name}: no {', '.join(absent)} among the draws of model {draws.model!r}; "
-            f"{draws_file.READABLE}"
-        )
+    return draws_from(read_tree(path), path)
+
+
+def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
+    """The draws in the tree of a file; an InputError where a part is missing."""
+    draws = Draws(tree)
+    with reading(path):
+        for name in draws.names:
+            natural = draws.posterior(name).names.natural
+            absent = [key for key in natural if key not in tree["posterior"]]
+            if absent:
+                raise InputError(f"no {', '.join(absent)} among the draws of {draws.model!r}")
+        _ = draws.seed, draws.not_converged, draws.imprecise, draws.failed, draws.not_interpreted
     return draws
 
 

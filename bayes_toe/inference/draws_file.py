@@ -1,11 +1,11 @@
-"""A study's draws as one tree of xarray, and its NetCDF file.
+"""The one format of draws: a tree of xarray that ArviZ opens, with its study, as a NetCDF file.
 
-`assembled_tree` makes the tree, `as_netcdf` writes it, and `read_tree` reads and checks a file.
+`assembled_tree` makes the tree of subjects, :mod:`bayes_toe.groups.population_file` that of a
+group. `save_tree` writes a tree, `read_tree` reads one, and `stored_study` makes its study.
 
-A file holds the draws of natural parameters and their log density (chain, draw, subject), what is
-known of each subject, and the counts in long form over `obs`, one entry per subject and pair.
-Everything else follows from these; see :class:`bayes_toe.inference.draws.Draws`. The draws of one
-subject are one chunk of each variable, with a checksum of HDF5 (Fletcher-32).
+A tree holds the draws in the group posterior, and the counts in long form over `obs`, one entry per
+subject and pair. What is known of each subject is in sample_stats. Everything else follows from
+these; see :class:`bayes_toe.inference.draws.Draws`. Numbers have checksums of HDF5 (Fletcher-32).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import json
 import os
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -26,42 +26,28 @@ import xarray as xr
 from bayes_toe.arrays import FloatArray, Record, StrPath
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, StimulusScales
-from bayes_toe.data.messages import format_path, quoted
+from bayes_toe.data.messages import format_path
 from bayes_toe.data.stimulus_unit import StimulusUnit
-from bayes_toe.data.study import Study
-from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.tasks import task_of
+from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.libraries import library_versions
 from bayes_toe.model.models import describe_prior, stored_model
 
-READABLE = "allowed: a posterior.nc written by bayes-toe"
-#: Bytes of a file whose draws are read at once. Of a larger one, draws are read subject by subject.
-AT_ONCE = 2**28
+#: The format of the files; a file of another one is refused.
+FORMAT = 2
+#: The groups that a file may have; `covariates` is that of a population.
+COVARIATES = "covariates"
+_GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", COVARIATES)
 #: Bytes of draws in one NetCDF file, which is written from memory.
 LARGEST = 2**31
+_READABLE = "allowed: a posterior.nc or population.nc written by bayes-toe"
 BY_SUBJECT = ("chain", "draw", "subject")
-_BY_PAIR = {"subject": ("obs",), "s1": ("obs",), "s2": ("obs",)}
-_STATISTICS = ("subject", "converged", "shortfall", "min_ess", "max_r_hat")
-#: The variables that each group must have, with their dimensions; observed_data also has a count.
-_LAYOUT: dict[str, dict[str, tuple[str, ...]]] = {
-    "posterior": {"chain": ("chain",), "draw": ("draw",), "subject": ("subject",)},
-    "sample_stats": {**dict.fromkeys(_STATISTICS, ("subject",)), "lp": BY_SUBJECT},
-    "observed_data": {**_BY_PAIR},
-    "constant_data": {**_BY_PAIR, "n_trials": ("obs",)},
-}
-_TEXT_ATTRIBUTES = ("model", "settings")
-_COUNT_ATTRIBUTES = ("seed", "synthetic")
-_JSON_ATTRIBUTES = ("failed", "versions", "not_interpreted")
-#: Where draws may lie: shares, standard deviations, and all other quantities.
-_SHARE, _POSITIVE, _ANYWHERE = (0.0, 1.0), (0.0, 1e100), (-1e100, 1e100)
-_RANGES = {
-    **dict.fromkeys(("q0", "lapse_rate", "gamma"), _SHARE),
-    **dict.fromkeys(("sigma_p", "sigma_l", "noise"), _POSITIVE),
-}
 
 
-# --- From the draws of subjects to a tree ---------------------------------------------------------
+# --- Trees ----------------------------------------------------------------------------------------
 
 
 def assembled_tree(
@@ -96,8 +82,7 @@ def assembled_tree(
     groups = {
         "/posterior": posterior,
         "/sample_stats": statistics,
-        "/observed_data": _by_pair(study, "n_yes").rename(n_yes=study.task.count),
-        "/constant_data": _by_pair(study, "n_trials"),
+        **counts_of(study),
     }
     tree = xr.DataTree.from_dict(groups)
     tree.attrs.update(_attributes(study, settings))
@@ -133,6 +118,12 @@ def _statistics(
     return table
 
 
+def counts_of(study: Study) -> dict[str, xr.Dataset]:
+    """The groups that hold the counts of a study."""
+    counts = _by_pair(study, "n_yes").rename(n_yes=study.task.count)
+    return {"/observed_data": counts, "/constant_data": _by_pair(study, "n_trials")}
+
+
 def _by_pair(study: Study, count: str) -> xr.Dataset:
     """One count per subject and pair, with the pair as coordinates."""
     keys = ["s1", "s2"]
@@ -146,8 +137,24 @@ def _by_pair(study: Study, count: str) -> xr.Dataset:
 
 def _attributes(study: Study, settings: Settings) -> Record:
     model = stored_model(settings.model, study.task)
+    return {
+        **attributes_of(study),
+        "model": settings.model,
+        "about_model": model.about,
+        "seed": settings.seed,
+        "prior": describe_prior(model, settings.prior, study.task),
+        "settings": json.dumps(settings.as_dict()),
+        "inference_library": "emcee",
+        "inference_library_version": library_versions()["emcee"],
+    }
+
+
+def attributes_of(study: Study) -> Record:
+    """The format, the versions, and a study without its counts."""
     versions = library_versions("xarray") | {"python": platform.python_version()}
     return {
+        "format": FORMAT,
+        "task": study.task.name,
         "source": study.source,
         "synthetic": int(study.synthetic),
         "notes": "\n".join(study.notes),
@@ -155,14 +162,7 @@ def _attributes(study: Study, settings: Settings) -> Record:
         "unit": study.unit.name,
         "unit_log_reference": study.unit.log_reference,
         **_condition_attributes(study),
-        "model": settings.model,
-        "about_model": model.about,
-        "seed": settings.seed,
-        "prior": describe_prior(model, settings.prior, study.task),
-        "settings": json.dumps(settings.as_dict()),
         "versions": json.dumps(versions),
-        "inference_library": "emcee",
-        "inference_library_version": versions["emcee"],
     }
 
 
@@ -174,17 +174,40 @@ def _condition_attributes(study: Study) -> dict[str, str]:
     return {"conditions": json.dumps({**asdict(study.conditions), "units": units})}
 
 
-def stored_unit(attributes: Mapping[Any, Any]) -> StimulusUnit:
-    """The unit of the stimuli; an InputError if it is not allowed."""
-    log_reference = float(attributes.get("unit_log_reference", 0.0))
-    return StimulusUnit(str(attributes.get("unit", "")), log_reference)
+def stored_study(tree: xr.DataTree) -> Study:
+    """The study in a tree: the counts of all who have draws, with the notes of reading them."""
+    attributes = tree.attrs
+    task = task_of(attributes["task"])
+    unit = StimulusUnit(attributes["unit"], float(attributes["unit_log_reference"]))
+    conditions, by_unit = _stored_conditions(attributes)
+    observed = tree["observed_data"].to_dataset()
+    constant = tree["constant_data"].to_dataset()
+    names = observed["subject"].values.astype(str)
+    columns = [observed[key].values for key in ("s1", "s2", task.count)]
+    columns.append(constant["n_trials"].values)
+    starts = np.flatnonzero(names[1:] != names[:-1]) + 1
+    subjects = []
+    for rows in np.split(np.arange(len(names)), starts):
+        name = str(names[rows[0]])
+        counts = [column[rows] for column in columns]
+        subjects.append(Subject(name, *counts, task=task, unit=unit, **by_unit.get(name, {})))
+    return Study(
+        tuple(subjects),
+        attributes["source"],
+        bool(attributes["synthetic"]),
+        tuple(filter(None, attributes["notes"].split("\n"))),
+        changes=tuple(filter(None, attributes["changes"].split("\n"))),
+        conditions=conditions,
+    )
 
 
-def stored_conditions(tree: xr.DataTree) -> tuple[Conditions | None, dict[str, Record]]:
-    """The conditions in a tree, and for each unit what a Subject has besides its counts."""
-    if "conditions" not in tree.attrs:
+def _stored_conditions(
+    attributes: Mapping[Any, Any],
+) -> tuple[Conditions | None, dict[str, Record]]:
+    """The conditions, and for each unit what a Subject has besides its counts."""
+    if "conditions" not in attributes:
         return None, {}
-    record = json.loads(tree.attrs["conditions"])
+    record = json.loads(attributes["conditions"])
     units = {}
     for name, (level, scales) in record["units"].items():
         units[name] = {"condition": level, "shared_scales": scales and StimulusScales(*scales)}
@@ -192,25 +215,26 @@ def stored_conditions(tree: xr.DataTree) -> tuple[Conditions | None, dict[str, R
     return Conditions(record["name"], levels, record["numeric"]), units
 
 
-# --- Writing --------------------------------------------------------------------------------------
+# --- Files ----------------------------------------------------------------------------------------
 
 
-def as_netcdf(tree: xr.DataTree) -> memoryview:
-    """The bytes of a NetCDF file, which the caller releases.
+def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> Path:
+    """Write a NetCDF file, whole or not at all.
 
-    In memory, because HDF5 ends the process where the disk that it writes to is full.
+    In memory first, because HDF5 ends the process where the disk that it writes to is full.
     """
     encoding: dict[str, dict[str, Record]] = {}
     for group, node in tree.children.items():
         settings = encoding[f"/{group}"] = {}
         for name, variable in node.to_dataset().variables.items():
-            if variable.dtype.kind in "UOT" or variable.ndim == 0:
-                continue
-            settings[str(name)] = {"fletcher32": True}
-            if variable.dims == BY_SUBJECT:
-                settings[str(name)]["chunksizes"] = (*variable.shape[:2], 1)
-    with without_cluster():
-        return tree.to_netcdf(engine="h5netcdf", encoding=encoding)
+            if variable.dtype.kind not in "UOT" and variable.size > 0 and variable.ndim > 0:
+                settings[str(name)] = {"fletcher32": True}
+    with whole_file(path, overwrite=overwrite) as target:
+        with without_cluster():
+            content = tree.to_netcdf(engine="h5netcdf", encoding=encoding)
+        with content, target.open("wb") as file:
+            file.write(content)
+    return Path(path)
 
 
 def require_fitting(n_bytes: int) -> None:
@@ -222,151 +246,75 @@ def require_fitting(n_bytes: int) -> None:
         )
 
 
-# --- Reading --------------------------------------------------------------------------------------
-
-
 def read_tree(path: StrPath) -> xr.DataTree:
-    """All groups of a file of draws; draws of a large file are read when they are used.
+    """Read a file of draws.
 
     Raises
     ------
     InputError
-        If the file is missing or damaged, or is no file of draws.
+        If the file is missing or damaged, has another format, or has draws that are no numbers.
     """
     path = Path(path)
     # A Path refuses names that are too long with an error of its own.
     if not os.path.isfile(path):
         problem = "not a file" if os.path.exists(path) else "no such file"
-        raise InputError(f"{format_path(path)}: {problem}; {READABLE}")
-    try:
-        require_no_links(path)
-        # No units are times.
-        tree = xr.open_datatree(path, decode_times=False, engine="h5netcdf")
-        is_read_at_once = path.stat().st_size <= AT_ONCE
-        if is_read_at_once:
-            with closing(tree):  # An open tree keeps the file locked.
-                tree = tree.load()
-        tree = tree.map_over_datasets(_with_small_in_memory)
-        problem = next(_problems(tree, is_read_at_once), "")
-    except InputError as error:
-        raise InputError(f"{format_path(path)}: {error}; {READABLE}") from error
-    except Exception as error:  # The libraries raise nearly anything for a damaged file.
-        raise unreadable(path, error) from error
-    if problem:
-        raise InputError(f"{format_path(path)}: {problem}; {READABLE}")
+        raise InputError(f"{format_path(path)}: {problem}; {_READABLE}")
+    with reading(path):
+        # Only these groups: a link to a group around it has no end.
+        with h5py.File(path) as file:
+            names = [name for name in _GROUPS if name in file]
+        tree = xr.DataTree.from_dict({f"/{name}": _read_group(path, name) for name in names})
+        tree.attrs.update(_read_group(path, None).attrs)
+    if tree.attrs.get("format") != FORMAT:
+        raise InputError(
+            f"{format_path(path)}: its format is not that of this version; run `bayes-toe sample` "
+            "again, or `bayes-toe population` for a group"
+        )
+    with reading(path):
+        _require_numbers(tree)
     return tree
 
 
-def require_no_links(path: Path) -> None:
-    """Refuse a file that has anything besides groups of variables.
-
-    A link may lead to another file or around in a circle, which reading would follow.
-    """
-    with h5py.File(path) as file:
-        for name in file:
-            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
-                raise InputError(f"{quoted(name)} is a link")
-            group = file[name]
-            if not isinstance(group, h5py.Group):
-                continue
-            for inner in group:
-                if not isinstance(group.get(inner, getlink=True), h5py.HardLink):
-                    raise InputError(f"{quoted(inner)} in {quoted(name)} is a link")
-                if isinstance(group[inner], h5py.Group):
-                    raise InputError(f"{quoted(inner)} in {quoted(name)} is a group")
+@contextmanager
+def reading(path: StrPath) -> Iterator[None]:
+    """Turn errors of reading a file of draws into one line."""
+    problem = "not a file of draws that can be read"
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{format_path(Path(path))}: {error}; {_READABLE}") from error
+    except Exception as error:  # The libraries raise nearly anything for a damaged file.
+        if "filter" in str(error) or "checksum" in str(error):  # the words of HDF5
+            problem = "damaged: its numbers do not fit their checksums"
+        raise InputError(f"{format_path(Path(path))}: {problem}; {_READABLE}") from error
 
 
-def _with_small_in_memory(group: xr.Dataset) -> xr.Dataset:
-    """A group with all but its draws in memory, and texts of one type."""
+def _read_group(path: Path, name: str | None) -> xr.Dataset:
+    """A group, or the root of the file, with texts of one type."""
+    # No units are times.
+    group = xr.load_dataset(path, group=name, engine="h5netcdf", decode_times=False)
     texts = {}
-    for name, variable in group.variables.items():
-        if variable.dims != BY_SUBJECT:
-            variable.load()
-            if variable.dtype.kind in "TU":
-                texts[name] = variable.astype(object)
+    for key, variable in group.variables.items():
+        if variable.dtype.kind in "TU":
+            texts[key] = variable.astype(object)
     return group.assign(texts)
 
 
-def unreadable(path: Path, error: Exception) -> InputError:
-    """The error for a file, or a part of it, that the libraries cannot read."""
-    reason = "not a NetCDF file that can be read"
-    if "filter" in str(error) or "checksum" in str(error):  # the words of HDF5
-        reason = "damaged: its numbers do not fit their checksums"
-    return InputError(f"{format_path(path)}: {reason}; {READABLE}")
-
-
-def _problems(tree: xr.DataTree, is_read_at_once: bool) -> Iterator[str]:
-    """Differences from the layout of draws; later checks may rest on earlier ones."""
-    yield from _problems_of_attributes(tree.attrs)
-    for group, expected in _LAYOUT.items():
-        if group not in tree.children:
-            yield f"no group {group}"
-        variables = tree[group].to_dataset().variables
-        for name, dims in expected.items():
-            if name not in variables or variables[name].dims != dims:
-                yield f"no variable {group}/{name} over ({', '.join(dims)})"
-    statistics = tree["sample_stats"].to_dataset()
-    if not np.isin(statistics["converged"], (0, 1)).all():
-        yield "sample_stats/converged is neither 0 nor 1"
-    if (statistics["min_ess"] < 0.0).any():
-        yield "sample_stats/min_ess is below 0"
-    quantities = dict(tree["posterior"].to_dataset().data_vars)
-    quantities["lp"] = statistics["lp"]
-    for quantity, draws in quantities.items():
-        yield from _problems_of_draws(str(quantity), draws, is_read_at_once)
-    yield from _problems_of_counts(tree)
-
-
-def _problems_of_attributes(attributes: Mapping[Any, Any]) -> Iterator[str]:
-    """Attributes that are missing, or of another kind."""
-    for name in _TEXT_ATTRIBUTES:
-        if not isinstance(attributes.get(name), str):
-            yield f"attribute {name} is not a text"
-    for name in _COUNT_ATTRIBUTES:
-        value = attributes.get(name)
-        if not isinstance(value, int | np.integer) or value < 0:
-            yield f"attribute {name} is not a whole number"
-    stored_unit(attributes)
-    for name in _JSON_ATTRIBUTES:
-        if not _is_json_object(attributes.get(name, "{}")):
-            yield f"attribute {name} is not an object of JSON"
-
-
-def _problems_of_draws(name: str, draws: xr.DataArray, is_read_at_once: bool) -> Iterator[str]:
-    """Another shape, or no numbers; of a quantity that a subject does not have all are NaN."""
-    if draws.dims != BY_SUBJECT or draws.dtype.kind != "f":
-        yield f"{quoted(name)} is not a number over ({', '.join(BY_SUBJECT)})"
-    if is_read_at_once:
-        is_number = np.isfinite(draws.values).all(axis=(0, 1))
-        is_missing = np.isnan(draws.values).all(axis=(0, 1)) & (name != "lp")
+def _require_numbers(tree: xr.DataTree) -> None:
+    """Refuse draws that are no numbers; of what a subject does not have, all are NaN."""
+    draws = dict(tree["posterior"].data_vars)
+    if "sample_stats" in tree.children:
+        draws["lp"] = tree["sample_stats"]["lp"]
+    for name, variable in draws.items():
+        is_number = np.isfinite(variable.values).all(axis=(0, 1))
+        is_missing = np.isnan(variable.values).all(axis=(0, 1)) & (name != "lp")
         if not (is_number | is_missing).all():
-            yield f"draws of {quoted(name)} are no numbers"
-        low, high = _RANGES.get(name, _ANYWHERE)
-        values = draws.values[:, :, is_number]
-        if ((values < low) | (values > high)).any():
-            yield f"draws of {quoted(name)} are beyond {low:g} to {high:g}"
+            raise InputError(f"draws of {name!r} are no numbers")
 
 
-def _is_json_object(text: object) -> bool:
-    try:
-        return isinstance(text, str) and isinstance(json.loads(text), dict)
-    except (ValueError, RecursionError):
-        return False
+def as_arviz(tree: xr.DataTree) -> Any:
+    """A tree as the ArviZ that is installed has it: InferenceData in 0.x, a DataTree in 1.x."""
+    import arviz  # as slow to load as everything else together
 
-
-def _problems_of_counts(tree: xr.DataTree) -> Iterator[str]:
-    """Other subjects, another task or other pairs in one group than in another."""
-    observed = tree["observed_data"].to_dataset()
-    constant = tree["constant_data"].to_dataset()
-    drawn_subjects = list(map(str, tree["posterior"].to_dataset()["subject"].values))
-    described_subjects = list(map(str, tree["sample_stats"].to_dataset()["subject"].values))
-    observed_subjects = list(dict.fromkeys(map(str, observed["subject"].values)))
-    # The last list has each subject once.
-    if not (drawn_subjects == described_subjects == observed_subjects != []):
-        yield "posterior, sample_stats and observed_data are not of the same subjects"
-    task = task_counted(observed)
-    if task is None:
-        yield f"no variable observed_data/{SAME_DIFFERENT.count} over (obs)"
-        return
-    if not observed.drop_vars(task.count).equals(constant.drop_vars("n_trials")):
-        yield "observed_data and constant_data are of other pairs"
+    convert = getattr(arviz, "from_datatree", None)
+    return tree if convert is None else convert(tree)

@@ -8,7 +8,7 @@ from populations import made_result, simulated_group, two_conditions, with_ages
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
-from bayes_toe.groups.population import load_population
+from bayes_toe.groups.population import load as load_population
 
 
 def with_covariates():
