@@ -29,7 +29,7 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.draws_file import assembled_tree
+from bayes_toe.inference.draws_file import subjects_tree
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
@@ -149,8 +149,9 @@ def run(
     faults = not_interpreted(study)
     study, analysed, failed = _survivors(study, jobs, settings.seed, workers, progress, keep)
     drawn = [result.drawn for result in analysed if result.drawn is not None]
-    all_draws = Draws(assembled_tree(study, drawn, settings, failed, faults))
-    summary = list(chain.from_iterable(subject.summary for subject in drawn))
+    analysed = [replace(result, drawn=None) for result in analysed]
+    summary = tuple(chain.from_iterable(subject.summary for subject in drawn))
+    all_draws = Draws(subjects_tree(study, drawn, settings, failed, faults))
     curves = []
     for result in analysed:
         if result.curve_draws is not None:
@@ -180,7 +181,7 @@ def run(
         table,
         settings,
         tuple(curves),
-        tuple(summary),
+        summary,
         differences,
         group,
         group_of_good_fits,
@@ -252,7 +253,7 @@ def sample(
     jobs = [partial(_catch_failure, _drawn, subject, settings, request) for subject in study]
     faults = not_interpreted(study)
     study, analysed, failed = _survivors(study, jobs, settings.seed, workers, progress, keep)
-    all_draws = Draws(assembled_tree(study, analysed, settings, failed, faults))
+    all_draws = Draws(subjects_tree(study, analysed, settings, failed, faults))
     for problem, reasons in (
         (" is left out, ", all_draws.failed),
         (" did not converge: ", all_draws.not_converged),

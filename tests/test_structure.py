@@ -24,7 +24,6 @@ OWNERS = {
         "inference.draws",
         "inference.draws_file",
         "groups.population",
-        "groups.population_file",
     },
     "pyarrow": {"data.read_table"},
     "matplotlib": {"plots"},

@@ -8,6 +8,7 @@ Bayes factors. `load` reads saved results.
 
 from __future__ import annotations
 
+import json
 import os
 import warnings
 from collections.abc import Mapping, Sequence
@@ -15,10 +16,11 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray, StrPath
@@ -43,7 +45,6 @@ from bayes_toe.groups.hyperprior import (
     group_parameters,
     hyperprior_from,
 )
-from bayes_toe.groups.population_file import group_tree, stored_group
 from bayes_toe.groups.population_table import (
     GroupSubjects,
     PopulationRow,
@@ -51,10 +52,19 @@ from bayes_toe.groups.population_table import (
     subject_row,
     summary_row,
 )
-from bayes_toe.groups.regressors import Regressors, regressors
+from bayes_toe.groups.regressors import Regressor, Regressors, regressors
 from bayes_toe.groups.zero_mean import ZeroBayesFactor, zero_difference, zero_effect, zero_mean
 from bayes_toe.inference.draws import Draws, draws_from
-from bayes_toe.inference.draws_file import COVARIATES, as_arviz, read_tree, reading, save_tree
+from bayes_toe.inference.draws_file import (
+    COVARIATES,
+    as_arviz,
+    read_tree,
+    reading,
+    require_numbers,
+    save_tree,
+    stored_study,
+    study_tree,
+)
 from bayes_toe.model.observer import JND_OVER_NOISE
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
@@ -67,15 +77,20 @@ from bayes_toe.model.parameters import (
 )
 from bayes_toe.seeds import generator, root_seed
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 #: Draws of all chains together; enough for 95 % intervals, and about 5 s of CPU for 10 subjects.
 DRAWS = 3200
 _FEWEST_SUBJECTS, _FEWEST_DRAWS, _MOST_DRAWS = 2, 100, 100_000
 _INTERVAL = (0.025, 0.5, 0.975)
 #: An sd whose 2.5 % quantile is below this is given as 'at most' its 95 % quantile.
 _SMALL_SD = {CONSTANT_ERROR.name: 0.03, CONTRACTION.name: 0.015}
+#: The draws and the covariates in a file, with the names of their axes.
+_DRAWS = {
+    "mean": ("chain", "draw", "coefficient"),
+    "sd": ("chain", "draw", "coefficient"),
+    "effects": ("chain", "draw", "covariate", "coefficient"),
+    "subjects": ("chain", "draw", "subject", "parameter"),
+}
+_COVARIATES = {"x": ("subject", "covariate")}
 #: What may differ between conditions.
 DIFFERING = (CONSTANT_ERROR.name, CONTRACTION.name, NOISE.name)
 
@@ -446,25 +461,37 @@ class PopulationResult:
         return as_arviz(self.tree())
 
     def tree(self) -> xr.DataTree:
-        """The draws with the counts and settings, as the file has them."""
-        record = {
-            "seed": self.settings.seed,
-            "n_draws": self.settings.draws,
-            "hyperprior": asdict(self.settings.hyperprior),
-            "scales": self.scales._asdict(),
-        }
+        """The draws with the covariates, counts and settings, as the file has them."""
         coefficients = list(self.names)
         for name in DIFFERING:
             columns = self.difference_columns(name)
             coefficients += [f"difference {i + 1} of {name}" for i in range(len(columns))]
-        return group_tree(
-            self.study,
-            self.regressors,
-            self.draws,
-            record,
-            coefficients=coefficients,
-            unshared=self.own_names,
-        )
+        regressors = self.regressors
+        names = {"subject": list(self.subjects), "covariate": regressors.labels}
+        coordinates = {
+            **names,
+            "coefficient": coefficients,
+            "parameter": [*coefficients, *self.own_names],
+        }
+        draws = {}
+        for name, dims in _DRAWS.items():
+            draws[name] = (dims, getattr(self.draws, name))
+        groups = {
+            "posterior": xr.Dataset(draws, coordinates),
+            COVARIATES: xr.Dataset({"x": (_COVARIATES["x"], regressors.x)}, names),
+        }
+        tree = study_tree(self.study, self.settings.seed, groups)
+        settings = {
+            "n_draws": self.settings.draws,
+            "hyperprior": asdict(self.settings.hyperprior),
+            "scales": self.scales,
+            "n_divergent": self.draws.n_divergent,
+            "columns": regressors.columns,
+            "left_out": dict(regressors.left_out),
+            "notes": regressors.notes,
+        }
+        tree.attrs["settings"] = json.dumps(settings)
+        return tree
 
 
 def population(
@@ -602,7 +629,26 @@ def load(path: StrPath) -> Draws | PopulationResult:
     if COVARIATES not in tree.children:
         return draws_from(tree, path)
     with reading(path):
-        study, columns, drawn, record = stored_group(tree)
-        rows = {name: ParameterHyperprior(**row) for name, row in record["hyperprior"].items()}
-        settings = GroupSettings(record["seed"], Hyperprior(**rows), record["n_draws"])
-        return PopulationResult(study, settings, StimulusScales(**record["scales"]), columns, drawn)
+        return _stored_population(tree)
+
+
+def _stored_population(tree: xr.DataTree) -> PopulationResult:
+    """The result whose tree this is."""
+    posterior, covariates = tree["posterior"].to_dataset(), tree[COVARIATES].to_dataset()
+    require_numbers(posterior, _DRAWS)
+    require_numbers(covariates, _COVARIATES)
+    xr.align(posterior, covariates, join="exact")
+    record = json.loads(tree.attrs["settings"])
+    arrays = {name: posterior[name].values for name in _DRAWS}
+    draws = GroupDraws(**arrays, n_divergent=record["n_divergent"])
+    columns = Regressors(
+        tuple(map(str, posterior["subject"].values)),
+        covariates["x"].values,
+        tuple(Regressor(*column) for column in record["columns"]),
+        record["left_out"],
+        tuple(record["notes"]),
+    )
+    rows = {name: ParameterHyperprior(**row) for name, row in record["hyperprior"].items()}
+    settings = GroupSettings(int(tree.attrs["seed"]), Hyperprior(**rows), record["n_draws"])
+    scales = StimulusScales(*record["scales"])
+    return PopulationResult(stored_study(tree), settings, scales, columns, draws)

@@ -67,6 +67,11 @@ class Regressors:
     left_out: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
+    @property
+    def labels(self) -> list[str]:
+        """The names of the columns."""
+        return [column.label for column in self.columns]
+
     @classmethod
     def none(cls, subjects: Sequence[str]) -> Regressors:
         """Subjects without covariates."""

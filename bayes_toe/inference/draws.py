@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +22,17 @@ import pandas as pd
 import xarray as xr
 
 from bayes_toe.arrays import FloatArray, IndexArray, Record, StrPath
-from bayes_toe.data.messages import (
-    MOST_ROWS,
-    as_html,
-    join_few,
-    join_names,
-    name_from_key,
-)
+from bayes_toe.data.messages import MOST_ROWS, as_html, format_path, join_few
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.draws_file import (
     BY_SUBJECT,
+    COVARIATES,
     as_arviz,
     read_tree,
     reading,
+    require_numbers,
     save_tree,
     stored_study,
 )
@@ -51,7 +48,6 @@ from bayes_toe.model.answer_curves import log_likelihoods
 from bayes_toe.model.models import (
     ObserverPosterior,
     SampledModel,
-    describe_prior,
     model_posterior,
     model_title,
     stored_model,
@@ -61,6 +57,11 @@ from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.prior import Prior, stored_prior
 from bayes_toe.seeds import generator
+
+#: Bytes of draws in one file; they are in memory together.
+LARGEST = 2**33
+#: Statistics of each subject that tables and screens show.
+_STATISTICS = ("converged", "shortfall", "imprecise", "min_ess", "max_r_hat")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,12 +115,12 @@ class Draws:
 
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""
-        return describe_prior(stored_model(self.model, self.task), self.prior, self.task)
+        return str(self.tree.attrs["prior"])
 
     @property
     def synthetic(self) -> bool:
         """True where the data were simulated."""
-        return bool(self.tree.attrs["synthetic"])
+        return self.study.synthetic
 
     @property
     def not_converged(self) -> dict[str, str]:
@@ -146,25 +147,30 @@ class Draws:
     @property
     def failed(self) -> dict[str, str]:
         """Subjects of the study without draws, because their work was lost, with the reason."""
-        return dict(json.loads(self.tree.attrs.get("failed", "{}")))
+        return dict(json.loads(self.tree.attrs["failed"]))
 
     @property
     def not_interpreted(self) -> dict[str, str]:
         """Subjects whose responses have a fault that allows no conclusion, with the fault."""
-        return dict(json.loads(self.tree.attrs.get("not_interpreted", "{}")))
+        return dict(json.loads(self.tree.attrs["not_interpreted"]))
 
     def __getitem__(self, name: str | int) -> Draws:
-        """Draws of one subject alone."""
-        name = self._require_name(name)
+        """Draws of one subject alone, as views of these."""
+        index = self.names.index(self.subject(name).name)
         groups = {}
         for key in ("posterior", "sample_stats"):
-            groups[f"/{key}"] = self.group(key).sel(subject=[name])
-        rows = np.flatnonzero(self.group("observed_data")["subject"].values == name)
+            groups[f"/{key}"] = self.group(key).isel(subject=slice(index, index + 1))
+        rows = slice(*self._first_rows[index : index + 2])
         for key in ("observed_data", "constant_data"):
             groups[f"/{key}"] = self.group(key).isel(obs=rows)
         tree = xr.DataTree.from_dict(groups)
         tree.attrs.update(self.tree.attrs)
         return Draws(tree)
+
+    @cached_property
+    def _first_rows(self) -> list[int]:
+        """The first row of the counts of each subject, and the number of all rows."""
+        return list(accumulate([subject.n_pairs for subject in self.study], initial=0))
 
     @cached_property
     def study(self) -> Study:
@@ -181,7 +187,7 @@ class Draws:
 
     def subject(self, name: str | int) -> Subject:
         """The counts behind one subject's draws."""
-        return self.study[self._require_name(name)]
+        return self.study[name]
 
     def posterior(self, name: str | int) -> ObserverPosterior | PaperPosterior:
         """The posterior that one subject's draws are of."""
@@ -191,7 +197,8 @@ class Draws:
     def points(self, name: str | int) -> FloatArray:
         """Draws of one subject in unconstrained coordinates, shape (chains, draws, k)."""
         target = self.posterior(name)
-        return target.points({key: self._stored(name, key) for key in target.names.natural})
+        stored = {key: self._stored(target.subject.name, key) for key in target.names.natural}
+        return target.points(stored)
 
     def natural(self, name: str | int) -> Natural:
         """Draws of the paper's parameters of one subject, each of shape (chains, draws).
@@ -225,7 +232,7 @@ class Draws:
         InputError
             For an unknown subject or parameter.
         """
-        name = self._require_name(name)
+        name = self.subject(name).name
         if parameter in self.group("posterior"):
             return self._stored(name, parameter)
         target = self.posterior(name)
@@ -240,7 +247,7 @@ class Draws:
 
     def fit(self, name: str | int) -> GoodnessOfFit:
         """Goodness of fit of one subject: deviance and its p-value."""
-        stats = self.group("sample_stats").sel(subject=self._require_name(name))
+        stats = self.group("sample_stats").sel(subject=self.subject(name).name)
         stored = [column for column in FIT_COLUMNS if column in stats]
         return GoodnessOfFit(**{column: stats[column].item() for column in stored})
 
@@ -323,20 +330,10 @@ class Draws:
         """
         return save_tree(self.tree, path, overwrite=overwrite)
 
-    def _stored(self, name: str | int, parameter: str) -> FloatArray:
-        drawn = self.group("posterior")[parameter].sel(subject=name_from_key(name))
+    def _stored(self, name: str, parameter: str) -> FloatArray:
+        drawn = self.group("posterior")[parameter].sel(subject=name)
         # Of one layout, so that sums have one order.
         return np.ascontiguousarray(drawn.values, np.float64)
-
-    def _require_name(self, name: str | int) -> str:
-        """A subject's name, of whom there are draws."""
-        subject_name = name_from_key(name)
-        if subject_name not in self.names:
-            raise InputError(
-                f"no subject {name!r} among the draws; there are: "
-                f"{join_names([*map(repr, self.names)], 20)}"
-            )
-        return subject_name
 
     def __repr__(self) -> str:
         size = self.group("posterior").sizes
@@ -376,20 +373,38 @@ def load_draws(path: StrPath) -> Draws:
 
 
 def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
-    """The draws in the tree of a file; an InputError where a part is missing."""
+    """The draws in the tree of a file; an InputError where a part is missing or not finite."""
+    if COVARIATES in tree.children:
+        raise InputError(
+            f"{format_path(Path(path))}: draws of a group, allowed: those of subjects, a "
+            "posterior.nc"
+        )
     draws = Draws(tree)
     with reading(path):
+        statistics = draws.group("sample_stats")
+        require_numbers(statistics, {"lp": BY_SUBJECT})
+        absent = [name for name in _STATISTICS if name not in statistics]
+        if absent:
+            raise InputError(f"no {', '.join(absent)} in sample_stats")
+        if draws.study.names != draws.names:
+            raise InputError("its draws and its counts are of different subjects")
+        natural = dict[str, None]()
         for name in draws.names:
-            natural = draws.posterior(name).names.natural
-            absent = [key for key in natural if key not in tree["posterior"]]
-            if absent:
-                raise InputError(f"no {', '.join(absent)} among the draws of {draws.model!r}")
-        _ = draws.seed, draws.not_converged, draws.imprecise, draws.failed, draws.not_interpreted
+            natural |= dict.fromkeys(draws.posterior(name).names.natural)
+        require_numbers(draws.group("posterior"), dict.fromkeys(natural, BY_SUBJECT))
+        _ = draws.seed, draws.failed, draws.not_interpreted
     return draws
 
 
-def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: SampledModel) -> int:
-    """About how many bytes the file of draws will have, before they are made."""
-    stored = sampler.ensembles * sampler.walkers * sampler.kept_steps
+def require_fitting(
+    study: Study, prior: Prior, sampler: SamplerSettings, model: SampledModel
+) -> None:
+    """Refuse, before the work, more draws than the memory of many computers holds."""
+    n_draws = sampler.ensembles * sampler.walkers * sampler.kept_steps
     names = model_posterior(model, study.subjects[0], prior).names.natural
-    return 8 * stored * len(study) * (len(names) + 1) + 50_000
+    n_bytes = 8 * n_draws * len(study) * (len(names) + 1)
+    if n_bytes > LARGEST:
+        raise InputError(
+            f"about {n_bytes / 1e9:.3g} GB of draws, allowed in a file: {LARGEST / 1e9:.3g} GB; "
+            "fewer --draws, or files of some subjects each"
+        )

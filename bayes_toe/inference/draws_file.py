@@ -1,21 +1,25 @@
-"""The one format of draws: a tree of xarray that ArviZ opens, with its study, as a NetCDF file.
+"""The one format of draws: a tree of xarray that ArviZ opens, and its NetCDF file.
 
-`assembled_tree` makes the tree of subjects, :mod:`bayes_toe.groups.population_file` that of a
-group. `save_tree` writes a tree, `read_tree` reads one, and `stored_study` makes its study.
+`subjects_tree` makes the tree of the draws of subjects. `study_tree` makes the parts that a group
+has as well, and `stored_study` reads them. `save_tree` writes a tree and `read_tree` reads one.
 
-A tree holds the draws in the group posterior, and the counts in long form over `obs`, one entry per
-subject and pair. What is known of each subject is in sample_stats. Everything else follows from
-these; see :class:`bayes_toe.inference.draws.Draws`. Numbers have checksums of HDF5 (Fletcher-32).
+A tree has the draws in the group posterior, what is known of each subject in sample_stats, and the
+counts in long form over `obs`, one entry per subject and pair. Everything else follows from these;
+see :class:`bayes_toe.inference.draws.Draws`. The attributes of the root say which run it was: seed,
+time, versions, and a hash of the counts. Numbers have checksums of HDF5 (Fletcher-32).
 """
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import platform
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from datetime import UTC, datetime
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +30,7 @@ import xarray as xr
 from bayes_toe.arrays import FloatArray, Record, StrPath
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, StimulusScales
-from bayes_toe.data.messages import format_path
+from bayes_toe.data.messages import format_path, quoted
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import task_of
@@ -36,92 +40,110 @@ from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.libraries import library_versions
 from bayes_toe.model.models import describe_prior, stored_model
 
-#: The format of the files; a file of another one is refused.
+#: The format of the files. A file of another format is refused.
 FORMAT = 2
-#: The groups that a file may have; `covariates` is that of a population.
+#: The group of a tree that has the covariates; only the tree of a group of subjects has it.
 COVARIATES = "covariates"
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", COVARIATES)
-#: Bytes of draws in one NetCDF file, which is written from memory.
-LARGEST = 2**31
-_READABLE = "allowed: a posterior.nc or population.nc written by bayes-toe"
 BY_SUBJECT = ("chain", "draw", "subject")
+_READABLE = "allowed: a posterior.nc or population.nc written by bayes-toe"
+_AGAIN = "run `bayes-toe sample` again, or `bayes-toe population` for a group"
 
 
 # --- Trees ----------------------------------------------------------------------------------------
 
 
-def assembled_tree(
+def subjects_tree(
     study: Study,
-    subject_draws: Iterable[SubjectDraws],
+    subject_draws: list[SubjectDraws],
     settings: Settings,
     failed: Mapping[str, str],
     not_interpreted: Mapping[str, str],
 ) -> xr.DataTree:
-    """The tree of the draws of all subjects, each of which is read once.
+    """The tree of the draws of all subjects.
 
-    `failed` and `not_interpreted` have the reason for each subject that they name.
+    The list of draws is empty afterwards, so that no draws are in memory twice. `failed` and
+    `not_interpreted` have the reason for each subject that they name.
     """
-    values: dict[str, FloatArray] = {}
+    first = subject_draws[0]
+    size = first.log_posterior.shape
+    values = {name: np.empty((*size, len(study))) for name in (*first.quantities, "lp")}
     without_draws = []
-    for i, draws in enumerate(subject_draws):
-        arrays = {**draws.quantities, "lp": draws.log_posterior}
-        if not values:
-            size = draws.log_posterior.shape
-            values = {name: np.empty((*size, len(study))) for name in arrays}
-        for name, drawn in arrays.items():
+    subject_draws.reverse()
+    for i in range(len(study)):
+        draws = subject_draws.pop()
+        for name, drawn in draws.quantities.items():
             values[name][:, :, i] = drawn
+        values["lp"][:, :, i] = draws.log_posterior
         without_draws.append(replace(draws, quantities={}, log_posterior=np.empty(0)))
 
-    posterior = _coordinates(study, size, settings.sampler.walkers)
-    for name, unit in without_draws[0].units.items():
-        posterior[name] = (BY_SUBJECT, values[name], {"units": unit})
-    coordinates = ", ".join(without_draws[0].coordinates[:6])
-    density = f"log density of the unconstrained coordinates ({coordinates}), unnormalised"
-    statistics = _statistics(study, size, without_draws)
-    statistics["lp"] = (BY_SUBJECT, values["lp"], {"description": density})
-    groups = {
-        "/posterior": posterior,
-        "/sample_stats": statistics,
-        **counts_of(study),
+    n_chains, n_draws = size
+    coordinates = {
+        "chain": np.arange(n_chains),
+        "draw": np.arange(n_draws),
+        "subject": np.array(study.names, object),
     }
-    tree = xr.DataTree.from_dict(groups)
-    tree.attrs.update(_attributes(study, settings))
-    tree.attrs["not_interpreted"] = json.dumps(dict(not_interpreted))
-    if failed:
-        tree.attrs["failed"] = json.dumps(dict(failed))
+    n_walkers = settings.sampler.walkers
+    walker = ("draw", np.repeat(np.arange(n_walkers), n_draws // n_walkers))
+    posterior = xr.Dataset(coords={**coordinates, "walker": walker})
+    for name, unit in first.units.items():
+        posterior[name] = (BY_SUBJECT, values[name], {"units": unit})
+    density_of = ", ".join(first.coordinates[:6])
+    density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
+    statistics = xr.Dataset(_statistics(without_draws), coordinates)
+    statistics["lp"] = (BY_SUBJECT, values["lp"], {"description": density})
+
+    tree = study_tree(study, settings.seed, {"posterior": posterior, "sample_stats": statistics})
+    model = stored_model(settings.model, study.task)
+    tree.attrs |= {
+        "model": settings.model,
+        "prior": describe_prior(model, settings.prior, study.task),
+        "settings": json.dumps(settings.as_dict()),
+        "failed": json.dumps(dict(failed)),
+        "not_interpreted": json.dumps(dict(not_interpreted)),
+    }
     return tree
 
 
-def _coordinates(study: Study, size: tuple[int, ...], walkers: int) -> xr.Dataset:
-    n_chains, n_draws = size
-    return xr.Dataset(
-        coords={
-            "chain": np.arange(n_chains),
-            "draw": np.arange(n_draws),
-            "subject": np.array(study.names, object),
-            "walker": ("draw", np.repeat(np.arange(walkers), n_draws // walkers)),
-        }
-    )
-
-
-def _statistics(
-    study: Study, size: tuple[int, ...], subject_draws: Sequence[SubjectDraws]
-) -> xr.Dataset:
-    """Statistics of the draws of every subject."""
+def _statistics(subject_draws: Sequence[SubjectDraws]) -> dict[str, tuple[object, FloatArray]]:
+    """Statistics of the draws of every subject, with their dimensions."""
     types: dict[str, type] = {"converged": np.int8, "shortfall": object, "imprecise": object}
-    table = _coordinates(study, size, 1).drop_vars("walker")
     rates = np.stack([draws.acceptance for draws in subject_draws], axis=-1)
-    table["acceptance_rate"] = (("chain", "subject"), rates)
+    statistics: dict[str, tuple[object, FloatArray]] = {
+        "acceptance_rate": (("chain", "subject"), rates)
+    }
     for name in subject_draws[0].statistics:
         column = [draws.statistics[name] for draws in subject_draws]
-        table[name] = ("subject", np.array(column, types.get(name)))
-    return table
+        statistics[name] = ("subject", np.array(column, types.get(name)))
+    return statistics
 
 
-def counts_of(study: Study) -> dict[str, xr.Dataset]:
-    """The groups that hold the counts of a study."""
-    counts = _by_pair(study, "n_yes").rename(n_yes=study.task.count)
-    return {"/observed_data": counts, "/constant_data": _by_pair(study, "n_trials")}
+def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.DataTree:
+    """A tree of these groups, with the counts of the study and the attributes of every file."""
+    tree = xr.DataTree.from_dict(groups)
+    observed = _by_pair(study, "n_yes").rename(n_yes=study.task.count)
+    tree["observed_data"] = xr.DataTree(observed)
+    tree["constant_data"] = xr.DataTree(_by_pair(study, "n_trials"))
+    versions = library_versions("xarray") | {"python": platform.python_version()}
+    tree.attrs |= {
+        "format": FORMAT,
+        "seed": seed,
+        "created_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        "counts_hash": _counts_hash(study),
+        "versions": json.dumps(versions),
+        "study": json.dumps(_study_record(study)),
+    }
+    return tree
+
+
+def _counts_hash(study: Study) -> str:
+    """A hash of the names and counts of all subjects."""
+    digest = sha256()
+    for subject in study:
+        digest.update(subject.name.encode("utf-8", "surrogatepass"))
+        for column in (subject.s1, subject.s2, subject.n_yes, subject.n_trials):
+            digest.update(column.tobytes())
+    return digest.hexdigest()
 
 
 def _by_pair(study: Study, count: str) -> xr.Dataset:
@@ -135,84 +157,54 @@ def _by_pair(study: Study, count: str) -> xr.Dataset:
     return table.set_coords(keys)
 
 
-def _attributes(study: Study, settings: Settings) -> Record:
-    model = stored_model(settings.model, study.task)
+def _study_record(study: Study) -> Record:
+    """A study without its counts, as JSON has it."""
     return {
-        **attributes_of(study),
-        "model": settings.model,
-        "about_model": model.about,
-        "seed": settings.seed,
-        "prior": describe_prior(model, settings.prior, study.task),
-        "settings": json.dumps(settings.as_dict()),
-        "inference_library": "emcee",
-        "inference_library_version": library_versions()["emcee"],
-    }
-
-
-def attributes_of(study: Study) -> Record:
-    """The format, the versions, and a study without its counts."""
-    versions = library_versions("xarray") | {"python": platform.python_version()}
-    return {
-        "format": FORMAT,
+        "units": {unit.name: (unit.condition, unit.shared_scales) for unit in study},
         "task": study.task.name,
+        "stimulus_unit": asdict(study.unit),
         "source": study.source,
-        "synthetic": int(study.synthetic),
-        "notes": "\n".join(study.notes),
-        "changes": "\n".join(study.changes),
-        "unit": study.unit.name,
-        "unit_log_reference": study.unit.log_reference,
-        **_condition_attributes(study),
-        "versions": json.dumps(versions),
+        "synthetic": study.synthetic,
+        "notes": study.notes,
+        "changes": study.changes,
+        "conditions": study.conditions and asdict(study.conditions),
     }
-
-
-def _condition_attributes(study: Study) -> dict[str, str]:
-    """Conditions and units as JSON; nothing for a study without conditions."""
-    if study.conditions is None:
-        return {}
-    units = {unit.name: [unit.condition, unit.shared_scales] for unit in study}
-    return {"conditions": json.dumps({**asdict(study.conditions), "units": units})}
 
 
 def stored_study(tree: xr.DataTree) -> Study:
     """The study in a tree: the counts of all who have draws, with the notes of reading them."""
-    attributes = tree.attrs
-    task = task_of(attributes["task"])
-    unit = StimulusUnit(attributes["unit"], float(attributes["unit_log_reference"]))
-    conditions, by_unit = _stored_conditions(attributes)
-    observed = tree["observed_data"].to_dataset()
-    constant = tree["constant_data"].to_dataset()
-    names = observed["subject"].values.astype(str)
+    record = json.loads(tree.attrs["study"])
+    task, stimulus_unit = task_of(record["task"]), StimulusUnit(**record["stimulus_unit"])
+    observed, constant = tree["observed_data"].to_dataset(), tree["constant_data"].to_dataset()
     columns = [observed[key].values for key in ("s1", "s2", task.count)]
     columns.append(constant["n_trials"].values)
-    starts = np.flatnonzero(names[1:] != names[:-1]) + 1
-    subjects = []
-    for rows in np.split(np.arange(len(names)), starts):
-        name = str(names[rows[0]])
+    names = observed["subject"].values
+    first_rows = np.flatnonzero(names[1:] != names[:-1]) + 1
+    units = []
+    for rows in np.split(np.arange(len(names)), first_rows):
+        name = names[rows[0]]
         counts = [column[rows] for column in columns]
-        subjects.append(Subject(name, *counts, task=task, unit=unit, **by_unit.get(name, {})))
+        condition, scales = record["units"][name]
+        unit = Subject(
+            name,
+            *counts,
+            task=task,
+            unit=stimulus_unit,
+            condition=condition,
+            shared_scales=scales and StimulusScales(*scales),
+        )
+        units.append(unit)
+    conditions = record["conditions"]
+    if conditions is not None:
+        conditions = Conditions(**{**conditions, "levels": tuple(conditions["levels"])})
     return Study(
-        tuple(subjects),
-        attributes["source"],
-        bool(attributes["synthetic"]),
-        tuple(filter(None, attributes["notes"].split("\n"))),
-        changes=tuple(filter(None, attributes["changes"].split("\n"))),
+        tuple(units),
+        record["source"],
+        record["synthetic"],
+        tuple(record["notes"]),
+        changes=tuple(record["changes"]),
         conditions=conditions,
     )
-
-
-def _stored_conditions(
-    attributes: Mapping[Any, Any],
-) -> tuple[Conditions | None, dict[str, Record]]:
-    """The conditions, and for each unit what a Subject has besides its counts."""
-    if "conditions" not in attributes:
-        return None, {}
-    record = json.loads(attributes["conditions"])
-    units = {}
-    for name, (level, scales) in record["units"].items():
-        units[name] = {"condition": level, "shared_scales": scales and StimulusScales(*scales)}
-    levels = tuple(record["levels"])
-    return Conditions(record["name"], levels, record["numeric"]), units
 
 
 # --- Files ----------------------------------------------------------------------------------------
@@ -221,7 +213,10 @@ def _stored_conditions(
 def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> Path:
     """Write a NetCDF file, whole or not at all.
 
-    In memory first, because HDF5 ends the process where the disk that it writes to is full.
+    Raises
+    ------
+    OutputError
+        If the file exists and may not be replaced, is a folder, or cannot be written.
     """
     encoding: dict[str, dict[str, Record]] = {}
     for group, node in tree.children.items():
@@ -229,21 +224,41 @@ def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> P
         for name, variable in node.to_dataset().variables.items():
             if variable.dtype.kind not in "UOT" and variable.size > 0 and variable.ndim > 0:
                 settings[str(name)] = {"fletcher32": True}
-    with whole_file(path, overwrite=overwrite) as target:
-        with without_cluster():
-            content = tree.to_netcdf(engine="h5netcdf", encoding=encoding)
-        with content, target.open("wb") as file:
-            file.write(content)
+    with whole_file(path, overwrite=overwrite) as target, _OutputFile(target, "w+") as file:
+        try:
+            with without_cluster():
+                tree.to_netcdf(file, engine="h5netcdf", encoding=encoding)
+        finally:
+            if file.error is not None:
+                raise file.error
     return Path(path)
 
 
-def require_fitting(n_bytes: int) -> None:
-    """Refuse, before the work, more draws than fit into one NetCDF file."""
-    if n_bytes > LARGEST:
-        raise InputError(
-            f"about {n_bytes / 1e9:.3g} GB of draws, allowed in a NetCDF file: "
-            f"{LARGEST / 1e9:.3g} GB; fewer --draws, or files of some subjects each"
-        )
+class _OutputFile(io.FileIO):
+    """A file that keeps the first error of writing and goes on.
+
+    HDF5 ends the process where a file cannot be written, such as on a full disk.
+    """
+
+    error: OSError | None = None
+
+    def write(self, data: Any, /) -> int:
+        """Write all bytes; after an error, none."""
+        remaining = memoryview(data)
+        try:
+            while len(remaining) > 0 and self.error is None:
+                remaining = remaining[super().write(remaining) :]
+        except OSError as error:
+            self.error = error
+        return len(data)
+
+    def truncate(self, size: int | None = None, /) -> int:
+        """Give the file another size; after an error, do nothing."""
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self.error = self.error or error
+            return self.tell()
 
 
 def read_tree(path: StrPath) -> xr.DataTree:
@@ -252,7 +267,7 @@ def read_tree(path: StrPath) -> xr.DataTree:
     Raises
     ------
     InputError
-        If the file is missing or damaged, has another format, or has draws that are no numbers.
+        If the file is missing or damaged, or has another format.
     """
     path = Path(path)
     # A Path refuses names that are too long with an error of its own.
@@ -260,39 +275,54 @@ def read_tree(path: StrPath) -> xr.DataTree:
         problem = "not a file" if os.path.exists(path) else "no such file"
         raise InputError(f"{format_path(path)}: {problem}; {_READABLE}")
     with reading(path):
-        # Only these groups: a link to a group around it has no end.
-        with h5py.File(path) as file:
-            names = [name for name in _GROUPS if name in file]
+        names = _group_names(path)
         tree = xr.DataTree.from_dict({f"/{name}": _read_group(path, name) for name in names})
-        tree.attrs.update(_read_group(path, None).attrs)
-    if tree.attrs.get("format") != FORMAT:
-        raise InputError(
-            f"{format_path(path)}: its format is not that of this version; run `bayes-toe sample` "
-            "again, or `bayes-toe population` for a group"
-        )
-    with reading(path):
-        _require_numbers(tree)
+        tree.attrs |= _read_group(path, None).attrs
+        if tree.attrs.get("format") != FORMAT:
+            raise InputError("not a file of draws of this version")
     return tree
 
 
 @contextmanager
 def reading(path: StrPath) -> Iterator[None]:
     """Turn errors of reading a file of draws into one line."""
-    problem = "not a file of draws that can be read"
+    name = format_path(Path(path))
     try:
         yield
     except InputError as error:
-        raise InputError(f"{format_path(Path(path))}: {error}; {_READABLE}") from error
+        raise InputError(f"{name}: {error}; {_AGAIN}") from error
     except Exception as error:  # The libraries raise nearly anything for a damaged file.
+        problem = "not a file of draws that can be read"
         if "filter" in str(error) or "checksum" in str(error):  # the words of HDF5
             problem = "damaged: its numbers do not fit their checksums"
-        raise InputError(f"{format_path(Path(path))}: {problem}; {_READABLE}") from error
+        raise InputError(f"{name}: {problem}; {_AGAIN}") from error
+
+
+def _group_names(path: Path) -> list[str]:
+    """The groups of a file that are read.
+
+    A link is refused, because it may lead to another file.
+    """
+    with h5py.File(path) as file:
+        link_name = file.visititems_links(_name_of_link)
+        if link_name is not None:
+            raise InputError(f"{quoted(link_name)} is a link")
+        return [name for name in _GROUPS if name in file]
+
+
+def _name_of_link(name: str, link: object) -> str | None:
+    """The name, which ends the visit of a file, or None if this is no link to another place."""
+    return None if isinstance(link, h5py.HardLink) else name
 
 
 def _read_group(path: Path, name: str | None) -> xr.Dataset:
     """A group, or the root of the file, with texts of one type."""
-    # No units are times.
-    group = xr.load_dataset(path, group=name, engine="h5netcdf", decode_times=False)
+    # No units are times, and dimensions without a name cause no warning.
+    options: Record = {"decode_times": False, "phony_dims": "access"}
+    with xr.open_dataset(path, group=name, engine="h5netcdf", **options) as group:
+        if group.nbytes > path.stat().st_size:
+            raise InputError("it declares more numbers than it has")
+        group.load()
     texts = {}
     for key, variable in group.variables.items():
         if variable.dtype.kind in "TU":
@@ -300,16 +330,13 @@ def _read_group(path: Path, name: str | None) -> xr.Dataset:
     return group.assign(texts)
 
 
-def _require_numbers(tree: xr.DataTree) -> None:
-    """Refuse draws that are no numbers; of what a subject does not have, all are NaN."""
-    draws = dict(tree["posterior"].data_vars)
-    if "sample_stats" in tree.children:
-        draws["lp"] = tree["sample_stats"]["lp"]
-    for name, variable in draws.items():
-        is_number = np.isfinite(variable.values).all(axis=(0, 1))
-        is_missing = np.isnan(variable.values).all(axis=(0, 1)) & (name != "lp")
-        if not (is_number | is_missing).all():
-            raise InputError(f"draws of {name!r} are no numbers")
+def require_numbers(group: xr.Dataset, dims: Mapping[str, tuple[str, ...]]) -> None:
+    """Refuse a group without these variables over these dimensions, or with a value not finite."""
+    for name, expected in dims.items():
+        if name not in group or group[name].dims != expected:
+            raise InputError(f"no {name} over ({', '.join(expected)})")
+        if not np.isfinite(group[name].values).all():
+            raise InputError(f"draws of {name} are no numbers")
 
 
 def as_arviz(tree: xr.DataTree) -> Any:
