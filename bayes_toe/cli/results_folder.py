@@ -117,8 +117,10 @@ def write_results(
             explore(draws, truths=figures.truth or None).save(target / "explorer.html")
         if names:
             (target / "corner").mkdir()
-        corners = {name: target / file for name, file in zip(names, corner_files, strict=True)}
-        curves = {name: Path(pictures, f"{stems[name]}.png") for name in names}
+        corners, curves = dict[str, Path](), dict[str, Path]()
+        for name, file in zip(names, corner_files, strict=True):
+            corners[name] = target / file
+            curves[name] = Path(pictures, f"{stems[name]}.png")
         prior = analysis.settings.prior
         jobs = []
         for name in names:

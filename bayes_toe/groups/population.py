@@ -214,11 +214,6 @@ class PopulationResult:
         """Names of the subjects."""
         return tuple(units_by_subject(self.study))
 
-    @property
-    def left_out(self) -> Mapping[str, str]:
-        """Subjects without a covariate, and why."""
-        return self.regressors.left_out
-
     @cached_property
     def numbers(self) -> HyperpriorNumbers:
         """The hyperprior of the coefficients."""
@@ -234,12 +229,10 @@ class PopulationResult:
     @property
     def problems(self) -> tuple[str, ...]:
         """Problems to know before any number is used, a line each."""
-        lines = [
-            f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()
-        ]
-        if not self.is_reliable:
-            lines.append(f"the group's result is not reliable: {self.draws.shortfall}")
-        return tuple(lines)
+        if self.is_reliable:
+            return self.regressors.notes
+        problem = f"the group's result is not reliable: {self.draws.shortfall}"
+        return (*self.regressors.notes, problem)
 
     # --- What was found --------------------------------------------------------------------------
 
@@ -363,7 +356,7 @@ class PopulationResult:
     @property
     def own_names(self) -> tuple[str, ...]:
         """The parameters of a subject that the group does not share."""
-        names = [parameter.name for parameter in task_parameters(self.study.task)]
+        names = (parameter.name for parameter in task_parameters(self.study.task))
         return tuple(name for name in names if name not in self.names)
 
     def _own_quantity(self, name: str, u: FloatArray) -> FloatArray:
@@ -487,7 +480,6 @@ class PopulationResult:
             "scales": self.scales,
             "n_divergent": self.draws.n_divergent,
             "columns": regressors.columns,
-            "left_out": dict(regressors.left_out),
             "notes": regressors.notes,
         }
         tree.attrs["settings"] = json.dumps(settings)
@@ -645,7 +637,6 @@ def _stored_population(tree: xr.DataTree) -> PopulationResult:
         tuple(map(str, posterior["subject"].values)),
         covariates["x"].values,
         tuple(Regressor(*column) for column in record["columns"]),
-        record["left_out"],
         tuple(record["notes"]),
     )
     rows = {name: ParameterHyperprior(**row) for name, row in record["hyperprior"].items()}

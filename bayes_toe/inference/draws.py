@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayes_toe.arrays import FloatArray, IndexArray, Record, StrPath
+from bayes_toe.arrays import FloatArray, IndexArray, StrPath
 from bayes_toe.data.messages import MOST_ROWS, as_html, format_path, join_few
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import Task
@@ -87,11 +87,6 @@ class Draws:
         return tuple(map(str, self.group("posterior")["subject"].values))
 
     @property
-    def attrs(self) -> Record:
-        """Model, seed, prior, settings, versions and what was left out, as stored in the file."""
-        return {str(key): value for key, value in self.tree.attrs.items()}
-
-    @property
     def model(self) -> str:
         """The name of the model that these are draws of."""
         return str(self.tree.attrs["model"])
@@ -125,24 +120,17 @@ class Draws:
     @property
     def not_converged(self) -> dict[str, str]:
         """Subjects whose draws missed the convergence criteria, with what was missed."""
-        has_converged = self.group("sample_stats")["converged"].values.astype(bool)
-        missed = {}
-        for name, reason, converged in zip(
-            self.names, self._texts("shortfall"), has_converged, strict=True
-        ):
-            if not converged:
-                missed[name] = reason
-        return missed
+        return self._remarks("shortfall")
 
     @property
     def imprecise(self) -> dict[str, str]:
         """Subjects with a quantile that is not precise enough, with how many draws would do."""
-        reasons = zip(self.names, self._texts("imprecise"), strict=True)
-        return {name: reason for name, reason in reasons if reason}
+        return self._remarks("imprecise")
 
-    def _texts(self, column: str) -> list[str]:
-        """A text of every subject."""
-        return [*map(str, self.group("sample_stats")[column].values)]
+    def _remarks(self, column: str) -> dict[str, str]:
+        """The subjects that have a text in this column of the statistics, with the text."""
+        texts = map(str, self.group("sample_stats")[column].values)
+        return {name: text for name, text in zip(self.names, texts, strict=True) if text}
 
     @property
     def failed(self) -> dict[str, str]:
@@ -157,15 +145,13 @@ class Draws:
     def __getitem__(self, name: str | int) -> Draws:
         """Draws of one subject alone, as views of these."""
         index = self.names.index(self.subject(name).name)
-        groups = {}
-        for key in ("posterior", "sample_stats"):
-            groups[f"/{key}"] = self.group(key).isel(subject=slice(index, index + 1))
         rows = slice(*self._first_rows[index : index + 2])
-        for key in ("observed_data", "constant_data"):
-            groups[f"/{key}"] = self.group(key).isel(obs=rows)
-        tree = xr.DataTree.from_dict(groups)
-        tree.attrs.update(self.tree.attrs)
-        return Draws(tree)
+        groups = self.tree.to_dict()
+        for key in ("/posterior", "/sample_stats"):
+            groups[key] = groups[key].isel(subject=slice(index, index + 1))
+        for key in ("/observed_data", "/constant_data"):
+            groups[key] = groups[key].isel(obs=rows)
+        return Draws(xr.DataTree.from_dict(groups))
 
     @cached_property
     def _first_rows(self) -> list[int]:
@@ -286,23 +272,17 @@ class Draws:
         >>> sorted(data["posterior"].data_vars)
         ['gain', 'gamma', 'jnd', 'mu1', 'pse_shift', 'q0', 'sigma1', 'sigma_l', 'sigma_p', 'width']
         """
-        groups = {
-            name: self.group(name)
-            for name in ("posterior", "sample_stats", "observed_data", "constant_data")
-        }
+        groups = self.tree.to_dict()
         for key in self.parameters:
             values = np.stack([self.values(name, key) for name in self.names], axis=-1)
-            groups["posterior"][key] = (BY_SUBJECT, values, {"units": QUANTITY_BY_NAME[key].unit})
-        coords = {**groups["sample_stats"].coords, **groups["observed_data"].coords}
+            groups["/posterior"][key] = (BY_SUBJECT, values, {"units": QUANTITY_BY_NAME[key].unit})
+        coords = {**groups["/sample_stats"].coords, **groups["/observed_data"].coords}
         answers = zip(*(self._answers(name) for name in self.names), strict=True)
         for group, parts in zip(("log_likelihood", "posterior_predictive"), answers, strict=True):
             values = np.concatenate(parts, axis=-1)
-            groups[group] = xr.Dataset(
-                {self.task.count: (("chain", "draw", "obs"), values)}, coords
-            )
-        tree = xr.DataTree.from_dict({f"/{name}": group for name, group in groups.items()})
-        tree.attrs.update(self.tree.attrs)
-        return as_arviz(tree)
+            variable = (("chain", "draw", "obs"), values)
+            groups[f"/{group}"] = xr.Dataset({self.task.count: variable}, coords)
+        return as_arviz(xr.DataTree.from_dict(groups))
 
     def _answers(self, name: str) -> tuple[FloatArray, IndexArray]:
         """Log likelihood and predicted answers of a subject, (chains, draws, pairs) each.
@@ -345,13 +325,16 @@ class Draws:
         return f"<Draws of {model_title(self.model)}: {subjects}, {size_and_seed}{missed}>"
 
     def _repr_html_(self) -> str:
+        missed = self.not_converged
         rows = []
         for name in self.names[:MOST_ROWS]:  # natural parameters, and whether they may be read
-            row = {"subject": name}
+            row = {"subject": name, "converged": "yes"}
+            if name in missed:
+                row["converged"] = "no"
             for key in self.posterior(name).names.natural:
                 low, middle, high = np.quantile(self.values(name, key), [0.025, 0.5, 0.975])
                 row[key] = f"{middle:.3g} [{low:.3g}, {high:.3g}]"
-            rows.append({**row, "converged": "no" if name in self.not_converged else "yes"})
+            rows.append(row)
         return as_html(
             f"{repr(self)[1:-1]}. Medians [95 % interval]", pd.DataFrame(rows), len(self.names)
         )
@@ -383,9 +366,9 @@ def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
     with reading(path):
         statistics = draws.group("sample_stats")
         require_numbers(statistics, {"lp": BY_SUBJECT})
-        absent = [name for name in _STATISTICS if name not in statistics]
+        absent = set(_STATISTICS).difference(statistics)
         if absent:
-            raise InputError(f"no {', '.join(absent)} in sample_stats")
+            raise InputError(f"no {', '.join(sorted(absent))} in sample_stats")
         if draws.study.names != draws.names:
             raise InputError("its draws and its counts are of different subjects")
         natural = dict[str, None]()

@@ -312,7 +312,9 @@ def _group_names(path: Path) -> list[str]:
 
 def _name_of_link(name: str, link: object) -> str | None:
     """The name, which ends the visit of a file, or None if this is no link to another place."""
-    return None if isinstance(link, h5py.HardLink) else name
+    if isinstance(link, h5py.HardLink):
+        return None
+    return name
 
 
 def _read_group(path: Path, name: str | None) -> xr.Dataset:
@@ -343,5 +345,6 @@ def as_arviz(tree: xr.DataTree) -> Any:
     """A tree as the ArviZ that is installed has it: InferenceData in 0.x, a DataTree in 1.x."""
     import arviz  # as slow to load as everything else together
 
-    convert = getattr(arviz, "from_datatree", None)
-    return tree if convert is None else convert(tree)
+    if hasattr(arviz, "from_datatree"):
+        return arviz.from_datatree(tree)
+    return tree
