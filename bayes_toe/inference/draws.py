@@ -371,9 +371,7 @@ def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
             raise InputError(f"no {', '.join(sorted(absent))} in sample_stats")
         if draws.study.names != draws.names:
             raise InputError("its draws and its counts are of different subjects")
-        natural = dict[str, None]()
-        for name in draws.names:
-            natural |= dict.fromkeys(draws.posterior(name).names.natural)
+        natural = draws.posterior(draws.names[0]).names.natural
         require_numbers(draws.group("posterior"), dict.fromkeys(natural, BY_SUBJECT))
         _ = draws.seed, draws.failed, draws.not_interpreted
     return draws

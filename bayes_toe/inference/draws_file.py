@@ -62,20 +62,20 @@ def subjects_tree(
 ) -> xr.DataTree:
     """The tree of the draws of all subjects.
 
-    The list of draws is empty afterwards, so that no draws are in memory twice. `failed` and
-    `not_interpreted` have the reason for each subject that they name.
+    The list of draws is empty afterwards, so that the memory of each subject is free again.
+    `failed` and `not_interpreted` have the reason for each subject that they name.
     """
     first = subject_draws[0]
     size = first.log_posterior.shape
     values = {name: np.empty((*size, len(study))) for name in (*first.quantities, "lp")}
     without_draws = []
-    subject_draws.reverse()
-    for i in range(len(study)):
+    for i in reversed(range(len(study))):
         draws = subject_draws.pop()
         for name, drawn in draws.quantities.items():
             values[name][:, :, i] = drawn
         values["lp"][:, :, i] = draws.log_posterior
         without_draws.append(replace(draws, quantities={}, log_posterior=np.empty(0)))
+    without_draws.reverse()
 
     n_chains, n_draws = size
     coordinates = {
