@@ -29,7 +29,7 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.draws_file import assembled_tree
+from bayes_toe.inference.draws_file import subjects_tree
 from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, try_order_evidence
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
@@ -158,8 +158,9 @@ def run(
             drawn.append(result.drawn)
             posterior = OrderModel("both").posterior(subject, settings.prior.observer)
             curves.append(Predictor(posterior, result.curve_draws))
-    all_draws = Draws(assembled_tree(study, drawn, settings, failed, faults))
-    summary = list(chain.from_iterable(of_subject.summary for of_subject in drawn))
+    analysed = [replace(result, drawn=None) for result in analysed]
+    summary = tuple(chain.from_iterable(subject.summary for subject in drawn))
+    all_draws = Draws(subjects_tree(study, drawn, settings, failed, faults))
     differences = None
     if study.conditions is not None:
         differences = contrast(
@@ -182,7 +183,7 @@ def run(
         table,
         settings,
         tuple(curves),
-        tuple(summary),
+        summary,
         differences,
         group,
         group_of_good_fits,
@@ -258,7 +259,7 @@ def sample(
     study, analysed, failed = _survivors(
         study, _drawn, study.subjects, settings, request, workers, progress, keep
     )
-    all_draws = Draws(assembled_tree(study, analysed, settings, failed, faults))
+    all_draws = Draws(subjects_tree(study, analysed, settings, failed, faults))
     for problem, reasons in (
         (" is left out, ", all_draws.failed),
         (" did not converge: ", all_draws.not_converged),

@@ -19,8 +19,12 @@ ORDER = __doc__.partition("\n\n")[2].replace("<", " ").split()
 OWNERS = {
     "arviz_stats": {"inference.diagnostics"},
     "emcee": {"inference", "groups"},
-    "arviz": {"inference.draws"},
-    "xarray": {"inference.draws", "inference.draws_file", "groups.population_file"},
+    "arviz": {"inference.draws_file"},
+    "xarray": {
+        "inference.draws",
+        "inference.draws_file",
+        "groups.population",
+    },
     "pyarrow": {"data.read_table"},
     "matplotlib": {"plots"},
     "corner": {"plots.corner"},

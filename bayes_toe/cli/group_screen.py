@@ -68,7 +68,6 @@ def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck)
     (_, n_effective), (_, r_hat) = worst(result.draws.convergence)
     fit = "poor" if check.warnings else "good"
     out.line(f"Fit of the group: {fit}. Draws: {n_effective:,.0f} effective, R-hat {r_hat:.3f}.")
-    out.notes(("", note, "") for note in result.regressors.notes)
     print_problems(out, result, check.warnings)
 
 
@@ -223,7 +222,7 @@ def _comparison_tables(
     result: PopulationResult,
 ) -> list[tuple[str, list[str], list[list[str]]]]:
     """Title, headings and rows of the effects of covariates and of conditions, if any."""
-    covariates = "; ".join(column.about for column in result.regressors.columns)
+    covariates = "; ".join(column.meaning for column in result.regressors.columns)
     tables = []
     for quantity, title, first in (
         ("difference", "Differences between conditions", "conditions"),

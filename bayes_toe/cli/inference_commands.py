@@ -183,13 +183,12 @@ def _require_fitting(
     context: RunContext, study: bt.Study, prior: bt.Prior, model: str = "paper"
 ) -> None:
     """Refuse, before the work, more draws than fit into one file."""
-    from bayes_toe.inference.draws import stored_bytes
-    from bayes_toe.inference.draws_file import require_fitting
+    from bayes_toe.inference.draws import require_fitting
     from bayes_toe.inference.sampling import SamplerSettings
     from bayes_toe.model.models import require_model
 
     record = require_model(model, study.task)
-    require_fitting(stored_bytes(study, prior, SamplerSettings(context.draws), record))
+    require_fitting(study, prior, SamplerSettings(context.draws), record)
 
 
 def evidence(

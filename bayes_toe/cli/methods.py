@@ -91,7 +91,7 @@ _MOST_PAIRS = 30
 
 def write_methods(analysis: Analysis, path: Path) -> None:
     """Write the document in Markdown, and its references as NAME.bib."""
-    version = json.loads(analysis.draws.attrs["versions"])["bayes_toe"]
+    version = json.loads(analysis.draws.tree.attrs["versions"])["bayes_toe"]
     template = (files("bayes_toe") / "cli" / "methods_template.md").read_text(encoding="utf-8")
     environment = Environment(undefined=StrictUndefined, trim_blocks=True)
     environment.filters.update(

@@ -297,7 +297,7 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
 
 def _settings(analysis: Analysis) -> dict[str, str]:
     """The settings of the analysis, with their names in words."""
-    attrs = analysis.draws.attrs
+    attrs = analysis.draws.tree.attrs
     settings = json.loads(attrs["settings"])
     versions = json.loads(attrs["versions"])
     sampler = {_SAMPLER.get(key, key): str(value) for key, value in settings["sampler"].items()}

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,7 +19,7 @@ from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.explorer.page import explore
 from bayes_toe.groups.predictive_check import PredictiveCheck, predictive_check
-from bayes_toe.inference.draws import Draws, load_draws
+from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.corner import corner
@@ -117,17 +117,17 @@ def write_results(
             explore(draws, truths=figures.truth or None).save(target / "explorer.html")
         if names:
             (target / "corner").mkdir()
-        corners = {name: target / file for name, file in zip(names, corner_files, strict=True)}
-        curves = {name: Path(pictures, f"{stems[name]}.png") for name in names}
-        saved = cached_loader(target / "posterior.nc")
+        corners, curves = dict[str, Path](), dict[str, Path]()
+        for name, file in zip(names, corner_files, strict=True):
+            corners[name] = target / file
+            curves[name] = Path(pictures, f"{stems[name]}.png")
         prior = analysis.settings.prior
         jobs = []
         for name in names:
             of_subject = (figures.truth.get(name), analysis.curve(name))
             files = (corners[name], curves[name])
-            jobs.append(partial(_draw_subject, saved, name, prior, *of_subject, *files))
+            jobs.append(partial(_draw_subject, draws[name], prior, *of_subject, *files))
         run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in names])
-        load_cached.cache_clear()
         write_report(analysis, Facts(marked, check, curves, corners, figures.subjects), target)
     return Path(folder)
 
@@ -142,20 +142,6 @@ def _required_products(analysis: Analysis, figures: FigureChoice) -> list[str]:
     if figures.explorer:
         required.append("explorer.html")
     return required
-
-
-def cached_loader(posterior: Path) -> Callable[[], Draws]:
-    """A function that loads a file of draws in the process that calls it."""
-    return partial(load_cached, posterior.absolute(), posterior.stat().st_mtime_ns)
-
-
-@lru_cache(maxsize=1)
-def load_cached(posterior: Path, changed: int) -> Draws:
-    """A file of draws, which a process opens once for all its jobs.
-
-    The time of its last change is part of the key, so that a new file of this name is read again.
-    """
-    return load_draws(posterior)
 
 
 def _write_tables(analysis: Analysis, folder: Path) -> None:
@@ -181,15 +167,15 @@ def _write_group(analysis: Analysis, check: PredictiveCheck | None, folder: Path
 
 
 def _draw_subject(
-    saved: Callable[[], Draws],
-    name: str,
+    draws: Draws,
     prior: Prior,
     truth: Mapping[str, float] | None,
     fitted: Predictor,
     corner_file: Path,
     curve_file: Path,
 ) -> None:
-    draws = saved()
+    """Draw the corner plot and the curves of the only subject of the draws."""
+    [name] = draws.names
     corner_file.write_bytes(png(corner(draws, name, truths=truth, prior=prior)))
     title = "synthetic data" if draws.synthetic else ""
     curve_file.write_bytes(png(fitted_figure(fitted, title)))

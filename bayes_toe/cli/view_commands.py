@@ -7,7 +7,7 @@ the web page that analyses studies.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import chain, product
 from math import isnan
@@ -117,7 +117,6 @@ def corner(
 
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
     """
-    from bayes_toe.cli.results_folder import cached_loader
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.inference.draws import load_draws
     from bayes_toe.plots.figure_files import require_formats
@@ -140,13 +139,12 @@ def corner(
         whole_folder(output, files, required=files, overwrite=context.overwrite) as folder,
         context.out.progress("drawing", len(figures)) as tick,
     ):
-        saved = cached_loader(posterior)
         # Absolute, since a worker may be in another folder than this process.
         target = folder.absolute()
         jobs = []
         for stem, of_figure in figures.items():
             parts = {**of_figure, **options}
-            jobs.append(partial(_draw_corner, saved, parts, target / stem, endings))
+            jobs.append(partial(_draw_corner, parts, target / stem, endings))
         run_in_order(jobs, of_this_machine(context.workers), tick, [(stem,) for stem in figures])
     context.print_written(f"{plural(len(figures), 'corner plot')} in {output}")
 
@@ -154,17 +152,19 @@ def corner(
 def _figure_options(
     draws: bt.Draws, names: Sequence[str], truths: Truth, *, is_joint: bool
 ) -> dict[str, dict[str, Any]]:
-    """Subjects and true values of each figure, by the stem of its files."""
+    """Draws, subjects and true values of each figure, by the stem of its files."""
     from bayes_toe.data.tables import file_stems
 
     stems = file_stems(draws.names)
     if is_joint and len(names) > 1:
         joint = {name: truths[name] for name in names if name in truths}
         stem = "+".join(map(stems.__getitem__, names))
-        return {stem: {"subject": names, "truths": joint}}
+        return {stem: {"draws": draws, "subject": names, "truths": joint}}
     figures = {}
     for name in names:
-        figures[stems[name]] = {"subject": name, "truths": truths.get(name)}
+        # A process gets the draws of one subject.
+        parts = {"draws": draws[name], "subject": name, "truths": truths.get(name)}
+        figures[stems[name]] = parts
     return figures
 
 
@@ -189,13 +189,11 @@ def _quantities(
     return names
 
 
-def _draw_corner(
-    saved: Callable[[], bt.Draws], options: Mapping[str, Any], target: Path, endings: Sequence[str]
-) -> None:
+def _draw_corner(options: Mapping[str, Any], target: Path, endings: Sequence[str]) -> None:
     """Draw a corner plot of a subject, or of several, in every format."""
     from bayes_toe.plots.figure_files import figure_bytes
 
-    figure = bt.plots.corner(saved(), **options)
+    figure = bt.plots.corner(**options)
     for ending in endings:
         content = figure_bytes(figure, ending, dpi=150 if ending == "png" else 300)
         target.with_name(f"{target.name}.{ending}").write_bytes(content)

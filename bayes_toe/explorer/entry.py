@@ -319,7 +319,7 @@ def entries_of(
     four models.
     """
     refused = draws.not_interpreted
-    source = f"{draws.attrs.get('source', '')}, seed {draws.seed}"
+    source = f"{draws.study.source}, seed {draws.seed}"
     average_label = label.replace(model_title(draws.model), AVERAGED)
     prior = draws.prior.observer
     entries = []

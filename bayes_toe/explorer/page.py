@@ -137,7 +137,7 @@ def entries(
     page_entries = list[Entry]()
     for label, part in by_label.items():
         true_values = truths or {}
-        if truths is None and part.attrs.get("source") == "bundled example (synthetic)":
+        if truths is None and part.study.source == "bundled example (synthetic)":
             true_values = example_truth(part.study.task)
         page_entries += entries_of(part, label, selected[label], true_values)
     _require_quantities(truths or {}, page_entries)

@@ -8,6 +8,7 @@ Bayes factors. `load` reads saved results.
 
 from __future__ import annotations
 
+import json
 import os
 import warnings
 from collections.abc import Mapping, Sequence
@@ -15,10 +16,11 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from numbers import Integral
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray, StrPath
@@ -37,7 +39,6 @@ from bayes_toe.groups.group_posterior import (
 )
 from bayes_toe.groups.group_sampler import GroupDraws, sample_group
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
-from bayes_toe.groups.population_file import is_group_file, load_group, save_group
 from bayes_toe.groups.population_table import (
     GroupSubjects,
     PopulationRow,
@@ -45,9 +46,19 @@ from bayes_toe.groups.population_table import (
     subject_row,
     summary_row,
 )
-from bayes_toe.groups.regressors import Regressors, regressors
+from bayes_toe.groups.regressors import Regressor, Regressors, regressors
 from bayes_toe.groups.zero_mean import ZeroBayesFactor, zero_difference, zero_effect, zero_mean
-from bayes_toe.inference.draws import Draws, load_draws
+from bayes_toe.inference.draws import Draws, draws_from
+from bayes_toe.inference.draws_file import (
+    COVARIATES,
+    as_arviz,
+    read_tree,
+    reading,
+    require_numbers,
+    save_tree,
+    stored_study,
+    study_tree,
+)
 from bayes_toe.model.observer import JND_OVER_NOISE
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
@@ -69,6 +80,14 @@ _FEWEST_SUBJECTS, _FEWEST_DRAWS, _MOST_DRAWS = 2, 100, 100_000
 _INTERVAL = (0.025, 0.5, 0.975)
 #: An sd whose 2.5 % quantile is below this is given as 'at most' its 95 % quantile.
 _SMALL_SD = {CONSTANT_ERROR.name: 0.03, CONTRACTION.name: 0.015}
+#: The draws and the covariates in a file, with the names of their axes.
+_DRAWS = {
+    "mean": ("chain", "draw", "coefficient"),
+    "sd": ("chain", "draw", "coefficient"),
+    "effects": ("chain", "draw", "covariate", "coefficient"),
+    "subjects": ("chain", "draw", "subject", "parameter"),
+}
+_COVARIATES = {"x": ("subject", "covariate")}
 #: What may differ between conditions.
 DIFFERING = (CONSTANT_ERROR.name, CONTRACTION.name, NOISE.name)
 
@@ -192,11 +211,6 @@ class PopulationResult:
         """Names of the subjects."""
         return tuple(units_by_subject(self.study))
 
-    @property
-    def left_out(self) -> Mapping[str, str]:
-        """Subjects without a covariate, and why."""
-        return self.regressors.left_out
-
     @cached_property
     def numbers(self) -> HyperpriorNumbers:
         """The hyperprior of the coefficients."""
@@ -212,12 +226,10 @@ class PopulationResult:
     @property
     def problems(self) -> tuple[str, ...]:
         """Problems to know before any number is used, a line each."""
-        lines = [
-            f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()
-        ]
-        if not self.is_reliable:
-            lines.append(f"the group's result is not reliable: {self.draws.shortfall}")
-        return tuple(lines)
+        if self.is_reliable:
+            return self.regressors.notes
+        problem = f"the group's result is not reliable: {self.draws.shortfall}"
+        return (*self.regressors.notes, problem)
 
     # --- What was found --------------------------------------------------------------------------
 
@@ -341,7 +353,7 @@ class PopulationResult:
     @property
     def own_names(self) -> tuple[str, ...]:
         """The parameters of a subject that the group does not share."""
-        names = [parameter.name for parameter in task_parameters(self.study.task)]
+        names = (parameter.name for parameter in task_parameters(self.study.task))
         return tuple(name for name in names if name not in self.names)
 
     def _own_quantity(self, name: str, u: FloatArray) -> FloatArray:
@@ -432,26 +444,43 @@ class PopulationResult:
 
     def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
         """Write population.nc, which ArviZ opens and :func:`bayes_toe.load` reads."""
-        record = {
-            "seed": self.settings.seed,
-            "n_draws": self.settings.draws,
-            "hyperprior": asdict(self.settings.hyperprior),
-            "scales": self.scales._asdict(),
-        }
+        return save_tree(self.tree(), path, overwrite=overwrite)
+
+    def to_arviz(self) -> Any:
+        """The draws for ArviZ: an InferenceData for ArviZ 0.x, an xarray.DataTree for 1.x."""
+        return as_arviz(self.tree())
+
+    def tree(self) -> xr.DataTree:
+        """The draws with the covariates, counts and settings, as the file has them."""
         coefficients = list(self.names)
         for name in DIFFERING:
             columns = self.difference_columns(name)
             coefficients += [f"difference {i + 1} of {name}" for i in range(len(columns))]
-        return save_group(
-            path,
-            self.study,
-            self.regressors,
-            self.draws,
-            record,
-            coefficients=coefficients,
-            unshared=self.own_names,
-            overwrite=overwrite,
-        )
+        regressors = self.regressors
+        names = {"subject": list(self.subjects), "covariate": regressors.labels}
+        coordinates = {
+            **names,
+            "coefficient": coefficients,
+            "parameter": [*coefficients, *self.own_names],
+        }
+        draws = {}
+        for name, dims in _DRAWS.items():
+            draws[name] = (dims, getattr(self.draws, name))
+        groups = {
+            "posterior": xr.Dataset(draws, coordinates),
+            COVARIATES: xr.Dataset({"x": (_COVARIATES["x"], regressors.x)}, names),
+        }
+        tree = study_tree(self.study, self.settings.seed, groups)
+        settings = {
+            "n_draws": self.settings.draws,
+            "hyperprior": asdict(self.settings.hyperprior),
+            "scales": self.scales,
+            "n_divergent": self.draws.n_divergent,
+            "columns": regressors.columns,
+            "notes": regressors.notes,
+        }
+        tree.attrs["settings"] = json.dumps(settings)
+        return tree
 
 
 def population(
@@ -585,18 +614,29 @@ def load(path: StrPath) -> Draws | PopulationResult:
         If it is missing, is damaged, or is neither.
     """
     require_kind("file", path, (str, os.PathLike), "the path of a posterior.nc or population.nc")
-    return load_population(path) if is_group_file(path) else load_draws(path)
+    tree = read_tree(path)
+    if COVARIATES not in tree.children:
+        return draws_from(tree, path)
+    with reading(path):
+        return _stored_population(tree)
 
 
-def load_population(path: StrPath) -> PopulationResult:
-    """Read what :meth:`PopulationResult.save` wrote.
-
-    Raises
-    ------
-    InputError
-        If it is anything else, or damaged.
-    """
-    study, columns, drawn, record = load_group(path)
+def _stored_population(tree: xr.DataTree) -> PopulationResult:
+    """The result whose tree this is."""
+    posterior, covariates = tree["posterior"].to_dataset(), tree[COVARIATES].to_dataset()
+    require_numbers(posterior, _DRAWS)
+    require_numbers(covariates, _COVARIATES)
+    xr.align(posterior, covariates, join="exact")
+    record = json.loads(tree.attrs["settings"])
+    arrays = {name: posterior[name].values for name in _DRAWS}
+    draws = GroupDraws(**arrays, n_divergent=record["n_divergent"])
+    columns = Regressors(
+        tuple(map(str, posterior["subject"].values)),
+        covariates["x"].values,
+        tuple(Regressor(*column) for column in record["columns"]),
+        tuple(record["notes"]),
+    )
     hyperprior = Hyperprior.from_record(record["hyperprior"])
-    settings = GroupSettings(record["seed"], hyperprior, record["n_draws"])
-    return PopulationResult(study, settings, StimulusScales(**record["scales"]), columns, drawn)
+    settings = GroupSettings(int(tree.attrs["seed"]), hyperprior, record["n_draws"])
+    scales = StimulusScales(*record["scales"])
+    return PopulationResult(stored_study(tree), settings, scales, columns, draws)

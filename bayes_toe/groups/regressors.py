@@ -7,8 +7,8 @@ m + x' beta, so m is that of subjects at the reference levels and at the means o
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +29,7 @@ class Regressor(NamedTuple):
     ----------
     level : str
         Of a category; empty for a numeric covariate.
-    about : str
+    meaning : str
         What its effect means: 'age, per sd of 11.2 about 34.1', 'group B against A'.
     reference : str
         The level with which a level is compared.
@@ -37,7 +37,7 @@ class Regressor(NamedTuple):
 
     covariate: str
     level: str
-    about: str
+    meaning: str
     reference: str = ""
 
     @property
@@ -55,8 +55,6 @@ class Regressors:
     subjects : tuple of str
     x : ndarray, shape (subjects, columns)
     columns : tuple of Regressor
-    left_out : mapping of str to str
-        Other subjects of the study, with the reason.
     notes : tuple of str
         Subjects that were left out, and subjects of the table that are not in the study, in words.
     """
@@ -64,8 +62,12 @@ class Regressors:
     subjects: tuple[str, ...]
     x: FloatArray
     columns: tuple[Regressor, ...] = ()
-    left_out: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    @property
+    def labels(self) -> list[str]:
+        """The names of the columns."""
+        return [column.label for column in self.columns]
 
     @classmethod
     def none(cls, subjects: Sequence[str]) -> Regressors:
@@ -97,15 +99,15 @@ def regressors(
     >>> age, group = [30.0, 20.0, 25.0, 40.0, 35.0], "xxyy"
     >>> columns = {"age": dict(zip("abcde", age)), "group": dict(zip("abcd", group))}
     >>> found = regressors(columns, ["e", "d", "c", "b", "a"])
-    >>> found.subjects, dict(found.left_out), found.x[:, 1].tolist()
-    (('d', 'c', 'b', 'a'), {'e': 'no group'}, [1.0, 1.0, 0.0, 0.0])
-    >>> [column.about for column in found.columns]
+    >>> found.subjects, found.notes, found.x[:, 1].tolist()
+    (('d', 'c', 'b', 'a'), ("subjects left out: 'e' (no group)",), [1.0, 1.0, 0.0, 0.0])
+    >>> [column.meaning for column in found.columns]
     ['age, per sd of 8.539 about 28.75', 'group y against x']
     """
     _require_known(categorical, covariates)
-    left_out = _incomplete_subjects(covariates, subjects)
-    reasons = join_names([f"{quoted(subject)} ({reason})" for subject, reason in left_out.items()])
-    complete = tuple(subject for subject in subjects if subject not in left_out)
+    incomplete = _incomplete_subjects(covariates, subjects)
+    reasons = join_names([f"{quoted(name)} ({reason})" for name, reason in incomplete.items()])
+    complete = tuple(name for name in subjects if name not in incomplete)
     _require_subjects(complete, len(covariates), reasons)
     columns: list[Regressor] = []
     parts = [np.empty((len(complete), 0))]
@@ -128,7 +130,7 @@ def regressors(
         notes.append(f"covariates of subjects that are not in the study ignored: {names}")
     if reasons:
         notes.append(f"subjects left out: {reasons}")
-    return Regressors(complete, x, tuple(columns), left_out, tuple(notes))
+    return Regressors(complete, x, tuple(columns), tuple(notes))
 
 
 def _require_known(categorical: Collection[str], names: Collection[str]) -> None:

@@ -11,10 +11,9 @@ follow from these. A chain is an independent ensemble; draws are walker-major wi
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -22,21 +21,21 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayes_toe.arrays import FloatArray, IndexArray, Record, StrPath
-from bayes_toe.data.conditions import Conditions
-from bayes_toe.data.messages import (
-    MOST_ROWS,
-    as_html,
-    format_path,
-    join_few,
-    join_names,
-    name_from_key,
-)
+from bayes_toe.arrays import FloatArray, IndexArray, StrPath
+from bayes_toe.data.messages import MOST_ROWS, as_html, format_path, join_few
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.tasks import Task, task_counted
-from bayes_toe.data.whole_files import whole_file
+from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
-from bayes_toe.inference import draws_file
+from bayes_toe.inference.draws_file import (
+    BY_SUBJECT,
+    COVARIATES,
+    as_arviz,
+    read_tree,
+    reading,
+    require_numbers,
+    save_tree,
+    stored_study,
+)
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
@@ -49,7 +48,6 @@ from bayes_toe.model.answer_curves import log_likelihoods
 from bayes_toe.model.models import (
     ObserverPosterior,
     SampledModel,
-    describe_prior,
     model_posterior,
     model_title,
     stored_model,
@@ -60,6 +58,11 @@ from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.prior import Prior, stored_prior
 from bayes_toe.seeds import generator
 
+#: Bytes of draws in one file; they are in memory together.
+LARGEST = 2**33
+#: Statistics of each subject that tables and screens show.
+_STATISTICS = ("converged", "shortfall", "imprecise", "min_ess", "max_r_hat")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Draws:
@@ -68,14 +71,10 @@ class Draws:
     Attributes
     ----------
     tree : xarray.DataTree
-        What is stored, in ArviZ's groups; :meth:`to_arviz` has all of them. Of a large file, draws
-        are read when they are asked for.
-    file : Path or None
-        The file that they are read from.
+        What is stored, in ArviZ's groups; :meth:`to_arviz` has all of them.
     """
 
     tree: xr.DataTree
-    file: Path | None = None
     _derived: dict[str, dict[str, FloatArray]] = field(default_factory=dict, init=False)
 
     def group(self, name: str) -> xr.Dataset:
@@ -86,11 +85,6 @@ class Draws:
     def names(self) -> tuple[str, ...]:
         """Subject identifiers, in the order of the study."""
         return tuple(map(str, self.group("posterior")["subject"].values))
-
-    @property
-    def attrs(self) -> Record:
-        """Model, seed, prior, settings, versions and what was left out, as stored in the file."""
-        return {str(key): value for key, value in self.tree.attrs.items()}
 
     @property
     def model(self) -> str:
@@ -116,98 +110,70 @@ class Draws:
 
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""
-        return describe_prior(stored_model(self.model, self.task), self.prior, self.task)
+        return str(self.tree.attrs["prior"])
 
     @property
     def synthetic(self) -> bool:
         """True where the data were simulated."""
-        return bool(self.tree.attrs["synthetic"])
+        return self.study.synthetic
 
     @property
     def not_converged(self) -> dict[str, str]:
         """Subjects whose draws missed the convergence criteria, with what was missed."""
-        has_converged = self.group("sample_stats")["converged"].values.astype(bool)
-        missed = {}
-        for name, reason, converged in zip(
-            self.names, self._texts("shortfall"), has_converged, strict=True
-        ):
-            if not converged:
-                missed[name] = reason
-        return missed
+        return self._remarks("shortfall")
 
     @property
     def imprecise(self) -> dict[str, str]:
         """Subjects with a quantile that is not precise enough, with how many draws would do."""
-        reasons = zip(self.names, self._texts("imprecise"), strict=True)
-        return {name: reason for name, reason in reasons if reason}
+        return self._remarks("imprecise")
 
-    def _texts(self, column: str) -> list[str]:
-        """A text of every subject."""
-        return [*map(str, self.group("sample_stats")[column].values)]
+    def _remarks(self, column: str) -> dict[str, str]:
+        """The subjects that have a text in this column of the statistics, with the text."""
+        texts = map(str, self.group("sample_stats")[column].values)
+        return {name: text for name, text in zip(self.names, texts, strict=True) if text}
 
     @property
     def failed(self) -> dict[str, str]:
         """Subjects of the study without draws, because their work was lost, with the reason."""
-        return dict(json.loads(self.tree.attrs.get("failed", "{}")))
+        return dict(json.loads(self.tree.attrs["failed"]))
 
     @property
     def not_interpreted(self) -> dict[str, str]:
         """Subjects whose responses have a fault that allows no conclusion, with the fault."""
-        return dict(json.loads(self.tree.attrs.get("not_interpreted", "{}")))
+        return dict(json.loads(self.tree.attrs["not_interpreted"]))
 
     def __getitem__(self, name: str | int) -> Draws:
-        """Draws of one subject alone; of a large file, no others are read."""
-        name = self._require_name(name)
-        groups = {}
-        with self._reading():
-            for key in ("posterior", "sample_stats"):
-                groups[f"/{key}"] = self.group(key).sel(subject=[name]).load()
-        for key in ("observed_data", "constant_data"):
-            groups[f"/{key}"] = self.group(key).isel(obs=self._places[name])
-        tree = xr.DataTree.from_dict(groups)
-        tree.attrs.update(self.tree.attrs)
-        return Draws(tree)
+        """Draws of one subject alone, as views of these."""
+        index = self.names.index(self.subject(name).name)
+        rows = slice(*self._first_rows[index : index + 2])
+        groups = self.tree.to_dict()
+        for key in ("/posterior", "/sample_stats"):
+            groups[key] = groups[key].isel(subject=slice(index, index + 1))
+        for key in ("/observed_data", "/constant_data"):
+            groups[key] = groups[key].isel(obs=rows)
+        return Draws(xr.DataTree.from_dict(groups))
 
-    @property
+    @cached_property
+    def _first_rows(self) -> list[int]:
+        """The first row of the counts of each subject, and the number of all rows."""
+        return list(accumulate([subject.n_pairs for subject in self.study], initial=0))
+
+    @cached_property
     def study(self) -> Study:
         """The study that these are draws of.
 
         The counts of everybody who has draws, with the notes of reading them.
         """
-        return Study(
-            tuple(map(self.subject, self.names)),
-            str(self.tree.attrs["source"]),
-            self.synthetic,
-            self._stored_lines("notes"),
-            changes=self._stored_lines("changes"),
-            conditions=self._conditions[0],
-        )
-
-    def _stored_lines(self, key: str) -> tuple[str, ...]:
-        """The lines of a stored text, without empty ones."""
-        return tuple(filter(None, str(self.tree.attrs.get(key, "")).split("\n")))
-
-    @cached_property
-    def _conditions(self) -> tuple[Conditions | None, dict[str, Record]]:
-        """The conditions of the study, and for each unit what a Subject has besides its counts."""
-        return draws_file.stored_conditions(self.tree)
+        return stored_study(self.tree)
 
     @property
     def task(self) -> Task:
         """The task of the subjects."""
-        task = task_counted(self.tree["observed_data"])
-        assert task is not None  # as the layout has it
-        return task
+        return self.study.task
 
     def subject(self, name: str | int) -> Subject:
         """The counts behind one subject's draws."""
-        name = self._require_name(name)
-        columns = {**self.group("constant_data").variables, **self.group("observed_data").variables}
-        keys = ("s1", "s2", self.task.count, "n_trials")
-        values = (columns[key].values[self._places[name]] for key in keys)
-        unit = draws_file.stored_unit(self.tree.attrs)
-        condition = self._conditions[1].get(name, {})
-        return Subject(name, *values, task=self.task, unit=unit, **condition)
+        return self.study[name]
 
     def posterior(self, name: str | int) -> ObserverPosterior | PaperPosterior:
         """The posterior that one subject's draws are of."""
@@ -217,7 +183,8 @@ class Draws:
     def points(self, name: str | int) -> FloatArray:
         """Draws of one subject in unconstrained coordinates, shape (chains, draws, k)."""
         target = self.posterior(name)
-        return target.points({key: self._stored(name, key) for key in target.names.natural})
+        stored = {key: self._stored(target.subject.name, key) for key in target.names.natural}
+        return target.points(stored)
 
     def natural(self, name: str | int) -> Natural:
         """Draws of the paper's parameters of one subject, each of shape (chains, draws).
@@ -251,7 +218,7 @@ class Draws:
         InputError
             For an unknown subject or parameter.
         """
-        name = self._require_name(name)
+        name = self.subject(name).name
         if parameter in self.group("posterior"):
             return self._stored(name, parameter)
         target = self.posterior(name)
@@ -266,7 +233,7 @@ class Draws:
 
     def fit(self, name: str | int) -> GoodnessOfFit:
         """Goodness of fit of one subject: deviance and its p-value."""
-        stats = self.group("sample_stats").sel(subject=self._require_name(name))
+        stats = self.group("sample_stats").sel(subject=self.subject(name).name)
         stored = [column for column in FIT_COLUMNS if column in stats]
         return GoodnessOfFit(**{column: stats[column].item() for column in stored})
 
@@ -305,26 +272,17 @@ class Draws:
         >>> sorted(data["posterior"].data_vars)
         ['gain', 'gamma', 'jnd', 'mu1', 'pse_shift', 'q0', 'sigma1', 'sigma_l', 'sigma_p', 'width']
         """
-        import arviz  # as slow to load as everything else together
-
-        dims = draws_file.BY_SUBJECT
-        groups = {
-            name: self.group(name)
-            for name in ("posterior", "sample_stats", "observed_data", "constant_data")
-        }
+        groups = self.tree.to_dict()
         for key in self.parameters:
             values = np.stack([self.values(name, key) for name in self.names], axis=-1)
-            groups["posterior"][key] = (dims, values, {"units": QUANTITY_BY_NAME[key].unit})
-        coords = {**groups["sample_stats"].coords, **groups["observed_data"].coords}
+            groups["/posterior"][key] = (BY_SUBJECT, values, {"units": QUANTITY_BY_NAME[key].unit})
+        coords = {**groups["/sample_stats"].coords, **groups["/observed_data"].coords}
         answers = zip(*(self._answers(name) for name in self.names), strict=True)
         for group, parts in zip(("log_likelihood", "posterior_predictive"), answers, strict=True):
-            groups[group] = xr.Dataset(
-                {self.task.count: ((*dims[:2], "obs"), np.concatenate(parts, axis=-1))}, coords
-            )
-        tree = xr.DataTree.from_dict({f"/{name}": group for name, group in groups.items()})
-        tree.attrs.update(self.tree.attrs)
-        convert = getattr(arviz, "from_datatree", None)  # of 0.x, which has a container of its own
-        return tree if convert is None else convert(tree)
+            values = np.concatenate(parts, axis=-1)
+            variable = (("chain", "draw", "obs"), values)
+            groups[f"/{group}"] = xr.Dataset({self.task.count: variable}, coords)
+        return as_arviz(xr.DataTree.from_dict(groups))
 
     def _answers(self, name: str) -> tuple[FloatArray, IndexArray]:
         """Log likelihood and predicted answers of a subject, (chains, draws, pairs) each.
@@ -350,46 +308,12 @@ class Draws:
         OutputError
             If the file exists and may not be replaced, is a folder, or cannot be written.
         """
-        with whole_file(path, overwrite=overwrite) as target:
-            with self._reading():
-                content = draws_file.as_netcdf(self.tree)
-            with content, target.open("wb") as file:
-                file.write(content)
-        return Path(path)
+        return save_tree(self.tree, path, overwrite=overwrite)
 
-    def _stored(self, name: str | int, parameter: str) -> FloatArray:
-        with self._reading():
-            # Of one layout, so that sums have one order.
-            return np.ascontiguousarray(
-                self.group("posterior")[parameter].sel(subject=name_from_key(name)).values,
-                np.float64,
-            )
-
-    @contextmanager
-    def _reading(self) -> Iterator[None]:
-        """Report a damaged part of the file when it is read."""
-        try:
-            yield
-        except (OSError, ValueError) as error:
-            if self.file is None:
-                raise
-            raise draws_file.unreadable(self.file, error) from error
-
-    @cached_property
-    def _places(self) -> Mapping[str, IndexArray]:
-        """The indices of every subject's pairs."""
-        owner = pd.Series(self.group("observed_data")["subject"].values.astype(str))
-        return {str(name): np.asarray(rows) for name, rows in owner.groupby(owner).indices.items()}
-
-    def _require_name(self, name: str | int) -> str:
-        """A subject's name, of whom there are draws."""
-        subject_name = name_from_key(name)
-        if subject_name not in self._places:
-            raise InputError(
-                f"no subject {name!r} among the draws; there are: "
-                f"{join_names([*map(repr, self.names)], 20)}"
-            )
-        return subject_name
+    def _stored(self, name: str, parameter: str) -> FloatArray:
+        drawn = self.group("posterior")[parameter].sel(subject=name)
+        # Of one layout, so that sums have one order.
+        return np.ascontiguousarray(drawn.values, np.float64)
 
     def __repr__(self) -> str:
         size = self.group("posterior").sizes
@@ -401,13 +325,16 @@ class Draws:
         return f"<Draws of {model_title(self.model)}: {subjects}, {size_and_seed}{missed}>"
 
     def _repr_html_(self) -> str:
+        missed = self.not_converged
         rows = []
         for name in self.names[:MOST_ROWS]:  # natural parameters, and whether they may be read
-            row = {"subject": name}
+            row = {"subject": name, "converged": "yes"}
+            if name in missed:
+                row["converged"] = "no"
             for key in self.posterior(name).names.natural:
                 low, middle, high = np.quantile(self.values(name, key), [0.025, 0.5, 0.975])
                 row[key] = f"{middle:.3g} [{low:.3g}, {high:.3g}]"
-            rows.append({**row, "converged": "no" if name in self.not_converged else "yes"})
+            rows.append(row)
         return as_html(
             f"{repr(self)[1:-1]}. Medians [95 % interval]", pd.DataFrame(rows), len(self.names)
         )
@@ -425,28 +352,40 @@ def require_draws(value: object) -> None:
 
 def load_draws(path: StrPath) -> Draws:
     """Read draws that :meth:`Draws.save` wrote."""
-    draws, name = Draws(draws_file.read_tree(path), Path(path)), format_path(Path(path))
-    natural: set[str] = set()
-    try:
-        for subject in draws.names:
-            natural.update(draws.posterior(subject).names.natural)
-    except InputError as error:
-        raise InputError(f"{name}: draws of {error}") from error
-    except (TypeError, ArithmeticError, LookupError, ValueError, RecursionError) as error:
+    return draws_from(read_tree(path), path)
+
+
+def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
+    """The draws in the tree of a file; an InputError where a part is missing or not finite."""
+    if COVARIATES in tree.children:
         raise InputError(
-            f"{name}: its prior or its pairs are none that draws have; {draws_file.READABLE}"
-        ) from error
-    absent = sorted(natural - set(draws.group("posterior").data_vars))
-    if absent:
-        raise InputError(
-            f"{name}: no {', '.join(absent)} among the draws of model {draws.model!r}; "
-            f"{draws_file.READABLE}"
+            f"{format_path(Path(path))}: draws of a group, allowed: those of subjects, a "
+            "posterior.nc"
         )
+    draws = Draws(tree)
+    with reading(path):
+        statistics = draws.group("sample_stats")
+        require_numbers(statistics, {"lp": BY_SUBJECT})
+        absent = set(_STATISTICS).difference(statistics)
+        if absent:
+            raise InputError(f"no {', '.join(sorted(absent))} in sample_stats")
+        if draws.study.names != draws.names:
+            raise InputError("its draws and its counts are of different subjects")
+        natural = draws.posterior(draws.names[0]).names.natural
+        require_numbers(draws.group("posterior"), dict.fromkeys(natural, BY_SUBJECT))
+        _ = draws.seed, draws.failed, draws.not_interpreted
     return draws
 
 
-def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: SampledModel) -> int:
-    """About how many bytes the file of draws will have, before they are made."""
-    stored = sampler.ensembles * sampler.walkers * sampler.kept_steps
+def require_fitting(
+    study: Study, prior: Prior, sampler: SamplerSettings, model: SampledModel
+) -> None:
+    """Refuse, before the work, more draws than the memory of many computers holds."""
+    n_draws = sampler.ensembles * sampler.walkers * sampler.kept_steps
     names = model_posterior(model, study.subjects[0], prior).names.natural
-    return 8 * stored * len(study) * (len(names) + 1) + 50_000
+    n_bytes = 8 * n_draws * len(study) * (len(names) + 1)
+    if n_bytes > LARGEST:
+        raise InputError(
+            f"about {n_bytes / 1e9:.3g} GB of draws, allowed in a file: {LARGEST / 1e9:.3g} GB; "
+            "fewer --draws, or files of some subjects each"
+        )

@@ -249,7 +249,7 @@ def _effect_labels(result: PopulationResult) -> list[str]:
     if result.study.conditions is not None:
         name = result.study.conditions.name
         return [f"{name} {level} − {reference}" for level, reference in result.comparisons]
-    return [column.about for column in result.regressors.columns]
+    return [column.meaning for column in result.regressors.columns]
 
 
 def _effects(result: PopulationResult) -> dict[str, FloatArray]:

@@ -30,7 +30,7 @@ from bayes_toe.design.simulate import PaperObserver, simulate_trials
 from bayes_toe.design.study_design import PAPER_BATCHES, reference_design
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.draws_file import assembled_tree
+from bayes_toe.inference.draws_file import subjects_tree
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
     EVIDENCE_DRAWS,
@@ -229,7 +229,7 @@ def work(job: Job) -> tuple[Row, Row]:
     known: Row = {}
     if job.with_draws and theta is not None:
         study = Study((subject,), "calibration", synthetic=True)
-        draws = Draws(assembled_tree(study, [subject_draws(result)], settings, {}, {}))
+        draws = Draws(subjects_tree(study, [subject_draws(result)], settings, {}, {}))
         ranks = {"design": job.design, **ranks_of(draws, subject, theta, settings.seed)}
     if job.with_evidence:
         replicates = subject_fit(subject, settings.prior, seed=settings.seed, replicates=1000)

@@ -55,7 +55,7 @@ def test_files_and_answer(finished, folder):
         r"and the SD between subjects is .*\. [\w ]+ differs? from 0 \(BF .*\)\.", text
     )
     assert "Effects of covariates" in text
-    assert "! subjects left out: 'P005' (no age)" in text
+    assert text.count("P005") == text.count("! Subjects left out: 'P005' (no age)") == 1
     assert text.endswith("Written: group.nc, group.csv, group_subjects.csv, group.png. Seed 1.")
 
 
@@ -67,7 +67,6 @@ def test_files_are_those_of_the_group(finished, folder):
     assert f"mean PSE shift is {shift}" in text
     assert f"mean contraction is {contraction}" in text
     assert result.subjects == ("P000", "P001", "P002", "P003", "P004")
-    assert dict(result.left_out) == {"P005": "no age"}
     assert result.settings.hyperprior.contraction.sd_scale == 0.5
     table = pd.read_csv(folder / "group.csv", keep_default_na=False, na_values=[""])
     assert np.array_equal(table["q50"], result.summary()["q50"])

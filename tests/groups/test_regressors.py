@@ -25,7 +25,7 @@ def test_least_squares_on_them_finds_slopes_and_differences():
     ages = np.array(list(AGES.values()))
     assert (mean, slope) == pytest.approx((0.3 * ages.mean() + 2.0, 0.3 * ages.std(ddof=1)))
     assert differences == pytest.approx([-3.0, 2.5])
-    labels = [(column.label, column.about) for column in result.columns]
+    labels = [(column.label, column.meaning) for column in result.columns]
     assert labels == [
         ("age", f"age, per sd of {ages.std(ddof=1):.4g} about {ages.mean():.4g}"),
         ("site north", "site north against east"),
@@ -43,7 +43,7 @@ def test_subjects_in_the_studys_order_and_those_left_out_by_name(tmp_path):
     assert result.subjects == ("f", "d", "c", "a")
     assert result.x[:, 1].tolist() == [0.0, 0.0, 1.0, 0.0]
     assert (result.x[:, 0].mean(), result.x[:, 0].std(ddof=1)) == pytest.approx((0, 1), abs=1e-12)
-    assert result.columns[0].about.endswith("about 27.5")  # the mean over those kept
+    assert result.columns[0].meaning.endswith("about 27.5")  # the mean over those kept
     assert result.notes == (
         "covariates of subjects that are not in the study ignored: 'z'",
         "subjects left out: 'h' (no covariates), 'g' (no covariates), 'e' (no site), 'b' (no age)",
@@ -56,8 +56,8 @@ def test_numbers_are_numbers_unless_asked():
     assert column.level == ""
     result = regressors({"dose": dose}, NAMES, categorical=["dose"])
     # In the order of numbers.
-    abouts = [column.about for column in result.columns]
-    assert abouts == ["dose 2 against 0", "dose 10 against 0"]
+    meanings = [column.meaning for column in result.columns]
+    assert meanings == ["dose 2 against 0", "dose 10 against 0"]
     assert result.x.sum(axis=0).tolist() == [3.0, 2.0]
     mixed = regressors({"dose": {**dose, NAMES[0]: "10"}}, NAMES)
     assert mixed.columns == result.columns

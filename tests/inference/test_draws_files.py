@@ -1,90 +1,125 @@
-"""Files of draws: whole or not at all, and damaged or foreign ones refused in one line."""
+"""Files of draws of subjects and of groups: what is saved is read, and all else is refused."""
 
 import contextlib
 import random
 import shutil
+import tracemalloc
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import arviz as az
 import h5py
 import numpy as np
 import pytest
 import xarray as xr
 from commands import refused
+from populations import made_result, simulated_group, two_conditions, with_ages
 from processes import save_on_a_full_disk
 
 import bayes_toe as bt
-from bayes_toe.errors import InputError, OutputError
-from bayes_toe.inference import draws_file
+from bayes_toe.errors import InputError
+
+AGAIN = "; run `bayes-toe sample` again, or `bayes-toe population` for a group"
 
 
 @pytest.fixture(scope="module")
 def saved(analysis, tmp_path_factory):
-    """A file of draws."""
-    return analysis.draws.save(tmp_path_factory.mktemp("saved") / "posterior.nc")
+    """The files of the draws of subjects, and of a group with covariates."""
+    folder = tmp_path_factory.mktemp("saved")
+    analysis.draws.save(folder / "posterior.nc")
+    made_result(*with_ages(), n_divergent=1).save(folder / "population.nc")
+    return folder
 
 
-@pytest.fixture
-def path(saved, tmp_path):
-    """A file that a test may damage."""
-    return Path(shutil.copy(saved, tmp_path))
+def one_line(path, message):
+    with pytest.raises(InputError) as refused:
+        bt.load(path)
+    line = str(refused.value)
+    assert line.startswith(f"{path}: {message}")
+    assert line.isprintable()
 
 
-def content(folder):
-    return {
-        file.relative_to(folder).as_posix(): file.read_bytes()
-        for file in folder.rglob("*")
-        if file.is_file()
-    }
-
-
-def flip(file, index=None):
-    data = bytearray(file.read_bytes())
-    data[len(data) // 2 if index is None else index] ^= 4
-    file.write_bytes(data)
-
-
-# --- What is stored, and what follows from it -----------------------------------------------------
+# --- What is saved is read ------------------------------------------------------------------------
 
 
 def test_natural_parameters_are_stored_and_all_else_follows(saved, analysis):
-    loaded, draws = bt.load(saved), analysis.draws
-    assert set(loaded.tree.children) == {
-        "posterior",
-        "sample_stats",
-        "observed_data",
-        "constant_data",
-    }
+    loaded, draws = bt.load(saved / "posterior.nc"), analysis.draws
+    groups = {"posterior", "sample_stats", "observed_data", "constant_data"}
+    assert set(loaded.tree.children) == groups
     assert set(loaded.group("posterior").data_vars) == {"mu1", "sigma_p", "sigma_l", "q0"}
-    xr.testing.assert_identical(loaded.tree.load(), draws.tree)
-    assert (loaded.parameters, loaded.attrs, loaded.names) == (
-        draws.parameters,
-        draws.attrs,
-        ("A", "B", "C"),
-    )
-    half_a_megabyte_each = 3 * 1.06e6
-    assert saved.stat().st_size < half_a_megabyte_each
+    xr.testing.assert_identical(loaded.tree, draws.tree)
+    assert (loaded.parameters, loaded.names) == (draws.parameters, ("A", "B", "C"))
     for key in draws.posterior("B").names.all:
         assert np.array_equal(loaded.values("B", key), draws.values("B", key))
-    loaded.save(saved, overwrite=True)  # a file is not locked by having been read
+    assert np.array_equal(loaded["B"].points("B"), draws.points("B"))
+    assert loaded["B"].study.frame().equals(loaded.study.select("B").frame())
+    half_a_megabyte_each = 3 * 1.06e6
+    assert (saved / "posterior.nc").stat().st_size < half_a_megabyte_each
+    loaded.save(saved / "posterior.nc", overwrite=True)  # A file is not locked by having been read.
 
 
-def test_draws_of_much_data_are_read_when_they_are_asked_for(
-    saved, analysis, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(draws_file, "AT_ONCE", 0)
-    draws = bt.load(saved)
-    xr.testing.assert_identical(
-        draws["B"].group("posterior"), analysis.draws["B"].group("posterior")
-    )
-    assert np.array_equal(draws.points("C"), analysis.draws.points("C"))
-    assert not any(
-        variable.variable._in_memory for variable in draws.group("posterior").data_vars.values()
-    )
-    again = bt.load(draws.save(tmp_path / "again.nc"))
-    xr.testing.assert_identical(again.tree.load(), analysis.draws.tree)
+GROUPS = {
+    "which is stronger": lambda: made_result(simulated_group(1, n_subjects=4)),
+    "same or different": lambda: made_result(
+        bt.example_study("same/different").select(["S01", "S02", "S03"])
+    ),
+    "covariates": lambda: made_result(*with_ages(), n_divergent=1),
+    "conditions": lambda: made_result(two_conditions(2, n_subjects=3)),
+}
 
 
-# --- What is not ours -----------------------------------------------------------------------------
+@pytest.mark.parametrize("kind", GROUPS)
+def test_a_group_is_read_as_it_was_saved(kind, tmp_path):
+    result = GROUPS[kind]()
+    loaded = bt.load(result.save(tmp_path / "population.nc"))
+    for name in ("mean", "sd", "effects", "subjects"):
+        assert np.array_equal(getattr(loaded.draws, name), getattr(result.draws, name))
+    for name in ("settings", "scales", "subjects", "problems"):
+        assert getattr(loaded, name) == getattr(result, name)
+    assert loaded.regressors.columns == result.regressors.columns
+    assert loaded.summary().equals(result.summary())
+    assert loaded.study.conditions == result.study.conditions
+    assert loaded.study.frame().equals(result.study.frame())
+
+
+def test_arviz_opens_the_files(analysis, saved, tmp_path):
+    data = az.from_netcdf(saved / "posterior.nc")
+    assert data["sample_stats"]["lp"].dims == ("chain", "draw", "subject")
+    data.close()
+    GROUPS["conditions"]().save(tmp_path / "population.nc")
+    group = az.from_netcdf(tmp_path / "population.nc")
+    assert group["posterior"]["mean"].dims == ("chain", "draw", "coefficient")
+    coefficients = group["posterior"]["coefficient"].values.tolist()
+    assert coefficients[3:] == [f"difference 1 of {name}" for name in coefficients[:3]]
+    assert group["posterior"]["parameter"].values.tolist()[-2:] == ["lapse_rate", "noise_slope"]
+    group.close()
+    table = az.summary(bt.load(tmp_path / "population.nc").to_arviz(), var_names=["mean"])
+    assert len(table) == len(coefficients)
+
+
+def test_a_file_names_its_run(analysis):
+    attributes = analysis.draws.tree.attrs
+    age = datetime.now(UTC) - datetime.fromisoformat(attributes["created_at"])
+    assert timedelta(0) <= age < timedelta(days=1)
+    assert attributes["seed"] == analysis.settings.seed
+
+    study = analysis.study
+    same = bt.sample(study, model="none", draws=20, seed=1, workers=1)
+    other = bt.sample(study.swap("A"), model="none", draws=20, seed=1, workers=1)
+    hashes = [draws.tree.attrs["counts_hash"] for draws in (analysis.draws, same, other)]
+    assert hashes[0] == hashes[1] != hashes[2]
+
+
+def test_draws_are_not_in_memory_twice_when_they_are_saved(analysis, tmp_path):
+    n_bytes = analysis.draws.tree.nbytes
+    tracemalloc.start()
+    analysis.draws.save(tmp_path / "posterior.nc")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 0.5 * n_bytes
+
+
+# --- What is refused ------------------------------------------------------------------------------
 
 
 def _delete(name):
@@ -105,99 +140,89 @@ def _link(name, link):
 
 def _inside_itself(file):
     file["posterior/loop"] = file["/"]
+    del file["sample_stats"]
+
+
+def _declares(file):
+    del file["sample_stats/lp"]
+    file.create_dataset("sample_stats/lp", (4, 10**9, 3), "f8", chunks=(4, 10**3, 3))
+
+
+SUBJECTS, GROUP = "posterior.nc", "population.nc"
+UNREADABLE = "not a file of draws that can be read"
 
 
 @pytest.mark.parametrize(
-    "damage, message",
+    "name, damage, message",
     [
-        (_delete("constant_data"), "no group constant_data"),
-        (_delete("sample_stats/lp"), "no variable sample_stats/lp over"),
-        (_delete("posterior/q0"), "no q0 among the draws"),
-        (_attribute(seed="five"), "attribute seed is not a whole number"),
-        (_attribute(settings="[" * 60_000), "none that draws have"),
-        (
-            _attribute(model="psychic"),
-            "draws of model 'psychic': no such model; allowed: none, constant-error",
-        ),
-        (_set("observed_data/subject", 0, "Z"), "not of the same subjects"),
-        (_set("observed_data/n_equal", 0, -1), "n_yes"),
-        (_set("constant_data/s1", 0, 7.0), "of other pairs"),
-        (_set("posterior/mu1", (0, 0, 0), np.inf), "draws of 'mu1' are no numbers"),
-        (_set("posterior/mu1", ..., 1e308), "draws of 'mu1' are beyond -1e\\+100 to 1e\\+100"),
-        (_set("posterior/sigma_p", ..., -1.0), "draws of 'sigma_p' are beyond 0 to"),
-        (_set("posterior/q0", ..., 2.0), "draws of 'q0' are beyond 0 to 1"),
-        (_set("sample_stats/lp", ..., np.nan), "draws of 'lp' are no numbers"),
-        (_set("sample_stats/converged", ..., 77), "converged is neither 0 nor 1"),
-        (_set("sample_stats/min_ess", ..., -3.0), "min_ess is below 0"),
-        (_attribute(seed=-1), "attribute seed is not a whole number"),
-        (_attribute(failed="[1"), "attribute failed is not an object of JSON"),
-        (_attribute(failed='["A"]'), "attribute failed is not an object of JSON"),
-        (_attribute(versions="4"), "attribute versions is not an object of JSON"),
-        (_link("posterior/loop", h5py.SoftLink("/")), "'loop' in 'posterior' is a link"),
-        (_link("posterior/other", h5py.ExternalLink("p.nc", "/x")), "'other' in 'posterior' is a"),
-        (_link("extra", h5py.SoftLink("/extra")), "'extra' is a link"),
-        (_inside_itself, "'loop' in 'posterior' is a group"),
+        (SUBJECTS, lambda file: file.attrs.pop("format"), "not a file of draws of this version"),
+        (GROUP, _attribute(format=1), "not a file of draws of this version"),
+        (SUBJECTS, _delete("constant_data"), UNREADABLE),
+        (SUBJECTS, _delete("sample_stats/lp"), "no lp over (chain, draw, subject)"),
+        (SUBJECTS, _delete("sample_stats/min_ess"), "no min_ess in sample_stats"),
+        (SUBJECTS, _delete("posterior/q0"), "no q0 over (chain, draw, subject)"),
+        (GROUP, _delete("posterior/subjects"), "no subjects over (chain, draw, subject, parame"),
+        (GROUP, _delete("covariates/x"), "no x over (subject, covariate)"),
+        (GROUP, _set("covariates/subject", 0, "Z"), UNREADABLE),
+        (SUBJECTS, _set("posterior/mu1", (0, 0, 0), np.inf), "draws of mu1 are no numbers"),
+        (SUBJECTS, _set("sample_stats/lp", ..., np.nan), "draws of lp are no numbers"),
+        (GROUP, _set("posterior/mean", (0, 0, 0), np.nan), "draws of mean are no numbers"),
+        (GROUP, _set("covariates/x", ..., np.nan), "draws of x are no numbers"),
+        (SUBJECTS, _set("posterior/subject", 0, "Z"), "its draws and its counts are of"),
+        (SUBJECTS, _set("observed_data/n_equal", 0, -1), "subject 'A'"),
+        (SUBJECTS, _attribute(seed="five"), UNREADABLE),
+        (SUBJECTS, _attribute(settings="[" * 60_000), UNREADABLE),
+        (SUBJECTS, _attribute(failed="[1"), UNREADABLE),
+        (SUBJECTS, _attribute(model="psychic"), "model 'psychic': no such model; allowed: none,"),
+        (SUBJECTS, _declares, "it declares more numbers than it has"),
+        (SUBJECTS, _link("posterior/loop", h5py.SoftLink("/")), "'posterior/loop' is a link"),
+        (GROUP, _link("other", h5py.ExternalLink("p.nc", "/x")), "'other' is a link"),
+        (SUBJECTS, _inside_itself, UNREADABLE),
     ],
 )
-def test_a_file_of_what_draws_are_not_is_refused_in_one_line(path, damage, message):
+def test_a_damaged_file_is_refused_in_one_line(saved, tmp_path, name, damage, message):
+    path = Path(shutil.copy(saved / name, tmp_path))
     with h5py.File(path, "r+") as file:
         damage(file)
     one_line(path, message)
+    with pytest.raises(InputError, match=AGAIN):
+        bt.load(path)
 
 
-def one_line(path, message):
-    with pytest.raises(InputError, match=message) as refused:
-        bt.load(path).points("A")
-    assert str(path) in str(refused.value)
-    assert len(str(refused.value).splitlines()) == 1
-
-
-def test_changed_bytes_are_refused_in_one_line_or_harmless(path):
-    content_before = path.read_bytes()
+def test_changed_bytes_are_refused_in_one_line_or_harmless(saved, tmp_path):
+    path = tmp_path / SUBJECTS
+    content = (saved / SUBJECTS).read_bytes()
     random_bytes = random.Random(1)
     for i in range(40):
-        changed = bytearray(content_before)
-        end = len(content_before) if i % 2 else 20_000
+        changed = bytearray(content)
+        end = len(content) if i % 2 else 20_000
         for _ in range(3):
             changed[random_bytes.randrange(end)] = random_bytes.randrange(256)
         path.write_bytes(changed)
         with contextlib.suppress(InputError):
             bt.load(path).summary()
+    for other in (b"", b"subject", content[:10_000]):
+        path.write_bytes(other)
+        one_line(path, f"{UNREADABLE}{AGAIN}")
+    for place, problem in ((tmp_path, "not a file"), (tmp_path / "none.nc", "no such file")):
+        one_line(place, f"{problem}; allowed: a posterior.nc or population.nc written by bayes-toe")
 
 
-def test_a_damaged_file_is_refused_in_one_line(path):
-    with h5py.File(path) as file:
-        index = file["posterior/q0"].id.get_chunk_info(0).byte_offset
-    flip(path, index + 100)
-    one_line(path, "damaged: its numbers do not fit their checksums")
-    path.write_bytes(path.read_bytes()[:10_000])
-    one_line(path, "not a NetCDF file that can be read")
-
-
-# --- Whole or not at all, and nobody else's -------------------------------------------------------
+def test_a_command_names_a_file_of_another_kind(saved):
+    message = refused("corner population.nc -o corner", cwd=saved)
+    assert "population.nc: draws of a group, allowed: those of subjects, a posterior.nc" in message
 
 
 def test_a_full_disk_is_an_error_and_leaves_nothing(saved, tmp_path):
     """HDF5 itself ends the process with a segmentation fault here."""
-    save_on_a_full_disk(saved, tmp_path / "posterior.nc", 50_000)
+    save_on_a_full_disk(saved / SUBJECTS, tmp_path / SUBJECTS, 50_000)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_of_others_is_neither_replaced_nor_read(analysis, tmp_path):
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    (folder / "image").write_text("precious")
-    with pytest.raises(OutputError, match="is a folder"):
-        analysis.draws.save(folder, overwrite=True)
-    with pytest.raises(InputError, match="folder: not a file; allowed"):
-        bt.load(folder)
-    assert content(tmp_path) == {"folder/image": b"precious"}
-
-
-def test_more_draws_than_a_file_is_written_from_are_refused_with_the_way_out(
+def test_more_draws_than_a_file_holds_are_refused_with_the_way_out(
     study_csv, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(draws_file, "LARGEST", 10**6)
+    monkeypatch.setattr("bayes_toe.inference.draws.LARGEST", 10**6)
     monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
-    message = "allowed in a NetCDF file: 0.001 GB; fewer --draws, or files of some subjects each"
+    message = "allowed in a file: 0.001 GB; fewer --draws, or files of some subjects each"
     assert message in refused("sample", study_csv, "-o", "posterior.nc", cwd=tmp_path)

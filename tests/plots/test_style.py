@@ -1,6 +1,7 @@
 """What all figures share: the label of synthetic data, and names as text."""
 
 import io
+import json
 
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
@@ -15,7 +16,8 @@ from bayes_toe.plots.style import POSTERIOR, new_figure, plain
 
 def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
     marked = bt.Draws(analysis.draws.tree.copy())
-    marked.tree.attrs["synthetic"] = 1
+    record = json.loads(marked.tree.attrs["study"])
+    marked.tree.attrs["study"] = json.dumps(record | {"synthetic": True})
     for figure in (bt.plots.corner(marked, "A"), bt.plots.curves(marked, "A")):
         words = " ".join(text.get_text() for text in figure.findobj(Text))
         assert "synthetic" in words
