@@ -1,7 +1,7 @@
 """The answer of a study on the screen: a table of subjects, their problems, and the conclusion.
 
 `print_subjects` prints the table and the problems, `print_answer` the conclusion. Reports use
-`flagged` and `doubtful_subjects` too.
+`flagged` too.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from bayes_toe.answers.order_effect import (
     QUESTIONS,
     SIZE_OF,
     OrderEffect,
-    format_small_p,
 )
 from bayes_toe.answers.study_summary import describe_pair, study_lines
 from bayes_toe.cli.terminal import (
@@ -77,27 +76,6 @@ def flagged(
         if of_subject:
             reasons[answer.subject] = of_subject
     return reasons
-
-
-#: Sentences on the use of conclusions.
-POOR_FIT = "The model does not fit {}."
-NO_FIT = "The fit is not testable for {}."
-ON_PREVIOUS_TRIAL = "Responses depend on the previous trial for {}."
-
-
-def doubtful_subjects(answers: Iterable[OrderEffect]) -> dict[str, list[str]]:
-    """Sentences on the use of conclusions, and the interpreted subjects that each concerns."""
-    subjects: dict[str, list[str]] = {POOR_FIT: [], NO_FIT: [], ON_PREVIOUS_TRIAL: []}
-    for answer in answers:
-        if not answer.is_interpretable:
-            continue
-        if answer.fit_p is None:
-            subjects[NO_FIT].append(answer.subject)
-        elif answer.fits is False:
-            subjects[POOR_FIT].append(f"{answer.subject} with {format_small_p(answer.fit_p)}")
-        if answer.depends_on_previous_trial:
-            subjects[ON_PREVIOUS_TRIAL].append(answer.subject)
-    return subjects
 
 
 # --- The screen ----------------------------------------------------------------------------------

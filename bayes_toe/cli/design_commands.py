@@ -188,10 +188,10 @@ class GoalOptions:
         None
     )
 
-    def require(self, file: Path | None, has_list: bool) -> None:
+    def require(self, file: Path, has_list: bool) -> None:
         """Refuse a given design with options of a search."""
         is_search = replace(self, intensity=None, unit=None) != GoalOptions()
-        if file is not None and (not has_list or is_search):
+        if not has_list or is_search:
             raise bt.InputError(
                 f"{file}: a given design needs --list trials.csv, without options of the search "
                 "such as --lowest and --max-pairs."
@@ -260,6 +260,11 @@ class ListOptions:
     ] = 1
     conditions: Annotated[Text, rare("--conditions", "left,right", "Conditions in --list.")] = None
 
+    @property
+    def files(self) -> list[Path]:
+        """The file of the list, if there is one."""
+        return [] if self.list_output is None else [self.list_output]
+
     def levels(self) -> tuple[str, ...]:
         """The levels of the condition; none without a condition."""
         from bayes_toe.design.simulate import read_differences
@@ -296,10 +301,10 @@ class ListOptions:
         if levels:
             split = f" ({design.total} in each of {join_names([*levels])}, mixed within blocks)"
         n_trials = design.total * max(1, len(levels))
+        ending = " each" if self.subjects > 1 else ""
         context.out.line()
-        of_each = " each" if self.subjects > 1 else ""
         context.out.line(
-            f"{self.list_output}: {plural(self.subjects, 'subject')}, {n_trials} trials{of_each} "
+            f"{self.list_output}: {plural(self.subjects, 'subject')}, {n_trials} trials{ending} "
             f"in {plural(self.blocks, 'block')}{split}. Within each block, both orders of a pair "
             f"are as frequent as in the design. At most {MOST_EQUAL} equal pairs follow each "
             f"other. Seed {seed}."
@@ -332,24 +337,18 @@ def design(
     from bayes_toe.cli.terminal import repeated_command
     from bayes_toe.data.tables import write_table
     from bayes_toe.design.observers import KINDS_IN_WORDS
-    from bayes_toe.seeds import root_seed
 
-    list_files = [] if lists.list_output is None else [lists.list_output]
-    n_levels = max(1, len(lists.levels()))
-    goal.require(file, bool(list_files))
     if file is not None:
-        if trials != TRIALS:
-            raise bt.InputError(f"{file}: a given design has its trials. Leave out --trials.")
-        context.require_files(*list_files)
-        seed = root_seed(context.seed)
-        study_design = bt.design.read_study_design(file, question, goal.unit)
-        lists.write(study_design, seed, goal.shown_unit(), context)
+        _list_given_design(file, trials, question, goal, lists, context)
         return
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
+
+    n_levels = max(1, len(lists.levels()))
     compared = output.with_name(f"{output.stem}_compared.csv")
     text, figure = output.with_suffix(".md"), output.with_suffix(".png")
-    context.require_files(output, compared, text, figure, *list_files)
+    context.require_files(output, compared, text, figure, *lists.files)
+
     optimal = context.work(
         "simulating and analysing",
         2 * 6 * simulated,
@@ -362,6 +361,7 @@ def design(
         prior=context.prior,
     )
     optimal = replace(optimal, unit=goal.shown_unit())
+
     files: dict[Path, Callable[[Path], object]] = {
         output: lambda path: write_table(optimal.frame(), path),
         compared: optimal.power.save,
@@ -369,12 +369,14 @@ def design(
         figure: partial(bt.plots.save_figure, bt.plots.design(optimal)),
     }
     context.write(files)
+
     print_power(context.out, optimal.power)
     if observers is None:
         context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:
         context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
-    problem = ""
+
+    problem, list_files = "", lists.files
     try:
         lists.write(optimal.design, optimal.seed, optimal.unit, context)
     except bt.InputError as error:  # The design is not lost.
@@ -386,6 +388,27 @@ def design(
             f"{problem}. For the list, type: bayes-toe design {output} --list "
             f"{lists.list_output} --blocks NUMBER"
         )
+
+
+def _list_given_design(
+    file: Path,
+    trials: int,
+    question: str,
+    goal: GoalOptions,
+    lists: ListOptions,
+    context: RunContext,
+) -> None:
+    """Write the list of trials of a design that a file has."""
+    from bayes_toe.seeds import root_seed
+
+    goal.require(file, bool(lists.files))
+    if trials != TRIALS:
+        raise bt.InputError(f"{file}: a given design has its trials. Leave out --trials.")
+    context.require_files(*lists.files)
+    lists.levels()  # refuses conditions without two levels
+
+    study_design = bt.design.read_study_design(file, question, goal.unit)
+    lists.write(study_design, root_seed(context.seed), goal.shown_unit(), context)
 
 
 # --- simulate -------------------------------------------------------------------------------------

@@ -4,8 +4,9 @@
 
 In 'same or different' a panel has the pairs with one weaker stimulus, over the stronger one, with a
 curve for each order. In 'which is stronger' it has the pairs with one first stimulus, over s2 - s1;
-the curve crosses one half at the point of subjective equality (PSE). `responses_panel` pools the
-pairs of a subject in one panel. Bands are central 95 % intervals of the posterior.
+the curve crosses one half at the point of subjective equality (PSE). Such panels also show 'same or
+different' with more than six weaker stimuli. `responses_panel` pools the pairs of a subject in one
+panel. Bands are central 95 % intervals of the posterior.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
     stimulus, or P('second') over s2 - s1 in a panel for each first stimulus or neighbouring ones.
     Where P('second') crosses one half is the point of subjective equality (PSE).
 
-    Designs with more than six weaker stimuli are shown over the distance z.
+    If 'same or different' has more than six weaker stimuli, its panels are over s2 - s1 too.
 
     Parameters
     ----------
@@ -106,20 +107,23 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
 def fitted_figure(fitted: Predictor, title: str) -> Figure:
     """The responses and curves of the subject whose posterior draws these are."""
     counts = fitted.target.subject
-    groups = _groups(counts)
+    weaker = np.unique(_weaker(counts))
+    is_by_weaker = counts.task != WHICH_STRONGER and 0 < len(weaker) <= MOST_PANELS
+    stimulus, groups = "first", _groups(counts)
+    if is_by_weaker:
+        stimulus, groups = "weaker", [*weaker[:, None]]
+
     n_columns = even_columns(len(groups), largest=2)
     figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * n_rows(len(groups), n_columns) + 0.9)
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
     panels = grid_panels(below_title, len(groups), n_columns, sharey=True)
     for ax, group in zip(panels, groups, strict=True):
-        if counts.task == WHICH_STRONGER:
-            first_panel(ax, counts, fitted.yes, group)
-        elif len(group) == 1:
+        if is_by_weaker:
             order_panel(ax, counts, fitted.yes, float(group[0]))
         else:
-            distance_panel(ax, fitted)
+            first_panel(ax, counts, fitted.yes, group)
         if len(groups) > 1:
-            ax.set_title(_describe_group(counts, group), loc="left", fontsize=LETTERS)
+            ax.set_title(_describe_group(counts, group, stimulus), loc="left", fontsize=SMALL)
     finish_panels(panels, n_columns)
     legend_below(below_title, size=SMALL, side="upper")
     figure.suptitle(title, fontsize=LETTERS + 1.0)
@@ -139,23 +143,16 @@ def finish_panels(panels: Sequence[Axes], n_columns: int) -> None:
 
 
 def _groups(counts: Subject) -> list[FloatArray]:
-    """The stimuli of every panel: weaker ones, or first ones in 'which is stronger'.
-
-    Neighbouring first stimuli share a panel where there are more than six; more than six weaker
-    stimuli have one panel in all.
-    """
-    if counts.task == WHICH_STRONGER:
-        firsts = np.unique(counts.s1)
-        return np.array_split(firsts, min(len(firsts), MOST_PANELS))
-    weaker = np.unique(_weaker(counts))
-    return [*weaker[:, None]] if 0 < len(weaker) <= MOST_PANELS else [weaker]
+    """The first stimuli of every panel; if there are more than six, neighbours share a panel."""
+    firsts = np.unique(counts.s1)
+    return np.array_split(firsts, min(len(firsts), MOST_PANELS))
 
 
-def _describe_group(counts: Subject, group: FloatArray) -> str:
-    """Words for the panel of these stimuli (ln)."""
+def _describe_group(counts: Subject, group: FloatArray, stimulus: str) -> str:
+    """Words for the panel of these weaker or first stimuli (ln)."""
     numbers, unit = counts.unit.numbers(group[[0, -1]], mean_first(counts))
     ends = " to ".join(dict.fromkeys(numbers))
-    return f"{counts.task.slice_stimulus} stimulus {ends} {unit}".replace("-", "−")
+    return f"{stimulus} stimulus {ends} {unit}".replace("-", "−")
 
 
 def _unconverged(draws: Draws, subject: str) -> str:
@@ -180,7 +177,7 @@ def responses_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
         weaker = float(counts.s1.min())
     order_panel(ax, counts, curve, weaker)
     if len(np.unique(_weaker(counts))) > 1:
-        write_note(ax, _describe_group(counts, np.array([weaker])))
+        write_note(ax, _describe_group(counts, np.array([weaker]), "weaker"))
 
 
 def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
@@ -209,7 +206,7 @@ def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
 
 
 def first_panel(ax: Axes, counts: Subject, curve: Curve, firsts: FloatArray) -> None:
-    """P('second') over s2 - s1 of all pairs with one of these first stimuli (ln).
+    """P of the counted answer over s2 - s1 of all pairs with one of these first stimuli (ln).
 
     The curve is that of the first stimulus in the middle of them.
     """
@@ -222,7 +219,8 @@ def first_panel(ax: Axes, counts: Subject, curve: Curve, firsts: FloatArray) -> 
     for mark, has_order in rows_by_order(presentation_order(counts)):
         rows = has_order & is_in_panel
         draw_shares(ax, difference[rows], counts.n_yes[rows], counts.n_trials[rows], mark)
-    _draw_half(ax, "one half: PSE")
+    if counts.task == WHICH_STRONGER:
+        _draw_half(ax, "one half: PSE")
     zero_line(ax)
     difference_scale(counts.unit, ax.get_xlim()).draw(ax)
     ax.set_ylabel(f"proportion '{counts.task.yes}'")
@@ -276,21 +274,6 @@ def _draw_correct(
 
 def _draw_half(ax: Axes, label: str) -> None:
     ax.axhline(0.5, color=EQUAL, lw=0.8, ls=":", zorder=0, label=label)
-
-
-def distance_panel(ax: Axes, fitted: Predictor) -> None:
-    """Draw all pairs over their distance z on the common curve (Fig. 3, lower row).
-
-    The distance is the posterior median.
-    """
-    counts = fitted.target.subject
-    z = np.median(fitted.target.distance(fitted.x), axis=0)
-    reach = 1.05 * max(float(np.abs(z).max()), 1.43)
-    x = np.linspace(-reach, reach, 200)
-    draw_band(ax, x, fitted.target.yes_at_distance(fitted.x, x), _INK)
-    for mark, rows in rows_by_order(presentation_order(counts)):
-        draw_shares(ax, z[rows], counts.n_yes[rows], counts.n_trials[rows], mark)
-    ax.set(xlabel="normalised distance $z$", ylabel=f"proportion '{counts.task.yes}'")
 
 
 def _weaker(counts: Subject) -> FloatArray:

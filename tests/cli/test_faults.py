@@ -166,18 +166,6 @@ def test_what_is_stored_is_thrown_away_with_overwrite(four):
     assert sorted(path.name for path in four.iterdir()) == ["evidence.csv", "study.csv"]
 
 
-DEAF = """
-import time
-from bayes_toe.cli import entry_point
-entry_point.PATIENCE = 0.5
-entry_point.listen()
-while True:
-    try:
-        print("ready", flush=True)
-        time.sleep(60)
-    except BaseException:
-        pass
-"""
 FAILING_THREAD = """
 import signal, threading
 from bayes_toe.cli.entry_point import Stopped, listen, say_stopped
@@ -202,13 +190,6 @@ signal.signal(signal.SIGTERM, signal.SIG_IGN)
 assert signal.SIGTERM not in listen()
 signal.raise_signal(signal.SIGTERM)
 """
-
-
-def test_a_library_that_swallows_the_exception_does_not_keep_the_command():
-    with subprocess.Popen([sys.executable, "-c", DEAF], stdout=subprocess.PIPE, text=True) as deaf:
-        assert deaf.stdout.readline() == "ready\n"
-        deaf.send_signal(signal.SIGTERM)
-        assert deaf.wait(60) == 128 + signal.SIGTERM
 
 
 def test_a_thread_that_fails_after_a_signal_prints_nothing():

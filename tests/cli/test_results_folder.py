@@ -43,7 +43,7 @@ def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
     assert (out / "corner").exists() == bool(drawn)
     text = page(out)
     counts = text.count("data:image/png"), text.count("To draw the corner plot")
-    assert counts == (1 + 2 * len(drawn), 3 - len(drawn))
+    assert counts == (2 * len(drawn), 3 - len(drawn))
     assert note in text
     sentences = re.findall(r'<p class="lead">(.*?)</p>|<dd>(.*?)</dd>', text)
     assert len(sentences) > 8
@@ -64,7 +64,7 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     index = page(out)
     links = re.findall(r'href="subjects/([^"]+).html"', index)
     assert links[:3] == ["A", "C", "B"]  # flagged ones first
-    assert index.count("data:image/png") == 1
+    assert "data:image/png" not in index
     assert '<details class="subject' not in index
     assert "2 of 3 subjects need action" in index
     pages = [page(out / "subjects", f"{name}.html") for name in "ABC"]
@@ -160,7 +160,7 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
         "a constant error and a response bias predict the same responses",
         "Just noticeable difference",
         "lapse_rate",
-        "% &#39;second&#39;",
+        "% 'second'",
     ):
         assert separate in text, separate
     summary = stronger.summary().set_index("subject")

@@ -149,16 +149,15 @@ def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis
             assert marked(axes[i, j]) == (values[j], values[i])
 
 
-def test_the_key_names_true_values_only_where_they_are_shown(analysis):
+def test_true_values_that_are_known_are_shown_wherever_they_lie(analysis):
     figure = bt.plots.corner(analysis.draws, "A", coordinates=["mu1", "gain"], truths={"mu1": -0.7})
     assert marked(figure.axes[0]) == ([-0.7], [])
-    assert (
-        marked(figure.axes[3])[0] == []
-    )  # the gain follows from sigma_p and sigma_l, not from mu1
+    # The gain follows from sigma_p and sigma_l, not from mu1.
+    assert marked(figure.axes[3])[0] == []
     assert "true value" in words(figure)
     figure = bt.plots.corner(analysis.draws, "A", coordinates=["q0"], truths={"q0": 0.001})
-    assert "true value\n" not in words(figure)
-    assert "true value outside: peak $q_0$ = 0.001" in words(figure)
+    assert figure.axes[0].get_xlim()[0] < 0.001
+    assert "true value" not in words(bt.plots.corner(analysis.draws, "A", coordinates=["q0"]))
 
 
 # --- several subjects in the same panels ----------------------------------------------------------
@@ -245,11 +244,10 @@ def test_offsets_and_powers_of_ten_stand_beside_the_names_of_axes():
     draws = bt.sample(bt.Study([subject]), seed=1)
     figure = bt.plots.corner(draws, "A")
     axes = np.array(figure.axes).reshape(4, 4)
-    assert axes[3, 0].get_xlabel().startswith(r"prior mean $\mu_1$, ln − 20.72")
-    assert all("($10^{-" in ax.get_xlabel() for ax in axes[3, :3])
-    assert all("($10^{-" in ax.get_ylabel() for ax in axes[1:3, 0])
+    assert "2.072" in axes[3, 0].get_xlabel()
+    labels = [ax.get_xlabel() for ax in axes[3, :3]] + [ax.get_ylabel() for ax in axes[1:3, 0]]
+    assert [label for label in labels if "10^{" not in label] == []
     for ax in figure.axes:
         for axis in (ax.xaxis, ax.yaxis):
             assert axis.get_offset_text().get_text() == ""
-    assert max(len(label.get_text()) for label in axes[3, 0].get_xticklabels()) <= 4
     require_legible(figure)

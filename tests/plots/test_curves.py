@@ -40,7 +40,7 @@ def test_curves_show_both_orders_where_the_data_are(analysis):
         assert share == pytest.approx(responses[pair], abs=0.15)
 
 
-def test_designs_without_a_reference_get_panels_and_wild_ones_the_common_curve():
+def test_designs_without_a_reference_have_panels_by_weaker_or_by_first_stimulus():
     s1, s2 = np.log(list(product([1.0, 1.2, 1.5], repeat=2))).T
     three = bt.Subject("three", s1, s2, np.where(s1 == s2, 9, 4), np.full(9, 10))
     study = bt.Study([three, hard_cases()["400 pairs with 3 trials"]])
@@ -48,10 +48,10 @@ def test_designs_without_a_reference_get_panels_and_wild_ones_the_common_curve()
     figures = [bt.plots.curves(draws, name) for name in draws.names]
     for figure in figures:
         require_legible(figure)
-    panels, [common] = (figure.axes for figure in figures)
+    panels, wild = (figure.axes for figure in figures)
     assert titles_of(panels) == ["weaker stimulus 82 % of mean", "weaker stimulus 99 % of mean"]
-    assert "normalised distance" in common.get_xlabel()
-    assert MOST_PANELS < 19
+    assert titles_of(wild)[0] == "first stimulus 74 to 81 % of mean"
+    assert [len(curves_of(ax, POINTS)) for ax in wild] == [1] * MOST_PANELS
 
 
 def test_curves_of_an_analysis_are_averaged_over_the_four_models(analysis):
