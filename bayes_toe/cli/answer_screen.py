@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -46,18 +47,6 @@ _MOST_EXCLUDED = 5  # names of subjects that are not counted
 # --- What screens and report share ---------------------------------------------------------------
 
 
-def action_reasons(answer: OrderEffect) -> list[str]:
-    """The reasons why a subject needs a decision before its conclusion is used, in short."""
-    reasons = []
-    if answer.fits is False:
-        reasons.append("poor fit")
-    if not answer.is_interpretable:
-        reasons.append("not interpreted")
-    elif answer.options:
-        reasons.append("action possible")
-    return reasons
-
-
 def flagged(
     answers: Iterable[OrderEffect], not_converged: Collection[str] = ()
 ) -> dict[str, list[str]]:
@@ -68,14 +57,17 @@ def flagged(
     >>> flagged([])
     {}
     """
-    reasons = {}
+    reasons = defaultdict[str, list[str]](list)
     for answer in answers:
-        of_subject = action_reasons(answer)
+        if answer.fits is False:
+            reasons[answer.subject].append("poor fit")
+        if not answer.is_interpretable:
+            reasons[answer.subject].append("not interpreted")
+        elif answer.options:
+            reasons[answer.subject].append("action possible")
         if answer.subject in not_converged:
-            of_subject.append("not converged")
-        if of_subject:
-            reasons[answer.subject] = of_subject
-    return reasons
+            reasons[answer.subject].append("not converged")
+    return dict(reasons)
 
 
 # --- The screen ----------------------------------------------------------------------------------

@@ -88,9 +88,10 @@ def power(
         sizes = _whole_numbers("--subjects", subjects, 2)
         products = (*_POWER_FILES, _GROUP_FILE)
         observers = observers or GROUPS
+
     context.require_folder(output, products)
     designs = _read_designs(design, question, unit)
-    # Refuses a bad file before any work.
+    # A bad file is refused before any work.
     assumed = assume_observers(observers, simulated, 0, list(designs.values()))
     table = context.work(
         "simulating and analysing",
@@ -103,6 +104,7 @@ def power(
         prior=context.prior,
     )
     groups = group_power(table, sizes, observer_prior(context.prior))
+
     with whole_folder(output, products, required=products, overwrite=context.overwrite) as folder:
         table.save(folder / "power.csv")
         write_table(table.data_sets_frame(), folder / "power_data_sets.csv")
@@ -110,6 +112,7 @@ def power(
             groups.save(folder / _GROUP_FILE)
         for name in ("power.png", "power.pdf"):
             bt.plots.save_figure(bt.plots.power(table), folder / name)
+
     written = f"Tables and figure in {output}. Seed {table.seed}."
     if sizes:
         print_groups(context.out, table, groups, bt.ReadOptions(unit=unit).stimulus_unit)

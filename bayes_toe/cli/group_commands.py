@@ -48,9 +48,11 @@ def population(
         )
     if categorical and covariates is None:
         raise bt.InputError(f"--categorical {categorical[0]} needs --covariates FILE.csv.")
+
     table, figure = output.with_suffix(".csv"), output.with_suffix(".png")
     subjects = output.with_name(f"{output.stem}_subjects.csv")
     context.require_files(output, table, subjects, figure)
+
     read, _ = context.read_and_describe(study)
     result = bt.population(
         read,
@@ -61,6 +63,7 @@ def population(
         hyperprior=hyperprior,
     )
     check = predictive_check(result)
+
     written = context.write(
         {
             output: result.save,
@@ -69,6 +72,7 @@ def population(
             figure: partial(bt.plots.save_figure, bt.plots.population(result, check)),
         }
     )
+
     print_group(context.out, result, check)
     context.print_uninterpretable(read)
     context.out.answer([*group_answer(result), f"{written} Seed {result.settings.seed}."])

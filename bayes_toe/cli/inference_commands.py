@@ -20,7 +20,7 @@ from bayes_toe.cli.terminal import (
     quantile_texts,
     without_zeros,
 )
-from bayes_toe.data.messages import capitalized, plural
+from bayes_toe.data.messages import capitalized, format_estimate, plural
 
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
@@ -239,7 +239,9 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
             decimals = 2 if scale == 1.0 else 0
             values = scale * draws.values(name, key)
             low, median, high = quantile_texts(values, n_effective, decimals)
-            text = f"{median} [{low}, {high}]" if key in _WITH_RANGE else median
+            text = median
+            if key in _WITH_RANGE:
+                text = format_estimate(low, median, high)
             row.append(without_zeros(text))
         row.append(f"{n_effective:.0f}")
         row.append(f"{float(stats['max_r_hat'][index[name]]):.3f}")

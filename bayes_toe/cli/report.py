@@ -13,7 +13,6 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -60,6 +59,7 @@ from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quant
 from bayes_toe.data.messages import (
     capitalized,
     describe_p_value,
+    format_estimate,
     format_p_value,
     join_names,
     plural,
@@ -250,7 +250,6 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
         "amount": describe_amount(study),
         "answer": _answer(analysis),
         "design_notes": merge_notes(notes_of(analysis.answers)),
-        "group_shortfall": _group_shortfall(analysis),
         "misfits": _misfit_figures(analysis),
         "settings": _settings(analysis),
         "limits": LIMITS,
@@ -324,14 +323,6 @@ def _answer(analysis: Analysis) -> list[str]:
     return [_typeset(line) for line in lines if line]
 
 
-def _group_shortfall(analysis: Analysis) -> str | None:
-    """What the draws of the group lack; None without a group, empty if it is reliable."""
-    group = analysis.group
-    if group is None:
-        return None
-    return "" if group.is_reliable else group.draws.shortfall
-
-
 def _models(answer: OrderEffect) -> list[tuple[str, float, float, float]]:
     """The four models with their posterior probabilities, log evidences and standard errors."""
     log_evidence = np.array(list(answer.log_evidence.values()))
@@ -369,7 +360,7 @@ def _group(analysis: Analysis, check: PredictiveCheck | None) -> Record | None:
     lines = group_answer(result) + good_fits_answer(result, analysis.group_of_good_fits)
     return {
         "problems": [*result.problems, *check.warnings],
-        "is_reliable": result.is_reliable,
+        "shortfall": "" if result.is_reliable else result.draws.shortfall,
         "answer": [*map(_typeset, lines)],
         "tables": group_tables(result),
         "hyperprior": result.settings.hyperprior.describe(result.study.task),
@@ -392,7 +383,9 @@ def _subjects(
         name = counts.name
         summary: list[Any] = list(summaries[name].itertuples())
         natural = analysis.draws.posterior(name).names.natural
-        unit_and_subject = dict.fromkeys([name, counts.subject_name])
+        remarks = list[str]()
+        for label in dict.fromkeys([name, counts.subject_name]):
+            remarks += messages[label]
         yield {
             "anchor": f"subject-{i + 1}",
             "counts": counts,
@@ -402,10 +395,7 @@ def _subjects(
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
             "parameters": [_parameter(analysis, parameter) for parameter in summary],
-            "remarks": [
-                *chain.from_iterable(map(messages.__getitem__, unit_and_subject)),
-                *row.notes,
-            ],
+            "remarks": [*remarks, *row.notes],
             "prior_dominated": _prior_dominated(summary, (*natural, "gamma")),
         }
 
@@ -441,8 +431,7 @@ def _interval_in_unit(draws: FloatArray, n_effective: float, unit: StimulusUnit)
 def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = "") -> str:
     """Median and 95 % interval with the digits that their Monte Carlo errors allow."""
     low, median, high = quantile_texts(draws, n_effective, digits)
-    estimate = f"{median} {unit}".rstrip()
-    return _typeset(f"{estimate} [{low}, {high}]")
+    return _typeset(format_estimate(low, median, high, unit))
 
 
 def _typeset(words: str) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from bayes_toe.answers.order_effect import format_decimals
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.cli.terminal import MANY_SUBJECTS, OUTPUT, Terminal
-from bayes_toe.data.messages import plural
+from bayes_toe.data.messages import format_estimate, plural
 
 if TYPE_CHECKING:
     from bayes_toe.answers.contrast import ContrastTable
@@ -93,8 +93,7 @@ def _size(word: str, quantiles: tuple[float, ...]) -> str:
     """The size of an effect; '-' if there is probably none."""
     if word in ("no", "probably not") or not quantiles:
         return "-"
-    low, median, high = map(format_decimals, quantiles)
-    return f"{median} [{low}, {high}]"
+    return format_estimate(*map(format_decimals, quantiles))
 
 
 def history_lines(table: SerialDependence) -> list[str]:

@@ -52,7 +52,6 @@ _ALONG = {
     WHICH_STRONGER: "s₂ − s₁ (ln intensity)",
 }
 _BAND = ("x", "all", "kept", "low", "high")
-_PAIRS = ("s1", "s2", "stimuli", "k", "n", "fill")
 
 
 def document(task: Task) -> Document:

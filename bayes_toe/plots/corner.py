@@ -30,7 +30,7 @@ from matplotlib.ticker import MaxNLocator, NullFormatter, ScalarFormatter
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from bayes_toe.arrays import FloatArray, NamedArrays
-from bayes_toe.data.messages import join_names, name_from_key
+from bayes_toe.data.messages import format_estimate, join_names, name_from_key
 from bayes_toe.data.stimulus_unit import StimulusUnit, percent
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.draws import Draws, require_draws
@@ -438,10 +438,10 @@ def _draw_posterior(
     if is_single:
         for ax, values in zip(axes.diagonal(), panel.columns, strict=True):
             low, median, high = np.quantile(values, MARKED)
-            texts = rounded(low, high, median, low, high)
-            if len(texts[0]) > _LONG_NUMBER:
-                texts = list(map("{:.2g}".format, (median, low, high)))
-            ax.set_title("{} [{}, {}]".format(*texts), fontsize=_TITLE)
+            texts = rounded(low, high, low, median, high)
+            if len(texts[1]) > _LONG_NUMBER:
+                texts = list(map("{:.2g}".format, (low, median, high)))
+            ax.set_title(format_estimate(*texts), fontsize=_TITLE)
         library.overplot_points(figure, [panel.truth], marker="s", color=TRUTH)
         _draw_lines(axes, panel.truth, color=TRUTH)
     else:  # lines would be taken for medians

@@ -99,8 +99,8 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
         title = f"{plain(subject)}: {model}"
         if draws.synthetic:
             title += " (synthetic data)"
-        if isinstance(source, Draws):
-            title += _unconverged(draws, subject)
+        if isinstance(source, Draws) and subject in draws.not_converged:
+            title += "\nNOT CONVERGED"
     return fitted_figure(fitted, title)
 
 
@@ -109,7 +109,8 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     counts = fitted.target.subject
     weaker = np.unique(_weaker(counts))
     is_by_weaker = counts.task != WHICH_STRONGER and 0 < len(weaker) <= MOST_PANELS
-    stimulus, groups = "first", _groups(counts)
+    firsts = np.unique(counts.s1)
+    stimulus, groups = "first", np.array_split(firsts, min(len(firsts), MOST_PANELS))
     if is_by_weaker:
         stimulus, groups = "weaker", [*weaker[:, None]]
 
@@ -142,22 +143,11 @@ def finish_panels(panels: Sequence[Axes], n_columns: int) -> None:
     explain_curves(panels[0])
 
 
-def _groups(counts: Subject) -> list[FloatArray]:
-    """The first stimuli of every panel; if there are more than six, neighbours share a panel."""
-    firsts = np.unique(counts.s1)
-    return np.array_split(firsts, min(len(firsts), MOST_PANELS))
-
-
 def _describe_group(counts: Subject, group: FloatArray, stimulus: str) -> str:
     """Words for the panel of these weaker or first stimuli (ln)."""
     numbers, unit = counts.unit.numbers(group[[0, -1]], mean_first(counts))
     ends = " to ".join(dict.fromkeys(numbers))
     return f"{stimulus} stimulus {ends} {unit}".replace("-", "−")
-
-
-def _unconverged(draws: Draws, subject: str) -> str:
-    """A line below a title where the draws are not to be believed; else nothing."""
-    return "\nNOT CONVERGED" if subject in draws.not_converged else ""
 
 
 # --- panels ---------------------------------------------------------------------------------------

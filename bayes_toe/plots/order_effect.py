@@ -189,7 +189,7 @@ def _draw_sizes(
 ) -> list[Size]:
     """Draw medians and 95 % intervals; return them from the first to the last row that has one."""
     intervals = []
-    marker_size = _marker_size(len(answers))
+    marker_size = 4.5 if len(answers) <= MAX_NAMES else 2.5
     for row, answer in enumerate(answers):
         word = answer.words[question.name]
         if word in _WITHOUT_SIZE:
@@ -226,10 +226,6 @@ def _limits(sizes: FloatArray) -> tuple[float, float]:
     high = min(float(sizes[:, 2].max()), float(sizes[:, 1].max()) + margin)
     pad = 0.05 * (max(high, 0.0) - min(low, 0.0))
     return min(low, 0.0) - pad, max(high, 0.0) + pad
-
-
-def _marker_size(subjects: int) -> float:
-    return 4.5 if subjects <= MAX_NAMES else 2.5
 
 
 def _write_words(ax: Axes, answers: Sequence[OrderEffect], question: QuestionStyle) -> None:

@@ -93,11 +93,6 @@ def test_what_is_refused(finished, folder, options, words):
     assert words in refused(f"population study.csv {OPTIONS} {options}", cwd=folder, silent=False)
 
 
-def test_a_file_that_is_read_is_not_replaced_whatever_its_path(finished, folder):
-    line = f"population {folder / 'study.csv'} -o study.nc --overwrite {OPTIONS}"
-    assert "this command reads that file" in refused(line, cwd=folder, silent=False)
-
-
 def test_same_or_different_and_what_is_not_reliable(tmp_path, monkeypatch):
     study = bt.example_study("same/different").select(["S01", "S02", "S03"])
     study.frame().to_csv(tmp_path / "study.csv", index=False)

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import inside, refused
-from conftest import grouped_csv
+from commands import refused
 from populations import made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
@@ -126,18 +125,6 @@ def test_an_explorer_stands_beside_the_report_if_asked_for(marked, tmp_path, mon
     assert explored == [(marked.draws, None)]
     assert page(out).count('href="explorer.html"') == 2
     assert "bayes-toe explore" not in page(out)
-
-
-def test_run_leaves_with_3_if_the_group_did_not_converge(analysis, tmp_path, monkeypatch):
-    group = made_result(simulated_group(1, n_subjects=4), n_divergent=2)
-    monkeypatch.setattr("bayes_toe.run", lambda *_, **__: replace(analysis, group=group))
-    grouped_csv(tmp_path / "study.csv", analysis.study)
-    finished = inside("run study.csv -o out --figures none --seed 5 --workers 1", cwd=tmp_path)
-    assert finished.returncode == 3
-    printed = " ".join(finished.stdout.split())
-    assert "NOT RELIABLE: In the group of 4, the mean PSE shift" in printed
-    assert "! The group's result is not reliable: 2 of 1600 trajectories" in printed
-    assert "trajectories diverged" in page(tmp_path / "out")
 
 
 def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_path, monkeypatch):

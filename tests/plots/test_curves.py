@@ -12,7 +12,6 @@ from reference.hard_cases import hard_cases
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.plots.curves import MOST_PANELS, POINTS, main_weaker, responses_panel
-from bayes_toe.plots.report_figure import responses_figure
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
 
 
@@ -87,13 +86,6 @@ def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
     assert main_weaker(made_subject("0 0 1 2, 0.1 0.1 1 2")) is None
 
 
-def test_labels_of_the_report_have_only_characters_that_can_be_drawn(analysis):
-    figure = responses_figure(analysis, 4.0)
-    labels = [text.get_text() for text in figure.findobj(Text)]
-    assert any("% of the mean" in label for label in labels)
-    assert all(label.replace("\n", " ").isprintable() for label in labels)
-
-
 # --- 'Which was stronger' -------------------------------------------------------------------------
 
 
@@ -109,16 +101,6 @@ def test_psychometric_curves_cross_one_half_at_the_point_of_subjective_equality(
         [curve] = curves_of(ax, POINTS)
         assert np.interp(shift, *curve.get_data()) == pytest.approx(0.5, abs=0.04)
     assert titles_of(panels)[0].endswith(" % of mean")
-
-
-def test_a_corner_plot_has_the_four_parameters_under_their_symbols(stronger):
-    axes = bt.plots.corner(stronger.draws, "pulled", prior=stronger.draws.prior).axes
-    assert [ax.get_xlabel() for ax in axes[-4:]] == [
-        r"prior mean $\mu_1$, ln",
-        r"memory noise $\sigma_p$, ln",
-        r"sensory noise $\sigma_\ell$, ln",
-        r"lapse rate $\lambda$",
-    ]
 
 
 def test_no_figure_speaks_of_another_task(stronger):
