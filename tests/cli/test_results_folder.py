@@ -44,15 +44,13 @@ def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
     counts = text.count("data:image/png"), text.count("To draw the corner plot")
     assert counts == (2 * len(drawn), 3 - len(drawn))
     assert note in text
-    sentences = re.findall(r'<p class="lead">(.*?)</p>|<dd>(.*?)</dd>', text)
+    sentences = re.findall(r'(?:<p class="lead">|<dd>)(.*?)</(?:p|dd)>', text)
     assert len(sentences) > 8
-    assert all(re.search(r"[^.]\.$", "".join(parts)) for parts in sentences)
+    assert [words for words in sentences if not re.search(r"[^.]\.$", words)] == []
     figures = re.findall(r"<svg.*?</svg>", text)
     # With the figure of a poor fit.
     assert (len(figures), max(map(len, figures)) < 90_000) == (4, True)
     assert {path.name for path in out.iterdir()} <= {*results_folder.PRODUCTS}
-    summary = pd.read_csv(out / "summary.csv", keep_default_na=False)
-    pd.testing.assert_frame_equal(summary, marked.draws.summary(), rtol=1e-5)
 
 
 def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
