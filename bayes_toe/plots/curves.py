@@ -58,8 +58,6 @@ CURVE_DRAWS = 600
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
 _INK = "#333333"
 POINTS = 60  # along a curve
-#: Of the trials that are pooled, where the steps lie that stand for all of them.
-_SHARES = (np.arange(12) + 0.5) / 12
 #: How far marks stand beside their stimulus, so that none hides another, as a share of the stimuli.
 _SHIFT = 0.008
 
@@ -235,31 +233,24 @@ def correct_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
 def _draw_correct(
     ax: Axes, counts: Subject, curve: Curve, mark: Mark, pools: Sequence[BoolArray]
 ) -> None:
-    """Proportions correct in one order, of the pairs of each pool, and their curve.
-
-    The curve is a mean over the steps of the trials, which change from pool to pool.
-    """
-    middle, step = 0.5 * (counts.s1 + counts.s2), np.abs(counts.s2 - counts.s1)
+    """Proportions correct in one order, observed and expected in the pairs of each pool."""
+    middle = 0.5 * (counts.s1 + counts.s2)
     is_weaker_first = mark is ORDERS[-1]
-    n_correct = counts.n_yes
-    if not is_weaker_first:
-        n_correct = counts.n_trials - counts.n_yes
-    positions, steps, totals = [], [], []
+    positions, expected, totals = [], [], []
     for rows in pools:
-        n_trials = counts.n_trials[rows]
+        n_trials, n_correct = counts.n_trials[rows], counts.n_yes[rows]
+        p_correct = curve(counts.s1[rows], counts.s2[rows])
+        if not is_weaker_first:
+            n_correct, p_correct = n_trials - n_correct, 1.0 - p_correct
         positions.append(np.average(middle[rows], weights=n_trials))
-        of_trials = np.repeat(step[rows], n_trials)
-        steps.append(np.quantile(of_trials, _SHARES, method="inverted_cdf"))
-        totals.append((n_correct[rows].sum(), n_trials.sum()))
-    x = np.linspace(positions[0], positions[-1], POINTS)
-    half_steps = [0.5 * np.interp(x, positions, values) for values in np.transpose(steps)]
-    weaker, stronger = np.ravel(x - half_steps), np.ravel(x + half_steps)
-    p_correct = curve(weaker, stronger) if is_weaker_first else 1.0 - curve(stronger, weaker)
-    by_step = p_correct.reshape(-1, len(_SHARES), POINTS)
-    draw_band(ax, x, by_step.mean(axis=1), mark.colour)
+        expected.append(np.average(p_correct, axis=1, weights=n_trials))
+        totals.append((n_correct.sum(), n_trials.sum()))
+
+    x = np.array(positions)
+    draw_band(ax, x, np.stack(expected, axis=1), mark.colour)
     shift = _SHIFT * np.ptp(middle) * (-1.0 if is_weaker_first else 1.0)
     n_pooled, n_trials = np.transpose(totals)
-    draw_shares(ax, np.array(positions) + shift, n_pooled, n_trials, mark)
+    draw_shares(ax, x + shift, n_pooled, n_trials, mark)
 
 
 def _draw_half(ax: Axes, label: str) -> None:
