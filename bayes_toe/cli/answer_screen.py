@@ -136,6 +136,7 @@ def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
     marked = {answer.subject: _marked_problems(answer) for answer in answers}
     for problems in marked.values():
         options += [option for _, _, option in problems if option][:1]
+
     command = repeated_command()
     for subject, problems in marked.items():
         for mark, message, option in problems:
@@ -144,6 +145,7 @@ def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
             if mark == "?" and len(answers) >= MANY_SUBJECTS:
                 message = "With another prior width, a 'yes' or a 'no' becomes undecided."
             notes[mark].append((subject, message, option))
+
     for mark, of_mark in notes.items():
         out.notes(of_mark, mark, file=file)
         if mark == "!" and len(options) > 1:

@@ -494,6 +494,7 @@ def simulate(
     files = [output] if truth_output is None else [output, truth_output]
     context.require_files(*files)
     seed = root_seed(context.seed)
+
     design, question = pairs.read(), task_of(observers.question)
     simulated = draw_population(observers.kind, observers.subjects, seed, design, question)
     answered = simulate_trials(
@@ -504,12 +505,14 @@ def simulate(
         missed=observers.missed,
         differences=read_differences(observers.conditions, observers.differ),
     )
+
     tables = (
         trial_frame(answered, bt.ReadOptions(unit=pairs.unit).stimulus_unit),
         truth_frame(answered),
     )
     frames = zip(files, tables, strict=False)
     context.write({file: partial(write_table, frame) for file, frame in frames})
+
     total = sum(len(of_subject.yes) for of_subject in answered)
     context.print_written(
         f"{plural(len(simulated), 'synthetic subject')}, {plural(total, 'trial')} in {output}", seed

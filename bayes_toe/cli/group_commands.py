@@ -99,6 +99,7 @@ def contrast(
     keep = context.partial_folder(output)
     read, prior = context.read_and_describe(study)
     n_subjects = len({subject.subject_name for subject in read})
+
     table = context.work(
         "comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep
     )
@@ -110,6 +111,7 @@ def contrast(
         }
     )
     context.finish(keep, table.failed)
+
     print_contrast(context.out, table, output.name)
     context.print_uninterpretable(read)
     context.print_failed(table.failed)
@@ -138,6 +140,7 @@ def history(
     read, prior = context.read_and_describe(study)
     for subject in read:
         require_order(subject)
+
     table = context.work("serial dependence", len(read), bt.serial_dependence, read, prior=prior)
     figure = bt.plots.serial(table)
     written = context.write(
@@ -146,6 +149,7 @@ def history(
             figure_file: partial(bt.plots.save_figure, figure),
         }
     )
+
     print_history(context.out, table, output.name)
     context.print_uninterpretable(read)
     context.out.answer([*history_lines(table), f"{written} Seed {table.seed}."])

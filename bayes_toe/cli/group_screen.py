@@ -90,10 +90,12 @@ def group_answer(result: PopulationResult) -> list[str]:
         sd = _spread(result, name).partition(" [")[0]
         sizes = f"{estimate}, and the SD between subjects is {sd}."
         parts.append(f"{sizes} {_describe_mean(result, name)}")
+
     n_subjects = len(result.subjects)
     heading = f"In the group of {n_subjects}{_reference(result)}"
     first_effect, second_effect = parts
     lines = [f"{badge}{heading}, {first_effect} {capitalized(second_effect)}"]
+
     differences: dict[str, list[str]] = {}
     for level, label, difference, factor, word in _comparison_rows(result, "difference"):
         text = f"{label} {difference} ({word}, BF {factor})"

@@ -146,6 +146,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
     if is_paged:
         answers.sort(key=lambda answer: answer.subject not in facts.flagged)
         links = {name: f"subjects/{stem}.html" for name, stem in file_stems(names).items()}
+
     findings = check(analysis.study, analysis.settings.prior)
     asymmetry = asymmetry_table(analysis.study)
     context = {
@@ -160,6 +161,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "answers": answers,
         "beside": "../" if is_paged else "",
     }
+
     subjects = _subjects(analysis, asymmetry, findings)
     templates = _environment()
     if is_paged:
@@ -377,6 +379,7 @@ def _subjects(
     for finding in findings:
         if finding.code not in NOTES:
             messages[finding.subject].append(finding.message)
+
     summaries = dict(list(analysis.summary().groupby("subject", sort=False)))
     parts = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
     for i, (counts, row, answer, asymmetry) in enumerate(parts):

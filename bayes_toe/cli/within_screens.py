@@ -56,6 +56,7 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
         if row.robust == "no":
             word += " ?"
         rows.append([*first_cells, row.quantity, size, row.factor, word])
+
     if has_one_comparison:
         (title,) = comparisons
         rows = [[name, *cells] for name, _, *cells in rows]
@@ -76,6 +77,7 @@ def print_history(out: Terminal, table: SerialDependence, file: str = OUTPUT) ->
             rows.append([row.subject, carry_over, sizes[0], previous, sizes[1]])
         else:
             notes.append((row.subject, f"No result: {row.note}.", ""))
+
     headings = ["subject", "carry-over", "rho [95 %]", "previous\nresponse", "kappa [95 %]"]
     if len(rows) >= MANY_SUBJECTS:
         out.line()

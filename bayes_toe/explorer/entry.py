@@ -254,6 +254,7 @@ class Entry:
         if high > low:
             pad = 0.08 * (high - low)
         ends = [low - pad, high + pad]
+
         pairs = {
             "s1": counts.s1,
             "s2": counts.s2,
@@ -264,12 +265,14 @@ class Entry:
             "error": laplace_error(counts.n_yes, counts.n_trials),
             "along": along(counts),
         }
+
         described = []
         for s1, s2 in counts.pairs:
             described.append(f"{counts.unit.describe(s1)}, {counts.unit.describe(s2)}")
         plane = None
         if counts.unit.of_stimuli:
             plane = _packed_scale(stimulus_scale("first stimulus", counts.unit, 0.0, ends), ends)
+
         fitted, panels = Predictor(target, x), slices(counts)
         has_several = len(panels) > 1
         return {
@@ -336,6 +339,7 @@ def entries_of(
         words = tuple((key.replace("_", " "), answer.word(key)) for key in QUESTIONS)
         if name in refused:
             words = (("not interpreted:", refused[name]),)
+
         entry = Entry(
             label,
             draws.posterior(name),
@@ -346,9 +350,11 @@ def entries_of(
             synthetic=draws.synthetic,
             description=f"{label}: {source}, prior {draws.described_prior()}.",
         )
+
         entries.append(entry)
         if entry.tab == EFFECTS_TAB:
             continue
+
         (evidence,) = order_evidence([subject], draws.seed, prior, _PRECISION)
         average = evidence.averaged()
         points = average.resampled(generator(draws.seed, name, "explorer"), _N_AVERAGED)

@@ -333,6 +333,7 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
                 f"truths: unknown quantity {name!r}; there are: {', '.join(target.names.all)}"
             )
         _require_possible(name, value, target)
+
     # NaN stands for an unknown value, and marks what cannot be known without it.
     natural = {}
     for name in target.names.natural:
@@ -343,6 +344,7 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
         derived = quantities(parameters, target.sbar)
     else:
         derived = target.quantities(target.points(natural))
+
     true_values = {name: float(value) for name, value in derived.items() if np.isfinite(value)}
     true_values |= truths
     unit = target.subject.unit
@@ -429,12 +431,14 @@ def _draw_posterior(
         plot_density=False,
         plot_contours=False,
     )
+
     axes = np.array(figure.axes).reshape(len(spans), len(spans))
     for j, i in combinations(range(len(spans)), 2):
         density = Density.from_draws(panel.columns[j], panel.columns[i], spans[j], spans[i])
         _draw_contours(axes[i, j], density, panel, filled=is_single)
     for ax, values, span in zip(axes.diagonal(), panel.columns, spans, strict=True):
         ax.plot(*_smooth_density(values, span), color=panel.colour, lw=1.4, ls=panel.line)
+
     if is_single:
         for ax, values in zip(axes.diagonal(), panel.columns, strict=True):
             low, median, high = np.quantile(values, MARKED)
@@ -552,11 +556,13 @@ def _write_key(
         style["loc"] = "upper left"
         margins = figure.subplotpars
         figure.subplots_adjust(bottom=_BELOW_KEY * margins.bottom, top=_BELOW_KEY * margins.top)
+
     names = []
     for panel in subjects:
         name = panel.target.subject.name
         missing = "\nNOT CONVERGED" if name in draws.not_converged else ""
         names.append(plain(name, 24) + missing)
+
     synthetic = ", synthetic data" if draws.synthetic else ""
     handles: list[Artist] = []
     if len(names) == 1:
@@ -573,6 +579,7 @@ def _write_key(
             ring: Style = {"ls": "", "marker": "o", "ms": 8, "mfc": "none", "mec": "black"}
             handles.append(_line("50 and 95 % of the draws", **ring))
         truth = _line("true values", ls="", marker="^", ms=7, mfc="white", mec="black")
+
     if has_prior:
         handles.append(_line("prior", color=PRIOR))
     if np.isfinite([panel.truth for panel in subjects]).any():

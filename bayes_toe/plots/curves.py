@@ -180,6 +180,7 @@ def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
     x, equal = np.linspace([weaker, low], high, POINTS, axis=1)
     fixed = np.full_like(x, weaker)
     pairs = {0: (equal, equal), -1: (fixed, x), 1: (x, fixed)}
+
     order = presentation_order(counts)
     for sign, mark in ORDERS.items():
         rows = is_in_panel & (order == sign)
@@ -189,6 +190,7 @@ def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
         draw_band(ax, np.maximum(first, second), curve(first, second), mark.colour)
         position = stronger[rows] + sign * _SHIFT * (high - low)
         draw_shares(ax, position, counts.n_yes[rows], counts.n_trials[rows], mark)
+
     stimulus_axis(ax, "stronger stimulus", counts.unit, mean_first(counts))
     ax.set_ylabel(f"proportion '{counts.task.yes}'")
 

@@ -133,6 +133,7 @@ def forests(
     answers = _sorted_answers(table)
     is_crowded = len(answers) > MAX_NAMES
     last_row = len(answers) - 0.5 if group is None else len(answers) + 1.0
+
     for ax, question in zip(panels, QUESTION_STYLES, strict=True):
         unit = _shown_unit(answers, question)
         intervals = _draw_sizes(ax, answers, question, unit)
@@ -141,11 +142,13 @@ def forests(
             if question.name in group.identified:
                 intervals.append(_draw_group(ax, group, question, unit, len(answers) + 0.25))
         ax.axvline(0.0, color="black", lw=0.7, zorder=0)
+
         sizes = np.array(intervals).reshape(-1, 3)
         limits = _limits(sizes)
         n_cut = int(np.sum((sizes[:, 0] < limits[0]) | (sizes[:, 2] > limits[1])))
         if n_cut:
             write_note(ax, f"{plural(n_cut, 'interval')} beyond the panel")
+
         title = question.title
         if is_crowded:
             counts = Counter(answer.words[question.name] for answer in answers)

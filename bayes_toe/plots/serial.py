@@ -60,12 +60,14 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
         raise InputError("serial: no subject has a result; allowed: rows of bt.serial_dependence")
     if not subjects:
         rows = sorted(rows, key=_log_evidence_gain, reverse=True)[:MOST_ROWS]
+
     figure = new_figure(PAGE, _HIGH * len(rows) + 0.5)
     axes = figure.subplots(len(rows), 2, squeeze=False, sharey=True, width_ratios=(1.6, 1.0))
     for row, (left, right) in zip(rows, axes, strict=True):
         _draw_row(left, right, table, row)
     for ax in axes[:-1].ravel():
         ax.set_xlabel("")
+
     notes = []
     if len(rows) < len(candidates) and not subjects:
         notes.append(f"{len(rows)} of {len(candidates)} subjects, strongest evidence first")
