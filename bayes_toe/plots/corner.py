@@ -26,7 +26,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator, NullFormatter, ScalarFormatter
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from bayes_toe.arrays import FloatArray, NamedArrays
@@ -144,7 +143,7 @@ def corner(
     for ax in diagonal:
         densities = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == _FINE]
         ax.set_ylim(0.0, 1.1 * np.max(densities))
-    _set_ticks(figure, spans)
+    _arrange_ticks(figure, len(spans))
     _write_key(figure, draws, subjects, spans, has_prior=prior is not None)
     return figure
 
@@ -423,7 +422,8 @@ def _draw_posterior(
         labels=[axis_label(name, panel.target.subject.unit) for name in panel.names],
         label_kwargs={"fontsize": _LABEL},
         labelpad=0.05,
-        max_n_ticks=0,
+        max_n_ticks=4,
+        use_math_text=True,
         color=panel.colour,
         hist_kwargs={"alpha": 0.0},  # curves instead
         quantiles=MARKED if is_single else None,
@@ -513,32 +513,26 @@ def _new_figure(n_panels: int) -> Figure:
     return new_figure(side, high, layout=None)
 
 
-def _set_ticks(figure: Figure, spans: Sequence[Span]) -> None:
-    """Ticks whose labels do not touch those of the next panel."""
-    axes = np.array(figure.axes).reshape(len(spans), len(spans))
-    for i, (low, high) in enumerate(spans):
-        ticks = np.asarray(MaxNLocator(4).tick_values(low, high))
-        margin = 0.06 * (high - low)
-        ticks = ticks[(ticks >= low + margin) & (ticks <= high - margin)]
-        for ax in axes[i:, i]:
-            ax.set_xticks(ticks)
-            ax.xaxis.set_major_formatter(NullFormatter())
-        for ax in axes[i, :i]:
-            ax.set_yticks(ticks)
-            ax.yaxis.set_major_formatter(NullFormatter())
-        bottom, left = axes[-1, i], axes[i, 0]
-        formatter = ScalarFormatter(useMathText=True)
-        formatter.set_axis(bottom.xaxis)
-        texts = formatter.format_ticks(ticks.tolist())
-        # An offset or a power of ten stands beside the name of the axis.
+def _arrange_ticks(figure: Figure, n_panels: int) -> None:
+    """Leave out ticks near an end; write an offset or a power of ten beside the name of its axis.
+
+    Otherwise they touch the tick labels of the next panel.
+    """
+    for ax in figure.axes:
+        for axis in (ax.xaxis, ax.yaxis):
+            low, high = axis.get_view_interval()
+            margin = 0.06 * (high - low)
+            ticks = np.asarray(axis.get_majorticklocs())
+            axis.set_ticks(ticks[(ticks >= low + margin) & (ticks <= high - margin)])
+
+    axes = np.array(figure.axes).reshape(n_panels, n_panels)
+    for axis in [*(ax.xaxis for ax in axes[-1]), *(ax.yaxis for ax in axes[1:, 0])]:
+        formatter = axis.get_major_formatter()
+        formatter.format_ticks(axis.get_majorticklocs())
         scale = formatter.get_offset()
-        size = _SCALED_LABEL if scale else _LABEL
-        bottom.set_xticks(ticks, texts)
-        bottom.tick_params(axis="x", labelrotation=45)
-        bottom.set_xlabel(f"{bottom.get_xlabel()} {scale}".rstrip(), fontsize=size)
-        if i:
-            left.set_yticks(ticks, texts)
-            left.set_ylabel(f"{left.get_ylabel()} {scale}".rstrip(), fontsize=size)
+        axis.get_offset_text().set_visible(False)
+        if scale:
+            axis.set_label_text(f"{axis.get_label_text()} {scale}", fontsize=_SCALED_LABEL)
 
 
 def _write_key(
