@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+from glob import glob
 from pathlib import Path
 
 import pandas as pd
@@ -139,7 +140,7 @@ def test_a_command_that_is_killed_and_resumed_is_as_another(four):
     options = "--seed 1 --draws 100 --model none --workers 1"
     line = f"sample study.csv -o posterior.nc {options}"
     running = start(*line.split(), cwd=four)
-    until(lambda: len(list(four.glob("*.partial/*.result"))) >= 2, running)
+    until(lambda: len(glob(f"{four}/*.partial/*.result")) >= 2, running)
     running.kill()
     running.communicate()
     until_gone(running.pid)
