@@ -1,11 +1,12 @@
 """The answer of a study on the screen: a table of subjects, their problems, and the conclusion.
 
 `print_subjects` prints the table and the problems, `print_answer` the conclusion. Reports use
-`flagged` and `doubtful_subjects` too.
+`flagged` too.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,6 @@ from bayes_toe.answers.order_effect import (
     QUESTIONS,
     SIZE_OF,
     OrderEffect,
-    format_small_p,
 )
 from bayes_toe.answers.study_summary import describe_pair, study_lines
 from bayes_toe.cli.terminal import (
@@ -47,18 +47,6 @@ _MOST_EXCLUDED = 5  # names of subjects that are not counted
 # --- What screens and report share ---------------------------------------------------------------
 
 
-def action_reasons(answer: OrderEffect) -> list[str]:
-    """The reasons why a subject needs a decision before its conclusion is used, in short."""
-    reasons = []
-    if answer.fits is False:
-        reasons.append("poor fit")
-    if not answer.is_interpretable:
-        reasons.append("not interpreted")
-    elif answer.options:
-        reasons.append("action possible")
-    return reasons
-
-
 def flagged(
     answers: Iterable[OrderEffect], not_converged: Collection[str] = ()
 ) -> dict[str, list[str]]:
@@ -69,35 +57,17 @@ def flagged(
     >>> flagged([])
     {}
     """
-    reasons = {}
+    reasons = defaultdict[str, list[str]](list)
     for answer in answers:
-        of_subject = action_reasons(answer)
-        if answer.subject in not_converged:
-            of_subject.append("not converged")
-        if of_subject:
-            reasons[answer.subject] = of_subject
-    return reasons
-
-
-#: Sentences on the use of conclusions.
-POOR_FIT = "The model does not fit {}."
-NO_FIT = "The fit is not testable for {}."
-ON_PREVIOUS_TRIAL = "Responses depend on the previous trial for {}."
-
-
-def doubtful_subjects(answers: Iterable[OrderEffect]) -> dict[str, list[str]]:
-    """Sentences on the use of conclusions, and the interpreted subjects that each concerns."""
-    subjects: dict[str, list[str]] = {POOR_FIT: [], NO_FIT: [], ON_PREVIOUS_TRIAL: []}
-    for answer in answers:
+        if answer.fits is False:
+            reasons[answer.subject].append("poor fit")
         if not answer.is_interpretable:
-            continue
-        if answer.fit_p is None:
-            subjects[NO_FIT].append(answer.subject)
-        elif answer.fits is False:
-            subjects[POOR_FIT].append(f"{answer.subject} with {format_small_p(answer.fit_p)}")
-        if answer.depends_on_previous_trial:
-            subjects[ON_PREVIOUS_TRIAL].append(answer.subject)
-    return subjects
+            reasons[answer.subject].append("not interpreted")
+        elif answer.options:
+            reasons[answer.subject].append("action possible")
+        if answer.subject in not_converged:
+            reasons[answer.subject].append("not converged")
+    return dict(reasons)
 
 
 # --- The screen ----------------------------------------------------------------------------------
@@ -166,6 +136,7 @@ def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
     marked = {answer.subject: _marked_problems(answer) for answer in answers}
     for problems in marked.values():
         options += [option for _, _, option in problems if option][:1]
+
     command = repeated_command()
     for subject, problems in marked.items():
         for mark, message, option in problems:
@@ -174,6 +145,7 @@ def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
             if mark == "?" and len(answers) >= MANY_SUBJECTS:
                 message = "With another prior width, a 'yes' or a 'no' becomes undecided."
             notes[mark].append((subject, message, option))
+
     for mark, of_mark in notes.items():
         out.notes(of_mark, mark, file=file)
         if mark == "!" and len(options) > 1:

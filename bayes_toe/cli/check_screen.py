@@ -37,6 +37,7 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool 
         out.line(f"Read as {note}", indent=2)
     if shows_prior:
         out.line(f"Prior: {prior.describe_all(study.task)}", indent=2)
+
     _print_problems(out, study, by_subject)
     of_study = [finding for finding in findings if not finding.subject]
     separate = ("not_identified", *NOTES)
@@ -44,6 +45,7 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool 
     notes = [finding.message for finding in of_study if finding.code in NOTES]
     texts = [f"{capitalized(note.rstrip('.'))}." for note in (*study.notes[1:], *notes)]
     out.notes((("", text, "") for text in texts), "-")
+
     lines, commands = answer_of_check(study, findings, by_subject)
     out.answer(lines)
     for command in commands:
@@ -68,6 +70,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: dict[str, list[Find
             problem = f"{problem[: _LONGEST_PROBLEM - 3].rstrip()}..."
         share = f"{100.0 * subject.fraction_yes:.0f} %"
         rows.append([name, str(subject.total_trials), share, problem])
+
     n_others = len(study) - len(names)
     if n_others:
         rows.append([f"{n_others:,} more" if names else f"all {n_others:,}", "", "", "none"])
@@ -85,17 +88,20 @@ def answer_of_check(
     obstacle = _obstacle(study, findings)
     if obstacle:
         return [*lines, obstacle], []
+
     options = []
     for of_subject in by_subject.values():
         options += [finding.option for finding in of_subject if finding.option][:1]
     run = typed_command("run")
     if not options:
         return [*lines, "No subject needs a decision. Type:"], [run]
+
     exclude = [option.replace("--swap", "--exclude", 1) for option in options]
     commands = []
     has_swap = exclude != options
     if has_swap:
         commands.append(f"{run} {' '.join(options)}")
+
     verb = "needs" if len(options) == 1 else "need"
     decision = f"{len(options)} of {plural(len(study), 'subject')} {verb} a decision."
     if not {f"--exclude {cli_argument(name)}" for name in study.names}.issubset(exclude):

@@ -88,9 +88,10 @@ def power(
         sizes = _whole_numbers("--subjects", subjects, 2)
         products = (*_POWER_FILES, _GROUP_FILE)
         observers = observers or GROUPS
+
     context.require_folder(output, products)
     designs = _read_designs(design, question, unit)
-    # Refuses a bad file before any work.
+    # A bad file is refused before any work.
     assumed = assume_observers(observers, simulated, 0, list(designs.values()))
     table = context.work(
         "simulating and analysing",
@@ -103,6 +104,7 @@ def power(
         prior=context.prior,
     )
     groups = group_power(table, sizes, observer_prior(context.prior))
+
     with whole_folder(output, products, required=products, overwrite=context.overwrite) as folder:
         table.save(folder / "power.csv")
         write_table(table.data_sets_frame(), folder / "power_data_sets.csv")
@@ -110,6 +112,7 @@ def power(
             groups.save(folder / _GROUP_FILE)
         for name in ("power.png", "power.pdf"):
             bt.plots.save_figure(bt.plots.power(table), folder / name)
+
     written = f"Tables and figure in {output}. Seed {table.seed}."
     if sizes:
         print_groups(context.out, table, groups, bt.ReadOptions(unit=unit).stimulus_unit)
@@ -188,10 +191,10 @@ class GoalOptions:
         None
     )
 
-    def require(self, file: Path | None, has_list: bool) -> None:
+    def require(self, file: Path, has_list: bool) -> None:
         """Refuse a given design with options of a search."""
         is_search = replace(self, intensity=None, unit=None) != GoalOptions()
-        if file is not None and (not has_list or is_search):
+        if not has_list or is_search:
             raise bt.InputError(
                 f"{file}: a given design needs --list trials.csv, without options of the search "
                 "such as --lowest and --max-pairs."
@@ -260,6 +263,11 @@ class ListOptions:
     ] = 1
     conditions: Annotated[Text, rare("--conditions", "left,right", "Conditions in --list.")] = None
 
+    @property
+    def files(self) -> list[Path]:
+        """The file of the list, if there is one."""
+        return [] if self.list_output is None else [self.list_output]
+
     def levels(self) -> tuple[str, ...]:
         """The levels of the condition; none without a condition."""
         from bayes_toe.design.simulate import read_differences
@@ -296,10 +304,10 @@ class ListOptions:
         if levels:
             split = f" ({design.total} in each of {join_names([*levels])}, mixed within blocks)"
         n_trials = design.total * max(1, len(levels))
+        ending = " each" if self.subjects > 1 else ""
         context.out.line()
-        of_each = " each" if self.subjects > 1 else ""
         context.out.line(
-            f"{self.list_output}: {plural(self.subjects, 'subject')}, {n_trials} trials{of_each} "
+            f"{self.list_output}: {plural(self.subjects, 'subject')}, {n_trials} trials{ending} "
             f"in {plural(self.blocks, 'block')}{split}. Within each block, both orders of a pair "
             f"are as frequent as in the design. At most {MOST_EQUAL} equal pairs follow each "
             f"other. Seed {seed}."
@@ -332,24 +340,18 @@ def design(
     from bayes_toe.cli.terminal import repeated_command
     from bayes_toe.data.tables import write_table
     from bayes_toe.design.observers import KINDS_IN_WORDS
-    from bayes_toe.seeds import root_seed
 
-    list_files = [] if lists.list_output is None else [lists.list_output]
-    n_levels = max(1, len(lists.levels()))
-    goal.require(file, bool(list_files))
     if file is not None:
-        if trials != TRIALS:
-            raise bt.InputError(f"{file}: a given design has its trials. Leave out --trials.")
-        context.require_files(*list_files)
-        seed = root_seed(context.seed)
-        study_design = bt.design.read_study_design(file, question, goal.unit)
-        lists.write(study_design, seed, goal.shown_unit(), context)
+        _list_given_design(file, trials, question, goal, lists, context)
         return
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
+
+    n_levels = max(1, len(lists.levels()))
     compared = output.with_name(f"{output.stem}_compared.csv")
     text, figure = output.with_suffix(".md"), output.with_suffix(".png")
-    context.require_files(output, compared, text, figure, *list_files)
+    context.require_files(output, compared, text, figure, *lists.files)
+
     optimal = context.work(
         "simulating and analysing",
         2 * 6 * simulated,
@@ -362,6 +364,7 @@ def design(
         prior=context.prior,
     )
     optimal = replace(optimal, unit=goal.shown_unit())
+
     files: dict[Path, Callable[[Path], object]] = {
         output: lambda path: write_table(optimal.frame(), path),
         compared: optimal.power.save,
@@ -369,12 +372,14 @@ def design(
         figure: partial(bt.plots.save_figure, bt.plots.design(optimal)),
     }
     context.write(files)
+
     print_power(context.out, optimal.power)
     if observers is None:
         context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:
         context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
-    problem = ""
+
+    problem, list_files = "", lists.files
     try:
         lists.write(optimal.design, optimal.seed, optimal.unit, context)
     except bt.InputError as error:  # The design is not lost.
@@ -386,6 +391,27 @@ def design(
             f"{problem}. For the list, type: bayes-toe design {output} --list "
             f"{lists.list_output} --blocks NUMBER"
         )
+
+
+def _list_given_design(
+    file: Path,
+    trials: int,
+    question: str,
+    goal: GoalOptions,
+    lists: ListOptions,
+    context: RunContext,
+) -> None:
+    """Write the list of trials of a design that a file has."""
+    from bayes_toe.seeds import root_seed
+
+    goal.require(file, bool(lists.files))
+    if trials != TRIALS:
+        raise bt.InputError(f"{file}: a given design has its trials. Leave out --trials.")
+    context.require_files(*lists.files)
+    lists.levels()  # refuses conditions without two levels
+
+    study_design = bt.design.read_study_design(file, question, goal.unit)
+    lists.write(study_design, root_seed(context.seed), goal.shown_unit(), context)
 
 
 # --- simulate -------------------------------------------------------------------------------------
@@ -468,6 +494,7 @@ def simulate(
     files = [output] if truth_output is None else [output, truth_output]
     context.require_files(*files)
     seed = root_seed(context.seed)
+
     design, question = pairs.read(), task_of(observers.question)
     simulated = draw_population(observers.kind, observers.subjects, seed, design, question)
     answered = simulate_trials(
@@ -478,12 +505,14 @@ def simulate(
         missed=observers.missed,
         differences=read_differences(observers.conditions, observers.differ),
     )
+
     tables = (
         trial_frame(answered, bt.ReadOptions(unit=pairs.unit).stimulus_unit),
         truth_frame(answered),
     )
     frames = zip(files, tables, strict=False)
     context.write({file: partial(write_table, frame) for file, frame in frames})
+
     total = sum(len(of_subject.yes) for of_subject in answered)
     context.print_written(
         f"{plural(len(simulated), 'synthetic subject')}, {plural(total, 'trial')} in {output}", seed

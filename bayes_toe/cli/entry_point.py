@@ -27,8 +27,6 @@ from bayes_toe.libraries import ignore_settings_of_folder
 _SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
-#: Seconds for cleaning up after a signal.
-PATIENCE = 10.0
 _BAD_INPUT, _INCOMPLETE_OUTPUT = 2, 2
 
 
@@ -108,19 +106,18 @@ def open_streams() -> Log:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     if sys.stdin is None:
         sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
-    output, errors = (Log(number, "w", closefd=False) for number in (1, 2))
-    sys.stdout = _text_stream(output, sys.stdout)
-    sys.stderr = _text_stream(errors, sys.stderr)
+    output, sys.stdout = _open_log(1, sys.stdout)
+    _, sys.stderr = _open_log(2, sys.stderr)
     return output
 
 
-def _text_stream(log: Log, earlier: Any) -> io.TextIOWrapper:
-    """A stream of texts into a log, with the settings of the stream that it replaces."""
-    encoding, is_by_line = "utf-8", False
-    if earlier is not None:
-        encoding, is_by_line = earlier.encoding, earlier.line_buffering
+def _open_log(number: int, earlier: Any) -> tuple[Log, io.TextIOWrapper]:
+    """A log, and a stream of texts into it with the settings of the stream that it replaces."""
+    encoding = getattr(earlier, "encoding", "utf-8")
+    is_by_line = getattr(earlier, "line_buffering", False)
+    log = Log(number, "w", closefd=False)
     buffer = io.BufferedWriter(log)
-    return io.TextIOWrapper(buffer, encoding, "backslashreplace", line_buffering=is_by_line)
+    return log, io.TextIOWrapper(buffer, encoding, "backslashreplace", line_buffering=is_by_line)
 
 
 def require_cache() -> None:
@@ -148,10 +145,7 @@ def listen() -> list[signal.Signals]:
     def stop(number: int, _: FrameType | None) -> None:
         _ignore(handled)  # A second signal must not interrupt the cleaning up.
         # A thread of joblib may fail while its workers are ended; nobody needs its traceback.
-        threading.excepthook = _ignore_error
-        timer = threading.Timer(PATIENCE, _end, (number,))
-        timer.daemon = True
-        timer.start()
+        threading.excepthook = lambda _: None
         raise Stopped(number)
 
     for number in handled:
@@ -167,16 +161,6 @@ def say_stopped(number: int) -> None:
         result = f"written: {written}"
     result = describe_stored() or result
     print(f"stopped by {signal.Signals(number).name}: {result}", file=sys.stderr, flush=True)
-
-
-def _end(number: int) -> None:
-    """End in any case: a library may catch the exception, or take long. Workers end as well."""
-    say_stopped(number)
-    os._exit(128 + number)
-
-
-def _ignore_error(_: threading.ExceptHookArgs) -> None:
-    pass
 
 
 def _ignore(signals: list[signal.Signals]) -> None:

@@ -48,9 +48,11 @@ def population(
         )
     if categorical and covariates is None:
         raise bt.InputError(f"--categorical {categorical[0]} needs --covariates FILE.csv.")
+
     table, figure = output.with_suffix(".csv"), output.with_suffix(".png")
     subjects = output.with_name(f"{output.stem}_subjects.csv")
     context.require_files(output, table, subjects, figure)
+
     read, _ = context.read_and_describe(study)
     result = bt.population(
         read,
@@ -61,6 +63,7 @@ def population(
         hyperprior=hyperprior,
     )
     check = predictive_check(result)
+
     written = context.write(
         {
             output: result.save,
@@ -69,6 +72,7 @@ def population(
             figure: partial(bt.plots.save_figure, bt.plots.population(result, check)),
         }
     )
+
     print_group(context.out, result, check)
     context.print_uninterpretable(read)
     context.out.answer([*group_answer(result), f"{written} Seed {result.settings.seed}."])
@@ -95,6 +99,7 @@ def contrast(
     keep = context.partial_folder(output)
     read, prior = context.read_and_describe(study)
     n_subjects = len({subject.subject_name for subject in read})
+
     table = context.work(
         "comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep
     )
@@ -106,6 +111,7 @@ def contrast(
         }
     )
     context.finish(keep, table.failed)
+
     print_contrast(context.out, table, output.name)
     context.print_uninterpretable(read)
     context.print_failed(table.failed)
@@ -134,6 +140,7 @@ def history(
     read, prior = context.read_and_describe(study)
     for subject in read:
         require_order(subject)
+
     table = context.work("serial dependence", len(read), bt.serial_dependence, read, prior=prior)
     figure = bt.plots.serial(table)
     written = context.write(
@@ -142,6 +149,7 @@ def history(
             figure_file: partial(bt.plots.save_figure, figure),
         }
     )
+
     print_history(context.out, table, output.name)
     context.print_uninterpretable(read)
     context.out.answer([*history_lines(table), f"{written} Seed {table.seed}."])

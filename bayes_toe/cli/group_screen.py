@@ -22,7 +22,7 @@ from bayes_toe.answers.order_effect import (
 )
 from bayes_toe.answers.words import Word, claim
 from bayes_toe.cli.terminal import Terminal
-from bayes_toe.data.messages import capitalized, plural
+from bayes_toe.data.messages import capitalized, format_estimate, plural
 from bayes_toe.inference.diagnostics import worst
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 
@@ -89,10 +89,12 @@ def group_answer(result: PopulationResult) -> list[str]:
         sd = _spread(result, name).partition(" [")[0]
         sizes = f"{estimate}, and the SD between subjects is {sd}."
         parts.append(f"{sizes} {_describe_mean(result, name)}")
+
     n_subjects = len(result.subjects)
     heading = f"In the group of {n_subjects}{_reference(result)}"
     first_effect, second_effect = parts
     lines = [f"{badge}{heading}, {first_effect} {capitalized(second_effect)}"]
+
     differences: dict[str, list[str]] = {}
     for level, label, difference, factor, word in _comparison_rows(result, "difference"):
         text = f"{label} {difference} ({word}, BF {factor})"
@@ -147,17 +149,10 @@ def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") 
     """Median and 95 % interval of a mean, or of a new subject, in the unit of the table."""
     [row] = result.table.select(quantity, _QUANTITY_OF.get(name, name))
     size = Size(row.q025, row.q50, row.q975)
-    return _format_size(result, name, size, is_signed=name == CONSTANT_ERROR.name)
-
-
-def _format_size(
-    result: PopulationResult, name: str, size: Size, *, is_signed: bool = False
-) -> str:
-    """A share, or a size in per cent in the unit of the table, with its interval."""
     if name in _SHARES:
         return format_share(size)
     text = format_difference(size, result.study.unit)
-    return text if is_signed else text.replace("+", "")
+    return text if name == CONSTANT_ERROR.name else text.replace("+", "")
 
 
 def log_factor_of_mean(result: PopulationResult, name: str) -> float:
@@ -214,8 +209,7 @@ def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
     sign = "+"
     if row.parameter == NOISE.name:
         values, sign = np.exp(values), ""
-    low, median, high = (f"{value:{sign}.2f}" for value in values)
-    return f"{median} [{low}, {high}]"
+    return format_estimate(*map(f"{{:{sign}.2f}}".format, values))
 
 
 def _comparison_tables(

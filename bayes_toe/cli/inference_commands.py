@@ -20,7 +20,7 @@ from bayes_toe.cli.terminal import (
     quantile_texts,
     without_zeros,
 )
-from bayes_toe.data.messages import capitalized, plural
+from bayes_toe.data.messages import capitalized, format_estimate, plural
 
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
@@ -61,6 +61,7 @@ def run(
     if explore:
         require_bokeh()
     study, context = context.ask(study)
+
     choice = FigureChoice(figures, study.truth(), explore)
     context.require_folder(output, PRODUCTS)
     keep = context.partial_folder(output)
@@ -68,11 +69,13 @@ def run(
     if explore:
         require_few(len(read), "subjects")
     _require_fitting(context, read, prior)
+
     analysis = context.work(
         "sampling", len(read), bt.run, read, draws=context.draws, prior=prior, keep=keep
     )
     check = None if analysis.group is None else predictive_check(analysis.group)
     _print_analysis(context.out, analysis, check, output)
+
     with context.out.progress("drawing", len(read)) as tick:
         write_results(
             analysis,
@@ -83,6 +86,7 @@ def run(
             progress=tick,
             overwrite=context.overwrite,
         )
+
     failed = analysis.draws.failed
     context.finish(keep, failed)
     context.print_failed(failed)
@@ -161,6 +165,7 @@ def sample(
     _require_fitting(context, read, prior, model)
     context.introduce(read, prior)
     context.out.findings(identification_findings(read), "-")
+
     draws = context.work(
         "sampling",
         len(read),
@@ -172,6 +177,7 @@ def sample(
         keep=keep,
     )
     draws.save(output, overwrite=context.overwrite)
+
     print_draws(context.out, draws)
     context.finish(keep, draws.failed)
     context.print_failed(draws.failed)
@@ -228,6 +234,7 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     stats, missed = draws.group("sample_stats"), {**draws.not_converged, **draws.imprecise}
     columns = _PAPER_COLUMNS if "mu1" in draws.parameters else _ORDER_COLUMNS
     keys = [key for key in columns if key in draws.parameters]
+
     rows, index = [], {name: i for i, name in enumerate(draws.names)}
     for name in names_to_show(draws.names, missed):
         # The smallest effective size of all quantities: errors are then rather too large.
@@ -238,11 +245,14 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
             decimals = 2 if scale == 1.0 else 0
             values = scale * draws.values(name, key)
             low, median, high = quantile_texts(values, n_effective, decimals)
-            text = f"{median} [{low}, {high}]" if key in _WITH_RANGE else median
+            text = median
+            if key in _WITH_RANGE:
+                text = format_estimate(low, median, high)
             row.append(without_zeros(text))
         row.append(f"{n_effective:.0f}")
         row.append(f"{float(stats['max_r_hat'][index[name]]):.3f}")
         rows.append(row)
+
     headings = ["subject", *(_HEADINGS.get(key, key) for key in keys), "ESS", "R-hat"]
     if rows:
         title = f"{capitalized(model_title(draws.model))}: medians [95 % interval]"
@@ -275,6 +285,7 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT
         factor = row.log_bayes_factor
         cells.append("-" if factor is None else f"{factor:+.1f}")
         rows.append(cells)
+
     out.line()
     out.line("Log model evidence. * marks the largest of the four models.")
     if len(rows) < MANY_SUBJECTS:

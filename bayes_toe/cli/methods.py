@@ -103,10 +103,12 @@ def write_methods(analysis: Analysis, path: Path) -> None:
         range=_range,
         word=_marked_word,
     )
+
     context = {"version": version, **_methods(analysis), **_results(analysis)}
     filled = environment.from_string(template).render(context)
     text = "\n\n".join(map(_wrap, filled.split("\n\n"))) + "\n"
     path.write_text(text, encoding="utf-8")
+
     references = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8")
     path.with_suffix(".bib").write_text(references.replace("VERSION", version), encoding="utf-8")
 
@@ -136,6 +138,7 @@ def _methods(analysis: Analysis) -> Record:
         trials_by_subject[unit.subject_name] += unit.total_trials
     stimuli = np.concatenate([subject.stimuli for subject in study])
     (lowest, highest), stimulus_unit = _numbers(study, [stimuli.min(), stimuli.max()])
+
     context = {
         "analysis": analysis,
         "study": study,
@@ -156,6 +159,7 @@ def _methods(analysis: Analysis) -> Record:
         "group": group,
         "pairs": _list_pairs(study),
     }
+
     if study.conditions is not None:
         context["unit"] = "participant in each condition"
         context["conditions"] = _escaped(study.conditions.about)

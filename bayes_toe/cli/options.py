@@ -223,6 +223,7 @@ class StudyFile:
                 "--example and STUDY.csv exclude each other. "
                 "Allowed: --example 2afc, --example same-different."
             )
+
         task = None if self.question is None else task_of(self.question)
         if self.example:
             study = example_study(task_of(self.example, "--example"))
@@ -230,6 +231,7 @@ class StudyFile:
             study = read_study(self._paths(), self._read_options())
         else:
             raise InputError(NO_FILE)
+
         if task not in (None, study.task):
             raise InputError(
                 f"--task is {self.question!r}, but the responses in {study.source} are of the task "

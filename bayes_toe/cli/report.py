@@ -13,7 +13,6 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -26,12 +25,11 @@ from bayes_toe.answers.contrast import LEGEND, ContrastTable, Difference
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     PRIOR_FLAG,
-    QUESTIONS,
-    SIZE_OF,
     OrderEffect,
     describe_fit,
     format_decimals,
     format_probability,
+    format_small_p,
 )
 from bayes_toe.answers.study_summary import (
     APPENDIX_C,
@@ -53,10 +51,6 @@ from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
 from bayes_toe.cli.answer_screen import (
-    NO_FIT,
-    ON_PREVIOUS_TRIAL,
-    POOR_FIT,
-    doubtful_subjects,
     not_counted,
 )
 from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables
@@ -64,6 +58,7 @@ from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quant
 from bayes_toe.data.messages import (
     capitalized,
     describe_p_value,
+    format_estimate,
     format_p_value,
     join_names,
     plural,
@@ -72,13 +67,11 @@ from bayes_toe.data.messages import (
 )
 from bayes_toe.data.stimulus_unit import StimulusUnit, percent
 from bayes_toe.data.tables import file_stems
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import PRIOR_PROBABILITIES
 from bayes_toe.model.posterior import DOMINATED
 from bayes_toe.plots.figure_files import png
-from bayes_toe.plots.order_effect import evidence_axes, forest_height
 from bayes_toe.plots.predictive import posterior_predictive
 from bayes_toe.plots.report_figure import (
     has_curves,
@@ -88,7 +81,7 @@ from bayes_toe.plots.report_figure import (
     shown_subjects,
     sizes_figure,
 )
-from bayes_toe.plots.style import LETTERS, MAX_NAMES, legend_below, new_figure
+from bayes_toe.plots.style import MAX_NAMES
 
 Figure = Any  # of matplotlib, which only plots imports
 
@@ -96,24 +89,8 @@ Figure = Any  # of matplotlib, which only plots imports
 MAX_SUBJECTS = 200
 #: Differences that are shown in the unit of differences, too.
 _SHOWN_IN_UNITS = ("pse_shift", "jnd")
-_WIDE, _DOTS = 4.8, 160  # inches of a picture, legible on a telephone, and dots in an inch
 _MOST_LISTED = 10  # names or findings that a list of an index shows
 _MOST_MISFITS = 2  # subjects with a figure of the poor fit
-#: Terms of the report, for those who meet them for the first time.
-GLOSSARY = {
-    "PSE shift": "Second minus first stimulus when both seem equal, at the mean first stimulus. "
-    "If the shift is positive, the first stimulus is overestimated.",
-    "constant error": "A PSE shift that is the same at every intensity. Another name is "
-    "time-order error. In 'which was stronger', no analysis can distinguish a constant error from "
-    "a response bias.",
-    "contraction": "The first stimulus is remembered as nearer to the mean. A contraction of 32 % "
-    "moves the first stimulus 32 % of the way. Other names are contraction bias and central "
-    "tendency. A negative contraction is a repulsion.",
-    "JND": "Just noticeable difference. Without lapses, this is the step from 50 to 75 % 'second'.",
-    "Bayes factor": "Mean evidence of the models with the effect, divided by the mean evidence of "
-    "the models without the effect.",
-    "serial dependence": "The response depends on earlier trials.",
-}
 #: The words, and the probabilities that they need.
 LIMITS = {
     Word.YES: f"at least {format_decimals(YES_FROM)}",
@@ -123,16 +100,6 @@ LIMITS = {
     f"at most {PROBABLY_NOT_LOG_BAYES_FACTOR:g}",
     Word.NO: f"at most {format_decimals(NO_UP_TO)}",
 }
-#: What the figure of a subject's responses shows, in either task.
-CURVES = {
-    SAME_DIFFERENT: "Curves show P('equal') averaged over the four models.",
-    WHICH_STRONGER: "Curves show P('second') over s2 − s1, averaged over the four models. Each "
-    "curve is for one first stimulus s1, or for the middle one of several. A curve crosses one "
-    "half (dotted line) at the point of subjective equality (PSE).",
-}
-#: Why a subject needs action.
-FLAGGED = "poor fit, not interpreted, draws not converged, or no answer"
-_FITS = {True: "good", False: "poor", None: "not testable"}
 #: Sizes of a subject, in words, with the question that must be known.
 _SIZES = {
     "pse_shift_percent": ("PSE shift", "constant_error"),
@@ -179,6 +146,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
     if is_paged:
         answers.sort(key=lambda answer: answer.subject not in facts.flagged)
         links = {name: f"subjects/{stem}.html" for name, stem in file_stems(names).items()}
+
     findings = check(analysis.study, analysis.settings.prior)
     asymmetry = asymmetry_table(analysis.study)
     context = {
@@ -190,9 +158,10 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "links": links,
         "paged": is_paged,
         "most": _MOST_LISTED if is_paged else None,
-        "index": [_overview_row(answer) for answer in answers],
+        "answers": answers,
         "beside": "../" if is_paged else "",
     }
+
     subjects = _subjects(analysis, asymmetry, findings)
     templates = _environment()
     if is_paged:
@@ -223,9 +192,15 @@ def _environment() -> Environment:
     environment.filters.update(
         capitalized=capitalized,
         data_uri=_data_uri,
+        describe_fit=describe_fit,
+        describe_p=describe_p_value,
         describe_pair=describe_pair,
+        join_names=join_names,
         number=_number,
         p_value=format_p_value,
+        plural=plural,
+        probability=format_probability,
+        small_p=format_small_p,
         typeset=_typeset,
     )
     return environment
@@ -276,19 +251,15 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
         "seed": draws.seed,
         "amount": describe_amount(study),
         "answer": _answer(analysis),
-        "glossary": GLOSSARY,
-        "trust": _trust(analysis),
+        "design_notes": merge_notes(notes_of(analysis.answers)),
         "misfits": _misfit_figures(analysis),
         "settings": _settings(analysis),
-        "texts": {
-            "curves": CURVES[study.task],
-            "limits": LIMITS,
-            "flagged": FLAGGED,
-            "appendix_c": APPENDIX_C,
-        },
+        "limits": LIMITS,
+        "appendix_c": APPENDIX_C,
+        "sizes": _SIZES,
+        "marked_flags": (MISFIT_FLAG, PRIOR_FLAG),
         "figure": _figure(analysis),
-        "caption": _caption(analysis),
-        "evidence_image": _evidence_image(analysis),
+        "shown": shown_subjects(analysis.answers),
         "dominated": DOMINATED,
         "group": _group(analysis, facts.check),
         "contrast": _by_condition(analysis.contrast),
@@ -333,45 +304,6 @@ def _embed(analysis: Analysis, figure: Figure, label: str) -> str:
     return inline_svg(figure, label)
 
 
-def _evidence_image(analysis: Analysis) -> str:
-    """The log Bayes factors of the paper's model."""
-    figure = new_figure(_WIDE, forest_height(len(analysis.evidence)))
-    ax = figure.subplots()
-    evidence_axes(ax, analysis.evidence)
-    title = "synthetic data" if analysis.study.synthetic else ""
-    ax.set_title(title, fontsize=LETTERS, loc="right")
-    legend_below(figure, size=LETTERS, columns=2)
-    return _png_uri(png(figure, dpi=_DOTS))
-
-
-def _caption(analysis: Analysis) -> str:
-    """The caption of figure 1."""
-    sizes = (
-        "PSE shift and contraction are medians with 95 % intervals, averaged over the models with "
-        "the effect. A full marker means 'yes', and a half marker means 'probably'"
-    )
-    if analysis.group is not None:
-        sizes += ". The last row is the mean of the group"
-    if not has_curves(analysis):
-        return f"{sizes}."
-    return f"{_responses_caption(analysis)} {sizes}."
-
-
-def _responses_caption(analysis: Analysis) -> str:
-    """The caption of the panels of responses: what they show, and of whom."""
-    caption = "Responses and model-averaged curves"
-    names = shown_subjects(analysis.answers)
-    n_interpreted = sum(answer.is_interpretable for answer in analysis.answers)
-    if len(names) < n_interpreted:
-        caption += (
-            f" of {len(names)} of {n_interpreted} subjects. These are the subjects with the "
-            "most evidence of an order effect, and the subject with the least evidence"
-        )
-    if analysis.study.task == WHICH_STRONGER:
-        caption += ". If there are many pairs, one point pools pairs with similar mean intensity"
-    return f"{caption}."
-
-
 def _misfit_figures(analysis: Analysis) -> list[str]:
     """Observed and expected proportions of the first subjects whom the model does not fit."""
     names = [answer.subject for answer in analysis.answers if answer.fits is False]
@@ -393,158 +325,15 @@ def _answer(analysis: Analysis) -> list[str]:
     return [_typeset(line) for line in lines if line]
 
 
-def _trust(analysis: Analysis) -> list[tuple[str, str]]:
-    """A sentence or two each on design, fit, prior, convergence and serial dependence."""
-    interpreted = [answer for answer in analysis.answers if answer.is_interpretable]
-    misfits = _doubts(interpreted, POOR_FIT, NO_FIT)
-    return [
-        ("Design", _design(analysis.answers)),
-        ("Fit", misfits or "No subject has a poor fit."),
-        ("Prior", _prior(interpreted)),
-        ("Convergence", _convergence(analysis)),
-        ("Serial dependence", _serial_dependence(interpreted)),
-    ]
-
-
-def _design(answers: Sequence[OrderEffect]) -> str:
-    """The effects that the design cannot show."""
-    sentences = []
-    for names, note, _ in merge_notes(notes_of(answers)):
-        sentence = capitalized(note)
-        if len(names) < len(answers):
-            sentence += f" This concerns {_name_subjects(names)}."
-        sentences.append(sentence)
-    return " ".join(sentences) or "The design can show a constant error and a contraction."
-
-
-def _doubts(answers: Sequence[OrderEffect], *sentences: str) -> str:
-    """These sentences about subjects; empty if they concern none."""
-    subjects = doubtful_subjects(answers)
-    texts = []
-    for sentence in sentences:
-        if subjects[sentence]:
-            texts.append(sentence.format(_name_subjects(subjects[sentence])))
-    return " ".join(texts)
-
-
-def _prior(answers: Sequence[OrderEffect]) -> str:
-    """Subjects of whom another prior scale leaves a sure word undecided."""
-    dependent = [answer.subject for answer in answers if answer.depends_on_prior]
-    if not dependent:
-        return "With half or twice the prior width, no conclusion 'yes' or 'no' becomes undecided."
-    subjects = _name_subjects(dependent)
-    return f"If the prior is half or twice as wide, a 'yes' or 'no' of {subjects} is undecided."
-
-
-def _convergence(analysis: Analysis) -> str:
-    """Whether the draws of the paper's model and of the group can be used."""
-    reasons = [f"{name} ({reason})" for name, reason in analysis.draws.not_converged.items()]
-    sentences = ["The draws of the paper's model converged for every subject."]
-    if reasons:
-        sentences = [
-            f"The draws of {plural(len(reasons), 'subject')} did not converge. Do not report "
-            f"their parameters of the paper's model: {join_names(reasons)}."
-        ]
-    group = analysis.group
-    if group is not None and group.is_reliable:
-        sentences.append("The draws of the group converged.")
-    elif group is not None:
-        sentences.append(f"Do not report the group: {group.draws.shortfall}.")
-    return " ".join(sentences)
-
-
-def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
-    """Subjects whose responses depend on the previous trial."""
-    if all(answer.history_p is None for answer in answers):
-        return "Not testable: the order of the trials is not known."
-    dependent = _doubts(answers, ON_PREVIOUS_TRIAL)
-    if not dependent:
-        return "No subject shows a dependence on the previous trial."
-    return f"{dependent} The command bayes-toe history estimates by how much."
-
-
-def _name_subjects(names: Sequence[str]) -> str:
-    """How many subjects, and which."""
-    return f"{plural(len(names), 'subject')} ({join_names(names)})"
-
-
-def _overview_row(answer: OrderEffect) -> Record:
-    """A subject in the table of all subjects; its marks stand for two of the flags."""
-    texts = {size: answer.effect_size(question) for question, size in SIZE_OF.items()}
-    texts["jnd_percent"], fit = "", ""
-    if answer.is_interpretable:
-        texts["jnd_percent"], fit = answer.format_size("jnd_percent"), _FITS[answer.fits]
-    sizes = []
-    for size, text in texts.items():
-        median = answer.sizes[size].q50 if text else ""
-        sizes.append((median, text))
-    flags = [flag for flag in answer.flags if not flag.startswith((MISFIT_FLAG, PRIOR_FLAG))]
-    return {
-        "subject": answer.subject,
-        "is_interpretable": answer.is_interpretable,
-        "words": [_word(answer, question) for question in QUESTIONS],
-        "sizes": sizes,
-        "fit": fit,
-        "flags": "; ".join(flags),
-    }
-
-
-def _word(answer: OrderEffect, question: str) -> tuple[float | None, str, str]:
-    """The probability that orders a column, the word with its marks, and the probability shown."""
-    if not answer.is_interpretable:
-        return None, "not interpreted", ""
-    word = answer.words[question]
-    if word is Word.CANNOT_BE_TOLD:
-        return None, word, ""
-    probability = answer.probabilities[question]
-    return probability, answer.marked_word(question), f"P {format_probability(probability)}"
-
-
-def _short_answer(answer: OrderEffect) -> str:
-    """The words of a subject in a line."""
-    if not answer.is_interpretable:
-        return "not interpreted"
-    return ", ".join(f"{_title(name)}: {_word(answer, name)[1]}" for name in QUESTIONS)
-
-
-def _sizes(answer: OrderEffect) -> list[tuple[str, str]]:
-    """The sizes that the task has, with their names."""
-    sizes = list[tuple[str, str]]()
-    for name, (label, question) in _SIZES.items():
-        if answer.words.get(question) is Word.CANNOT_BE_TOLD:
-            sizes.append((label, Word.CANNOT_BE_TOLD))
-        elif name in answer.sizes:
-            sizes.append((label, answer.format_size(name)))
-    return sizes
-
-
-def _models(answer: OrderEffect) -> list[tuple[str, str]]:
-    """The four models with their posterior probabilities and log evidences."""
+def _models(answer: OrderEffect) -> list[tuple[str, float, float, float]]:
+    """The four models with their posterior probabilities, log evidences and standard errors."""
     log_evidence = np.array(list(answer.log_evidence.values()))
     probabilities = ModelSet(log_evidence, PRIOR_PROBABILITIES).probabilities.tolist()
     rows = []
     for (name, value), p in zip(answer.log_evidence.items(), probabilities, strict=True):
-        error = answer.standard_error[name]
         label = "no order effect" if name == "none" else name
-        rows.append((label, f"P {format_probability(p)}, ln evidence {value:.2f} ± {error:.2f}"))
+        rows.append((label, p, value, answer.standard_error[name]))
     return rows
-
-
-def _factors(answer: OrderEffect) -> list[tuple[str, str]]:
-    """Log Bayes factors of the questions, the fit of the best model, and the serial dependence."""
-    rows = []
-    for question, value in answer.log_bayes_factors.items():
-        can_be_told = answer.words[question] is not Word.CANNOT_BE_TOLD
-        text = f"{value:+.1f}" if can_be_told else Word.CANNOT_BE_TOLD.value
-        rows.append((f"ln BF, {_title(question)}", text))
-    rows.append(("fit of the best model", describe_fit(answer.fit_p, answer.n_subjects)))
-    if answer.history_p is not None:
-        rows.append(("effect of the previous trial", describe_p_value(answer.history_p)))
-    return rows
-
-
-def _title(question: str) -> str:
-    return question.replace("_", " ")
 
 
 def _by_condition(table: ContrastTable | None) -> Record | None:
@@ -573,7 +362,7 @@ def _group(analysis: Analysis, check: PredictiveCheck | None) -> Record | None:
     lines = group_answer(result) + good_fits_answer(result, analysis.group_of_good_fits)
     return {
         "problems": [*result.problems, *check.warnings],
-        "is_reliable": result.is_reliable,
+        "shortfall": "" if result.is_reliable else result.draws.shortfall,
         "answer": [*map(_typeset, lines)],
         "tables": group_tables(result),
         "hyperprior": result.settings.hyperprior.describe(result.study.task),
@@ -590,26 +379,26 @@ def _subjects(
     for finding in findings:
         if finding.code not in NOTES:
             messages[finding.subject].append(finding.message)
+
     summaries = dict(list(analysis.summary().groupby("subject", sort=False)))
     parts = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
     for i, (counts, row, answer, asymmetry) in enumerate(parts):
         name = counts.name
         summary: list[Any] = list(summaries[name].itertuples())
         natural = analysis.draws.posterior(name).names.natural
-        own_names = dict.fromkeys([name, counts.subject_name])
+        remarks = list[str]()
+        for label in dict.fromkeys([name, counts.subject_name]):
+            remarks += messages[label]
         yield {
             "anchor": f"subject-{i + 1}",
             "counts": counts,
             "row": row,
             "answer": answer,
-            "short": _short_answer(answer),
-            "sizes": _sizes(answer),
             "models": _models(answer),
-            "factors": _factors(answer),
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
             "parameters": [_parameter(analysis, parameter) for parameter in summary],
-            "remarks": [*chain.from_iterable(messages[own] for own in own_names), *row.notes],
+            "remarks": [*remarks, *row.notes],
             "prior_dominated": _prior_dominated(summary, (*natural, "gamma")),
         }
 
@@ -645,8 +434,7 @@ def _interval_in_unit(draws: FloatArray, n_effective: float, unit: StimulusUnit)
 def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = "") -> str:
     """Median and 95 % interval with the digits that their Monte Carlo errors allow."""
     low, median, high = quantile_texts(draws, n_effective, digits)
-    estimate = f"{median} {unit}".rstrip()
-    return _typeset(f"{estimate} [{low}, {high}]")
+    return _typeset(format_estimate(low, median, high, unit))
 
 
 def _typeset(words: str) -> str:

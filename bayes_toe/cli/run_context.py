@@ -307,9 +307,11 @@ def print_error(error: BayesToeError, command: str) -> None:
         choices = [("--overwrite", "to replace it"), ("-o NAME", "to write elsewhere")]
     if problems == NO_FILE:
         choices = [(f"bayes-toe {command} {study}", "") for study in ("STUDY.csv", "--example")]
+
     stored = describe_stored()
     if stored:
         problems = f"{problems}; {stored}"
+
     for problem in problems.split("\n"):
         print_labelled("error:", visible(problem))
     width = min(max((len(typed) for typed, _ in choices), default=0), _WIDEST_TYPED)

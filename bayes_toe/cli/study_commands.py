@@ -77,10 +77,12 @@ def fit(
         if asymmetry_output is not None:
             raise
         why_none = str(error)
+
     context.introduce(read, prior)
     table = context.work(
         "fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior
     )
+
     table.save(output, **context.saving_of(read))
     print_fits(context.out, table)
     if asymmetries is None:
@@ -107,6 +109,7 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
             cells.append(", ".join(map(table.unit.describe, pair)))
             cells += [format_p_value(largest.p_value), format_p_value(largest.p_adjusted)]
         rows.append(cells)
+
     headings = ["subject", "pairs", "largest q(c, r) - q(r, c)", "r, c", "p", "p (Holm)"]
     out.table(headings, rows, (1,), title="Asymmetry of the orders, without a model")
     out.line(table.describe())

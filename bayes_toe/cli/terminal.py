@@ -410,10 +410,12 @@ def round_to_errors(
         if round(value, decimals) == 0.0:
             decimals = max(decimals, decimals_of(abs(value)) - 1)
         digits.append(min(decimals, _decimals(error, decimals)))
+
     texts = [_rounded(value, n) for value, n in zip(values, digits, strict=True)]
     printed = map(float, texts)
     if all(low < high for low, high in itertools.pairwise(printed)):
         return texts
+
     n_different = len(set(values))
     decimals = min(digits)
     while decimals < max_decimals:

@@ -128,6 +128,7 @@ def corner(
     for name in subject or ():
         draws.subject(name)  # raises for an unknown subject
     truths = {} if truth is None else read_truth(truth, [draws], names)
+
     options = {
         "coordinates": _quantities(coordinates, parameters, draws),
         "prior": draws.prior if show_prior else None,
@@ -135,6 +136,7 @@ def corner(
     figures = _figure_options(draws, names, truths, is_joint=subject is not None)
     files = [f"{stem}.{ending}" for stem, ending in product(figures, endings)]
     context.require_folder(output, files)
+
     with (
         whole_folder(output, files, required=files, overwrite=context.overwrite) as folder,
         context.out.progress("drawing", len(figures)) as tick,
@@ -142,10 +144,11 @@ def corner(
         # Absolute, since a worker may be in another folder than this process.
         target = folder.absolute()
         jobs = []
-        for stem, of_figure in figures.items():
-            parts = {**of_figure, **options}
-            jobs.append(partial(_draw_corner, parts, target / stem, endings))
+        for stem, subjects in figures.items():
+            arguments = {**subjects, **options}
+            jobs.append(partial(_draw_corner, arguments, target / stem, endings))
         run_in_order(jobs, of_this_machine(context.workers), tick, [(stem,) for stem in figures])
+
     context.print_written(f"{plural(len(figures), 'corner plot')} in {output}")
 
 

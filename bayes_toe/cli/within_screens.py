@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from bayes_toe.answers.order_effect import format_decimals
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.cli.terminal import MANY_SUBJECTS, OUTPUT, Terminal
-from bayes_toe.data.messages import plural
+from bayes_toe.data.messages import format_estimate, plural
 
 if TYPE_CHECKING:
     from bayes_toe.answers.contrast import ContrastTable
@@ -56,6 +56,7 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
         if row.robust == "no":
             word += " ?"
         rows.append([*first_cells, row.quantity, size, row.factor, word])
+
     if has_one_comparison:
         (title,) = comparisons
         rows = [[name, *cells] for name, _, *cells in rows]
@@ -76,6 +77,7 @@ def print_history(out: Terminal, table: SerialDependence, file: str = OUTPUT) ->
             rows.append([row.subject, carry_over, sizes[0], previous, sizes[1]])
         else:
             notes.append((row.subject, f"No result: {row.note}.", ""))
+
     headings = ["subject", "carry-over", "rho [95 %]", "previous\nresponse", "kappa [95 %]"]
     if len(rows) >= MANY_SUBJECTS:
         out.line()
@@ -93,8 +95,7 @@ def _size(word: str, quantiles: tuple[float, ...]) -> str:
     """The size of an effect; '-' if there is probably none."""
     if word in ("no", "probably not") or not quantiles:
         return "-"
-    low, median, high = map(format_decimals, quantiles)
-    return f"{median} [{low}, {high}]"
+    return format_estimate(*map(format_decimals, quantiles))
 
 
 def history_lines(table: SerialDependence) -> list[str]:

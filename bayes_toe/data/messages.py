@@ -91,6 +91,18 @@ def plural(count: int, noun: str) -> str:
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
+def format_estimate(low: str, median: str, high: str, unit: str = "") -> str:
+    """A median with its unit and its interval, from the numbers as texts in ascending order.
+
+    Examples
+    --------
+    >>> format_estimate("+8", "+12", "+16", "%")
+    '+12 % [+8, +16]'
+    """
+    estimate = f"{median} {unit}".rstrip()
+    return f"{estimate} [{low}, {high}]"
+
+
 def format_p_value(value: float) -> str:
     """A p-value for a table, two significant digits.
 

@@ -67,6 +67,8 @@ AVERAGED, _N_AVERAGED = "four models averaged", 4000
 _PRECISION = Precision(effective_draws=3000.0)
 #: Draws with an effect below which the effect is not shown.
 _FEWEST_WITH = 100
+#: The models that have an effect, by its quantity.
+_MODELS_WITH = {CONSTANT_ERROR.name: HAS_ERROR, CONTRACTION.name: HAS_CONTRACTION}
 #: Of every curve; with straight lines between them a bell is a bell.
 POINTS = 21
 #: A probability of 1 on a curve, as an integer of 16 bits.
@@ -168,52 +170,62 @@ class Entry:
         draws = self.x.reshape(-1, self.x.shape[-1])
         n_rows = min(len(draws), rows)
         index = np.arange(n_rows) * len(draws) // n_rows  # explorer.js inverts this rule
-        quantities = self.quantities
-        selected = {name: values[index] for name, values in quantities.items()}
-        columns = self.columns(quantities)
+
+        columns = self.columns(self.quantities)
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
-        spans = axis_limits(present.values(), list(columns), self.target)
-        true_values, prior = self._true_values(), prior_values(self.target)
-        shown_values, marked, truth, prior_quantiles = [], [], {}, []
-        for name, values in columns.items():
-            shown_values.append(values[index])
-            interval = np.quantile(present[name], MARKED)
-            if name in self.estimates:
-                interval = np.asarray(self.estimates[name])
-                if QUANTITY_BY_NAME[name].display == "difference":
-                    interval = self.unit.from_percent(interval)
-                else:
-                    interval = axis_values(name, interval, self.unit)
-            marked.append([*map(float, interval)])
-            if name in true_values:
-                truth[name] = true_values[name]
-            quantiles = np.quantile(prior[name], _QUANTILES)
-            prior_quantiles.append(axis_values(name, quantiles, self.unit))
-        prior_shares = [1.0] * len(columns)
-        if self.is_averaged:
-            prior_shares = _prior_shares(columns)
+        truth = self._true_values()
+        spans = axis_limits(present.values(), list(columns), self.target, truth)
+
         return {
             "subject": visible(self.target.subject.name),
             "label": visible(self.label),
             "synthetic": self.synthetic,
             "about": self.description,
-            "badges": [*self.badges, *self._dominated(quantities)],
+            "badges": [*self.badges, *self._dominated()],
             "words": self.words,
             "rows": n_rows,
             "of": len(draws),
             "perChain": self.x.shape[1],
             "names": list(columns),
             "main": [name for name in self.main if name in columns],
-            "values": text_of(shown_values),
-            "marked": marked,
+            "values": text_of(np.stack(list(columns.values()))[:, index]),
+            "marked": [*map(self._interval, present, present.values())],
             "with": [*map(len, present.values())],
             "truth": truth,
             "spans": spans,
             "contours": outlined(columns, spans),
-            "prior": text_of(prior_quantiles),
-            "priorShares": prior_shares,
-            **self._responses(draws[index], selected),
+            "prior": text_of(self._prior_quantiles(columns)),
+            "priorShares": self._prior_shares(columns),
+            **self._responses(draws[index], index),
         }
+
+    def _interval(self, name: str, values: FloatArray) -> list[float]:
+        """Median and ends of the interval of a quantity: those of the tables, or of the draws."""
+        if name not in self.estimates:
+            return np.quantile(values, MARKED).tolist()
+        interval = np.asarray(self.estimates[name])
+        if QUANTITY_BY_NAME[name].display == "difference":
+            return self.unit.from_percent(interval).tolist()
+        return axis_values(name, interval, self.unit).tolist()
+
+    def _prior_quantiles(self, names: Iterable[str]) -> list[FloatArray]:
+        """Quantiles of the prior of each quantity."""
+        prior = prior_values(self.target)
+        quantiles = []
+        for name in names:
+            values = np.quantile(prior[name], _QUANTILES)
+            quantiles.append(axis_values(name, values, self.unit))
+        return quantiles
+
+    def _prior_shares(self, names: Iterable[str]) -> list[float]:
+        """Prior probability of each quantity in the models of the draws."""
+        shares = []
+        for name in names:
+            has_quantity = EVERY_MODEL
+            if self.is_averaged:
+                has_quantity = _MODELS_WITH.get(name, EVERY_MODEL)
+            shares.append(float(PRIOR_PROBABILITIES[has_quantity].sum()))
+        return shares
 
     def _true_values(self) -> dict[str, float]:
         """True values of the quantities of the model."""
@@ -223,25 +235,26 @@ class Entry:
                 truth[name] = value
         return all_true_values(truth, self.target)
 
-    def _dominated(self, quantities: NamedArrays) -> list[tuple[str, str]]:
+    def _dominated(self) -> list[tuple[str, str]]:
         """Quantities whose 5 to 95 % range is not much narrower than the prior's."""
         dominated = list[tuple[str, str]]()
         if self.is_averaged:
             return dominated
         for name in self.names:
-            low, high = np.quantile(quantities[name], RANGE).tolist()
+            low, high = np.quantile(self.quantities[name], RANGE).tolist()
             if posterior_contraction(self.target, name, low, high) < DOMINATED:
                 dominated.append(("dominated", name))
         return dominated
 
-    def _responses(self, x: FloatArray, quantities: NamedArrays) -> Record:
-        """Counts, and curves over them."""
+    def _responses(self, x: FloatArray, index: IndexArray) -> Record:
+        """Counts, and curves over them at the draws x with this index."""
         counts, target = self.target.subject, self.target
         low, high = float(counts.stimuli.min()), float(counts.stimuli.max())
         pad = 0.5
         if high > low:
             pad = 0.08 * (high - low)
         ends = [low - pad, high + pad]
+
         pairs = {
             "s1": counts.s1,
             "s2": counts.s2,
@@ -252,12 +265,14 @@ class Entry:
             "error": laplace_error(counts.n_yes, counts.n_trials),
             "along": along(counts),
         }
+
         described = []
         for s1, s2 in counts.pairs:
             described.append(f"{counts.unit.describe(s1)}, {counts.unit.describe(s2)}")
         plane = None
         if counts.unit.of_stimuli:
             plane = _packed_scale(stimulus_scale("first stimulus", counts.unit, 0.0, ends), ends)
+
         fitted, panels = Predictor(target, x), slices(counts)
         has_several = len(panels) > 1
         return {
@@ -269,7 +284,7 @@ class Entry:
             "slices": [panel.packed(fitted, panel.title(has_several)) for panel in panels],
             "undrawn": len(slice_keys(counts)) - len(panels),
             "ends": ends,
-            "axis": text_of(axis(quantities, target.sbar, ends)),
+            "axis": text_of(axis(self.quantities, target.sbar, ends)[:, index]),
         }
 
 
@@ -304,12 +319,6 @@ def _contours(density: Density) -> list[str]:
     return [text_of(points) for points in zip(lines.xs[::-1], lines.ys[::-1], strict=True)]
 
 
-def _prior_shares(names: Iterable[str]) -> list[float]:
-    """Prior probability of each quantity in the four models."""
-    models = {CONSTANT_ERROR.name: HAS_ERROR, CONTRACTION.name: HAS_CONTRACTION}
-    return [float(PRIOR_PROBABILITIES[models.get(name, EVERY_MODEL)].sum()) for name in names]
-
-
 def entries_of(
     draws: Draws, label: str, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]
 ) -> list[Entry]:
@@ -330,6 +339,7 @@ def entries_of(
         words = tuple((key.replace("_", " "), answer.word(key)) for key in QUESTIONS)
         if name in refused:
             words = (("not interpreted:", refused[name]),)
+
         entry = Entry(
             label,
             draws.posterior(name),
@@ -340,9 +350,11 @@ def entries_of(
             synthetic=draws.synthetic,
             description=f"{label}: {source}, prior {draws.described_prior()}.",
         )
+
         entries.append(entry)
         if entry.tab == EFFECTS_TAB:
             continue
+
         (evidence,) = order_evidence([subject], draws.seed, prior, _PRECISION)
         average = evidence.averaged()
         points = average.resampled(generator(draws.seed, name, "explorer"), _N_AVERAGED)

@@ -129,11 +129,13 @@ def entries(
         if name not in all_names:
             listing = join_names([*map(repr, all_names)], 20)
             raise InputError(f"no subject {name!r} among the draws; there are: {listing}")
+
     selected = {}
     for label, part in by_label.items():
         selected[label] = tuple(name for name in names if name in part.names)
     n_entries = sum(map(len, selected.values()))
     require_few(n_entries, "subjects" if len(by_label) == 1 else "posteriors of subjects")
+
     page_entries = list[Entry]()
     for label, part in by_label.items():
         true_values = truths or {}
@@ -188,8 +190,10 @@ def page(
     unit = _shown_unit(page_entries)
     if unit.has_log_differences:
         page_entries = [entry.in_unit(unit) for entry in page_entries]
+
     room = min(_BYTES / len(page_entries), max(_FEW_BYTES / len(page_entries), _ENTRY_BYTES))
     rows = min(_ROWS, int(room / max(entry.bytes_a_draw for entry in page_entries)))
+
     contents, list_of_entries = {}, []
     for i, entry in enumerate(page_entries):
         name = entry.target.subject.name
@@ -198,6 +202,7 @@ def page(
         list_of_entries.append({**names, "tab": entry.tab})
         if progress is not None:
             progress(name)
+
     tabs = {entry.tab for entry in page_entries}
     index = {
         "entries": list_of_entries,
@@ -207,6 +212,7 @@ def page(
         "fixed": task.slice_stimulus,
         "footer": f"bayes_toe {__version__}. Intensities without a unit are natural logarithms.",
     }
+
     head, tail = _frame(task).split(_ISLANDS)
     parts = [head]
     for name, content in {"index": index, **contents}.items():

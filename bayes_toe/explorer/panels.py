@@ -52,7 +52,6 @@ _ALONG = {
     WHICH_STRONGER: "s₂ − s₁ (ln intensity)",
 }
 _BAND = ("x", "all", "kept", "low", "high")
-_PAIRS = ("s1", "s2", "stimuli", "k", "n", "fill")
 
 
 def document(task: Task) -> Document:
@@ -168,6 +167,7 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
             x="x", y="y", marker=marker, size=3, fill_color=colour, fill_alpha=0.12, line_color=None
         )
         plot.add_glyph(sources.get_source(f"all-{letter}-{i}-{j}", "x", "y"), faint)
+
     selected = []
     for letter, (colour, marker, dash) in LETTERS.items():
         strong = Scatter(
@@ -188,6 +188,7 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
             lines,
             MultiLine(xs="xs", ys="ys", line_color=colour, line_width="width", line_dash=dash),
         )
+
     for letter, (colour, *_) in LETTERS.items():
         truth = sources.get_source(f"truth-{letter}", x, y)
         for edge, width in ((_PAGE, 6), (colour, 3)):
@@ -226,6 +227,7 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
     )
     plot.xaxis.axis_label, plot.yaxis.axis_label = _ALONG[task], f"P({task.yes})"
     _small_words(plot, [*plot.xaxis])
+
     points = []
     for order, (kind, marker) in KINDS.items():
         colour = ORDERS[order].colour
@@ -245,6 +247,7 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
             size=10 if kind == "equal" else 8,
         )
         points.append(plot.add_glyph(answers, point, name=ORDERS[order].label))
+
     plot.add_tools(_hover(points, task))
     plot.add_layout(
         Title(
@@ -282,9 +285,11 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
         "second stimulus",
     )
     _small_words(plot, [*plot.axis])
+
     axis = sources.get_source(f"axis-{letter}", *_BAND)
     plot.add_glyph(axis, Line(x="x", y="x", line_color="#777777", line_dash="dashed"))
     _band(plot, axis, LETTERS[letter][0])
+
     points = []
     for order, (kind, marker) in KINDS.items():
         pairs_of = sources.get_source(

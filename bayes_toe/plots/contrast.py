@@ -64,6 +64,7 @@ def contrast(
     row_height = 0.6 * HIGH if n_subjects > MAX_NAMES else max(0.7, 0.16 * n_subjects)
     figure = new_figure(PAGE, 0.7 + (0.9 + row_height) * len(comparisons))
     panels = figure.subplots(len(comparisons), len(quantities), squeeze=False)
+
     for (row, column), ax in np.ndenumerate(panels):
         quantity, comparison = quantities[column], comparisons[row]
         rows = table.select(quantity, comparison)
@@ -77,6 +78,7 @@ def contrast(
         quantity_ticks(ax, parameter.name)
         ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
         ax.tick_params(labelleft=column == 0)
+
     title = f"What differs by {plain(table.conditions.name)}"
     if synthetic:
         title += " (synthetic data)"
@@ -84,6 +86,7 @@ def contrast(
     if len(comparisons) > 1:
         title += "\nmarks: whether it differs between any of the conditions"
     figure.suptitle(title, fontsize=LETTERS + 1.0)
+
     words = {row.word for row in table}
     for face, colour, label in dict.fromkeys(_MARKS[word] for word in _MARKS if word in words):
         panels[0, 0].plot([], [], "o", ms=3.4, mfc=face, mec=colour, mew=0.7, label=label)

@@ -26,11 +26,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator, NullFormatter
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from bayes_toe.arrays import FloatArray, NamedArrays
-from bayes_toe.data.messages import join_names, name_from_key
+from bayes_toe.data.messages import format_estimate, join_names, name_from_key
 from bayes_toe.data.stimulus_unit import StimulusUnit, percent
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.draws import Draws, require_draws
@@ -55,9 +54,6 @@ AROUND = 2
 LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
 #: Points of the letters of a name, with a scale beside it, and of an interval.
 _LABEL, _SCALED_LABEL, _TITLE = 9.5, 7.0, 9.0
-#: Steps between ticks beyond which labels leave out an offset, and powers of ten between which they
-#: are plain numbers.
-_MOST_STEPS, _PLAIN = 1000.0, (-3, 5)
 #: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: above
 #: the normal reference rule, since contours of few draws wobble.
 _SMOOTHING = 1.4 * BINS / 6.0
@@ -124,16 +120,18 @@ def corner(
     is_single = len(names_asked) == 1
     truth_of = _truths_by_subject(truths, names_asked)
     unit = _shown_unit(draws, names_asked, coordinates)
-    subjects = []
+    subjects, limits = [], []
     for name, (colour, line) in zip(names_asked, OVERLAID, strict=False):
         target = draws.posterior(name)
         names = _quantity_names(target, coordinates)
         target = in_unit(target, unit)
         columns = [axis_values(key, draws.values(name, key).ravel(), unit) for key in names]
-        truth = all_true_values(truth_of.get(name, {}), target)
+        true_values = all_true_values(truth_of.get(name, {}), target)
+        limits.append(axis_limits(columns, names, target, true_values))
+        truth = [true_values.get(key, np.nan) for key in names]
         subjects.append(_SubjectDraws(target, names, np.stack(columns), truth, colour, line))
-    limits = np.array([axis_limits(panel.columns, panel.names, panel.target) for panel in subjects])
-    lowest, highest = limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)
+
+    lowest, highest = np.min(limits, axis=0)[:, 0], np.max(limits, axis=0)[:, 1]
     spans = list(zip(lowest.tolist(), highest.tolist(), strict=True))
     figure = _new_figure(len(spans)) if fig is None else fig
     for panel in subjects:
@@ -145,7 +143,7 @@ def corner(
     for ax in diagonal:
         densities = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == _FINE]
         ax.set_ylim(0.0, 1.1 * np.max(densities))
-    _set_ticks(figure, spans)
+    _arrange_ticks(figure, len(spans))
     _write_key(figure, draws, subjects, spans, has_prior=prior is not None)
     return figure
 
@@ -184,18 +182,17 @@ def _truths_by_subject(
 
 
 class _SubjectDraws(NamedTuple):
-    """Draws of a subject as axes show them, (quantities, draws), its true values, its line."""
+    """Draws of a subject as axes show them, (quantities, draws), its true values, its line.
+
+    The true value of a quantity is NaN if it is not known.
+    """
 
     target: SubjectPosterior
     names: tuple[str, ...]
     columns: FloatArray
-    truth: Values
+    truth: Sequence[float]
     colour: str
     line: str
-
-    def true_value(self, name: str) -> float:
-        """The true value of a quantity, NaN where it is not known."""
-        return self.truth.get(name, np.nan)
 
 
 def _quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -> tuple[str, ...]:
@@ -288,15 +285,16 @@ def axis_unit(name: str, unit: StimulusUnit) -> str:
 
 
 def axis_limits(
-    columns: Iterable[FloatArray], names: Sequence[str], target: SubjectPosterior
+    columns: Iterable[FloatArray], names: Sequence[str], target: SubjectPosterior, truth: Values
 ) -> list[Span]:
-    """Axis limits of quantities, within their support.
+    """Axis limits of quantities, within their support, with the true values that are known.
 
     A few draws far out in a funnel do not squeeze all others into one bin.
     """
     spans = []
     for values, name in zip(columns, names, strict=True):
         low, high = np.quantile(values, SPANNED).tolist()
+        low, high = min(low, truth.get(name, low)), max(high, truth.get(name, high))
         pad = 0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12
         lowest, highest = axis_values(name, support(target, name), target.subject.unit).tolist()
         spans.append((max(low - pad, lowest), min(high + pad, highest)))
@@ -334,6 +332,7 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
                 f"truths: unknown quantity {name!r}; there are: {', '.join(target.names.all)}"
             )
         _require_possible(name, value, target)
+
     # NaN stands for an unknown value, and marks what cannot be known without it.
     natural = {}
     for name in target.names.natural:
@@ -344,6 +343,7 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
         derived = quantities(parameters, target.sbar)
     else:
         derived = target.quantities(target.points(natural))
+
     true_values = {name: float(value) for name, value in derived.items() if np.isfinite(value)}
     true_values |= truths
     unit = target.subject.unit
@@ -422,7 +422,8 @@ def _draw_posterior(
         labels=[axis_label(name, panel.target.subject.unit) for name in panel.names],
         label_kwargs={"fontsize": _LABEL},
         labelpad=0.05,
-        max_n_ticks=0,
+        max_n_ticks=4,
+        use_math_text=True,
         color=panel.colour,
         hist_kwargs={"alpha": 0.0},  # curves instead
         quantiles=MARKED if is_single else None,
@@ -430,27 +431,28 @@ def _draw_posterior(
         plot_density=False,
         plot_contours=False,
     )
+
     axes = np.array(figure.axes).reshape(len(spans), len(spans))
     for j, i in combinations(range(len(spans)), 2):
         density = Density.from_draws(panel.columns[j], panel.columns[i], spans[j], spans[i])
         _draw_contours(axes[i, j], density, panel, filled=is_single)
     for ax, values, span in zip(axes.diagonal(), panel.columns, spans, strict=True):
         ax.plot(*_smooth_density(values, span), color=panel.colour, lw=1.4, ls=panel.line)
-    truths = [panel.true_value(name) for name in panel.names]
+
     if is_single:
         for ax, values in zip(axes.diagonal(), panel.columns, strict=True):
             low, median, high = np.quantile(values, MARKED)
-            texts = rounded(low, high, median, low, high)
-            if len(texts[0]) > _LONG_NUMBER:
-                texts = list(map("{:.2g}".format, (median, low, high)))
-            ax.set_title("{} [{}, {}]".format(*texts), fontsize=_TITLE)
-        library.overplot_points(figure, [truths], marker="s", color=TRUTH)
-        _draw_lines(axes, truths, color=TRUTH)
+            texts = rounded(low, high, low, median, high)
+            if len(texts[1]) > _LONG_NUMBER:
+                texts = list(map("{:.2g}".format, (low, median, high)))
+            ax.set_title(format_estimate(*texts), fontsize=_TITLE)
+        library.overplot_points(figure, [panel.truth], marker="s", color=TRUTH)
+        _draw_lines(axes, panel.truth, color=TRUTH)
     else:  # lines would be taken for medians
         style: Style = {"color": panel.colour, "mec": "black", "mew": 0.8, "zorder": 5}
-        library.overplot_points(figure, [truths], marker="s", ms=5, **style)
+        library.overplot_points(figure, [panel.truth], marker="s", ms=5, **style)
         medians = np.median(panel.columns, axis=1)
-        for ax, median, value in zip(axes.diagonal(), medians, truths, strict=True):
+        for ax, median, value in zip(axes.diagonal(), medians, panel.truth, strict=True):
             ax.axvline(median, color=panel.colour, lw=1.0, ls=panel.line)
             ax.plot(value, 0.0, "^", ms=7, clip_on=False, **style)
 
@@ -511,55 +513,26 @@ def _new_figure(n_panels: int) -> Figure:
     return new_figure(side, high, layout=None)
 
 
-def _set_ticks(figure: Figure, spans: Sequence[Span]) -> None:
-    """Ticks whose labels do not touch those of the next panel."""
-    axes = np.array(figure.axes).reshape(len(spans), len(spans))
-    for i, (low, high) in enumerate(spans):
-        ticks = np.asarray(MaxNLocator(4).tick_values(low, high))
-        margin = 0.06 * (high - low)
-        ticks = ticks[(ticks >= low + margin) & (ticks <= high - margin)]
-        for ax in axes[i:, i]:
-            ax.set_xticks(ticks)
-            ax.xaxis.set_major_formatter(NullFormatter())
-        for ax in axes[i, :i]:
-            ax.set_yticks(ticks)
-            ax.yaxis.set_major_formatter(NullFormatter())
-        bottom, left = axes[-1, i], axes[i, 0]
-        texts, scale = _tick_texts(ticks)
-        bottom.set_xticks(ticks, texts)
-        bottom.tick_params(axis="x", labelrotation=45)
-        size = _SCALED_LABEL if scale else _LABEL
-        bottom.set_xlabel(bottom.get_xlabel() + scale, fontsize=size)
-        if i:
-            left.set_yticks(ticks, texts)
-            left.set_ylabel(left.get_ylabel() + scale, fontsize=size)
+def _arrange_ticks(figure: Figure, n_panels: int) -> None:
+    """Leave out ticks near an end; write an offset or a power of ten beside the name of its axis.
 
-
-def _tick_texts(ticks: FloatArray) -> tuple[list[str], str]:
-    """Labels of ticks, and what stands beside the name of the axis: an offset, a power of ten.
-
-    Examples
-    --------
-    >>> _tick_texts(np.array([-0.1, 0.0, 0.1]))
-    (['−0.1', '0.0', '0.1'], '')
-    >>> _tick_texts(np.array([20.72002, 20.72004]))
-    (['2', '4'], ' − 20.72 ($10^{-5}$)')
+    Otherwise they touch the tick labels of the next panel.
     """
-    step = float(np.diff(ticks).min(initial=np.inf))
-    offset = 0.0
-    if np.abs(ticks).max(initial=0.0) > _MOST_STEPS * step:
-        decade = 10.0 ** np.ceil(np.log10(2.0 * np.ptp(ticks)))
-        offset = float(np.floor(ticks[0] / decade) * decade)
-    values = ticks - offset
-    exponent = int(np.floor(np.log10(np.abs(values).max(initial=0.0) or 1.0)))
-    scale = f" {'−' if offset > 0.0 else '+'} {abs(offset):.12g}" if offset else ""
-    if not _PLAIN[0] < exponent < _PLAIN[1]:
-        values, step = values / 10.0**exponent, step / 10.0**exponent
-        scale += f" ($10^{{{exponent}}}$)"
-    decimals = 0
-    while np.abs(values - values.round(decimals)).max(initial=0.0) > 0.01 * step:
-        decimals += 1
-    return [f"{value:.{decimals}f}".replace("-", "−") for value in values + 0.0], scale
+    for ax in figure.axes:
+        for axis in (ax.xaxis, ax.yaxis):
+            low, high = axis.get_view_interval()
+            margin = 0.06 * (high - low)
+            ticks = np.asarray(axis.get_majorticklocs())
+            axis.set_ticks(ticks[(ticks >= low + margin) & (ticks <= high - margin)])
+
+    axes = np.array(figure.axes).reshape(n_panels, n_panels)
+    for axis in [*(ax.xaxis for ax in axes[-1]), *(ax.yaxis for ax in axes[1:, 0])]:
+        formatter = axis.get_major_formatter()
+        formatter.format_ticks(axis.get_majorticklocs())
+        scale = formatter.get_offset()
+        axis.get_offset_text().set_visible(False)
+        if scale:
+            axis.set_label_text(f"{axis.get_label_text()} {scale}", fontsize=_SCALED_LABEL)
 
 
 def _write_key(
@@ -577,14 +550,15 @@ def _write_key(
         style["loc"] = "upper left"
         margins = figure.subplotpars
         figure.subplots_adjust(bottom=_BELOW_KEY * margins.bottom, top=_BELOW_KEY * margins.top)
+
     names = []
     for panel in subjects:
         name = panel.target.subject.name
         missing = "\nNOT CONVERGED" if name in draws.not_converged else ""
         names.append(plain(name, 24) + missing)
+
     synthetic = ", synthetic data" if draws.synthetic else ""
     handles: list[Artist] = []
-    inside, outside = _true_values(subjects, spans)
     if len(names) == 1:
         style |= {"title": names[0], "title_fontproperties": {"size": 14.0, "weight": "bold"}}
         if len(spans) > 1:
@@ -599,37 +573,16 @@ def _write_key(
             ring: Style = {"ls": "", "marker": "o", "ms": 8, "mfc": "none", "mec": "black"}
             handles.append(_line("50 and 95 % of the draws", **ring))
         truth = _line("true values", ls="", marker="^", ms=7, mfc="white", mec="black")
+
     if has_prior:
         handles.append(_line("prior", color=PRIOR))
-    if inside:
+    if np.isfinite([panel.truth for panel in subjects]).any():
         handles.append(truth)
-    if outside:
-        handles.append(_note(f"true value outside: {', '.join(outside)}"))
-    handles.append(_note(model_title(draws.model) + synthetic))
+    model = fill(model_title(draws.model) + synthetic, _LABEL_LETTERS)
+    handles.append(_line(model, ls=""))
     figure.legend(handles=handles, **style)
-
-
-def _true_values(
-    subjects: Sequence[_SubjectDraws], spans: Sequence[Span]
-) -> tuple[list[str], list[str]]:
-    """The true values that the panels show, and those that lie outside."""
-    inside, outside = [], []
-    for panel in subjects:
-        for name, (low, high) in zip(panel.names, spans, strict=True):
-            value = panel.true_value(name)
-            text = f"{axis_label(name, panel.target.subject.unit)} = {value:.5g}".replace("-", "−")
-            if low <= value <= high:
-                inside.append(text)
-            elif np.isfinite(value):
-                outside.append(text)
-    return inside, outside
 
 
 def _line(label: str, **style: Any) -> Line2D:
     """A line of the key."""
     return Line2D([], [], label=label, **style)
-
-
-def _note(text: str) -> Line2D:
-    """Words of the key without a line."""
-    return _line(fill(text, _LABEL_LETTERS), ls="")

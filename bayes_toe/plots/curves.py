@@ -4,8 +4,9 @@
 
 In 'same or different' a panel has the pairs with one weaker stimulus, over the stronger one, with a
 curve for each order. In 'which is stronger' it has the pairs with one first stimulus, over s2 - s1;
-the curve crosses one half at the point of subjective equality (PSE). `responses_panel` pools the
-pairs of a subject in one panel. Bands are central 95 % intervals of the posterior.
+the curve crosses one half at the point of subjective equality (PSE). Such panels also show 'same or
+different' with more than six weaker stimuli. `responses_panel` pools the pairs of a subject in one
+panel. Bands are central 95 % intervals of the posterior.
 """
 
 from __future__ import annotations
@@ -57,8 +58,6 @@ CURVE_DRAWS = 600
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
 _INK = "#333333"
 POINTS = 60  # along a curve
-#: Of the trials that are pooled, where the steps lie that stand for all of them.
-_SHARES = (np.arange(12) + 0.5) / 12
 #: How far marks stand beside their stimulus, so that none hides another, as a share of the stimuli.
 _SHIFT = 0.008
 
@@ -73,7 +72,7 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
     stimulus, or P('second') over s2 - s1 in a panel for each first stimulus or neighbouring ones.
     Where P('second') crosses one half is the point of subjective equality (PSE).
 
-    Designs with more than six weaker stimuli are shown over the distance z.
+    If 'same or different' has more than six weaker stimuli, its panels are over s2 - s1 too.
 
     Parameters
     ----------
@@ -98,28 +97,32 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
         title = f"{plain(subject)}: {model}"
         if draws.synthetic:
             title += " (synthetic data)"
-        if isinstance(source, Draws):
-            title += _unconverged(draws, subject)
+        if isinstance(source, Draws) and subject in draws.not_converged:
+            title += "\nNOT CONVERGED"
     return fitted_figure(fitted, title)
 
 
 def fitted_figure(fitted: Predictor, title: str) -> Figure:
     """The responses and curves of the subject whose posterior draws these are."""
     counts = fitted.target.subject
-    groups = _groups(counts)
+    weaker = np.unique(_weaker(counts))
+    is_by_weaker = counts.task != WHICH_STRONGER and 0 < len(weaker) <= MOST_PANELS
+    firsts = np.unique(counts.s1)
+    stimulus, groups = "first", np.array_split(firsts, min(len(firsts), MOST_PANELS))
+    if is_by_weaker:
+        stimulus, groups = "weaker", [*weaker[:, None]]
+
     n_columns = even_columns(len(groups), largest=2)
     figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * n_rows(len(groups), n_columns) + 0.9)
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
     panels = grid_panels(below_title, len(groups), n_columns, sharey=True)
     for ax, group in zip(panels, groups, strict=True):
-        if counts.task == WHICH_STRONGER:
-            first_panel(ax, counts, fitted.yes, group)
-        elif len(group) == 1:
+        if is_by_weaker:
             order_panel(ax, counts, fitted.yes, float(group[0]))
         else:
-            distance_panel(ax, fitted)
+            first_panel(ax, counts, fitted.yes, group)
         if len(groups) > 1:
-            ax.set_title(_describe_group(counts, group), loc="left", fontsize=LETTERS)
+            ax.set_title(_describe_group(counts, group, stimulus), loc="left", fontsize=SMALL)
     finish_panels(panels, n_columns)
     legend_below(below_title, size=SMALL, side="upper")
     figure.suptitle(title, fontsize=LETTERS + 1.0)
@@ -138,29 +141,11 @@ def finish_panels(panels: Sequence[Axes], n_columns: int) -> None:
     explain_curves(panels[0])
 
 
-def _groups(counts: Subject) -> list[FloatArray]:
-    """The stimuli of every panel: weaker ones, or first ones in 'which is stronger'.
-
-    Neighbouring first stimuli share a panel where there are more than six; more than six weaker
-    stimuli have one panel in all.
-    """
-    if counts.task == WHICH_STRONGER:
-        firsts = np.unique(counts.s1)
-        return np.array_split(firsts, min(len(firsts), MOST_PANELS))
-    weaker = np.unique(_weaker(counts))
-    return [*weaker[:, None]] if 0 < len(weaker) <= MOST_PANELS else [weaker]
-
-
-def _describe_group(counts: Subject, group: FloatArray) -> str:
-    """Words for the panel of these stimuli (ln)."""
+def _describe_group(counts: Subject, group: FloatArray, stimulus: str) -> str:
+    """Words for the panel of these weaker or first stimuli (ln)."""
     numbers, unit = counts.unit.numbers(group[[0, -1]], mean_first(counts))
     ends = " to ".join(dict.fromkeys(numbers))
-    return f"{counts.task.slice_stimulus} stimulus {ends} {unit}".replace("-", "−")
-
-
-def _unconverged(draws: Draws, subject: str) -> str:
-    """A line below a title where the draws are not to be believed; else nothing."""
-    return "\nNOT CONVERGED" if subject in draws.not_converged else ""
+    return f"{stimulus} stimulus {ends} {unit}".replace("-", "−")
 
 
 # --- panels ---------------------------------------------------------------------------------------
@@ -180,7 +165,7 @@ def responses_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
         weaker = float(counts.s1.min())
     order_panel(ax, counts, curve, weaker)
     if len(np.unique(_weaker(counts))) > 1:
-        write_note(ax, _describe_group(counts, np.array([weaker])))
+        write_note(ax, _describe_group(counts, np.array([weaker]), "weaker"))
 
 
 def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
@@ -195,6 +180,7 @@ def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
     x, equal = np.linspace([weaker, low], high, POINTS, axis=1)
     fixed = np.full_like(x, weaker)
     pairs = {0: (equal, equal), -1: (fixed, x), 1: (x, fixed)}
+
     order = presentation_order(counts)
     for sign, mark in ORDERS.items():
         rows = is_in_panel & (order == sign)
@@ -204,12 +190,13 @@ def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
         draw_band(ax, np.maximum(first, second), curve(first, second), mark.colour)
         position = stronger[rows] + sign * _SHIFT * (high - low)
         draw_shares(ax, position, counts.n_yes[rows], counts.n_trials[rows], mark)
+
     stimulus_axis(ax, "stronger stimulus", counts.unit, mean_first(counts))
     ax.set_ylabel(f"proportion '{counts.task.yes}'")
 
 
 def first_panel(ax: Axes, counts: Subject, curve: Curve, firsts: FloatArray) -> None:
-    """P('second') over s2 - s1 of all pairs with one of these first stimuli (ln).
+    """P of the counted answer over s2 - s1 of all pairs with one of these first stimuli (ln).
 
     The curve is that of the first stimulus in the middle of them.
     """
@@ -222,7 +209,8 @@ def first_panel(ax: Axes, counts: Subject, curve: Curve, firsts: FloatArray) -> 
     for mark, has_order in rows_by_order(presentation_order(counts)):
         rows = has_order & is_in_panel
         draw_shares(ax, difference[rows], counts.n_yes[rows], counts.n_trials[rows], mark)
-    _draw_half(ax, "one half: PSE")
+    if counts.task == WHICH_STRONGER:
+        _draw_half(ax, "one half: PSE")
     zero_line(ax)
     difference_scale(counts.unit, ax.get_xlim()).draw(ax)
     ax.set_ylabel(f"proportion '{counts.task.yes}'")
@@ -247,50 +235,28 @@ def correct_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
 def _draw_correct(
     ax: Axes, counts: Subject, curve: Curve, mark: Mark, pools: Sequence[BoolArray]
 ) -> None:
-    """Proportions correct in one order, of the pairs of each pool, and their curve.
-
-    The curve is a mean over the steps of the trials, which change from pool to pool.
-    """
-    middle, step = 0.5 * (counts.s1 + counts.s2), np.abs(counts.s2 - counts.s1)
+    """Proportions correct in one order, observed and expected in the pairs of each pool."""
+    middle = 0.5 * (counts.s1 + counts.s2)
     is_weaker_first = mark is ORDERS[-1]
-    n_correct = counts.n_yes
-    if not is_weaker_first:
-        n_correct = counts.n_trials - counts.n_yes
-    positions, steps, totals = [], [], []
+    positions, expected, totals = [], [], []
     for rows in pools:
-        n_trials = counts.n_trials[rows]
+        n_trials, n_correct = counts.n_trials[rows], counts.n_yes[rows]
+        p_correct = curve(counts.s1[rows], counts.s2[rows])
+        if not is_weaker_first:
+            n_correct, p_correct = n_trials - n_correct, 1.0 - p_correct
         positions.append(np.average(middle[rows], weights=n_trials))
-        of_trials = np.repeat(step[rows], n_trials)
-        steps.append(np.quantile(of_trials, _SHARES, method="inverted_cdf"))
-        totals.append((n_correct[rows].sum(), n_trials.sum()))
-    x = np.linspace(positions[0], positions[-1], POINTS)
-    half_steps = [0.5 * np.interp(x, positions, values) for values in np.transpose(steps)]
-    weaker, stronger = np.ravel(x - half_steps), np.ravel(x + half_steps)
-    p_correct = curve(weaker, stronger) if is_weaker_first else 1.0 - curve(stronger, weaker)
-    by_step = p_correct.reshape(-1, len(_SHARES), POINTS)
-    draw_band(ax, x, by_step.mean(axis=1), mark.colour)
+        expected.append(np.average(p_correct, axis=1, weights=n_trials))
+        totals.append((n_correct.sum(), n_trials.sum()))
+
+    x = np.array(positions)
+    draw_band(ax, x, np.stack(expected, axis=1), mark.colour)
     shift = _SHIFT * np.ptp(middle) * (-1.0 if is_weaker_first else 1.0)
     n_pooled, n_trials = np.transpose(totals)
-    draw_shares(ax, np.array(positions) + shift, n_pooled, n_trials, mark)
+    draw_shares(ax, x + shift, n_pooled, n_trials, mark)
 
 
 def _draw_half(ax: Axes, label: str) -> None:
     ax.axhline(0.5, color=EQUAL, lw=0.8, ls=":", zorder=0, label=label)
-
-
-def distance_panel(ax: Axes, fitted: Predictor) -> None:
-    """Draw all pairs over their distance z on the common curve (Fig. 3, lower row).
-
-    The distance is the posterior median.
-    """
-    counts = fitted.target.subject
-    z = np.median(fitted.target.distance(fitted.x), axis=0)
-    reach = 1.05 * max(float(np.abs(z).max()), 1.43)
-    x = np.linspace(-reach, reach, 200)
-    draw_band(ax, x, fitted.target.yes_at_distance(fitted.x, x), _INK)
-    for mark, rows in rows_by_order(presentation_order(counts)):
-        draw_shares(ax, z[rows], counts.n_yes[rows], counts.n_trials[rows], mark)
-    ax.set(xlabel="normalised distance $z$", ylabel=f"proportion '{counts.task.yes}'")
 
 
 def _weaker(counts: Subject) -> FloatArray:

@@ -1,7 +1,5 @@
-"""Figures of the order effects: sizes, and the paper's model against H0.
+"""Forest plot of PSE shift and contraction of every subject, with the group: `order_effect`.
 
-`order_effect` is a forest plot of PSE shift and contraction of every subject, with the group.
-`evidence_axes` compares the paper's model (H1) with one free frequency per pair (H0).
 :data:`QUESTION_STYLES` has the colours and markers of the two effects.
 """
 
@@ -9,7 +7,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -30,9 +27,7 @@ from bayes_toe.plots.style import (
     LETTERS,
     MAX_NAMES,
     PAGE,
-    POSTERIOR,
     SMALL,
-    WEAKER_FIRST,
     Style,
     mark_synthetic,
     new_figure,
@@ -77,10 +72,6 @@ QUESTION_STYLES = (
 _FILLS = {Word.YES: "full", Word.PROBABLY: "left"}
 #: Words beside which no size stands.
 _WITHOUT_SIZE = (Word.CANNOT_BE_TOLD, Word.NOT_INTERPRETABLE)
-_LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
-
-
-# --- Sizes ---------------------------------------------------------------------------------------
 
 
 def order_effect(
@@ -142,6 +133,7 @@ def forests(
     answers = _sorted_answers(table)
     is_crowded = len(answers) > MAX_NAMES
     last_row = len(answers) - 0.5 if group is None else len(answers) + 1.0
+
     for ax, question in zip(panels, QUESTION_STYLES, strict=True):
         unit = _shown_unit(answers, question)
         intervals = _draw_sizes(ax, answers, question, unit)
@@ -150,11 +142,13 @@ def forests(
             if question.name in group.identified:
                 intervals.append(_draw_group(ax, group, question, unit, len(answers) + 0.25))
         ax.axvline(0.0, color="black", lw=0.7, zorder=0)
+
         sizes = np.array(intervals).reshape(-1, 3)
         limits = _limits(sizes)
         n_cut = int(np.sum((sizes[:, 0] < limits[0]) | (sizes[:, 2] > limits[1])))
         if n_cut:
             write_note(ax, f"{plural(n_cut, 'interval')} beyond the panel")
+
         title = question.title
         if is_crowded:
             counts = Counter(answer.words[question.name] for answer in answers)
@@ -198,7 +192,7 @@ def _draw_sizes(
 ) -> list[Size]:
     """Draw medians and 95 % intervals; return them from the first to the last row that has one."""
     intervals = []
-    marker_size = _marker_size(len(answers))
+    marker_size = 4.5 if len(answers) <= MAX_NAMES else 2.5
     for row, answer in enumerate(answers):
         word = answer.words[question.name]
         if word in _WITHOUT_SIZE:
@@ -237,10 +231,6 @@ def _limits(sizes: FloatArray) -> tuple[float, float]:
     return min(low, 0.0) - pad, max(high, 0.0) + pad
 
 
-def _marker_size(subjects: int) -> float:
-    return 4.5 if subjects <= MAX_NAMES else 2.5
-
-
 def _write_words(ax: Axes, answers: Sequence[OrderEffect], question: QuestionStyle) -> None:
     """The word of every subject, right of its row."""
     style: Style = {"va": "center", "fontsize": SMALL}
@@ -268,46 +258,3 @@ def _write_names(
         reliable = "" if group.is_reliable else "\nNOT RELIABLE"
         names.append(f"group of {len(group.subjects)}{reliable}")
     ax.set_yticks(rows, names)
-
-
-# --- H1 against H0 -------------------------------------------------------------------------------
-
-
-def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
-    """Draw the log Bayes factor of H1 against H0 of every subject, and Laplace's.
-
-    Bars are twice the standard error.
-
-    More than :data:`~bayes_toe.plots.style.MAX_NAMES` subjects are sorted by it, without names and
-    without Laplace's.
-    """
-    columns = ("log_bayes_factor", "log_evidence_h1_se", "log_bayes_factor_laplace")
-    values = [attrgetter(*columns)(row) for row in table]
-    value, error, laplace = np.array(values, np.float64).reshape(-1, 3).T  # None becomes NaN
-    y = np.arange(len(table))
-    ax.axvline(0.0, color="black", lw=1.0)
-    ax.set_xlabel(
-        "ln Bayes factor H1:H0\nbelow 0: saturated model (H0)\nabove 0: paper's model (H1)"
-    )
-    ax.set(ylim=(len(table) - 0.5, -0.5), yticks=[])
-    ax.margins(x=0.08)
-    if len(table) > MAX_NAMES:
-        n_known, n_above = int((~np.isnan(value)).sum()), int((value > 0.0).sum())
-        label = f"importance sampling, above 0 for {n_above:,} of {n_known:,}"
-        ax.plot(-np.sort(-value), y, "o", ms=2.0, color=POSTERIOR, label=label)
-        ax.set_ylabel("subjects, sorted by their log Bayes factor")
-        if np.nanmax(np.abs(value), initial=0.0) > _LINEAR:
-            ax.set_xscale("symlog", linthresh=_LINEAR)
-        return ax
-    ax.hlines(y, 0.0, 1.0, transform=ax.get_yaxis_transform(), color="#EEEEEE", lw=0.8, zorder=0)
-    style: Style = {"fmt": "o", "ms": 6, "label": "importance sampling, 2 s.e."}
-    ax.errorbar(value, y, xerr=2.0 * error, color=POSTERIOR, **style)
-    ax.plot(laplace, y, "D", ms=5, mfc="none", color=WEAKER_FIRST, label="Laplace (both models)")
-    ax.set_yticks(y, [plain(row.subject, 24) for row in table])
-    for i in np.flatnonzero(np.isnan(value)).tolist():
-        words = "no reliable estimate"
-        if not np.isnan(laplace[i]):
-            words += ", Laplace only"
-        style = {"ha": "right", "va": "center", "fontsize": LETTERS, "color": EQUAL}
-        ax.text(0.99, i, words, transform=ax.get_yaxis_transform(), **style)
-    return ax

@@ -87,13 +87,16 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
     forest_height = 3.6 if is_crowded else 0.9 + max(0.8, min(0.19 * n_subjects, 4.6))
     heights = [0.3 + forest_height, 1.4, 2.4]
     n_columns = 1
+
     if effects:
         n_columns = even_columns(len(effects), _EFFECTS_ACROSS)
         heights.append(0.3 + n_rows(len(effects), n_columns) * (0.85 + 0.4 * len(labels)))
+
     figure = new_figure(PAGE, 0.6 + sum(heights))
     colour = "black" if result.is_reliable else BAD
     figure.suptitle(_heading(result), fontsize=LETTERS + 1.0, color=colour)
     parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+
     panels = parts[0].subplots(1, len(names), squeeze=False)[0]
     for i, (name, ax) in enumerate(zip(names, panels, strict=True)):
         forest(ax, result, name)
@@ -102,6 +105,7 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
         elif is_crowded:
             ax.set_ylabel(f"{n_subjects:,} subjects, sorted in each panel", fontsize=LETTERS)
     legend_below(parts[0], size=SMALL, columns=3, side="upper")
+
     panels = parts[1].subplots(1, len(names), squeeze=False)[0]
     for name, ax in zip(names, panels, strict=True):
         prior_panel(ax, result, name)
@@ -155,12 +159,14 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
         low, high = min(low, 0.0), max(high, 0.0)
     pad = 0.1 * (high - low)
     x = np.linspace(low - pad, high + pad, _POINTS)
+
     means = np.zeros((_POINTS, len(result.numbers.mean)))
     means[:, j] = x
     unit = result.shown_unit(name)
     values = result.in_units(name, x, unit)
     # A density in the unit of the panel follows from the slope of the unit.
     prior = np.exp(result.numbers.log_prior_of_mean(means)[:, j]) / np.gradient(values, x)
+
     style: Style = {"bins": _BINS, "density": True, "label": "posterior of the group mean"}
     ax.hist(result.in_units(name, draws, unit), color=_MEAN_COLOUR, **style)
     ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
@@ -179,6 +185,7 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     new_subject = result.in_units(name, result.new_subject[..., j], unit)
     mean = result.in_units(name, result.draws.mean[..., j], unit)
     subjects = result.in_units(name, result.draws.subjects[..., j], unit)
+
     low, _, high = np.quantile(new_subject, MARKED)
     ax.axvspan(low, high, color=BAND, lw=0, label=f"new subject{reference}")
     low, middle, high = np.quantile(mean, MARKED)
@@ -187,6 +194,7 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     if name in (CONSTANT_ERROR.name, CONTRACTION.name):
         zero_line(ax)
     quantity_ticks(ax, name)
+
     quantiles = np.quantile(subjects, MARKED, axis=(0, 1))
     n_subjects = quantiles.shape[1]
     style: Style = {"label": "subject, median and 95 % interval"}
@@ -224,6 +232,7 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
         low, high, observed = rounded(row.q05, row.q95, row.q05, row.q95, row.observed)
         text = f"{observed}, expected {low} to {high}, test p = {row.p_value:.2g}"
         ax.text(0.0, i - 0.24, text, ha="center", va="bottom", fontsize=SMALL, color=colour)
+
     n_rows = len(check.statistics)
     ax.set_yticks(range(n_rows), [fill(row.label, 30) for row in check.statistics])
     ax.set(ylim=(n_rows - 0.5, -0.6), xlim=(-2.2, 2.2), xticks=[])

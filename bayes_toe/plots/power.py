@@ -88,6 +88,7 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
         if question == "order_effect":  # most have it
             style["label"] = plain(kind)
         ax.errorbar(x, y, (y - low, high - y), lw=0.8, elinewidth=0.8, **style)
+
     if not ax.lines:
         ax.text(0.5, 0.5, _UNKNOWN, transform=ax.transAxes, ha="center", fontsize=LETTERS)
     ax.set(xlim=(-0.5, len(trials) - 0.5), ylim=(-0.04, 1.04))
@@ -117,12 +118,14 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
     first, second = np.unique(plane.s1), np.unique(plane.s2)
     values = np.full((len(second), len(first)), np.nan)
     values[np.searchsorted(second, plane.s2), np.searchsorted(first, plane.s1)] = optimal.worth
+
     mesh = ax.pcolormesh(
         first, second, 1000.0 * values, cmap="Greys", shading="nearest", vmin=0.0, rasterized=True
     )
     bar = ax.figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
     style_colour_bar(bar, "what one more trial adds,\nthousandths of a nat")
     ax.axline((float(first[0]),) * 2, slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
+
     ax.scatter(
         design.s1,
         design.s2,
@@ -136,6 +139,7 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
     )
     label = f"this design (largest: {design.n_trials.max()} trials)"
     ax.scatter([], [], _LARGEST / 3, facecolor=STRONGER_FIRST, label=label)
+
     ax.set_aspect("equal")
     ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)")
     if optimal.unit.of_stimuli:

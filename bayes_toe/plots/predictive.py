@@ -73,6 +73,7 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
         n_columns = len(selected)
         n_pairs = max(counts.n_pairs for counts in selected)
         height = min(max(_PAIR * n_pairs, _LOWEST), _HIGHEST)
+
     width = COLUMN if n_columns == 1 else PAGE
     figure = new_figure(width, n_rows(len(selected), n_columns) * height + 1.0)
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
@@ -122,6 +123,7 @@ def _draw_subject(ax: Axes, analysis: Analysis, counts: Subject, *, has_room: bo
     share = (counts.n_yes / counts.n_trials)[index]
     order = presentation_order(counts)[index]
     y = np.arange(len(index))
+
     ends = predictive_interval(analysis.curve(counts.name), analysis.settings.seed)
     low, high = ends[:, index]
     ax.barh(y, high - low, 0.7, low, color=_INTERVAL, lw=0, label="95 % predictive interval")
@@ -132,9 +134,11 @@ def _draw_subject(ax: Axes, analysis: Analysis, counts: Subject, *, has_room: bo
     for mark, rows in rows_by_order(order):
         style |= {"color": mark.colour, "label": mark.label}
         ax.plot(share[rows], y[rows], mark.marker, **style)
+
     is_outside = (share < low) | (share > high)
     ring: Style = {"ms": 2.0 * size, "mfc": "none", "mec": BAD, "mew": 1.0}
     ax.plot(share[is_outside], y[is_outside], "o", label="outside", **ring)
+
     is_interpreted = {answer.subject: answer.is_interpretable for answer in analysis.answers}
     title = plain(counts.name, 20)
     if not is_interpreted.get(counts.name, True):

@@ -12,8 +12,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bayes_toe.answers.order_effect import format_decimals
 from bayes_toe.answers.serial_dependence import SerialDependence, SubjectDependence
 from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.data.messages import format_estimate
 from bayes_toe.errors import InputError
 from bayes_toe.model.trial_history import TrialSequence
 from bayes_toe.plots.style import (
@@ -58,12 +60,14 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
         raise InputError("serial: no subject has a result; allowed: rows of bt.serial_dependence")
     if not subjects:
         rows = sorted(rows, key=_log_evidence_gain, reverse=True)[:MOST_ROWS]
+
     figure = new_figure(PAGE, _HIGH * len(rows) + 0.5)
     axes = figure.subplots(len(rows), 2, squeeze=False, sharey=True, width_ratios=(1.6, 1.0))
     for row, (left, right) in zip(rows, axes, strict=True):
         _draw_row(left, right, table, row)
     for ax in axes[:-1].ravel():
         ax.set_xlabel("")
+
     notes = []
     if len(rows) < len(candidates) and not subjects:
         notes.append(f"{len(rows)} of {len(candidates)} subjects, strongest evidence first")
@@ -123,22 +127,19 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     values = np.unique(response[response != 0.0])
     residuals.draw(right, [rows[response == value] for value in values], values)
 
-    low, median, high = row.rho
+    rho, kappa = (format_estimate(*map(format_decimals, size)) for size in (row.rho, row.kappa))
     overall = float(np.average(0.5 * (trials.first + trials.second)))
     unit = static.subject.unit
     stimulus_axis(left, "mean stimulus of the trial before", unit, overall)
     left.set(ylabel=f"P({yes}), difference\nfrom no history")
     left.set_title(
-        f"{plain(row.subject, 24)}, carry-over: {row.word('carry_over')}\n"
-        f"rho {median:.2f} [{low:.2f}, {high:.2f}]",
+        f"{plain(row.subject, 24)}, carry-over: {row.word('carry_over')}\nrho {rho}",
         fontsize=SMALL,
     )
-    low, median, high = row.kappa
     right.set_xticks([-1.0, 1.0], [no, yes])
     right.set(xlabel="response in the trial before", xlim=(-1.6, 1.6))
     right.set_title(
-        f"previous response: {row.word('previous_response')}\n"
-        f"kappa {median:.2f} [{low:.2f}, {high:.2f}]",
+        f"previous response: {row.word('previous_response')}\nkappa {kappa}",
         fontsize=SMALL,
     )
     style_axes(left)

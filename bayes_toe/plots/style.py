@@ -7,7 +7,6 @@ stimulus first, blue stronger first, grey equal stimuli; markers differ too.
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,7 +21,7 @@ from matplotlib.container import Container, ErrorbarContainer
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
@@ -183,6 +182,12 @@ def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
 #: Multiples of powers of ten on a logarithmic axis: the first ones that give enough ticks.
 _MULTIPLES = ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
 _FEWEST_TICKS = 3
+_MOST_DECADES = 50  # beyond which a logarithmic axis leaves out powers of ten
+
+
+def _log_locator(multiples: Sequence[float]) -> LogLocator:
+    """Ticks at multiples of every power of ten."""
+    return LogLocator(subs=multiples, numticks=_MOST_DECADES)
 
 
 class Scale(NamedTuple):
@@ -202,20 +207,15 @@ class Scale(NamedTuple):
         """Natural logs of round numbers in the unit, and the numbers."""
         assert self.unit is not None
         start, end = self.unit.stimuli([low, high])
-        locator = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
-        numbers = np.asarray(locator.tick_values(start, end))
-        decades = np.array([])
+        locators: list[Locator] = [MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])]
         if not self.unit.is_decibel:
-            decades = 10.0 ** np.arange(np.floor(np.log10(start)), np.ceil(np.log10(end)))
-        for multiples in _MULTIPLES:
-            on_log_axis = np.outer(decades, multiples).ravel()
-            if np.count_nonzero((on_log_axis >= start) & (on_log_axis <= end)) >= _FEWEST_TICKS:
-                numbers = on_log_axis
+            locators = [*map(_log_locator, _MULTIPLES), *locators]
+        for locator in locators:
+            numbers = np.asarray(locator.tick_values(start, end))
+            numbers = numbers[(numbers >= start) & (numbers <= end)]
+            if len(numbers) >= _FEWEST_TICKS:
                 break
-        numbers = numbers[(numbers >= start) & (numbers <= end)]
-        step = np.diff(numbers).min(initial=np.inf)
-        digits = max(6, 2 + math.ceil(np.log10(np.abs(numbers).max(initial=0.0) / step + 1.0)))
-        texts = [f"{number:.{digits}g}".replace("-", "−") for number in numbers]
+        texts = [f"{number:.12g}".replace("-", "−") for number in numbers]
         return self.unit.logs(numbers), texts
 
     def draw(self, ax: Axes) -> None:

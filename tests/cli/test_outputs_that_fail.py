@@ -12,7 +12,7 @@ from functools import partial
 
 import pytest
 from commands import PROGRAM, call, good, inside
-from conftest import few_pairs, grouped_csv
+from conftest import few_pairs, grouped_csv, text_table
 
 from bayes_toe.cli.report import write_report
 
@@ -130,22 +130,6 @@ def test_pipes_and_devices_are_refused(study_folder, tmp_path):
             assert "a pipe or device, not a file" in one_line(inside(line))
 
 
-@pytest.mark.parametrize("command", ["sample", "run", "evidence"])
-def test_a_name_that_leaves_no_room_for_its_partial_folder_is_refused(
-    study_folder, tmp_path, command
-):
-    finished = inside(f"{command} {study_folder}/study.csv -o {tmp_path}/{'y' * 250} -q")
-    assert "File name too long" in one_line(finished)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("name", ["''", ".", ".."])
-def test_a_folder_where_a_file_should_be_is_refused(study_folder, tmp_path, name):
-    for command in ("evidence", "sample", "fit"):
-        finished = inside(f"{command} {study_folder}/study.csv -o {name} -q", cwd=tmp_path)
-        assert "is a folder" in one_line(finished)
-
-
 def test_a_working_folder_that_is_gone_is_refused_in_one_line(tmp_path):
     removed = tmp_path / "gone"
     removed.mkdir()
@@ -160,16 +144,27 @@ def test_python_without_docstrings_is_refused_in_one_line():
     assert "unset the variable" in one_line(finished)
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        *("fit --example -o -", "fit --example -o new/", "run --example -o -"),
-        *("fit --example --asymmetry -", "fit --example --asymmetry new/"),
-        *("simulate -o a.csv --truth -", "simulate -o a.csv --truth new/"),
-    ],
-)
-def test_names_that_are_no_file_are_refused(tmp_path, line):
-    result = inside(line, cwd=tmp_path)
-    assert result.returncode == 2
-    assert "allowed: the name of a file" in " ".join(result.stderr.split())
-    assert list(tmp_path.iterdir()) == []
+LONG = "y" * 250
+#: A name that leaves no room for its partial folder, folders, and names that are no file.
+REFUSED_NAMES = f"""
+    sample study.csv -o {LONG} | File name too long
+    run study.csv -o {LONG} | File name too long
+    evidence study.csv -o {LONG} | File name too long
+    evidence study.csv -o '' | is a folder
+    sample study.csv -o . | is a folder
+    fit study.csv -o .. | is a folder
+    fit --example -o - | allowed: the name of a file
+    fit --example -o new/ | allowed: the name of a file
+    run --example -o - | allowed: the name of a file
+    fit --example --asymmetry - | allowed: the name of a file
+    fit --example --asymmetry new/ | allowed: the name of a file
+    simulate -o a.csv --truth new/ | allowed: the name of a file
+"""
+
+
+@pytest.mark.parametrize("line, message", text_table(REFUSED_NAMES))
+def test_names_that_no_output_can_have_are_refused(study_folder, line, message):
+    finished = inside(line, cwd=study_folder)
+    assert (finished.returncode, finished.stdout) == (2, "")
+    assert message in " ".join(finished.stderr.split())
+    assert [path.name for path in study_folder.iterdir()] == ["study.csv"]

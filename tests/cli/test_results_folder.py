@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import inside, refused
-from conftest import grouped_csv
+from commands import refused
 from populations import made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
@@ -43,17 +42,15 @@ def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
     assert (out / "corner").exists() == bool(drawn)
     text = page(out)
     counts = text.count("data:image/png"), text.count("To draw the corner plot")
-    assert counts == (1 + 2 * len(drawn), 3 - len(drawn))
+    assert counts == (2 * len(drawn), 3 - len(drawn))
     assert note in text
-    sentences = re.findall(r'<p class="lead">(.*?)</p>|<dd>(.*?)</dd>', text)
+    sentences = re.findall(r'(?:<p class="lead">|<dd>)(.*?)</(?:p|dd)>', text)
     assert len(sentences) > 8
-    assert all(re.search(r"[^.]\.$", "".join(parts)) for parts in sentences)
+    assert [words for words in sentences if not re.search(r"[^.]\.$", words)] == []
     figures = re.findall(r"<svg.*?</svg>", text)
     # With the figure of a poor fit.
     assert (len(figures), max(map(len, figures)) < 90_000) == (4, True)
     assert {path.name for path in out.iterdir()} <= {*results_folder.PRODUCTS}
-    summary = pd.read_csv(out / "summary.csv", keep_default_na=False)
-    pd.testing.assert_frame_equal(summary, marked.draws.summary(), rtol=1e-5)
 
 
 def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
@@ -64,7 +61,7 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     index = page(out)
     links = re.findall(r'href="subjects/([^"]+).html"', index)
     assert links[:3] == ["A", "C", "B"]  # flagged ones first
-    assert index.count("data:image/png") == 1
+    assert "data:image/png" not in index
     assert '<details class="subject' not in index
     assert "2 of 3 subjects need action" in index
     pages = [page(out / "subjects", f"{name}.html") for name in "ABC"]
@@ -128,18 +125,6 @@ def test_an_explorer_stands_beside_the_report_if_asked_for(marked, tmp_path, mon
     assert "bayes-toe explore" not in page(out)
 
 
-def test_run_leaves_with_3_if_the_group_did_not_converge(analysis, tmp_path, monkeypatch):
-    group = made_result(simulated_group(1, n_subjects=4), n_divergent=2)
-    monkeypatch.setattr("bayes_toe.run", lambda *_, **__: replace(analysis, group=group))
-    grouped_csv(tmp_path / "study.csv", analysis.study)
-    finished = inside("run study.csv -o out --figures none --seed 5 --workers 1", cwd=tmp_path)
-    assert finished.returncode == 3
-    printed = " ".join(finished.stdout.split())
-    assert "NOT RELIABLE: In the group of 4, the mean PSE shift" in printed
-    assert "! The group's result is not reliable: 2 of 1600 trajectories" in printed
-    assert "trajectories diverged" in page(tmp_path / "out")
-
-
 def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_toe.explorer.page.MOST_ENTRIES", 2)
     command = f"run {study_csv} -o out --explore"
@@ -160,7 +145,7 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
         "a constant error and a response bias predict the same responses",
         "Just noticeable difference",
         "lapse_rate",
-        "% &#39;second&#39;",
+        "% 'second'",
     ):
         assert separate in text, separate
     summary = stronger.summary().set_index("subject")

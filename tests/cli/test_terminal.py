@@ -11,7 +11,7 @@ import bayes_toe as bt
 from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem
 from bayes_toe.answers.serial_dependence import EFFECT_MODELS, SerialDependence, SubjectDependence
 from bayes_toe.cli.answer_screen import flagged, not_counted, print_subjects, without_decision
-from bayes_toe.cli.inference_commands import describe_h1, print_draws
+from bayes_toe.cli.inference_commands import print_draws
 from bayes_toe.cli.terminal import (
     WIDTH,
     Terminal,
@@ -73,16 +73,8 @@ def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):
     log_evidence = np.where(EFFECT_MODELS["carry_over"], -1.5, 0.0)
     row = SubjectDependence("A", ("none", "contraction"), log_evidence, **sizes)
     print_history(Terminal(), SerialDependence((row,), small_study, 1, bt.Prior()))
-    [line] = [line for line in capsys.readouterr().out.split("\n") if line.startswith("A ")]
-    assert line.split() == ["A", "probably", "not", "-", "undecided", ".40", "[.20,", ".60]"]
-
-
-def test_h1_is_better_where_its_bayes_factor_is_above_1(analysis):
-    rows = []
-    for row, difference in zip(analysis.evidence, (0.5, -0.5, 2.0), strict=True):
-        rows.append(replace(row, log_evidence_h1=row.log_evidence_h0 + difference))
-    words = describe_h1(replace(analysis.evidence, rows=tuple(rows)))
-    assert words.startswith("H1 predicts better than H0 for 2 of 3 subjects (median ln BF 0.5)")
+    text = capsys.readouterr().out
+    assert re.search(r"^A +probably not +- +undecided +.40 \[.20, .60\]$", text, re.MULTILINE)
 
 
 def test_many_draws_are_shown_if_they_did_not_converge(analysis, capsys, monkeypatch):

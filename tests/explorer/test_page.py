@@ -68,10 +68,9 @@ def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
     np.testing.assert_array_equal(values[position], gain[rows(first)].astype(np.float32))
     quantiles = np.quantile(gain, [0.025, 0.5, 0.975])
     np.testing.assert_allclose(first["marked"][position], quantiles, rtol=1e-9)
-    summary = analysis.draws.summary().query("subject == 'A'").set_index("parameter")
-    weak = summary.index[summary["posterior_contraction"] < 0.5]
+    summary = analysis.draws.summary().query("subject == 'A' and posterior_contraction < 0.5")
     badged = {name for kind, name in first["badges"] if kind == "dominated"}
-    assert badged & {*summary.index} == {*weak}
+    assert badged >= {*summary.parameter}
     assert first["truth"]["sigma_p"] == 0.25
     ratio = bt.model.variance_ratio((0.17 / 0.25) ** 2)
     assert first["truth"]["gain"] == pytest.approx(1.0 / ratio)
@@ -120,15 +119,13 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
     assert entry.words == (("not interpreted:", "responses look swapped"),)
 
 
-def test_a_name_cannot_end_the_page(small_study):
-    html = visible(replace(small_study["A"], name="</script><b>"), 30)
-    assert islands(html)["index"]["entries"][0]["subject"] == "</script><b>"
-    assert "</script><b>" not in html
-
-
-def test_characters_that_turn_a_text_around_are_escapes(small_study):
-    html = visible(replace(small_study["A"], name="a\u202eb"), 30)
-    assert islands(html)["index"]["entries"][0]["subject"] == "a\\u202eb"
+@pytest.mark.parametrize(
+    "name, expected", [("</script><b>", "</script><b>"), ("a\u202eb", "a\\u202eb")]
+)
+def test_a_name_can_neither_end_the_page_nor_turn_its_text_around(small_study, name, expected):
+    html = visible(replace(small_study["A"], name=name), 30)
+    assert islands(html)["index"]["entries"][0]["subject"] == expected
+    assert name not in html
 
 
 MANY_SUBJECTS = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
@@ -153,12 +150,6 @@ MANY_SUBJECTS = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIE
 def test_what_cannot_be_shown_is_refused(analysis, symmetric, explored, message):
     with pytest.raises(bt.InputError, match=message):
         explored(analysis.draws, symmetric)
-
-
-def test_without_bokeh_the_extra_is_named(analysis, monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(bt.InputError, match=r"pip install 'bayes_toe\[explore\]'"):
-        bt.explore(analysis.draws)
 
 
 def test_a_lone_subject_has_all_its_curves_and_many_posteriors_have_fewer_draws(
@@ -187,24 +178,21 @@ def test_the_command_writes_the_page_and_refuses_to_replace_it(symmetric, tmp_pa
 def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimulus(stronger):
     subject = stronger.study["pulled"]
     fitted = Predictor.from_draws(stronger.draws, "pulled", n_draws=50)
-    assert 25 < len(fitted.x) <= 50
     observed = slices(subject)
     assert [element.orders for element in observed] == [(0,)] * 6
     middle = observed[1]
     assert {subject.s1[pair] for pair in middle.pairs} == {middle.weaker}
     assert middle.title(True) == f"first stimulus {middle.weaker:.3g}"
     [curve] = middle.yes(fitted)
-    np.testing.assert_allclose(
-        curve[3], fitted.yes(np.array([middle.weaker]), middle.weaker + middle.x[3:4])[:, 0]
-    )
+    first = np.full_like(middle.x, middle.weaker)
+    np.testing.assert_allclose(curve.T, fitted.yes(first, first + middle.x))
     wording = page(entries(stronger.draws)).html
     assert "P(second)" in wording
     assert "'equal'" not in wording.partition('<section id="answers"')[2].partition("</section>")[0]
 
 
 def test_a_known_unit_is_that_of_all_axes():
-    study = bt.example_study().select(["S01"])
-    table = study.frame().drop(columns="synthetic")
+    table = bt.example_study().select(["S01"]).frame().drop(columns="synthetic")
     table[["s1", "s2"]] = 100.0 * np.exp(table[["s1", "s2"]])
     grams = bt.read_study(table, bt.ReadOptions(unit="g"))
     (entry,) = entries(bt.sample(grams, seed=1, model="both"))
@@ -214,5 +202,3 @@ def test_a_known_unit_is_that_of_all_axes():
     assert packed["plane"]["at"] == pytest.approx(np.log([*map(float, packed["plane"]["texts"])]))
     assert packed["slices"][0]["scale"]["label"] == "second stimulus, % of the first"
     assert packed["pairs"]["stimuli"][0] == "100 g, 135 g"
-    (entry,) = entries(bt.sample(study, seed=1, model="both"))
-    assert entry.packed(500)["plane"] is None, "of an unknown unit the page shows natural logs"

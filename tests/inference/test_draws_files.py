@@ -104,9 +104,9 @@ def test_a_file_names_its_run(analysis):
     assert attributes["seed"] == analysis.settings.seed
 
     study = analysis.study
-    same = bt.sample(study, model="none", draws=20, seed=1, workers=1)
+    repeated = bt.sample(study, model="none", draws=20, seed=1, workers=1)
     other = bt.sample(study.swap("A"), model="none", draws=20, seed=1, workers=1)
-    hashes = [draws.tree.attrs["counts_hash"] for draws in (analysis.draws, same, other)]
+    hashes = [draws.tree.attrs["counts_hash"] for draws in (analysis.draws, repeated, other)]
     assert hashes[0] == hashes[1] != hashes[2]
 
 
@@ -204,8 +204,10 @@ def test_changed_bytes_are_refused_in_one_line_or_harmless(saved, tmp_path):
     for other in (b"", b"subject", content[:10_000]):
         path.write_bytes(other)
         one_line(path, f"{UNREADABLE}{AGAIN}")
-    for place, problem in ((tmp_path, "not a file"), (tmp_path / "none.nc", "no such file")):
-        one_line(place, f"{problem}; allowed: a posterior.nc or population.nc written by bayes-toe")
+    for target, problem in ((tmp_path, "not a file"), (tmp_path / "none.nc", "no such file")):
+        one_line(
+            target, f"{problem}; allowed: a posterior.nc or population.nc written by bayes-toe"
+        )
 
 
 def test_a_command_names_a_file_of_another_kind(saved):

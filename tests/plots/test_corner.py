@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from legible import require_legible
+from legible import marks_of, require_legible
 from matplotlib.figure import Figure
 from matplotlib.path import Path
 from matplotlib.text import Text
@@ -134,62 +134,47 @@ def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, tex
     "names", [["offset", "pull", "width", "q0"], ["sigma1", "gamma", "gain"]], ids=len
 )
 def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis, names):
-    true = REFERENCE | {
-        "offset": (1 - REFERENCE["gain"])
-        * (TRUE["mu1"] - paper_posterior(analysis.study["A"]).sbar)
-    }
-    axes = np.array(
-        bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes
-    ).reshape(len(names), len(names))
-    unit = analysis.study["A"].unit
+    target = paper_posterior(analysis.study["A"])
+    offset = (1 - REFERENCE["gain"]) * (TRUE["mu1"] - target.sbar)
+    true = REFERENCE | {"offset": offset}
+    figure = bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE)
+    axes = np.array(figure.axes).reshape(len(names), len(names))
+    unit = target.subject.unit
     values = [pytest.approx([float(axis_values(name, true[name], unit))]) for name in names]
-    for i in range(len(names)):
-        assert marked(axes[i, i])[0] == values[i]
-        for j in range(i):
-            assert marked(axes[i, j]) == (values[j], values[i])
+    for i, j in zip(*np.tril_indices(len(names)), strict=True):
+        abscissae, ordinates = marked(axes[i, j])
+        assert abscissae == values[j]
+        assert i == j or ordinates == values[i]
 
 
-def test_the_key_names_true_values_only_where_they_are_shown(analysis):
+def test_true_values_that_are_known_are_shown_wherever_they_lie(analysis):
     figure = bt.plots.corner(analysis.draws, "A", coordinates=["mu1", "gain"], truths={"mu1": -0.7})
     assert marked(figure.axes[0]) == ([-0.7], [])
-    assert (
-        marked(figure.axes[3])[0] == []
-    )  # the gain follows from sigma_p and sigma_l, not from mu1
+    # The gain follows from sigma_p and sigma_l, not from mu1.
+    assert marked(figure.axes[3])[0] == []
     assert "true value" in words(figure)
     figure = bt.plots.corner(analysis.draws, "A", coordinates=["q0"], truths={"q0": 0.001})
-    assert "true value\n" not in words(figure)
-    assert "true value outside: peak $q_0$ = 0.001" in words(figure)
+    assert figure.axes[0].get_xlim()[0] < 0.001
+    assert "true value" not in words(bt.plots.corner(analysis.draws, "A", coordinates=["q0"]))
 
 
 # --- several subjects in the same panels ----------------------------------------------------------
 
 
 def test_several_subjects_share_their_panels(analysis):
-    figure = bt.plots.corner(
-        analysis.draws,
-        ["A", "C"],
-        coordinates=["gain", "offset"],
-        prior=bt.Prior(),
-        truths={"C": TRUE},
-    )
+    names = ["gain", "offset"]
+    options = {"coordinates": names, "prior": bt.Prior(), "truths": {"C": TRUE}}
+    figure = bt.plots.corner(analysis.draws, ["A", "C"], **options)
     axes = np.array(figure.axes).reshape(2, 2)
-    for i, name in enumerate(["gain", "offset"]):
-        values = np.array([analysis.draws.values(subject, name).ravel() for subject in ("A", "C")])
-        low, high = axes[i, i].get_xlim()
-        inner = np.quantile(values, [0.01, 0.99], axis=1)
-        assert low < inner.min() < inner.max() < high
-        drawn = [line.get_xdata()[0] for line in axes[i, i].lines]
-        for median in np.median(values, axis=1):
+    for ax, name in zip(axes.diagonal(), names, strict=True):
+        drawn = [line.get_xdata()[0] for line in ax.lines]
+        for subject in "AC":
+            median = np.median(analysis.draws.values(subject, name))
             assert np.isclose(drawn, median).any()
-    [square] = [
-        line
-        for line in axes[1, 0].lines
-        if line.get_marker() == "s" and np.isfinite(line.get_xdata()).all()
-    ]
-    assert (square.get_color(), square.get_xdata()[0]) == (
-        OVERLAID[1][0],
-        pytest.approx(float(REFERENCE["gain"])),
-    )
+            assert ax.get_xlim()[0] < median < ax.get_xlim()[1]
+    *_, square = marks_of(axes[1, 0], "s")
+    assert square.get_color() == OVERLAID[1][0]
+    assert square.get_xdata()[0] == pytest.approx(float(REFERENCE["gain"]))
     assert "A, median\nC, median\n50 and 95 % of the draws\nprior\ntrue values" in words(figure)
 
 
@@ -230,26 +215,17 @@ def test_the_four_models_show_constant_error_contraction_and_jnd(joint):
     assert labels == ["constant error $c$, %", "contraction, %", "JND, %"]
     assert "model 'both'" in words(figure)
     assert marked(figure.axes[4]) == ([10.0], [])
-    middle = 100.0 * np.expm1(np.median(joint.values("A", "jnd")))
-    assert np.isclose([line.get_xdata()[0] for line in figure.axes[8].lines], middle).any()
-    every = bt.plots.corner(joint, ["A", "B"], coordinates="identified")
-    assert len(every.axes) == 49
+    assert len(bt.plots.corner(joint, ["A", "B"], coordinates="identified").axes) == 49
 
 
 def test_offsets_and_powers_of_ten_stand_beside_the_names_of_axes():
-    levels = 20.72 + 1e-5 * np.array([0.0, 1.0, 2.0, 3.0])
+    levels = 20.72 + 1e-5 * np.arange(4)
     first, second = np.meshgrid(levels, levels)
     expected = 0.8 * np.exp(-0.5 * ((second - first - 4e-6) / 1.2e-5) ** 2)
     n_equal = np.rint(50 * expected).astype(int).ravel()
     subject = bt.Subject("A", first.ravel(), second.ravel(), n_equal, [50] * 16)
-    draws = bt.sample(bt.Study([subject]), seed=1)
-    figure = bt.plots.corner(draws, "A")
-    axes = np.array(figure.axes).reshape(4, 4)
-    assert axes[3, 0].get_xlabel().startswith(r"prior mean $\mu_1$, ln − 20.72")
-    assert all("($10^{-" in ax.get_xlabel() for ax in axes[3, :3])
-    assert all("($10^{-" in ax.get_ylabel() for ax in axes[1:3, 0])
-    for ax in figure.axes:
-        for axis in (ax.xaxis, ax.yaxis):
-            assert axis.get_offset_text().get_text() == ""
-    assert max(len(label.get_text()) for label in axes[3, 0].get_xticklabels()) <= 4
+    figure = bt.plots.corner(bt.sample(bt.Study([subject]), draws=300, seed=1), "A")
+    labels = [ax.get_xlabel() for ax in figure.axes[-4:-1]]
+    assert "2.072" in labels[0]
+    assert all("10^{" in label for label in labels)
     require_legible(figure)

@@ -51,6 +51,8 @@ def test_forests_have_sizes_and_words_of_every_subject(analysis):
 
 
 def test_the_group_stands_in_the_last_row(analysis, small_study, monkeypatch):
+    _, unknown = bt.plots.order_effect(analysis.evidence, made_result(small_study)).axes
+    assert marks_of(unknown, "d") == []
     group = made_result(small_study)
     monkeypatch.setattr(type(group), "identified", {"constant_error", "contraction"})
     errors, contractions = bt.plots.order_effect(analysis.evidence, group).axes
@@ -64,13 +66,6 @@ def test_the_group_stands_in_the_last_row(analysis, small_study, monkeypatch):
         assert intervals(ax)[-1] == pytest.approx((interval[0], interval[2]))
 
 
-def test_a_mean_that_no_pairs_can_show_is_not_drawn(analysis, small_study):
-    group = made_result(small_study)
-    errors, contractions = bt.plots.order_effect(analysis.evidence, group).axes
-    assert len(marks_of(errors, "d")) == 1
-    assert marks_of(contractions, "d") == []
-
-
 def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
     first, second, third = analysis.evidence
     words = dict.fromkeys(second.answer.words, Word.NOT_INTERPRETABLE)
@@ -79,14 +74,6 @@ def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
     errors, _ = bt.plots.order_effect(table).axes
     assert words_of(errors.texts)[1] == "not interpreted"
     assert len(medians(errors)) == 2
-
-
-def test_poor_fit_and_prior_stand_beside_the_word(analysis):
-    first, second, third = analysis.evidence
-    flags = ("depends on the prior: constant error",)
-    doubtful = changed(first, fit_p=0.001, flags=flags)
-    errors, _ = bt.plots.order_effect(EvidenceTable((doubtful, second, third))).axes
-    assert words_of(errors.texts)[0].endswith(" ! ?")
 
 
 @pytest.mark.parametrize("size", [1, 8, 40])

@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from legible import require_legible
-from matplotlib.colors import to_hex
 from scipy.stats import binom
 
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.plots.predictive import predictive_interval
-from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST
 
 
 def numerous(analysis, size):
@@ -37,21 +35,6 @@ def test_the_predictive_interval_of_one_draw_is_that_of_the_binomial_distributio
     ends = predictive_interval(one_draw, seed=1)
     expected = binom.ppf([[0.025], [0.975]], counts.n_trials, share)
     assert counts.n_trials * ends == pytest.approx(expected, abs=1.0)
-
-
-def test_observed_proportions_stand_in_the_colour_of_their_order(analysis):
-    ax = bt.plots.posterior_predictive(analysis, ["B"]).axes[0]
-    subject = analysis.study["B"]
-    shares = subject.n_yes / subject.n_trials
-    direction = np.sign(subject.s1 - subject.s2)
-    lines = {line.get_label(): line for line in ax.lines}
-    for label, colour, sign in (
-        ("weaker first", WEAKER_FIRST, -1),
-        ("stronger first", STRONGER_FIRST, 1),
-    ):
-        expected = np.sort(shares[direction == sign])
-        assert np.sort(lines[label].get_xdata()) == pytest.approx(expected)
-        assert to_hex(lines[label].get_color()) == colour.lower()
 
 
 @pytest.mark.parametrize("size", [1, 8, 40])

@@ -4,13 +4,12 @@ import io
 import json
 
 import numpy as np
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_hex
 from matplotlib.image import imread
 from matplotlib.text import Text
 
 import bayes_toe as bt
 from bayes_toe.plots.figure_files import figure_bytes
-from bayes_toe.plots.order_effect import QUESTION_STYLES
 from bayes_toe.plots.style import POSTERIOR, new_figure, plain
 
 
@@ -23,12 +22,6 @@ def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
         assert "synthetic" in words
     figure = bt.plots.order_effect(analysis.evidence, synthetic=True)
     assert "synthetic" in figure.get_suptitle()
-
-
-def test_questions_differ_in_grey():
-    colours = np.array([to_rgb(question.colour) for question in QUESTION_STYLES])
-    lightness = np.sort(colours @ [0.299, 0.587, 0.114])
-    assert (np.diff(lightness) > 0.2).all()
 
 
 def test_names_are_drawn_as_text_not_as_mathematics_and_shortened_to_what_tells_them_apart():
