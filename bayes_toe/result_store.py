@@ -103,8 +103,7 @@ def run_stored(
         else:
             results[index] = stored["result"]
             report_progress(progress, [names[index]])
-    n_damaged = sum(files[index].exists() for index in missing)
-    standing = under_way[place] = Standing(len(jobs), len(results), len(results), n_damaged)
+    standing = under_way[place] = Standing(len(jobs), len(results), len(results))
 
     with closing(run_jobs([jobs[index] for index in missing], workers)) as outcomes:
         for position, result in outcomes:

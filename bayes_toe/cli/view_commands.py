@@ -137,7 +137,7 @@ def corner(
     files = [f"{stem}.{ending}" for stem, ending in product(figures, endings)]
     context.require_folder(output, files)
     with (
-        whole_folder(output, files, required=files, overwrite=context.overwrite) as folder,
+        whole_folder(output, files, overwrite=context.overwrite) as folder,
         context.out.progress("drawing", len(figures)) as tick,
     ):
         saved = cached_loader(posterior)
