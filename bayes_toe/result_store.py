@@ -1,9 +1,9 @@
 """Results of subjects in a folder until all are there, so that a stopped command can resume.
 
-Each result is a file of its own, complete by itself. The file is named after the hash of its job:
-the counts, the settings, the seed and the versions of the libraries. A file that is damaged is
-computed again, and one of another job is not used. Files are written by pickle, but reading makes
-only arrays and records of this package, so nothing in a file can be run.
+Each result is a file of its own, complete by itself. The file has the hash of its job as name and
+inside: of the counts, the settings, the seed and the versions of the libraries. A file that is
+damaged, or of another job, is computed again. Files are written by pickle, but reading makes only
+arrays and records of this package, so nothing in a file can be run.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import os
 import pickle
 import platform
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import is_dataclass, replace
 from enum import Enum
 from functools import cache
@@ -110,9 +110,10 @@ def run_stored(
             index = missing[position]
             results[index] = result
             if not isinstance(result, Failed):
-                content = pickle.dumps({"seed": seed, "result": result})
-                with reporting(place, hidden=files[index]):
-                    write_whole(files[index], content)
+                file = files[index]
+                content = pickle.dumps({"job": file.stem, "seed": seed, "result": result})
+                with reporting(place, hidden=file):
+                    write_whole(file, content)
                 standing = under_way[place] = replace(standing, done=standing.done + 1)
             report_progress(progress, [names[index]])
     return [results[index] for index in range(len(jobs))]
@@ -145,14 +146,12 @@ def discard(folder: Path) -> None:
 
 
 def _read(file: Path) -> dict[str, Any] | None:
-    """The seed and the result in a file; None where there is none, or the file is damaged."""
-    if not file.is_file():
-        return None
-    try:
+    """The seed and the result in a file; None where there is none, or those of another job."""
+    with suppress(Exception):  # A damaged file can raise anything.
         stored: dict[str, Any] = _Records(io.BytesIO(file.read_bytes())).load()
-        return {"seed": root_seed(stored["seed"]), "result": stored["result"]}
-    except Exception:  # A damaged file can raise anything.
-        return None
+        if stored["job"] == file.stem:
+            return {"seed": root_seed(stored["seed"]), "result": stored["result"]}
+    return None
 
 
 class _Records(pickle.Unpickler):

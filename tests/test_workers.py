@@ -62,20 +62,27 @@ def test_results_are_in_the_order_of_the_jobs_and_progress_hears_each_name_once(
     assert sorted(message) == ["a", "b", "c", "d"]
 
 
-def installed(line, folder):
-    """The installed command in a data folder."""
-    program = Path(sys.executable).parent / "bayes-toe"
-    return subprocess.run([program, *line.split()], cwd=folder, capture_output=True, text=True)
-
-
-def test_workers_of_a_command_run_no_file_of_the_working_directory(tmp_path):
-    """A data folder may hold a random.py or a json.py."""
-    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
+def spoil(folder):
+    """Put files into a data folder that have the names of modules of Python."""
     for name in ("random", "json", "queue", "select"):
-        (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the data folder')")
-    finished = installed("fit study.csv -o fit.csv --replicates 2 --workers 2", tmp_path)
-    assert (finished.returncode, finished.stderr) == (0, "")
-    assert "failed" not in finished.stdout
+        (folder / f"{name}.py").write_text("raise SystemExit('a file of the data folder was run')")
+
+
+def test_a_command_runs_no_file_of_a_data_folder_and_takes_no_settings_from_there(tmp_path):
+    spoil(tmp_path)
+    (tmp_path / "matplotlibrc").write_bytes(b"text.usetex: True\n\xff\xfe")
+    (tmp_path / "arvizrc").write_bytes(b"plot.backend : evil\n")
+    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
+    program = Path(sys.executable).parent / "bayes-toe"
+    for line in (
+        "sample study.csv -o draws.nc --seed 1 --draws 100 --workers 2 --model none -q",
+        "corner draws.nc -o corner --workers 1 -q",
+    ):
+        finished = subprocess.run(
+            [program, *line.split()], cwd=tmp_path, capture_output=True, text=True
+        )
+        assert (finished.returncode in (0, 3), finished.stderr) == (True, ""), line
+    assert len(list((tmp_path / "corner").iterdir())) == 2
 
 
 CALLED_FROM_A_DATA_FOLDER = """
@@ -92,27 +99,11 @@ def test_workers_of_a_script_run_no_file_of_the_working_directory(tmp_path):
     code.mkdir()
     data.mkdir()
     (code / "script.py").write_text(CALLED_FROM_A_DATA_FOLDER)
-    for name in ("random", "json", "queue", "select"):
-        (data / f"{name}.py").write_text("raise SystemExit('a file of the data folder was run')")
+    spoil(data)
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONSAFEPATH"}
     words = [sys.executable, str(code / "script.py")]
     finished = subprocess.run(words, cwd=data, capture_output=True, text=True, env=environment)
     assert (finished.stdout, finished.stderr, finished.returncode) == ("[1, 2, 4]\n", "", 0)
-
-
-def test_commands_take_no_settings_from_the_data_folder(tmp_path):
-    (tmp_path / "matplotlibrc").write_bytes(b"text.usetex: True\n")
-    (tmp_path / "arvizrc").write_bytes(b"plot.backend : evil\n")
-    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
-    sampled = installed(
-        "sample study.csv -o draws.nc --seed 1 --draws 100 --workers 2 -q", tmp_path
-    )
-    assert sampled.returncode in (0, 3)
-    drawn = installed("corner draws.nc -o corner --workers 1 -q", tmp_path)
-    assert (drawn.returncode, sampled.stderr, drawn.stderr) == (0, "", "")
-    (tmp_path / "matplotlibrc").write_bytes(b"\xff\xfe")
-    drawn = installed("corner draws.nc -o corner_again --workers 1 -q", tmp_path)
-    assert (drawn.returncode, drawn.stderr) == (0, "")
 
 
 FORKED = """

@@ -1,6 +1,7 @@
 """The web page: who may use it, what it reads and runs, what stays after a restart."""
 
 import asyncio
+import errno
 import io
 import json
 import os
@@ -8,6 +9,7 @@ import resource
 import shlex
 import shutil
 import signal
+import socket
 import stat
 import subprocess
 import time
@@ -21,11 +23,12 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 from browsers import Opened
-from commands import PROGRAM, call
+from commands import PROGRAM, call, inside
 
 pytest.importorskip("tornado")
-from bayes_toe.app.job import end_group, job_of, running
+from bayes_toe.app.job import end_group, held, job_of, jobs, named_files, running
 from bayes_toe.app.server import read_in_process
+from bayes_toe.errors import InputError, OutputError
 
 CODES = {"columns": {"s1": "stim1", "s2": "stim2"}, "second_code": "2"}
 
@@ -146,6 +149,109 @@ def job(server, tmp_path_factory):
     return server.add_trials(file, {})
 
 
+# --- the folder -----------------------------------------------------------------------------------
+
+FILES = {"u.csv": b"subject,s1\n1,2\n", "v.csv": b"subject,s1\n3,4\n"}
+
+
+def test_files_get_different_names_of_bounded_length_and_others_are_refused():
+    names = [f"{'a' * 60}1.csv", f"{'a' * 60}2.csv", f"{'ä' * 200}1.csv", f"{'ä' * 200}2.csv"]
+    files = named_files([(name, b"x") for name in names])
+    assert {*names[:2]} < {*files}
+    assert len(files) == 4
+    assert max(len(name.encode()) for name in files) < 130
+    for names in (["x.xls"], ["x"], [".csv"], ["a.csv", "a.csv"], ["a?.csv", "A*.csv"], []):
+        with pytest.raises(InputError) as refusal:
+            named_files([(name, b"x") for name in names])
+        assert all(repr(name) in str(refusal.value) for name in names[1:])
+
+
+def test_the_same_files_are_the_same_study(tmp_path):
+    first, second = FILES.items()
+    job = job_of(tmp_path, FILES)
+    assert job_of(tmp_path, dict([second, first])) == job
+    for others in ([first], [first, ("v.csv", b"")], [first, ("w.csv", second[1])]):
+        assert job_of(tmp_path, dict(others)) != job
+
+
+def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again(tmp_path):
+    records = {"0" * 16: "", "1" * 16: "[]", "2" * 16: '{"files": ["../x.csv"]}', "exp": "{}"}
+    for name, record in records.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "study").write_text(record)
+    (tmp_path / "mine" / "study").mkdir(parents=True)
+    job = job_of(tmp_path, FILES)
+    with held(tmp_path):
+        job.store(FILES)
+        for name in ("command", "study"):
+            (job.folder / name).write_text("")  # as after a loss of power
+        assert jobs(tmp_path) == ([], sorted([job.name, *records, "mine"]))
+        job.store(FILES)
+        assert jobs(tmp_path) == ([job], sorted([*records, "mine"]))
+        assert job.run_state() == "new"
+    assert stat.S_IMODE(job.folder.stat().st_mode) == 0o700
+
+
+def test_a_study_that_cannot_be_stored_leaves_nothing(tmp_path, monkeypatch):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OutputError, match="No space left on device"):
+        job_of(tmp_path, FILES).store(FILES)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("link", [".bayes_toe_app", ".bayes_toe_app/run", ".bayes_toe_app/server"])
+def test_locks_are_no_links_and_stand_in_no_folder_of_others(tmp_path, link):
+    home, mine = tmp_path / "home", tmp_path / "mine"
+    with held(home), pytest.raises(InputError, match="in use by another bayes-toe app"):
+        held(home).__enter__()
+    (mine / ".bayes_toe_app").mkdir(parents=True)
+    notes = mine / ".bayes_toe_app" / "notes"
+    notes.write_text("of the user")
+    target = notes
+    if link.endswith("app"):
+        shutil.rmtree(home / link)
+        target = mine
+    else:
+        (home / link).unlink()
+    (home / link).symlink_to(target)
+    for folder in (home, mine):
+        with pytest.raises(OutputError, match=str(folder)):
+            held(folder).__enter__()
+    assert [path.read_text() for path in notes.parent.iterdir()] == ["of the user"]
+
+
+def one_line(refusal, text):
+    assert (refusal.returncode, refusal.stdout) == (2, "")
+    assert len(refusal.stderr.splitlines()) == 1
+    assert text in refusal.stderr
+
+
+def test_a_folder_or_port_that_cannot_be_used_is_one_line(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    one_line(inside("app --folder", tmp_path / "file"), "cannot be written (File exists)")
+    with closing(socket.create_server(("127.0.0.1", 0))) as other:
+        port = other.getsockname()[1]
+        one_line(inside("app --folder", tmp_path / "home", "--port", port), "cannot be used")
+    for folder, users_home in (("~nobody_x/y", "/"), ("~/x", ""), ("~", "x"), (None, "")):
+        monkeypatch.setenv("HOME", users_home)
+        words = ["app"] if folder is None else ["app", "--folder", folder]
+        one_line(inside(*words), "there is no such home folder")
+
+
+def test_a_reader_that_takes_too_long_is_ended(monkeypatch, tmp_path):
+    monkeypatch.setattr("bayes_toe.app.server.READING_TIME", 0.01)
+    job = job_of(tmp_path, FILES)
+    job.store(FILES)
+    reading = asyncio.run(read_in_process(job))
+    assert reading["problems"] == ["Reading takes longer than 0.01 seconds."]
+
+
+# --- requests -------------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize(
     "headers",
     [
@@ -211,77 +317,19 @@ def test_unknown_names_of_studies_and_actions_are_not_found(server, job):
     assert server.ask(f"/api/jobs/{job}/zip").code == 404
 
 
-def test_files_get_safe_names_and_others_are_refused(server, home):
+def test_a_damaged_study_is_a_bad_request_and_a_deleted_one_is_gone(server, home):
     state = server.add("../../-a<b>.csv", b"subject,s1\n")
-    assert state["files"] == ["a_b_.csv"]
     folder = home / state["id"]
-    assert (folder / "a_b_.csv").is_file()
-    assert {stat.S_IMODE(path.stat().st_mode) for path in (home, folder)} == {0o700}
-    folders = {*home.iterdir()}
-    for names in (["x.xls"], ["x"], [".csv"], ["a.csv", "a.csv"], ["a?.csv", "A*.csv"], []):
-        answer = server.upload(*((name, b"x") for name in names))
-        assert answer.code == 400, names
-        assert all(repr(name) in json.loads(answer.body)["problem"] for name in names[1:])
-    assert {*home.iterdir()} == folders
-    server.state(f"/api/jobs/{state['id']}/delete", "")
+    assert {path.name for path in folder.iterdir()} == {"a_b_.csv", "study"}
+    assert stat.S_IMODE(home.stat().st_mode) == 0o700
+    record = (folder / "study").read_bytes()
+    (folder / "study").write_text("")
+    assert folder.name in server.state("/api/jobs")["damaged"]
+    assert server.ask(f"/api/jobs/{folder.name}").code == 400
+    assert server.ask(f"/api/jobs/{folder.name}/delete", "").code == 400
+    (folder / "study").write_bytes(record)
+    server.state(f"/api/jobs/{folder.name}/delete", "")
     assert not folder.exists()
-
-
-def test_long_names_stay_different_and_letters_with_accents_stay(server):
-    names = [f"{'a' * 60}1.csv", f"{'a' * 60}2.csv", f"{'ä' * 200}1.csv", f"{'ä' * 200}2.csv"]
-    files = content(server.upload(*((name, b"x") for name in [*names, "e\u0301.csv"])))["files"]
-    assert {*names[:2], "é.csv"} < {*files}
-    assert len({*files}) == 5
-    assert max(len(name.encode()) for name in files) < 130
-
-
-def test_the_same_files_open_the_same_study(server):
-    first, second = ("u.csv", b"subject,s1\n1,2\n"), ("v.csv", b"subject,s1\n3,4\n")
-    job = content(server.upload(first, second))["id"]
-    assert content(server.upload(second, first))["id"] == job
-    for different in ([first], [first, ("v.csv", b"")], [first, ("w.csv", second[1])]):
-        assert content(server.upload(*different))["id"] != job
-
-
-def test_folders_of_others_and_damaged_studies_are_named_and_all_others_listed(tmp_path):
-    records = {"0" * 16: "", "1" * 16: "[]", "2" * 16: '{"files": ["../x.csv"]}', "exp": "{}"}
-    for name, record in records.items():
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "study").write_text(record)
-    (tmp_path / "mine" / "study").mkdir(parents=True)
-    (tmp_path / "lock").write_text("of the user")
-    with serving(tmp_path) as server:
-        job = server.add_trials(trials(tmp_path / "study.csv"))
-        for name in ("command", "study"):
-            (tmp_path / job / name).write_text("")  # as after a loss of power
-        assert server.state("/api/jobs") == {"jobs": [], "damaged": sorted([job, *records, "mine"])}
-        assert server.ask(f"/api/jobs/{job}").code == 400
-        assert server.ask(f"/api/jobs/{job}/delete", "").code == 400
-        assert server.add_trials(tmp_path / "study.csv") == job
-        assert [study["id"] for study in server.state("/api/jobs")["jobs"]] == [job]
-        assert server.state(f"/api/jobs/{job}/run", "")["run"] == "running"
-        assert server.end() == (128 + signal.SIGINT, "")
-    assert (tmp_path / "lock").read_text() == "of the user"
-
-
-@pytest.mark.parametrize("link", [".bayes_toe_app", ".bayes_toe_app/run", ".bayes_toe_app/server"])
-def test_locks_are_no_links_and_stand_in_no_folder_of_others(server, tmp_path, link):
-    port = server.host.partition(":")[2]  # in use: a server that is not refused before ends there
-    home, mine = tmp_path / "home", tmp_path / "mine"
-    with serving(home):
-        pass
-    (mine / ".bayes_toe_app").mkdir(parents=True)
-    (mine / ".bayes_toe_app" / "notes").write_text("of the user")
-    if link.endswith("app"):
-        shutil.rmtree(home / link)
-        (home / link).symlink_to(mine)
-    else:
-        (home / link).unlink()
-        (home / link).symlink_to(mine / ".bayes_toe_app" / "notes")
-    for folder in (home, mine):
-        one_line(call("app", "--folder", folder, "--port", port), f"{folder}")
-    (notes,) = (mine / ".bayes_toe_app").iterdir()
-    assert notes.read_text() == "of the user"
 
 
 def test_a_large_upload_is_refused(server, home):
@@ -293,26 +341,19 @@ def test_a_large_upload_is_refused(server, home):
 
 
 @pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="limits of a process need Linux")
-def test_a_full_disk_is_a_line_on_the_page_and_leaves_no_half_study(tmp_path):
-    with serving(tmp_path) as server:
-        job = server.add_trials(trials(tmp_path / "study.csv"))
-        folders = {*tmp_path.iterdir()}
-        _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-        for limit, path, body in (
-            *((limit, "/api/jobs", None) for limit in (0, 60, 300)),
-            (0, f"/api/jobs/{job}/options", "{}"),
-            (0, f"/api/jobs/{job}/run", ""),
-        ):
-            resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, (limit, hard))
-            if body is None:
-                answer = server.upload(("new.csv", b"subject,s1,s2\nA,0,1\n"))
-            else:
-                answer = server.ask(path, body)
-            assert answer.code == 507, path
-            assert "File too large" in json.loads(answer.body)["problem"]
-            assert {*tmp_path.iterdir()} == folders
-            assert server.state(f"/api/jobs/{job}")["reading"]["study"]["subjects"] == 2
-        assert server.end() == (128 + signal.SIGINT, "")
+def test_a_full_disk_is_a_line_on_the_page(server, home, job):
+    folders = {*home.iterdir()}
+    earlier = server.state(f"/api/jobs/{job}")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, (0, limits[1]))
+    answers = [server.upload(("new.csv", b"subject,s1,s2\nA,0,1\n"))]
+    answers.append(server.ask(f"/api/jobs/{job}/options", "{}"))
+    resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, limits)
+    for answer in answers:
+        assert answer.code == 507
+        assert "File too large" in json.loads(answer.body)["problem"]
+    assert {*home.iterdir()} == folders
+    assert server.state(f"/api/jobs/{job}") == earlier
 
 
 def test_questions_come_with_what_solves_them_and_no_run_starts_while_one_is_open(server, job):
@@ -348,15 +389,6 @@ def test_names_that_no_command_can_type_and_wrong_numbers_are_problems(server):
         state = server.state(f"/api/jobs/{job}/options", json.dumps(options))
         assert len(state["reading"]["problems"]) == 1
         assert state["reading"]["table"]["names"][0] == "subject"
-
-
-def test_a_reader_that_takes_too_long_is_ended(monkeypatch, tmp_path):
-    monkeypatch.setattr("bayes_toe.app.server.READING_TIME", 0.01)
-    files = {"x.csv": b"subject,s1,s2,response\n"}
-    job = job_of(tmp_path, files)
-    job.store(files)
-    reading = asyncio.run(read_in_process(job))
-    assert reading["problems"] == ["Reading takes longer than 0.01 seconds."]
 
 
 # --- the run --------------------------------------------------------------------------------------
@@ -424,27 +456,12 @@ def test_a_run_ends_with_the_program_and_with_no_second_one(tmp_path, file):
     with serving(tmp_path) as server:
         job = server.add_trials(file)
         server.state(f"/api/jobs/{job}/run", "")
-        one_line(call("app", "--folder", tmp_path, "--port", 0), "in use by another bayes-toe app")
+        one_line(inside("app --folder", tmp_path, "--port 0"), "in use by another bayes-toe app")
         assert server.state(f"/api/jobs/{job}")["run"] == "running"
         _, group = running(tmp_path)
         assert server.end() == (128 + signal.SIGINT, "")
     with pytest.raises(ProcessLookupError):
         os.killpg(group, 0)
-
-
-def one_line(refusal, text):
-    assert (refusal.returncode, refusal.stdout) == (2, "")
-    assert len(refusal.stderr.splitlines()) == 1
-    assert text in refusal.stderr
-
-
-def test_a_folder_or_port_that_cannot_be_used_is_one_line(server, file):
-    port = server.host.partition(":")[2]
-    one_line(call("app", "--folder", file), "cannot be written (File exists)")
-    one_line(call("app", "--folder", file.parent, "--port", port), "cannot be used")
-    for folder, users_home in (("~nobody_x/y", "/"), ("~/x", ""), ("~", "x")):
-        one_line(call("app", "--folder", folder, HOME=users_home), "there is no such home folder")
-    one_line(call("app", HOME=""), "there is no such home folder")
 
 
 # --- in a browser ---------------------------------------------------------------------------------
@@ -678,22 +695,27 @@ def test_a_column_is_one_question_with_its_values(browser, server, tmp_path):
     assert opened.close() == []
 
 
-def test_all_studies_that_are_not_analysed_are_deleted_together(browser, tmp_path):
-    with serving(tmp_path / "home") as server:
-        studies = [server.add(name, b"x\n1\n")["id"] for name in ("a.csv", "b.csv")]
-        stopped = server.add_trials(trials(tmp_path / "c.csv"))
-        server.state(f"/api/jobs/{stopped}/run", "")
-        server.state(f"/api/jobs/{stopped}/stop", "")
-        server.state(f"/api/jobs/{stopped}/options", json.dumps({**CODES, "decimal": "."}))
-        opened = Page(browser, server)
-        questions = []
-        opened.page.on("dialog", lambda dialog: (questions.append(dialog.message), dialog.accept()))
-        opened.page.click("#clear")
-        opened.page.locator("#clear").wait_for(state="hidden")
-        assert questions == ["Delete 2 studies that are not analysed?"]
-        assert [study["id"] for study in server.state("/api/jobs")["jobs"]] == [stopped]
-        assert not any((tmp_path / "home" / name).exists() for name in studies)
-        assert opened.close() == []
+def test_all_studies_that_are_not_analysed_are_deleted_together(browser, server):
+    opened, questions, deleted = Page(browser, server), [], []
+    studies = {"a.csv": "new", "b.csv": "new", "c.csv": "changed"}
+    listed = []
+    for name, run in studies.items():
+        listed.append({"id": name[0], "files": [name], "run": run, "created": "2026-01-01"})
+    page = opened.page
+    page.route("**/api/jobs", lambda route: route.fulfill(json={"jobs": listed, "damaged": []}))
+
+    def delete(route):
+        deleted.append(urlsplit(route.request.url).path)
+        route.fulfill(json={})
+
+    page.route("**/delete", delete)
+    page.on("dialog", lambda dialog: (questions.append(dialog.message), dialog.accept()))
+    page.reload()
+    page.click("#clear")
+    page.wait_for_function("document.activeElement.id === 'start-title'")
+    assert questions == ["Delete 2 studies that are not analysed?"]
+    assert deleted == ["/api/jobs/a/delete", "/api/jobs/b/delete"]
+    assert opened.close() == []
 
 
 def rows(header, line):
@@ -806,8 +828,7 @@ def test_fields_become_the_options_of_the_command(browser, server, tmp_path, cas
     assert opened.close() == []
 
 
-@pytest.mark.parametrize("width", [1200, 400])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width, scheme", [(1200, "light"), (400, "dark")])
 def test_no_screen_is_pushed_sideways(browser, server, tmp_path, width, scheme):
     opened = Page(browser, server, width, color_scheme=scheme)
     opened.add(trials(tmp_path / f"{'a_long_name_of_a_study_' * 2}{scheme}_{width}.csv"))
