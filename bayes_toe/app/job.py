@@ -364,19 +364,13 @@ def _open_lock(home: Path, name: str) -> IO[str]:
 
 
 def _open_no_link(path: str, flags: int) -> int:
-    """Open a file, but not through a symbolic link, where the system can tell."""
-    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
+    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
 def is_locked(lock: IO[str]) -> bool:
-    """Whether this process has the lock now; a child that inherits the file keeps it.
+    """Whether this process has the lock now; a child that inherits the file keeps it."""
+    import fcntl  # Windows has none.
 
-    Taken for granted where there are no such locks.
-    """
-    try:
-        import fcntl
-    except ImportError:
-        return True
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

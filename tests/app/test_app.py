@@ -170,8 +170,8 @@ def test_the_same_files_are_the_same_study(tmp_path):
     first, second = FILES.items()
     job = job_of(tmp_path, FILES)
     assert job_of(tmp_path, dict([second, first])) == job
-    for others in ([first], [first, ("v.csv", b"")], [first, ("w.csv", second[1])]):
-        assert job_of(tmp_path, dict(others)) != job
+    for different in ([first], [first, ("v.csv", b"")], [first, ("w.csv", second[1])]):
+        assert job_of(tmp_path, dict(different)) != job
 
 
 def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again(tmp_path):
@@ -485,36 +485,24 @@ class Page(Opened):
     def settle(self):
         self.page.locator("main[aria-busy=false]").wait_for()
 
-    def hold_answers(self):
-        """Hold the first answer on its way to the server.
+    def study(self):
+        """The study that is shown, as the server has it."""
+        return self.server.state(f"/api/jobs/{self.page.url.partition('#')[2]}")
 
-        The answers that the page sends, and what lets them go.
-        """
-        sent, held = [], []
-
-        def hold(route):
-            sent.append(json.loads(route.request.post_data))
-            held.append(route)
-            if len(sent) > 1:
-                route.continue_()
-
-        def release():
-            held[0].continue_()
+    def choose(self, *choices):
+        """Choose in fields, one after another."""
+        for selector, value in choices:
+            self.page.select_option(selector, value)
             self.settle()
 
-        self.page.route("**/options", hold)
-        return sent, release
-
-    def tab_to(self, selector):
-        """Press Tab until an element has the focus, as somebody without a mouse does."""
+    def press(self, selector, *keys):
+        """Press Tab until an element has the focus, as somebody without a mouse does; then keys."""
         for _ in range(60):
             if self.page.locator(selector).first.evaluate("e => e === document.activeElement"):
-                return
+                break
             self.page.keyboard.press("Tab")
-        raise AssertionError(selector)
-
-    def press(self, selector, *keys):
-        self.tab_to(selector)
+        else:
+            raise AssertionError(selector)
         for key in keys:
             self.page.keyboard.press(key)
         self.settle()
@@ -523,16 +511,21 @@ class Page(Opened):
         self.page.locator(f"#run[data-state={state}]").wait_for(timeout=200_000)
 
     def close(self):
-        """Close the page, which asked nobody else for anything."""
+        """Close the page, which asked nobody else for anything, and had no problem."""
         self.page.close()
         separate = f"http://{self.server.host}/"
-        return [problem for problem in self.problems if not problem.startswith(separate)]
+        problems = [problem for problem in self.problems if not problem.startswith(separate)]
+        assert problems == []
 
 
-def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(
-    browser, server, tmp_path
-):
-    opened = Page(browser, server)
+@pytest.fixture
+def opened(browser, server):
+    page = Page(browser, server)
+    yield page
+    page.close()
+
+
+def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(opened, tmp_path):
     opened.add(trials(tmp_path / "study.csv", ("<b>A</b>", "<script>alert(1)</script>")))
     page = opened.page
     assert "token" not in page.url
@@ -541,8 +534,7 @@ def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(
     opened.press("[data-field=stimuli] button", "Enter")
     assert "does not know what they mean" in page.inner_text("[data-field=meaning]")
     opened.press("[data-field=meaning] button", "Tab", "Enter")
-    assert page.locator(".question").count() == 0
-    assert page.locator("#rows td b").count() == 0
+    assert page.locator(".question, #rows td b").count() == 0
     assert "+35 %" in page.inner_text("#pairs")
     opened.press("#go", "Enter")
     opened.press("#stop", "Enter")
@@ -551,38 +543,17 @@ def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(
     opened.wait("stopped")
     opened.press("#go", "Enter")
     opened.wait("done")
-    assert (
-        page.frame_locator("#report").locator("h1").inner_text() == "Time-order effects: study.csv"
-    )
-    assert opened.close() == []
+    title = page.frame_locator("#report").locator("h1").inner_text()
+    assert title == "Time-order effects: study.csv"
 
 
-def test_decibels_practice_and_an_encoding_have_their_fields(browser, server, tmp_path):
-    rows = ["Versuchsperson;dB1;dB2;Antwort;Phase;Gerät"]
-    rows += ["A;60;63;zweiter;Übung;ä", "A;60;63;zweiter;main;ä", "A;63;60;erster;main;ä"]
-    (tmp_path / "pegel.csv").write_bytes("\n".join(rows).encode("mac_roman"))
-    opened = Page(browser, server)
-    page = opened.page
-    opened.add(tmp_path / "pegel.csv")
-    opened.press("[data-field=stimuli] button", "Enter")
-    assert "seems to be in dB" in page.inner_text("[data-field=stimuli]")
-    opened.press("[data-field=stimuli] button", "Enter")
-    assert page.input_value("#scale") == "dB"
-    page.locator("#others summary").click()
-    page.fill("#encoding", "mac_roman")
-    page.press("#encoding", "Enter")
-    page.get_by_text("1 row left out as practice (column Phase: 'Übung')").wait_for()
-    assert "+41.3 %" in page.inner_text("#pairs")
-    assert opened.close() == []
-
-
-def test_all_four_parts_are_there_in_another_tab_and_an_ended_program_is_told(browser, finished):
+def test_all_four_parts_are_there_in_another_tab_and_other_options_hide_the_results(
+    browser, finished
+):
     server, folder = finished
     opened = Page(browser, server)
     page = opened.page
     page.locator(f"#studies a[href='#{folder.name}']").click()
-    opened.wait("done")
-    page.reload()
     opened.wait("done")
     report = page.frame_locator("#report")
     report.get_by_role("link", name="methods.md").first.click()
@@ -599,52 +570,38 @@ def test_all_four_parts_are_there_in_another_tab_and_an_ended_program_is_told(br
     with page.expect_download() as download:
         page.click("#zip")
     assert zipfile.is_zipfile(download.value.path())
-    assert opened.close() == []
+    opened.close()
 
 
-def test_an_answer_that_is_given_while_another_is_on_its_way_is_kept(browser, server, tmp_path):
-    lines = STANDARD.replace("subject,", "vp,").replace("comparison\n", "j\n")
-    (tmp_path / "queue.csv").write_text(lines.replace("standard\n", "f\n"), encoding="utf-8")
-    opened = Page(browser, server)
-    page = opened.page
-    opened.add(tmp_path / "queue.csv")
-    sent, release = opened.hold_answers()
-    page.locator("[data-field=stimuli] button", has_text="order says when the standard").click()
-    columns = page.locator("#standard-order option").evaluate_all("all => all.map(o => o.value)")
-    assert columns == ["", "*always", "vp", "order", "response"]
-    page.select_option("select[data-role=subject]", "order")
-    page.select_option("#decimal", ".")
-    page.select_option("select[data-role=subject]", "vp")
-    page.locator("[data-text=j]").select_option("comparison")
-    assert len(sent) == 1
-    release()
-    answers = {"standard_interval": "order", "comparison_code": "j", "decimal": "."}
-    assert sent == [{"standard_interval": "order"}, answers]
-    job = page.url.partition("#")[2]
-    assert server.state(f"/api/jobs/{job}")["options"] == answers
-    assert page.locator("#go").is_enabled()
-    assert opened.close() == []
-
-
-def test_an_answer_belongs_to_its_study_and_a_failure_shows_what_the_server_has(
+def test_answers_belong_to_their_study_while_another_is_on_its_way_and_a_failure_is_shown(
     browser, server, tmp_path
 ):
-    opened = Page(browser, server)
+    opened, sent, held = Page(browser, server), [], []
     page = opened.page
+
+    def hold(route):  # the first answer, until it is released
+        sent.append(json.loads(route.request.post_data))
+        held.append(route)
+        if len(sent) > 1:
+            route.continue_()
+
     for name in ("one.csv", "two.csv"):
         opened.add(trials(tmp_path / name))
         page.get_by_text(f"{name}: first of").wait_for()
     two = page.url.partition("#")[2]
-    _, release = opened.hold_answers()
+    page.route("**/options", hold)
     page.select_option("#decimal", ",")
+    page.select_option("select[data-role=session]", "answer")
     page.evaluate("document.querySelector('#studies').open = true")
     page.get_by_role("link", name="one.csv").click()
     page.get_by_text("one.csv: first of").wait_for()
     page.select_option("#decimal", ".")
-    release()
-    for job, decimal in ((page.url.partition("#")[2], "."), (two, ",")):
-        assert server.state(f"/api/jobs/{job}")["options"] == {"decimal": decimal}
-    assert page.input_value("#decimal") == "."
+    assert sent == [{"decimal": ","}]
+    held[0].continue_()
+    opened.settle()
+    answers = {"decimal": ",", "columns": {"session": "answer"}}
+    assert server.state(f"/api/jobs/{two}")["options"] == answers
+    assert (len(sent), opened.study()["options"]) == (3, {"decimal": "."})
     page.route("**/options", lambda route: route.fulfill(status=507, body='{"problem": "full"}'))
     page.select_option("#decimal", ",")
     opened.settle()
@@ -653,20 +610,15 @@ def test_an_answer_belongs_to_its_study_and_a_failure_shows_what_the_server_has(
     page.close()
 
 
-def test_intensities_that_are_read_as_logarithms_are_not_analysed(browser, server, tmp_path):
-    (tmp_path / "raw.csv").write_text(RAW, encoding="utf-8")
-    opened = Page(browser, server)
+def test_intensities_that_are_read_as_logarithms_are_not_analysed(opened, tmp_path):
     page = opened.page
+    (tmp_path / "raw.csv").write_text(RAW, encoding="utf-8")
     opened.add(tmp_path / "raw.csv")
     assert page.locator("#go").is_disabled()
     assert "Answer the questions above" in page.inner_text("#progress-text")
-    page.select_option("#scale", "ln")
-    opened.settle()
-    page.select_option("#decimal", ".")
-    page.locator("#go:enabled").wait_for()
-    assert page.input_value("#scale") == "ln"
-    page.select_option("#scale", "")
-    opened.settle()
+    opened.choose(("#scale", "ln"))
+    assert page.locator("#go").is_enabled()
+    opened.choose(("#scale", ""))
     page.locator("[data-field=stimuli] button", has_text="they are intensities").click()
     opened.settle()
     assert page.input_value("#stimuli-kind") == "intensity"
@@ -674,34 +626,23 @@ def test_intensities_that_are_read_as_logarithms_are_not_analysed(browser, serve
     page.fill("#unit", "um")
     page.press("#unit", "Enter")
     page.locator("#pairs td", has_text="100 um").first.wait_for()
-    opened.settle()
     assert "100 um\t130 um\t+30 %" in page.inner_text("#pairs")
-    assert page.locator("#go").is_enabled()
-    assert opened.close() == []
 
 
-def test_a_column_is_one_question_with_its_values(browser, server, tmp_path):
+def test_a_column_is_one_question_with_its_values(opened, tmp_path):
     lines = [f"A,0,.3,{word}\n" for word in ("yes", "no", "yes", "later", "never", "later")]
     (tmp_path / "words.csv").write_text("subject,s1,s2,response\n" + "".join(lines))
-    opened = Page(browser, server)
     opened.add(tmp_path / "words.csv")
-    for code, meaning in (("yes", "second"), ("no", "first")):
-        opened.page.locator(f"[data-text={code}]").select_option(meaning)
-        opened.settle()
+    opened.choose(("[data-text=yes]", "second"), ("[data-text=no]", "first"))
     (question,) = opened.page.locator(".question").all_inner_texts()
-    assert "'later'" in question
-    assert "'never'" in question
-    assert question.count("allowed") == 1
-    assert opened.close() == []
+    assert [question.count(word) for word in ("'later'", "'never'", "allowed")] == [1, 1, 1]
 
 
-def test_all_studies_that_are_not_analysed_are_deleted_together(browser, server):
-    opened, questions, deleted = Page(browser, server), [], []
-    studies = {"a.csv": "new", "b.csv": "new", "c.csv": "changed"}
+def test_all_studies_that_are_not_analysed_are_deleted_together(opened):
+    questions, deleted, page = [], [], opened.page
     listed = []
-    for name, run in studies.items():
+    for name, run in (("a.csv", "new"), ("b.csv", "new"), ("c.csv", "changed")):
         listed.append({"id": name[0], "files": [name], "run": run, "created": "2026-01-01"})
-    page = opened.page
     page.route("**/api/jobs", lambda route: route.fulfill(json={"jobs": listed, "damaged": []}))
 
     def delete(route):
@@ -715,7 +656,6 @@ def test_all_studies_that_are_not_analysed_are_deleted_together(browser, server)
     page.wait_for_function("document.activeElement.id === 'start-title'")
     assert questions == ["Delete 2 studies that are not analysed?"]
     assert deleted == ["/api/jobs/a/delete", "/api/jobs/b/delete"]
-    assert opened.close() == []
 
 
 def rows(header, line):
@@ -745,7 +685,16 @@ BLOCKS = rows(
     "subject,block,condition,s1,s2,response",
     lambda a, b, second: f"1,1,left,{a},{b},{WORDS[second]}\n1,2,right,{a},{b},{WORDS[not second]}",
 )
+PEGEL = rows(
+    "subject,s1,s2,Antwort,Gerät",
+    lambda a, b, second: f"1,{60 + 10 * a},{60 + 10 * b},{WORDS[second]},ä",
+)
 CASES = {
+    "decibels in an encoding": (
+        {"x.csv": PEGEL},
+        {"#encoding": "mac_roman", "#scale": "dB", "[data-role=response]": "Antwort"},
+        ["--encoding", "mac_roman", "--unit", "dB", "--columns", "response=Antwort"],
+    ),
     "intensities": (
         {"x.csv": GRAMS},
         {"#stimuli-kind": "intensity", "#first": "A (g)", "#second": "B (g)"}
@@ -802,43 +751,38 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_fields_become_the_options_of_the_command(browser, server, tmp_path, case):
+def test_fields_become_the_options_of_the_command(opened, tmp_path, case):
     contents, fields, words = CASES[case]
     for name, content in contents.items():
-        (tmp_path / name).write_text(content, encoding="utf-8")
-    opened = Page(browser, server)
+        (tmp_path / name).write_text(content, encoding="mac_roman")
+    page = opened.page
     opened.add(*tmp_path.iterdir())
-    opened.page.click("#others summary")
+    page.click("#others summary")
     for selector, value in fields.items():
-        field = opened.page.locator(selector)
-        if selector in ("#where-text", "#unit", "#reference", "#wide"):
-            field.fill(value)
-            field.press("Tab")
+        if selector in ("#where-text", "#unit", "#reference", "#wide", "#encoding"):
+            page.fill(selector, value)
+            page.press(selector, "Tab")
+            opened.settle()
         else:
-            field.select_option(value)
-        opened.settle()
-    assert opened.page.locator(".question:not(.decision)").all_inner_texts() == []
-    job = opened.page.url.partition("#")[2]
-    command = shlex.split(server.state(f"/api/jobs/{job}")["command"])
-    assert sorted(command[command.index("--seed") + 2 :]) == sorted(words)
-    opened.page.reload()
-    opened.page.locator("#go:enabled").wait_for()
-    visible = {name: opened.page.locator(name).input_value() for name in fields}
-    assert visible == fields
-    assert opened.close() == []
+            opened.choose((selector, value))
+    assert page.locator(".question:not(.decision)").all_inner_texts() == []
+    _, _, typed = opened.study()["command"].partition("--seed")
+    assert sorted(shlex.split(typed)[1:]) == sorted(words)
+    page.reload()
+    page.locator("#go:enabled").wait_for()
+    assert {name: page.input_value(name) for name in fields} == fields
 
 
 @pytest.mark.parametrize("width, scheme", [(1200, "light"), (400, "dark")])
 def test_no_screen_is_pushed_sideways(browser, server, tmp_path, width, scheme):
     opened = Page(browser, server, width, color_scheme=scheme)
-    opened.add(trials(tmp_path / f"{'a_long_name_of_a_study_' * 2}{scheme}_{width}.csv"))
+    opened.add(trials(tmp_path / f"{'a_long_name_of_a_study_' * 2}{scheme}.csv"))
     assert opened.wide() <= width
-    opened.page.click("[data-field=stimuli] button")
-    opened.settle()
-    opened.page.locator("[data-field=meaning] button", has_text="second").click()
-    opened.settle()
+    for button in ("[data-field=stimuli] button", "[data-field=meaning] button"):
+        opened.page.locator(button, has_text="second").click()
+        opened.settle()
     opened.page.locator("#others summary").click()
     assert opened.wide() <= width
     colour = opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
     assert colour == {"light": "rgb(255, 255, 255)", "dark": "rgb(23, 24, 27)"}[scheme]
-    assert opened.close() == []
+    opened.close()

@@ -24,7 +24,7 @@ POSIX = pytest.mark.skipif(
 )
 
 
-def put(folder, files):
+def create(folder, files):
     """Write texts, and make the folders whose names end in a slash."""
     for name, text in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -66,7 +66,7 @@ def write(path, text, *, overwrite=False, meanwhile=int):
 def produce(path, files, *, overwrite=False, names=NAMES, meanwhile=int):
     """Write a folder whole."""
     with whole_folder(path, names, overwrite=overwrite) as folder:
-        put(folder, files)
+        create(folder, files)
         meanwhile()
 
 
@@ -86,20 +86,20 @@ def test_a_file_appears_whole_and_a_look_beforehand_leaves_nothing(tmp_path, mon
 
 
 def test_a_file_that_exists_or_appears_meanwhile_is_kept(tmp_path):
-    put(tmp_path, {"a.csv": "mine"})
+    create(tmp_path, {"a.csv": "mine"})
     (tmp_path / "link").symlink_to(tmp_path / "nowhere")
     for name in ("a.csv", "link"):
         with pytest.raises(OutputError, match=rf"{name}: exists; overwrite=True replaces it$"):
             write(tmp_path / name, "new", meanwhile=BEFORE_WORK)
     with pytest.raises(OutputError, match=r"b\.csv: exists"):
-        write(tmp_path / "b.csv", "new", meanwhile=lambda: put(tmp_path, {"b.csv": "theirs"}))
+        write(tmp_path / "b.csv", "new", meanwhile=lambda: create(tmp_path, {"b.csv": "theirs"}))
     assert tree(tmp_path) == {"a.csv": "mine", "b.csv": "theirs"}
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_failure_leaves_everything_as_it_was(tmp_path, error):
     earlier = {"b": "old", "out/table.csv": "1", "out/corner/a.png": "1", "new/theirs": "x"}
-    put(tmp_path, earlier)
+    create(tmp_path, earlier)
     for name in ("b", "new/deep/a.csv"):
         with pytest.raises(error):
             write(tmp_path / name, "half", overwrite=True, meanwhile=failing(error()))
@@ -122,7 +122,7 @@ def test_failure_leaves_everything_as_it_was(tmp_path, error):
 )
 def test_impossible_places_are_one_line(tmp_path, name, reason):
     earlier = {"folder/": "", "file.txt": "x"}
-    put(tmp_path, earlier)
+    create(tmp_path, earlier)
     for action in (
         lambda path: write(path, "x", overwrite=True),
         lambda path: require_writable(path, overwrite=False),
@@ -158,9 +158,9 @@ def test_a_place_without_permission_is_one_line_before_the_work(tmp_path, monkey
 def test_what_a_killed_process_has_left_goes_and_all_else_stays(tmp_path):
     with unfinished(tmp_path) as ours:
         of_dead = ours.with_name(ours.name.replace(f"-{os.getpid()}-", "-999999999-"))
-        of_others = of_dead.with_name(of_dead.name.replace(HIDDEN, f"{HIDDEN}elsewhere"))
-        put(tmp_path, {f"{of_dead.name}/a.csv": "half", f"{of_others.name}/": ""})
-        put(tmp_path, {f"{HIDDEN}mine": "mine", "theirs/a.csv": "1"})
+        elsewhere = of_dead.with_name(of_dead.name.replace(HIDDEN, f"{HIDDEN}elsewhere"))
+        create(tmp_path, {f"{of_dead.name}/a.csv": "half", f"{elsewhere.name}/": ""})
+        create(tmp_path, {f"{HIDDEN}mine": "mine", "theirs/a.csv": "1"})
         of_dead.with_name(f"{of_dead.name[:-1]}x").symlink_to(tmp_path / "theirs")
         earlier = {*tmp_path.iterdir()}
         require_writable(tmp_path / "a.csv", overwrite=False)
@@ -183,14 +183,14 @@ def test_only_regular_files_are_replaced_and_their_permissions_stay(tmp_path):
 
 
 def test_each_file_is_whole_after_an_end_between_two_replacements(tmp_path, monkeypatch):
-    put(tmp_path, dict.fromkeys(("a.csv", "b.csv"), "old"))
+    create(tmp_path, dict.fromkeys(("a.csv", "b.csv"), "old"))
     new = dict.fromkeys(("a.csv", "b.csv"), "new")
-    place = whole_files._put_in_place
+    replace_file = whole_files._put_in_place
 
     def ended(source, final):
         if final.name == "b.csv":
             raise KeyboardInterrupt
-        place(source, final)
+        replace_file(source, final)
 
     with monkeypatch.context() as patch:
         patch.setattr(whole_files, "_put_in_place", ended)
@@ -205,7 +205,7 @@ def test_content_is_on_the_disk_before_a_file_takes_its_name(tmp_path, monkeypat
     steps = []
     replace = os.replace
     monkeypatch.setattr(os, "fsync", lambda _: steps.append("fsync"))
-    monkeypatch.setattr(os, "replace", lambda *of: (steps.append("replace"), replace(*of)))
+    monkeypatch.setattr(os, "replace", lambda *paths: (steps.append("replace"), replace(*paths)))
     write(tmp_path / "a.csv", "1")
     produce(tmp_path / "out", {"table.csv": "1", "corner/a.png": "1"})
     assert steps == ["fsync", "replace", "fsync", "fsync", "replace"]
@@ -219,7 +219,7 @@ def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
     is_early = []
     produce(out, files, meanwhile=lambda: is_early.append(out.exists()))
     assert (is_early, tree(out)) == ([False], files)
-    put(out, {"corner/mine.png": "mine"})
+    create(out, {"corner/mine.png": "mine"})
     produce(out, {"corner/a.png": "b"}, overwrite=True)
     assert tree(out) == {"corner/a.png": "b", "corner/mine.png": "mine"}  # no longer table.csv
     produce(out, {"evidence.csv": "1"}, names=["evidence.csv"])  # another command
@@ -236,7 +236,7 @@ def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
     ],
 )
 def test_existing_names_are_refused_before_any_work(tmp_path, existing, sentence):
-    put(tmp_path, dict.fromkeys(existing, ""))
+    create(tmp_path, dict.fromkeys(existing, ""))
     earlier = tree(tmp_path)
     message = f"{tmp_path}: already holds {sentence}; overwrite=True replaces it"
     with pytest.raises(OutputError, match=f"^{re.escape(message)}$"):
@@ -247,8 +247,8 @@ def test_existing_names_are_refused_before_any_work(tmp_path, existing, sentence
 def test_what_is_named_and_no_longer_produced_goes_and_all_else_stays(tmp_path):
     out, names = tmp_path / "out", ("table.csv", "corner", "corner/a.png", "folder.csv", "link/a")
     files = {"table.csv": "1", "corner/a.png": "1", "corner/b.png": "1", "folder.csv/": ""}
-    put(tmp_path, {"elsewhere/a": "mine"})
-    put(out, files)
+    create(tmp_path, {"elsewhere/a": "mine"})
+    create(out, files)
     (out / "link").symlink_to(tmp_path / "elsewhere")
     produce(out, {}, names=names, overwrite=True)
     assert tree(tmp_path / "elsewhere") == {"a": "mine"}
@@ -261,10 +261,10 @@ def test_what_is_named_and_no_longer_produced_goes_and_all_else_stays(tmp_path):
 def test_what_others_put_there_or_delete_meanwhile_is_no_success(tmp_path):
     files, theirs = {"corner/a.png": "new", "table.csv": "new"}, {"table.csv": "theirs"}
     with pytest.raises(OutputError, match=r"table\.csv: exists"):
-        produce(tmp_path, files, meanwhile=lambda: put(tmp_path, theirs))
+        produce(tmp_path, files, meanwhile=lambda: create(tmp_path, theirs))
     assert tree(tmp_path) == theirs
     out = tmp_path / "out"
-    produce(out, {"table.csv": "1"}, meanwhile=lambda: put(out, {"mine.txt": "m"}))
+    produce(out, {"table.csv": "1"}, meanwhile=lambda: create(out, {"mine.txt": "m"}))
     assert tree(out) == {"mine.txt": "m", "table.csv": "1"}
     no_file = pytest.raises(OutputError, match=r"(out|a\.csv): cannot be written \(No such file")
     with no_file, whole_folder(out, NAMES, overwrite=True) as new:
@@ -276,7 +276,7 @@ def test_what_others_put_there_or_delete_meanwhile_is_no_success(tmp_path):
 
 @pytest.mark.parametrize("occupied", ["table.csv/mine", "corner"])
 def test_a_folder_in_place_of_a_file_and_a_file_in_place_of_a_folder_stay(tmp_path, occupied):
-    put(tmp_path, {occupied: "mine"})
+    create(tmp_path, {occupied: "mine"})
     with pytest.raises(OutputError, match=occupied.partition("/")[0]):
         produce(tmp_path, {"table.csv": "t", "corner/a.png": "a"}, overwrite=True)
     assert tree(tmp_path) == {occupied: "mine"}
