@@ -14,6 +14,7 @@ import os
 import secrets
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -24,7 +25,6 @@ from pathlib import Path
 from typing import IO, Any
 
 from tornado.httpserver import HTTPServer
-from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 
 from bayes_toe.app.job import (
@@ -366,14 +366,16 @@ def serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
 
 async def _serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
     try:
-        sockets = bind_sockets(port, ADDRESS)
+        listening = socket.create_server((ADDRESS, port))
     except OSError as error:
+        reason = os.strerror(error.errno or 0)
         raise InputError(
-            f"port {port}: cannot be used ({error.strerror}); --port 0 takes a free one"
+            f"port {port}: cannot be used ({reason}); --port 0 takes a free one"
         ) from None
-    site = Site(home, sockets[0].getsockname()[1])
+    listening.setblocking(False)
+    site = Site(home, listening.getsockname()[1])
     server = HTTPServer(application(site), max_body_size=LARGEST_UPLOAD)
-    server.add_sockets(sockets)
+    server.add_socket(listening)
     signals: asyncio.Queue[int] = asyncio.Queue()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         asyncio.get_running_loop().add_signal_handler(number, signals.put_nowait, number)

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from commands import good, inside, refused
 from conftest import few_pairs, grouped_csv, known_observers
-from processes import members, needs_proc, start, until, until_gone, workers
+from processes import needs_proc, start, until, until_gone
 
 import bayes_toe as bt
 from bayes_toe.workers import Failed
@@ -61,43 +61,15 @@ def listening(running):
     return int(caught, 16) >> (signal.SIGTERM - 1) & 1
 
 
-def sampling(running):
-    return workers(running.pid)
-
-
 @needs_proc
-@pytest.mark.parametrize(
-    "send, number, moment",
-    [
-        (os.kill, signal.SIGTERM, listening),
-        (
-            os.killpg,
-            signal.SIGINT,
-            sampling,
-        ),  # of a terminal to all processes, one of which says so
-    ],
-)
-def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(
-    folder, send, number, moment
-):
-    line = "run study.csv -o out --seed 1 --workers 2 --draws 100"
-    running = start(*line.split(), cwd=folder)
-    until(lambda: moment(running), running)
-    try:
-        send(running.pid, number)
-        until_gone(running.pid)
-        errors = running.communicate()[1]
-    finally:
-        for pid in members(running.pid):
-            os.kill(pid, signal.SIGKILL)
-    n_stored = len(list(folder.glob("out.partial/*.result")))
-    stored, files = "", ["study.csv"]
-    if n_stored:
-        stored = f": {n_stored} of 2 subjects are saved in out.partial; type --resume to continue"
-        files = ["out.partial", "study.csv"]
-    assert errors == f"stopped by {number.name}{stored}\n"
-    assert running.returncode == 128 + number
-    assert sorted(path.name for path in folder.iterdir()) == files
+def test_a_signal_before_the_work_ends_a_command_with_one_line(folder):
+    running = start(*["run", "study.csv", "-o", "out", "--seed", "1"], cwd=folder)
+    until(lambda: listening(running), running)
+    running.terminate()
+    until_gone(running.pid)
+    assert running.communicate()[1] == "stopped by SIGTERM\n"
+    assert running.returncode == 128 + signal.SIGTERM
+    assert [path.name for path in folder.iterdir()] == ["study.csv"]
 
 
 @pytest.fixture
@@ -107,21 +79,29 @@ def four(tmp_path):
     return tmp_path
 
 
-def test_a_command_that_is_killed_and_resumed_is_as_another(four):
-    options = "--seed 1 --draws 100 --model none --workers 1"
+@needs_proc
+def test_a_command_that_is_interrupted_then_killed_and_resumed_is_as_another(four):
+    options = "--seed 1 --draws 100 --model none --workers"
     line = f"sample study.csv -o posterior.nc {options}"
-    running = start(*line.split(), cwd=four)
-    until(lambda: len(list(four.glob("*.partial/*.result"))) >= 2, running)
-    running.kill()
-    running.communicate()
-    until_gone(running.pid)
-    message = refused(line, cwd=four)
-    if not (four / "posterior.nc").exists():
-        assert "--resume continues it, --overwrite" in message
-        screen = good(f"{line} --resume", cwd=four)
-        assert "of 4 subjects taken from posterior.nc.partial" in screen
+    codes, errors = [], []
+    # To all processes, as a terminal does; and to the command alone.
+    for n_stored, send, number, resume in (
+        (1, os.killpg, signal.SIGINT, ""),
+        (2, os.kill, signal.SIGKILL, " --resume"),
+    ):
+        running = start(*f"{line} 2{resume}".split(), cwd=four)
+        until(lambda n=n_stored: len(list(four.glob("*.partial/*.result"))) >= n, running)
+        send(running.pid, number)
+        until_gone(running.pid)
+        codes.append(running.returncode or running.wait())
+        errors.append(running.communicate()[1])
+        assert "--resume continues it, --overwrite" in refused(f"{line} 1", cwd=four)
+    assert codes == [128 + signal.SIGINT, -signal.SIGKILL]
+    stored = r"stopped by SIGINT: \d of 4 subjects are saved in posterior.nc.partial; type --resume"
+    assert re.match(stored, errors[0])
+    assert "of 4 subjects taken from posterior.nc.partial" in good(f"{line} 1 --resume", cwd=four)
     assert sorted(path.name for path in four.iterdir()) == ["posterior.nc", "study.csv"]
-    good(f"sample study.csv -o calm.nc {options}", cwd=four)
+    good(f"sample study.csv -o calm.nc {options} 1", cwd=four)
     assert (four / "posterior.nc").read_bytes() == (four / "calm.nc").read_bytes()
 
 
