@@ -591,7 +591,7 @@ def test_answers_belong_to_their_study_while_another_is_on_its_way_and_a_failure
     two = page.url.partition("#")[2]
     page.route("**/options", hold)
     page.select_option("#decimal", ",")
-    page.select_option("select[data-role=session]", "answer")
+    page.select_option("select[data-role=subject]", "answer")
     page.evaluate("document.querySelector('#studies').open = true")
     page.get_by_role("link", name="one.csv").click()
     page.get_by_text("one.csv: first of").wait_for()
@@ -599,7 +599,7 @@ def test_answers_belong_to_their_study_while_another_is_on_its_way_and_a_failure
     assert sent == [{"decimal": ","}]
     held[0].continue_()
     opened.settle()
-    answers = {"decimal": ",", "columns": {"session": "answer"}}
+    answers = {"decimal": ",", "columns": {"subject": "answer"}}
     assert server.state(f"/api/jobs/{two}")["options"] == answers
     assert (len(sent), opened.study()["options"]) == (3, {"decimal": "."})
     page.route("**/options", lambda route: route.fulfill(status=507, body='{"problem": "full"}'))
@@ -653,7 +653,7 @@ def test_all_studies_that_are_not_analysed_are_deleted_together(opened):
     page.on("dialog", lambda dialog: (questions.append(dialog.message), dialog.accept()))
     page.reload()
     page.click("#clear")
-    page.wait_for_function("document.activeElement.id === 'start-title'")
+    page.locator("#start-title:focus").wait_for()
     assert questions == ["Delete 2 studies that are not analysed?"]
     assert deleted == ["/api/jobs/a/delete", "/api/jobs/b/delete"]
 
@@ -692,8 +692,8 @@ PEGEL = rows(
 CASES = {
     "decibels in an encoding": (
         {"x.csv": PEGEL},
-        {"#encoding": "mac_roman", "#scale": "dB", "[data-role=response]": "Antwort"},
-        ["--encoding", "mac_roman", "--unit", "dB", "--columns", "response=Antwort"],
+        {"#encoding": "mac_roman", "#scale": "dB"},
+        ["--encoding", "mac_roman", "--unit", "dB"],
     ),
     "intensities": (
         {"x.csv": GRAMS},
