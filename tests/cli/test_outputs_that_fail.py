@@ -6,7 +6,6 @@ One line, exit code 2, what was there before is there; no traceback, no crash.
 import errno
 import os
 import resource
-import shutil
 import subprocess
 
 import pytest
@@ -67,17 +66,6 @@ def test_if_one_of_two_files_cannot_be_written_none_is_replaced(tmp_path, monkey
     assert "error: b.csv: cannot be written (No space left on device)" in one_line(finished)
     assert [file.read_text() for file in files] == ["old", "old"]
     assert sorted(tmp_path.iterdir()) == files
-
-
-def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(
-    study_folder, tmp_path, monkeypatch, blank_pictures
-):
-    (tmp_path / "out").mkdir()
-    line = f"run {study_folder}/study.csv -o {tmp_path}/out --draws 100 {ONE_WORKER} --figures none"
-    monkeypatch.setattr(
-        "bayes_toe.cli.results_folder.write_report", lambda *_: shutil.rmtree(tmp_path / "out")
-    )
-    assert "out: cannot be written (No such file or directory)" in one_line(inside(line))
 
 
 def test_closed_and_full_streams_cost_no_results(tmp_path):
