@@ -1,9 +1,9 @@
 """Results of subjects in a folder until all are there, so that a stopped command can resume.
 
-Each result is a file of its own, complete by itself. The file is named after the hash of its job:
-the counts, the settings, the seed and the versions of the libraries. A file that is damaged is
-computed again, and one of another job is not used. Files are written by pickle, but reading makes
-only arrays and records of this package, so nothing in a file can be run.
+Each result is a file of its own, complete by itself. The file has the hash of its job as name and
+inside: of the counts, the settings, the seed and the versions of the libraries. A file that is
+damaged, or of another job, is computed again. Files are written by pickle, but reading makes only
+arrays and records of this package, so nothing in a file can be run.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import os
 import pickle
 import platform
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import is_dataclass, replace
 from enum import Enum
 from functools import cache, partial
@@ -110,8 +110,7 @@ def run_stored(
             if stored is not None:
                 results[index] = stored["result"]
                 report_progress(progress, [names[index]])
-        n_damaged = sum(file.exists() for file in files.values()) - len(results)
-        under_way[path] = Standing(len(jobs), len(results), len(results), n_damaged)
+        under_way[path] = Standing(len(jobs), len(results), len(results))
 
     missing = [index for index in range(len(jobs)) if index not in results]
     batches = in_batches(missing, batch, workers)
@@ -131,7 +130,7 @@ def run_stored(
 def _write(file: Path, seed: int, result: object) -> None:
     """Store a result, which then counts as done."""
     with reporting(file.parent, hidden=file):
-        write_whole(file, pickle.dumps({"seed": seed, "result": result}))
+        write_whole(file, pickle.dumps({"job": file.stem, "seed": seed, "result": result}))
     standing = under_way[file.parent]
     under_way[file.parent] = replace(standing, done=standing.done + 1)
 
@@ -163,14 +162,12 @@ def discard(folder: Path) -> None:
 
 
 def _read(file: Path) -> dict[str, Any] | None:
-    """The seed and the result in a file; None where there is none, or the file is damaged."""
-    if not file.is_file():
-        return None
-    try:
+    """The seed and the result in a file; None where there is none, or those of another job."""
+    with suppress(Exception):  # A damaged file can raise anything.
         stored: dict[str, Any] = _Records(io.BytesIO(file.read_bytes())).load()
-        return {"seed": root_seed(stored["seed"]), "result": stored["result"]}
-    except Exception:  # A damaged file can raise anything.
-        return None
+        if stored["job"] == file.stem:
+            return {"seed": root_seed(stored["seed"]), "result": stored["result"]}
+    return None
 
 
 class _Records(pickle.Unpickler):

@@ -63,9 +63,7 @@ def write_calibration(found: Calibration, folder: str | Path, *, overwrite: bool
             "evidence_reliability": reliability_figure(found),
             "evidence_differences": differences_figure(found),
         }
-    with whole_folder(
-        folder, PRODUCTS, required=("calibration.md",), overwrite=overwrite
-    ) as target:
+    with whole_folder(folder, PRODUCTS, overwrite=overwrite) as target:
         (target / "calibration.md").write_text(_text(found) + "\n", encoding="utf-8")
         for stem, table in tables.items():
             write_table(table, target / f"{stem}.csv")

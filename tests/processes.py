@@ -27,11 +27,6 @@ def start(*args, cwd, **options):
     )
 
 
-def workers(session):
-    """Worker processes of a command, by its session: they stay in it when their parent is gone."""
-    return [pid for pid, line in members(session).items() if "popen_loky" in line]
-
-
 def workers_of(parent):
     """Worker processes that a process has begun."""
     return [

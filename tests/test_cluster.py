@@ -45,65 +45,53 @@ def client(dask):
         yield built
 
 
-@pytest.fixture(scope="module")
-def two():
-    return few_pairs("AB")
+TWO = few_pairs("AB")
 
 
 def tasks_of(client):
     return client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
 
 
-def test_numbers_are_those_of_this_process(client, two, tmp_path):
-    existing, local = (
-        bt.sample(two, model="none", draws=300, seed=1, workers=workers) for workers in (client, 1)
+def test_numbers_are_those_of_this_process(client, tmp_path):
+    remote, local = (
+        bt.sample(TWO, model="none", draws=300, seed=1, workers=workers) for workers in (client, 1)
     )
-    existing.save(tmp_path / "draws.nc")  # beside a client that is the session's
+    remote.save(tmp_path / "draws.nc")  # beside a client that is the session's
     for group in ("posterior", "sample_stats"):
         xr.testing.assert_identical(bt.load(tmp_path / "draws.nc").group(group), local.group(group))
-
-
-def test_results_do_not_stay_there(client):
-    jobs = [partial(slow, k, 0.1) for k in range(20)]
-    assert run_in_order(jobs, client, None, [()] * 20) == [*range(20)]
-    until(lambda: tasks_of(client) == 0)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.05])
 def test_an_interrupt_cancels_what_is_there(client, delay):
     """Wherever it comes: while jobs are handed over, waited for or fetched."""
-    press, sentence = Timer(delay, interrupt_main), []
+    press, heard = Timer(delay, interrupt_main), []
 
     def progress(name):
-        sentence.append(name)
-        if len(sentence) == 1:
+        heard.append(name)
+        if len(heard) == 1:
             press.start()
 
-    with pytest.raises(
-        KeyboardInterrupt
-    ) as error:  # which keeps what was under way, as a session does
+    # The traceback keeps what was under way, as a session does.
+    with pytest.raises(KeyboardInterrupt) as error:
         run_in_order([partial(slow, k, 0.05) for k in range(500)], client, progress, [("",)] * 500)
     until(lambda: tasks_of(client) == 0)
     assert error.tb is not None
 
 
-def test_every_worker_has_one_blas_thread_and_a_large_job_is_no_reason_to_warn(client):
-    observed = run_in_order(
-        [blas_threads, blas_threads, partial(len, bytes(11_000_000))], client, None, [()] * 3
-    )
-    assert [set(observed[0]), set(observed[1]), observed[2]] == [{1}, {1}, 11_000_000]
+def test_workers_have_one_blas_thread_take_large_jobs_and_keep_no_results(client):
+    jobs = [blas_threads, blas_threads, partial(len, bytes(11_000_000))]
+    first, second, size = run_in_order(jobs, client, None, [()] * 3)
+    assert ({*first, *second}, size) == ({1}, 11_000_000)
+    until(lambda: tasks_of(client) == 0)
 
 
-@pytest.fixture
-def other_version(monkeypatch):
-    """This process has another version than the cluster."""
+def test_a_worker_refuses_work_of_another_version(client, monkeypatch):
     other = {**cluster.versions(), "bayes_toe": "9.9"}
     monkeypatch.setattr(cluster, "versions", lambda: other)
-    return r" has bayes_toe [\d.]+, this process 9\.9: they have to be the same$"
-
-
-def test_a_worker_refuses_work_of_another_version(client, other_version):
-    with pytest.raises(InputError, match=r"^the worker on \S+" + other_version):
+    message = (
+        r"^the worker on \S+ has bayes_toe [\d.]+, this process 9\.9: they have to be the same$"
+    )
+    with pytest.raises(InputError, match=message):
         run_in_order([partial(slow, 1, 0.1)], client, None, [()])
 
 
@@ -113,55 +101,46 @@ def test_errors_of_a_job_are_those_of_this_process(client):
 
 
 @pytest.mark.parametrize("workers", ["4", 2.5, object()])
-def test_what_is_no_client_is_refused(two, workers):
-    with pytest.raises(
-        InputError, match=r"allowed is a number of processes from 1, or a distributed\.Client"
-    ):
-        bt.sample(two, workers=workers)
+def test_what_is_no_client_is_refused(workers):
+    message = r"allowed is a number of processes from 1, or a distributed\.Client"
+    with pytest.raises(InputError, match=message):
+        bt.sample(TWO, workers=workers)
 
 
-def test_a_closed_client_is_refused(dask, two):
+def test_a_closed_client_is_refused(dask):
     with distributed.Client(dask, set_as_default=False) as closed:
         pass
     with pytest.raises(WorkerError, match=r"^the Dask client is closed$"):
-        bt.sample(two, workers=closed)
+        bt.sample(TWO, workers=closed)
 
 
 # --- commands -------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def folder(tmp_path, two):
-    grouped_csv(tmp_path / "study.csv", two)
-    return tmp_path
-
-
-def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
+def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, tmp_path):
+    grouped_csv(tmp_path / "study.csv", TWO)
     line = "fit study.csv --replicates 20 --seed 1"
-    screen = good(f"{line} -o there.csv --dask {dask.scheduler_address}", cwd=folder)
+    screen = good(f"{line} -o there.csv --dask {dask.scheduler_address}", cwd=tmp_path)
     assert f"Workers: 2 at {dask.scheduler_address}" in screen
-    good(f"{line} -o here.csv --workers 1", cwd=folder)
-    assert (folder / "there.csv").read_bytes() == (folder / "here.csv").read_bytes()
+    good(f"{line} -o here.csv --workers 1", cwd=tmp_path)
+    assert (tmp_path / "there.csv").read_bytes() == (tmp_path / "here.csv").read_bytes()
 
 
 @pytest.mark.parametrize(
     "options, message",
     [
-        ("--dask tcp://127.0.0.1:1 --workers 2", "--workers 2 and --dask exclude each other."),
+        ("tcp://127.0.0.1:1 --workers 2", "--workers 2 and --dask exclude each other."),
+        ("nonsense", "no Dask scheduler at 'nonsense': missing port number in address 'nonsense'"),
         (
-            "--dask nonsense",
-            "no Dask scheduler at 'nonsense': missing port number in address 'nonsense'",
-        ),
-        (
-            "--dask tcp://127.0.0.1:1",
+            "tcp://127.0.0.1:1",
             "no Dask scheduler at 'tcp://127.0.0.1:1': no answer within 0.5 s",
         ),
     ],
 )
-def test_an_engine_that_cannot_be_had_is_one_line(folder, options, message, monkeypatch):
+def test_an_engine_that_cannot_be_had_is_one_line(tmp_path, options, message, monkeypatch):
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
-    line = f"fit study.csv -o fit.csv {options}"
-    assert refused(line, cwd=folder, silent=False) == f"error: {message}\n"
+    line = f"fit --example -o fit.csv --dask {options}"
+    assert refused(line, cwd=tmp_path, silent=False) == f"error: {message}\n"
 
 
 def test_what_listens_and_is_no_scheduler_is_refused(client, monkeypatch):

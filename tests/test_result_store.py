@@ -30,45 +30,26 @@ def test_what_is_no_seed_is_refused_in_one_line(small_study, seed, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.fixture
-def computed(monkeypatch):
-    """How many jobs are computed, call by call."""
-    counts = []
-
-    def counted(jobs, workers):
-        counts.append(sum(len(job.args[-1]) for job in jobs))
-        return run_jobs(jobs, workers)
-
-    monkeypatch.setattr(result_store, "run_jobs", counted)
-    return counts
-
-
 def interrupted(jobs, workers):
     """The work ends as by a signal after one batch."""
     yield next(run_jobs(jobs, workers))
     raise KeyboardInterrupt
 
 
-@pytest.fixture(scope="module")
-def few():
-    return known_observers("AB")
-
-
-QUICK = {"draws": 100, "workers": 1}
-NONE = {"model": "none", "seed": 3, **QUICK}
-
-
-def test_an_interrupted_call_goes_on_to_the_same_bits(few, tmp_path, monkeypatch):
-    calm = bt.run(few, seed=3, **QUICK)
+def test_an_interrupted_call_goes_on_to_the_same_bits_and_another_call_does_not(
+    tmp_path, monkeypatch
+):
+    few, quick = known_observers("AB"), {"draws": 100, "workers": 1}
+    calm = bt.run(few, seed=3, **quick)
     with monkeypatch.context() as patch:
         patch.setattr(result_store, "run_jobs", interrupted)
         patch.setattr("bayes_toe.analysis.BATCH", 1)
         with pytest.raises(KeyboardInterrupt):
-            bt.run(few, seed=3, keep=tmp_path / "kept", **QUICK)
-    assert len(stored_files(tmp_path / "kept")) == 1
+            bt.run(few, seed=3, keep=tmp_path, **quick)
+    assert len(stored_files(tmp_path)) == 1
     names = []
     # With the seed that is stored there.
-    resumed = bt.run(few, keep=tmp_path / "kept", progress=names.append, **QUICK)
+    resumed = bt.run(few, keep=tmp_path, progress=names.append, **quick)
     assert sorted(names) == ["A", "B"]
     xr.testing.assert_identical(resumed.draws.tree, calm.draws.tree)
     assert resumed.evidence.frame(full=True).equals(calm.evidence.frame(full=True))
@@ -76,17 +57,29 @@ def test_an_interrupted_call_goes_on_to_the_same_bits(few, tmp_path, monkeypatch
     # Ranks of draws that differ by a rounding.
     pd.testing.assert_frame_equal(calm.summary(), calm.draws.summary(), rtol=1e-5)
 
-
-def test_only_the_same_job_is_taken(few, tmp_path, monkeypatch, computed):
     half = replace(few["B"], n_yes=few["B"].n_yes // 2)
-    other_counts = replace(few, subjects=(few["A"], half))
-    calls = [(few, {}), (few, {}), (few, {"seed": 4}), (few, {"model": "constant-error"})]
-    calls += [(few, {"prior": "paper"}), (other_counts, {})]
-    for study, changes in calls:
-        bt.sample(study, **{**NONE, "keep": tmp_path, **changes})
+    calls = [({}, few, 0), ({"seed": 4}, few, 2), ({"prior": "paper"}, few, 2)]
+    calls.append(({}, replace(few, subjects=(few["A"], half)), 1))
+    for changes, study, n_missing in calls:
+        assert n_computed(monkeypatch, study, keep=tmp_path, **quick, **changes) == n_missing
     monkeypatch.setattr(result_store, "versions", lambda: ("other",))
-    bt.sample(few, keep=tmp_path, **NONE)
-    assert computed == [2, 0, 2, 2, 2, 1, 2]
+    assert n_computed(monkeypatch, few, keep=tmp_path, seed=3, **quick) == 2
+
+
+def n_computed(monkeypatch, study, **options):
+    """How many jobs a call computes; it ends before it does."""
+    counts = []
+
+    def counted(jobs, workers):
+        counts.append(len(jobs))
+        raise KeyboardInterrupt
+        yield
+
+    with monkeypatch.context() as patch:
+        patch.setattr(result_store, "run_jobs", counted)
+        with pytest.raises(KeyboardInterrupt):
+            bt.run(study, **options)
+    return counts[0]
 
 
 class Call:
@@ -97,28 +90,6 @@ class Call:
 
     def __reduce__(self):
         return self.call
-
-
-def foreign(value):
-    return pickle.dumps({"seed": 3, "result": value})
-
-
-@pytest.mark.parametrize(
-    "content",
-    [b"", b"cut", pickle.dumps(3), foreign(Call(print)), foreign(Call(run_jobs, [], 1))],
-    ids=["empty", "cut", "no record", "a function", "a function of ours"],
-)
-def test_a_damaged_or_foreign_file_is_computed_again(few, tmp_path, computed, content):
-    first = bt.sample(few, keep=tmp_path, **NONE)
-    file = stored_files(tmp_path)[0]
-    original = file.read_bytes()
-    if content == b"cut":
-        content = original[: len(original) // 2]
-    file.write_bytes(content)
-    again = bt.sample(few, keep=tmp_path, **NONE)
-    xr.testing.assert_identical(again.tree, first.tree)
-    assert computed == [2, 1]
-    assert file.read_bytes() == original
 
 
 FAILURE = NumericalError("too large")
@@ -135,6 +106,19 @@ def cubes(numbers):
 def stored_cubes(numbers, folder, **options):
     settings = {"seed": 1, "folder": folder, "workers": 1, "progress": None}
     return run_stored(cubes, numbers, list(map(str, numbers)), **settings | options)
+
+
+def test_a_damaged_or_foreign_file_is_computed_again(tmp_path):
+    assert stored_cubes([2, 3], tmp_path, seed=3) == [8, 27]
+    first, second = stored_files(tmp_path)
+    original = first.read_bytes()
+    contents = [b"", original[:-9], pickle.dumps(3), second.read_bytes()]
+    for call in (Call(print), Call(run_jobs, [], 1)):
+        contents.append(pickle.dumps({"job": first.stem, "seed": 3, "result": call}))
+    for content in contents:
+        first.write_bytes(content)
+        assert stored_cubes([2, 3], tmp_path, seed=3) == [8, 27]
+        assert first.read_bytes() == original
 
 
 def test_each_result_of_a_batch_is_stored_but_that_of_a_failed_job(tmp_path):

@@ -10,6 +10,7 @@ import pytest
 from conftest import few_pairs, grouped_csv
 from processes import die, interrupted, needs_proc, slow, until, workers_of
 
+import bayes_toe as bt
 from bayes_toe.errors import NumericalError, WorkerError
 from bayes_toe.workers import run_in_order, run_jobs, without_failed
 
@@ -29,16 +30,11 @@ def test_jobs_that_failed_are_named_and_an_error_if_all_did():
 
 
 @needs_proc
-@pytest.mark.parametrize("way", ["of a job", "of who listens"])
-def test_an_interrupt_leaves_no_worker_at_work(way):
-    jobs = [
-        partial(slow, 1, 0.3),
-        partial(interrupted) if way == "of a job" else partial(slow, 2, 0.3),
-        *[partial(slow, 3, 0.3)] * 50,
-    ]
-    with pytest.raises(
-        KeyboardInterrupt
-    ) as error:  # which keeps what was under way, as a session does
+@pytest.mark.parametrize("second", [partial(interrupted), partial(slow, 2, 0.3)])
+def test_an_interrupt_of_a_job_or_of_who_listens_leaves_no_worker_at_work(second):
+    jobs = [partial(slow, 1, 0.3), second, *[partial(slow, 3, 0.3)] * 50]
+    # The traceback keeps what was under way, as a session does.
+    with pytest.raises(KeyboardInterrupt) as error:
         run_in_order(jobs, 2, lambda _: interrupted(), [("",)] * 52)
     until(lambda: not workers_of(os.getpid()))
     assert error.tb is not None
@@ -51,31 +47,33 @@ def test_who_wants_no_more_results_is_not_warned(recwarn):
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_are_in_the_order_of_the_jobs_and_progress_hears_each_name_once(workers):
-    message = []
-    names = [("a",), (), ("b", "c"), ("d",)]
-    assert run_in_order([partial(pow, 2, k) for k in range(4)], workers, message.append, names) == [
-        1,
-        2,
-        4,
-        8,
-    ]
-    assert sorted(message) == ["a", "b", "c", "d"]
+    heard, names = [], [("a",), (), ("b", "c"), ("d",)]
+    jobs = [partial(pow, 2, k) for k in range(4)]
+    assert run_in_order(jobs, workers, heard.append, names) == [1, 2, 4, 8]
+    assert sorted(heard) == ["a", "b", "c", "d"]
 
 
-def installed(line, folder):
-    """The installed command in a data folder."""
-    program = Path(sys.executable).parent / "bayes-toe"
-    return subprocess.run([program, *line.split()], cwd=folder, capture_output=True, text=True)
-
-
-def test_workers_of_a_command_run_no_file_of_the_working_directory(tmp_path):
-    """A data folder may hold a random.py or a json.py."""
-    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
+def spoil(folder):
+    """Put files into a data folder that have the names of modules of Python."""
     for name in ("random", "json", "queue", "select"):
-        (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the data folder')")
-    finished = installed("fit study.csv -o fit.csv --replicates 2 --workers 2", tmp_path)
-    assert (finished.returncode, finished.stderr) == (0, "")
-    assert "failed" not in finished.stdout
+        (folder / f"{name}.py").write_text("raise SystemExit('a file of the data folder was run')")
+
+
+def test_a_command_runs_no_file_of_a_data_folder_and_takes_no_settings_from_there(tmp_path):
+    spoil(tmp_path)
+    (tmp_path / "matplotlibrc").write_bytes(b"text.usetex: True\n\xff\xfe")
+    (tmp_path / "arvizrc").write_bytes(b"plot.backend : evil\n")
+    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
+    bt.sample(few_pairs("A"), model="none", draws=20, seed=1, workers=1).save(tmp_path / "draws.nc")
+    program = Path(sys.executable).parent / "bayes-toe"
+    for line in (
+        "fit study.csv -o fit.csv --replicates 2 --workers 2",
+        "corner draws.nc -o corner --workers 1",
+    ):
+        words = [program, *line.split()]
+        finished = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+        assert (finished.returncode, finished.stderr) == (0, ""), line
+    assert [file.name for file in (tmp_path / "corner").iterdir()] == ["A.png"]
 
 
 CALLED_FROM_A_DATA_FOLDER = """
@@ -92,27 +90,11 @@ def test_workers_of_a_script_run_no_file_of_the_working_directory(tmp_path):
     code.mkdir()
     data.mkdir()
     (code / "script.py").write_text(CALLED_FROM_A_DATA_FOLDER)
-    for name in ("random", "json", "queue", "select"):
-        (data / f"{name}.py").write_text("raise SystemExit('a file of the data folder was run')")
+    spoil(data)
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONSAFEPATH"}
     words = [sys.executable, str(code / "script.py")]
     finished = subprocess.run(words, cwd=data, capture_output=True, text=True, env=environment)
     assert (finished.stdout, finished.stderr, finished.returncode) == ("[1, 2, 4]\n", "", 0)
-
-
-def test_commands_take_no_settings_from_the_data_folder(tmp_path):
-    (tmp_path / "matplotlibrc").write_bytes(b"text.usetex: True\n")
-    (tmp_path / "arvizrc").write_bytes(b"plot.backend : evil\n")
-    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
-    sampled = installed(
-        "sample study.csv -o draws.nc --seed 1 --draws 100 --workers 2 -q", tmp_path
-    )
-    assert sampled.returncode in (0, 3)
-    drawn = installed("corner draws.nc -o corner --workers 1 -q", tmp_path)
-    assert (drawn.returncode, sampled.stderr, drawn.stderr) == (0, "", "")
-    (tmp_path / "matplotlibrc").write_bytes(b"\xff\xfe")
-    drawn = installed("corner draws.nc -o corner_again --workers 1 -q", tmp_path)
-    assert (drawn.returncode, drawn.stderr) == (0, "")
 
 
 FORKED = """

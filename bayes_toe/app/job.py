@@ -32,16 +32,13 @@ from bayes_toe.arrays import Record
 from bayes_toe.data.messages import format_path, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_table import TABLE_SUFFIXES
-from bayes_toe.data.whole_files import reporting, write_whole
+from bayes_toe.data.whole_files import reporting, whole_folder, write_whole
 from bayes_toe.errors import InputError, OutputError
-from bayes_toe.libraries import __version__
 from bayes_toe.result_store import discard, stored_files
 
 #: Files that a study may have. Files of the page have other names.
 RESULTS = "results"
 RECORD, _COMMAND, _LOG = "study", "command", "run.log"
-#: Another version may read a file in another way.
-_READING = f"reading-{__version__}"
 _STORE = f"{RESULTS}.partial"
 _LONGEST_NAME = 120  # bytes, without the suffix
 #: In the home folder, a folder with the locks of the server and of the run.
@@ -87,30 +84,21 @@ class Job:
         with suppress(InputError):
             self.record()
             return
-        self.folder.mkdir(mode=0o700, exist_ok=True)
-        for name, content in files.items():
-            (self.folder / name).write_bytes(content)
         record = {
             "files": sorted(files),
             "seed": secrets.randbelow(1_000_000),
             "options": {},
             "created": datetime.now().astimezone().isoformat(),
         }
-        self.write(RECORD, record)
+        contents = {**files, RECORD: json.dumps(record).encode()}
+        with whole_folder(self.folder, [*contents], overwrite=True) as folder:
+            folder.chmod(0o700)
+            for name, content in contents.items():
+                (folder / name).write_bytes(content)
 
     def save_options(self, options: Mapping[str, Any]) -> None:
-        """Store how the files are read; the former reading is no longer valid."""
-        self.save_reading(None)
-        self.write(RECORD, {**self.record(), "options": options})
-
-    def save_reading(self, reading: Mapping[str, Any] | None) -> None:
-        """Store what reading the files gave."""
-        self.write(_READING, reading)
-
-    def reading(self) -> Record | None:
-        """The result of reading the files; None if they were not read with these options."""
-        reading: Record | None = self._read(_READING)
-        return reading
+        """Store how the files are read."""
+        self._write(RECORD, {**self.record(), "options": options})
 
     def command(self) -> list[str]:
         """The words of the command that analyses the study, without the program's name."""
@@ -124,7 +112,6 @@ class Job:
         return {
             "id": self.name,
             **self.record(),
-            "reading": self.reading(),
             "run": self.run_state(),
             "done": len(stored_files(self.folder / _STORE)),
             "log": log.read_text(encoding="utf-8", errors="replace") if log.exists() else "",
@@ -135,7 +122,7 @@ class Job:
         """Whether the study is 'new', 'running', 'stopped', 'done', or 'changed' since its run."""
         if running(self.folder.parent)[0] == self.name:
             return "running"
-        command = self._read(_COMMAND)
+        command = self._last_command()
         if command != self.command():
             return "new" if command is None else "changed"
         return "done" if (self.folder / RESULTS / "report.html").is_file() else "stopped"
@@ -148,19 +135,17 @@ class Job:
         Raises
         ------
         InputError
-            If a study is analysed now, or a question about this one is open.
+            If a study is analysed now.
         """
-        reading, words = self.reading(), self.command()
-        if reading is None or reading["study"] is None:
-            raise InputError("A question about the file is open")
+        words = self.command()
         with _open_lock(self.folder.parent, _RUN) as lock:
             if not is_locked(lock):
                 raise InputError("Another study is being analysed. Wait for it, or stop it.")
             store = self.folder / _STORE
-            if self._read(_COMMAND) != words:
+            if self._last_command() != words:
                 discard(store)
                 shutil.rmtree(self.folder / RESULTS, ignore_errors=True)
-            self.write(_COMMAND, words)
+            self._write(_COMMAND, words)
             resume = ["--resume"] if stored_files(store) else []
             with open(self.folder / _LOG, "wb") as log:
                 process = subprocess.Popen(
@@ -190,14 +175,14 @@ class Job:
                 archive.write(path, path.relative_to(self.folder).as_posix())
             archive.writestr("command.txt", self.state()["command"])
 
-    def write(self, name: str, content: object) -> None:
+    def _write(self, name: str, content: object) -> None:
         """Write a file of ours, whole or not at all."""
         write_whole(self.folder / name, json.dumps(content).encode())
 
-    def _read(self, name: str) -> Any:
-        """The content of a file of ours; None where there is none, or a damaged one."""
+    def _last_command(self) -> Any:
+        """The words of the last run; None where there was none, or the file is damaged."""
         try:
-            return json.loads((self.folder / name).read_text(encoding="utf-8"))
+            return json.loads((self.folder / _COMMAND).read_text(encoding="utf-8"))
         except (FileNotFoundError, ValueError):
             return None
 
@@ -379,19 +364,13 @@ def _open_lock(home: Path, name: str) -> IO[str]:
 
 
 def _open_no_link(path: str, flags: int) -> int:
-    """Open a file, but not through a symbolic link, where the system can tell."""
-    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
+    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
 def is_locked(lock: IO[str]) -> bool:
-    """Whether this process has the lock now; a child that inherits the file keeps it.
+    """Whether this process has the lock now; a child that inherits the file keeps it."""
+    import fcntl  # Windows has none.
 
-    Taken for granted where there are no such locks.
-    """
-    try:
-        import fcntl
-    except ImportError:
-        return True
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

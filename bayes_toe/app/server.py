@@ -14,6 +14,7 @@ import os
 import secrets
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -24,7 +25,6 @@ from pathlib import Path
 from typing import IO, Any
 
 from tornado.httpserver import HTTPServer
-from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 
 from bayes_toe.app.job import (
@@ -66,8 +66,10 @@ class Site:
     token: str = field(default_factory=secrets.token_hex)
     #: In addresses of results: links in a report have an origin of their own, and no cookie.
     key: str = field(default_factory=secrets.token_hex)
+    #: What reading gave, by the study and its command.
+    readings: dict[tuple[str, ...], Record] = field(default_factory=dict)
     #: One reading at a time, so that the last one belongs to the last options.
-    reading: asyncio.Lock = field(default_factory=asyncio.Lock)
+    is_reading: asyncio.Lock = field(default_factory=asyncio.Lock)
     process: subprocess.Popen[bytes] | None = None  # of the run
 
     @property
@@ -85,13 +87,15 @@ class Site:
         """The name of the cookie; browsers share cookies between ports."""
         return f"bayes_toe_{self.port}"
 
-    async def read(self, job: Job, options: Record | None = None) -> None:
+    async def read(self, job: Job, options: Record | None = None) -> Record:
         """Read the files of a study in a process of its own, with new options or if need be."""
-        async with self.reading:
+        async with self.is_reading:
             if options is not None:
                 job.save_options(options)
-            if job.reading() is None:
-                job.save_reading(await read_in_process(job))
+            key = (job.name, *job.command())
+            if options is not None or key not in self.readings:
+                self.readings[key] = await read_in_process(job)
+        return self.readings[key]
 
     async def stop(self) -> None:
         """End the run, gently at first."""
@@ -170,9 +174,11 @@ class Handler(RequestHandler):
             raise HTTPError(404, reason="There is no such study")
         return job
 
-    def send_state(self, job: Job) -> None:
+    async def send_state(self, job: Job) -> None:
         """Send all that the page shows of a study."""
-        self.finish({**job.state(), "results": f"results/{self.site.key}/{job.name}/"})
+        reading = await self.site.read(job)
+        results = f"results/{self.site.key}/{job.name}/"
+        self.finish({**job.state(), "reading": reading, "results": results})
 
     def set_kind(self, name: str) -> None:
         """Say what the file is that is sent."""
@@ -237,15 +243,8 @@ class Jobs(Handler):
         dropped = self.request.files.get("files", [])
         files = named_files([(file.filename, file.body) for file in dropped])
         job = job_of(self.site.home, files)
-        is_new = not job.folder.exists()
-        try:
-            job.store(files)
-            await self.site.read(job)
-        except OSError:
-            if is_new:
-                shutil.rmtree(job.folder, ignore_errors=True)
-            raise
-        self.send_state(job)
+        job.store(files)
+        await self.send_state(job)
 
 
 class OneJob(Handler):
@@ -253,9 +252,7 @@ class OneJob(Handler):
 
     async def get(self, name: str, _: str) -> None:
         """Send all that the page shows of it."""
-        job = self.job(name)
-        await self.site.read(job)
-        self.send_state(job)
+        await self.send_state(self.job(name))
 
     async def post(self, name: str, action: str) -> None:
         """Do what a button of the page says."""
@@ -266,6 +263,9 @@ class OneJob(Handler):
                 raise InputError("The study is being analysed")
             await site.read(job, require_options(self.request.body))
         elif action == "run":
+            reading = await site.read(job)
+            if reading["study"] is None:
+                raise InputError("A question about the file is open")
             site.process = job.start()
         elif is_running:  # stop, delete
             await site.stop()
@@ -273,7 +273,7 @@ class OneJob(Handler):
             shutil.rmtree(job.folder)
             self.finish({})
         else:
-            self.send_state(job)
+            await self.send_state(job)
 
 
 class Results(Handler):
@@ -366,14 +366,16 @@ def serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
 
 async def _serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
     try:
-        sockets = bind_sockets(port, ADDRESS)
+        listening = socket.create_server((ADDRESS, port))
     except OSError as error:
+        reason = os.strerror(error.errno or 0)
         raise InputError(
-            f"port {port}: cannot be used ({error.strerror}); --port 0 takes a free one"
+            f"port {port}: cannot be used ({reason}); --port 0 takes a free one"
         ) from None
-    site = Site(home, sockets[0].getsockname()[1])
+    listening.setblocking(False)
+    site = Site(home, listening.getsockname()[1])
     server = HTTPServer(application(site), max_body_size=LARGEST_UPLOAD)
-    server.add_sockets(sockets)
+    server.add_socket(listening)
     signals: asyncio.Queue[int] = asyncio.Queue()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         asyncio.get_running_loop().add_signal_handler(number, signals.put_nowait, number)

@@ -105,7 +105,7 @@ def power(
     )
     groups = group_power(table, sizes, observer_prior(context.prior))
 
-    with whole_folder(output, products, required=products, overwrite=context.overwrite) as folder:
+    with whole_folder(output, products, overwrite=context.overwrite) as folder:
         table.save(folder / "power.csv")
         write_table(table.data_sets_frame(), folder / "power_data_sets.csv")
         if sizes:

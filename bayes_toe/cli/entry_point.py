@@ -20,8 +20,7 @@ from contextlib import suppress
 from types import FrameType
 from typing import Any
 
-from bayes_toe.data.messages import format_path
-from bayes_toe.data.whole_files import describe_stored, finished
+from bayes_toe.data.whole_files import describe_stored
 from bayes_toe.libraries import ignore_settings_of_folder
 
 _SIGNALS = tuple(
@@ -154,13 +153,9 @@ def listen() -> list[signal.Signals]:
 
 
 def say_stopped(number: int) -> None:
-    """Print on standard error what a signal has left of the command's work."""
-    written = ", ".join(format_path(path) for path in finished if os.path.lexists(path))
-    result = "nothing written"
-    if written:
-        result = f"written: {written}"
-    result = describe_stored() or result
-    print(f"stopped by {signal.Signals(number).name}: {result}", file=sys.stderr, flush=True)
+    """Print on standard error that a signal ends the command, and which results are stored."""
+    parts = [f"stopped by {signal.Signals(number).name}", describe_stored()]
+    print(": ".join(filter(None, parts)), file=sys.stderr, flush=True)
 
 
 def _ignore(signals: list[signal.Signals]) -> None:

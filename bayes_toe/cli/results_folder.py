@@ -27,18 +27,21 @@ from bayes_toe.plots.curves import fitted_figure
 from bayes_toe.plots.figure_files import png
 from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
 
-#: What a results folder has of a group and of conditions.
-GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
-CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
-#: What each results folder has beside the draws.
-ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
-#: What a results folder may hold: draws, the group, corner plots, an explorer, pages of very many
-#: subjects.
+#: What a results folder may hold: draws, tables, the group, corner plots, an explorer, pages of
+#: very many subjects.
 PRODUCTS = (
     "posterior.nc",
-    *ALWAYS,
-    *CONTRAST_PRODUCTS,
-    *GROUP_PRODUCTS,
+    "summary.csv",
+    "evidence.csv",
+    "report.html",
+    "methods.md",
+    "methods.bib",
+    "contrast.csv",
+    "contrast.png",
+    "population.csv",
+    "population_subjects.csv",
+    "population.png",
+    "population.nc",
     "corner",
     "explorer.html",
     "subjects",
@@ -98,13 +101,11 @@ def write_results(
     marked = flagged(analysis.answers, draws.not_converged)
     names = {"all": draws.names, "flagged": tuple(marked), "none": ()}[figures.subjects]
     stems = file_stems(draws.names)
-    corner_files = [f"corner/{stems[name]}.png" for name in names]
-    required = [*_required_products(analysis, figures), *corner_files]
     products = [*PRODUCTS]
     for stem in file_stems(analysis.study.names).values():
         products += [f"corner/{stem}.png", f"subjects/{stem}.html"]
     with (
-        whole_folder(folder, products, required=required, overwrite=overwrite) as new,
+        whole_folder(folder, products, overwrite=overwrite) as new,
         TemporaryDirectory(dir=new.absolute()) as pictures,
     ):
         # Absolute, since a worker may be in another folder than this process.
@@ -118,8 +119,8 @@ def write_results(
         if names:
             (target / "corner").mkdir()
         corners, curves = dict[str, Path](), dict[str, Path]()
-        for name, file in zip(names, corner_files, strict=True):
-            corners[name] = target / file
+        for name in names:
+            corners[name] = target / "corner" / f"{stems[name]}.png"
             curves[name] = Path(pictures, f"{stems[name]}.png")
         prior = analysis.settings.prior
         jobs = []
@@ -130,18 +131,6 @@ def write_results(
         run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in names])
         write_report(analysis, Facts(marked, check, curves, corners, figures.subjects), target)
     return Path(folder)
-
-
-def _required_products(analysis: Analysis, figures: FigureChoice) -> list[str]:
-    """The files of a folder besides the figures of subjects."""
-    required = ["posterior.nc", *ALWAYS]
-    if analysis.contrast is not None:
-        required += CONTRAST_PRODUCTS
-    if analysis.group is not None:
-        required += GROUP_PRODUCTS
-    if figures.explorer:
-        required.append("explorer.html")
-    return required
 
 
 def _write_tables(analysis: Analysis, folder: Path) -> None:

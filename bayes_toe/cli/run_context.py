@@ -162,9 +162,6 @@ class RunContext:
         standing = under_way.get(folder)
         if self.resume and standing is not None:
             self.out.line(f"{standing.taken} of {standing.jobs} subjects taken from {folder}")
-            if standing.damaged:
-                files = plural(standing.damaged, "damaged file")
-                self.out.line(f"{folder}: {files}; these subjects were computed again")
         if not failed:
             discard(folder)
 

@@ -138,7 +138,7 @@ def corner(
     context.require_folder(output, files)
 
     with (
-        whole_folder(output, files, required=files, overwrite=context.overwrite) as folder,
+        whole_folder(output, files, overwrite=context.overwrite) as folder,
         context.out.progress("drawing", len(figures)) as tick,
     ):
         # Absolute, since a worker may be in another folder than this process.

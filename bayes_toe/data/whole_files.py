@@ -26,11 +26,8 @@ from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import format_path, join_names
 from bayes_toe.errors import OutputError, OutputExistsError
 
-#: Beginning of the name of a folder whose files are not finished; the machine and the process
-#: follow.
+#: Beginning of the name of a folder whose files are not finished.
 HIDDEN = ".bayes_toe-"
-#: Files and folders that this process has finished; a signal handler reports them.
-finished: list[Path] = []
 
 
 @contextmanager
@@ -53,7 +50,6 @@ def whole_file(path: StrPath, *, overwrite: bool = False) -> Iterator[Path]:
             _flush(temporary)
         _refuse_taken(target, overwrite)
         _put_in_place(temporary, target)
-    _finish(target)
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -70,9 +66,7 @@ def require_writable(path: StrPath, *, overwrite: bool) -> None:
 
 
 @contextmanager
-def whole_folder(
-    path: StrPath, names: Sequence[str], *, required: Sequence[str] = (), overwrite: bool = False
-) -> Iterator[Path]:
+def whole_folder(path: StrPath, names: Sequence[str], *, overwrite: bool = False) -> Iterator[Path]:
     """A temporary folder, whose files move into `path` if the block ends well and vanish otherwise.
 
     A folder that does not exist yet takes its name in one rename; into one that exists, files move
@@ -84,32 +78,36 @@ def whole_folder(
     names : sequence of str
         Files and subfolders that may be produced. A file of these that is there and is not produced
         is removed if the caller may overwrite.
-    required : sequence of str
-        Files that must be produced, also below subfolders.
     overwrite : bool
 
     Raises
     ------
     OutputError
-        As :func:`whole_file`, and if a required file is missing.
+        As :func:`whole_file`, and if the temporary folder was deleted meanwhile.
     """
     target = Path(path)
     _refuse_taken_folder(target, names, overwrite)
     with unfinished(target if target.is_dir() else target.parent) as new:
         with reporting(target, hidden=new):
             yield new
-            _require_there(new, target, required)
+            new.stat()
             produced = [file for file in sorted(new.rglob("*")) if file.is_file()]
             for file in produced:
                 _flush(file)
-        files = [file.relative_to(new).as_posix() for file in produced]
-        if os.path.lexists(target):
-            _publish(new, target, files, overwrite)
-            for name in set(names).difference(files) if overwrite else ():
-                _remove(target, name)
-        else:
+        if not os.path.lexists(target):
             _put_in_place(new, target)
-            _finish(target)
+            return
+        names_produced = [file.relative_to(new).as_posix() for file in produced]
+        # What cannot be placed is refused before the first file moves.
+        for name in names_produced:
+            _refuse_taken(target / name, overwrite)
+        for name in names_produced:
+            with reporting(target / name):
+                (target / name).parent.mkdir(parents=True, exist_ok=True)
+            _put_in_place(new / name, target / name)
+        if overwrite:
+            for name in set(names).difference(names_produced):
+                _remove(target, name)
 
 
 def require_folder(path: StrPath, names: Sequence[str], *, overwrite: bool) -> None:
@@ -122,11 +120,6 @@ def require_folder(path: StrPath, names: Sequence[str], *, overwrite: bool) -> N
 
 def _refuse_impossible(target: Path) -> None:
     """Refuse names that no file can have here, such as a name that is too long."""
-    if "\0" in str(target):
-        raise OutputError(
-            f"{format_path(target)}: cannot be written (it has a NUL character), choose another "
-            "name"
-        )
     with reporting(target), suppress(FileNotFoundError):
         os.lstat(target)
 
@@ -154,30 +147,6 @@ def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) ->
         raise OutputExistsError(f"{format_path(target)}: already holds {join_names(taken, 3)}")
 
 
-def _require_there(new: Path, target: Path, files: Sequence[str]) -> None:
-    for file in files:
-        if not os.path.lexists(new / file):
-            raise OutputError(
-                f"{format_path(target)}: cannot be written ({file} is missing, deleted meanwhile), "
-                "choose another place"
-            )
-
-
-def _publish(new: Path, target: Path, files: Sequence[str], overwrite: bool) -> None:
-    """Move files into a folder that exists.
-
-    What cannot be placed is refused before the first file moves.
-    """
-    for file in files:
-        _refuse_taken(target / file, overwrite)
-    # A signal that arrives while files move must not be told that nothing is written.
-    _finish(target)
-    for file in files:
-        with reporting(target / file):
-            (target / file).parent.mkdir(parents=True, exist_ok=True)
-        _put_in_place(new / file, target / file)
-
-
 def _put_in_place(new: Path, final: Path) -> None:
     """Give a finished file its name, with the permissions of the file that it replaces."""
     with reporting(final):
@@ -190,11 +159,6 @@ def _flush(file: Path) -> None:
     """Wait until the content of a file is on the disk."""
     with open(file, "rb+") as content:
         os.fsync(content.fileno())
-
-
-def _finish(target: Path) -> None:
-    if not any(part.startswith(HIDDEN) for part in target.parts):
-        finished.append(target)
 
 
 def _remove(folder: Path, name: str) -> None:
@@ -229,15 +193,6 @@ def reporting(target: Path, hidden: Path | None = None) -> Iterator[None]:
         raise OutputError(message) from error
 
 
-def make_folders(folder: Path, made: ExitStack) -> None:
-    """Make what is missing of a folder; closing `made` removes it again where it is empty."""
-    missing = [part for part in (folder, *folder.parents) if not os.path.lexists(part)]
-    for part in reversed(missing):
-        made.callback(remove_empty, part)
-    with reporting(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-
-
 def remove_empty(folder: Path) -> None:
     """Remove a folder where it is empty."""
     with suppress(OSError):
@@ -252,9 +207,13 @@ def unfinished(home: Path) -> Iterator[Path]:
     anything can be written there, and cleans up after processes that were killed.
     """
     with ExitStack() as cleanup:  # left in reverse order
-        make_folders(home, cleanup)
+        for part in reversed((home, *home.parents)):
+            if not os.path.lexists(part):
+                cleanup.callback(remove_empty, part)
+        with reporting(home):
+            home.mkdir(parents=True, exist_ok=True)
         sweep(home)
-        folder = home / f"{HIDDEN}{_machine()}-{os.getpid()}-{secrets.token_hex(8)}"
+        folder = home / f"{_hidden()}{os.getpid()}-{secrets.token_hex(8)}"
         cleanup.callback(shutil.rmtree, folder, ignore_errors=True)
         with reporting(home):
             folder.mkdir()
@@ -262,33 +221,27 @@ def unfinished(home: Path) -> Iterator[Path]:
 
 
 def sweep(home: Path) -> None:
-    """Remove what killed processes of this machine have left unfinished."""
+    """Remove the hidden folders of processes of this machine that have ended."""
+    pattern = rf"{re.escape(_hidden())}([0-9]{{1,9}})-[0-9a-f]{{16}}"
     with suppress(OSError):
         for path in list(home.iterdir()):
-            is_folder = path.is_dir() and not path.is_symlink()
-            if is_folder and path.name.startswith(HIDDEN) and not _is_of_living_process(path.name):
+            match = re.fullmatch(pattern, path.name)
+            if match and not path.is_symlink() and not _alive(int(match[1])):
                 shutil.rmtree(path, ignore_errors=True)
 
 
-def _is_of_living_process(name: str) -> bool:
-    """Whether a hidden folder belongs to a process that may still run.
-
-    Folders of other machines, and folders whose names are not ours, count as such.
-    """
-    pattern = rf"{re.escape(HIDDEN + _machine())}-([0-9]{{1,9}})-[0-9a-f]{{16}}"
-    match = re.fullmatch(pattern, name)
-    return match is None or _alive(int(match[1]))
-
-
-def _machine() -> str:
-    """The machine, as a part of a name."""
-    return re.sub(r"\W", "_", platform.node())
+def _hidden() -> str:
+    """Beginning of the names of hidden folders of this machine; the process follows."""
+    machine = re.sub(r"\W", "_", platform.node())
+    return f"{HIDDEN}{machine}-"
 
 
 def _alive(pid: int) -> bool:
     """Whether there is such a process; assumed where that cannot be asked without harm."""
+    if os.name != "posix":
+        return True
     try:
-        os.kill(pid, 0) if os.name == "posix" else None
+        os.kill(pid, 0)
     except OSError as error:
         return not isinstance(error, ProcessLookupError)
     return True
@@ -299,12 +252,11 @@ def _alive(pid: int) -> bool:
 
 @dataclass(frozen=True)
 class Standing:
-    """Numbers of results: wanted, stored before, stored now, and stored files that are damaged."""
+    """Numbers of results: wanted, stored before, and stored now."""
 
     jobs: int
-    taken: int = 0
-    done: int = 0
-    damaged: int = 0
+    taken: int
+    done: int
 
 
 #: By folder of results; a signal handler reports it.

@@ -180,7 +180,7 @@ class Entry:
             "subject": visible(self.target.subject.name),
             "label": visible(self.label),
             "synthetic": self.synthetic,
-            "about": self.description,
+            "about": visible(self.description),
             "badges": [*self.badges, *self._dominated()],
             "words": self.words,
             "rows": n_rows,

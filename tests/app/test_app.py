@@ -1,6 +1,7 @@
 """The web page: who may use it, what it reads and runs, what stays after a restart."""
 
 import asyncio
+import errno
 import io
 import json
 import os
@@ -8,6 +9,7 @@ import resource
 import shlex
 import shutil
 import signal
+import socket
 import stat
 import subprocess
 import time
@@ -21,11 +23,12 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 from browsers import Opened
-from commands import PROGRAM, call
+from commands import PROGRAM, call, inside
 
 pytest.importorskip("tornado")
-from bayes_toe.app.job import end_group, job_of, running
+from bayes_toe.app.job import end_group, held, job_of, jobs, named_files, running
 from bayes_toe.app.server import read_in_process
+from bayes_toe.errors import InputError, OutputError
 
 CODES = {"columns": {"s1": "stim1", "s2": "stim2"}, "second_code": "2"}
 
@@ -146,6 +149,109 @@ def job(server, tmp_path_factory):
     return server.add_trials(file, {})
 
 
+# --- the folder -----------------------------------------------------------------------------------
+
+FILES = {"u.csv": b"subject,s1\n1,2\n", "v.csv": b"subject,s1\n3,4\n"}
+
+
+def test_files_get_different_names_of_bounded_length_and_others_are_refused():
+    names = [f"{'a' * 60}1.csv", f"{'a' * 60}2.csv", f"{'ä' * 200}1.csv", f"{'ä' * 200}2.csv"]
+    files = named_files([(name, b"x") for name in names])
+    assert {*names[:2]} < {*files}
+    assert len(files) == 4
+    assert max(len(name.encode()) for name in files) < 130
+    for names in (["x.xls"], ["x"], [".csv"], ["a.csv", "a.csv"], ["a?.csv", "A*.csv"], []):
+        with pytest.raises(InputError) as refusal:
+            named_files([(name, b"x") for name in names])
+        assert all(repr(name) in str(refusal.value) for name in names[1:])
+
+
+def test_the_same_files_are_the_same_study(tmp_path):
+    first, second = FILES.items()
+    job = job_of(tmp_path, FILES)
+    assert job_of(tmp_path, dict([second, first])) == job
+    for different in ([first], [first, ("v.csv", b"")], [first, ("w.csv", second[1])]):
+        assert job_of(tmp_path, dict(different)) != job
+
+
+def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again(tmp_path):
+    records = {"0" * 16: "", "1" * 16: "[]", "2" * 16: '{"files": ["../x.csv"]}', "exp": "{}"}
+    for name, record in records.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "study").write_text(record)
+    (tmp_path / "mine" / "study").mkdir(parents=True)
+    job = job_of(tmp_path, FILES)
+    with held(tmp_path):
+        job.store(FILES)
+        for name in ("command", "study"):
+            (job.folder / name).write_text("")  # as after a loss of power
+        assert jobs(tmp_path) == ([], sorted([job.name, *records, "mine"]))
+        job.store(FILES)
+        assert jobs(tmp_path) == ([job], sorted([*records, "mine"]))
+        assert job.run_state() == "new"
+    assert stat.S_IMODE(job.folder.stat().st_mode) == 0o700
+
+
+def test_a_study_that_cannot_be_stored_leaves_nothing(tmp_path, monkeypatch):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OutputError, match="No space left on device"):
+        job_of(tmp_path, FILES).store(FILES)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("link", [".bayes_toe_app", ".bayes_toe_app/run", ".bayes_toe_app/server"])
+def test_locks_are_no_links_and_stand_in_no_folder_of_others(tmp_path, link):
+    home, mine = tmp_path / "home", tmp_path / "mine"
+    with held(home), pytest.raises(InputError, match="in use by another bayes-toe app"):
+        held(home).__enter__()
+    (mine / ".bayes_toe_app").mkdir(parents=True)
+    notes = mine / ".bayes_toe_app" / "notes"
+    notes.write_text("of the user")
+    target = notes
+    if link.endswith("app"):
+        shutil.rmtree(home / link)
+        target = mine
+    else:
+        (home / link).unlink()
+    (home / link).symlink_to(target)
+    for folder in (home, mine):
+        with pytest.raises(OutputError, match=str(folder)):
+            held(folder).__enter__()
+    assert [path.read_text() for path in notes.parent.iterdir()] == ["of the user"]
+
+
+def one_line(refusal, text):
+    assert (refusal.returncode, refusal.stdout) == (2, "")
+    assert len(refusal.stderr.splitlines()) == 1
+    assert text in refusal.stderr
+
+
+def test_a_folder_or_port_that_cannot_be_used_is_one_line(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    one_line(inside("app --folder", tmp_path / "file"), "cannot be written (File exists)")
+    with closing(socket.create_server(("127.0.0.1", 0))) as other:
+        port = other.getsockname()[1]
+        one_line(inside("app --folder", tmp_path / "home", "--port", port), "cannot be used")
+    for folder, users_home in (("~nobody_x/y", "/"), ("~/x", ""), ("~", "x"), (None, "")):
+        monkeypatch.setenv("HOME", users_home)
+        words = ["app"] if folder is None else ["app", "--folder", folder]
+        one_line(inside(*words), "there is no such home folder")
+
+
+def test_a_reader_that_takes_too_long_is_ended(monkeypatch, tmp_path):
+    monkeypatch.setattr("bayes_toe.app.server.READING_TIME", 0.01)
+    job = job_of(tmp_path, FILES)
+    job.store(FILES)
+    reading = asyncio.run(read_in_process(job))
+    assert reading["problems"] == ["Reading takes longer than 0.01 seconds."]
+
+
+# --- requests -------------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize(
     "headers",
     [
@@ -211,77 +317,19 @@ def test_unknown_names_of_studies_and_actions_are_not_found(server, job):
     assert server.ask(f"/api/jobs/{job}/zip").code == 404
 
 
-def test_files_get_safe_names_and_others_are_refused(server, home):
+def test_a_damaged_study_is_a_bad_request_and_a_deleted_one_is_gone(server, home):
     state = server.add("../../-a<b>.csv", b"subject,s1\n")
-    assert state["files"] == ["a_b_.csv"]
     folder = home / state["id"]
-    assert (folder / "a_b_.csv").is_file()
-    assert {stat.S_IMODE(path.stat().st_mode) for path in (home, folder)} == {0o700}
-    folders = {*home.iterdir()}
-    for names in (["x.xls"], ["x"], [".csv"], ["a.csv", "a.csv"], ["a?.csv", "A*.csv"], []):
-        answer = server.upload(*((name, b"x") for name in names))
-        assert answer.code == 400, names
-        assert all(repr(name) in json.loads(answer.body)["problem"] for name in names[1:])
-    assert {*home.iterdir()} == folders
-    server.state(f"/api/jobs/{state['id']}/delete", "")
+    assert {path.name for path in folder.iterdir()} == {"a_b_.csv", "study"}
+    assert stat.S_IMODE(home.stat().st_mode) == 0o700
+    record = (folder / "study").read_bytes()
+    (folder / "study").write_text("")
+    assert folder.name in server.state("/api/jobs")["damaged"]
+    assert server.ask(f"/api/jobs/{folder.name}").code == 400
+    assert server.ask(f"/api/jobs/{folder.name}/delete", "").code == 400
+    (folder / "study").write_bytes(record)
+    server.state(f"/api/jobs/{folder.name}/delete", "")
     assert not folder.exists()
-
-
-def test_long_names_stay_different_and_letters_with_accents_stay(server):
-    names = [f"{'a' * 60}1.csv", f"{'a' * 60}2.csv", f"{'ä' * 200}1.csv", f"{'ä' * 200}2.csv"]
-    files = content(server.upload(*((name, b"x") for name in [*names, "e\u0301.csv"])))["files"]
-    assert {*names[:2], "é.csv"} < {*files}
-    assert len({*files}) == 5
-    assert max(len(name.encode()) for name in files) < 130
-
-
-def test_the_same_files_open_the_same_study(server):
-    first, second = ("u.csv", b"subject,s1\n1,2\n"), ("v.csv", b"subject,s1\n3,4\n")
-    job = content(server.upload(first, second))["id"]
-    assert content(server.upload(second, first))["id"] == job
-    for different in ([first], [first, ("v.csv", b"")], [first, ("w.csv", second[1])]):
-        assert content(server.upload(*different))["id"] != job
-
-
-def test_folders_of_others_and_damaged_studies_are_named_and_all_others_listed(tmp_path):
-    records = {"0" * 16: "", "1" * 16: "[]", "2" * 16: '{"files": ["../x.csv"]}', "exp": "{}"}
-    for name, record in records.items():
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "study").write_text(record)
-    (tmp_path / "mine" / "study").mkdir(parents=True)
-    (tmp_path / "lock").write_text("of the user")
-    with serving(tmp_path) as server:
-        job = server.add_trials(trials(tmp_path / "study.csv"))
-        for name in ("command", "study"):
-            (tmp_path / job / name).write_text("")  # as after a loss of power
-        assert server.state("/api/jobs") == {"jobs": [], "damaged": sorted([job, *records, "mine"])}
-        assert server.ask(f"/api/jobs/{job}").code == 400
-        assert server.ask(f"/api/jobs/{job}/delete", "").code == 400
-        assert server.add_trials(tmp_path / "study.csv") == job
-        assert [study["id"] for study in server.state("/api/jobs")["jobs"]] == [job]
-        assert server.state(f"/api/jobs/{job}/run", "")["run"] == "running"
-        assert server.end() == (128 + signal.SIGINT, "")
-    assert (tmp_path / "lock").read_text() == "of the user"
-
-
-@pytest.mark.parametrize("link", [".bayes_toe_app", ".bayes_toe_app/run", ".bayes_toe_app/server"])
-def test_locks_are_no_links_and_stand_in_no_folder_of_others(server, tmp_path, link):
-    port = server.host.partition(":")[2]  # in use: a server that is not refused before ends there
-    home, mine = tmp_path / "home", tmp_path / "mine"
-    with serving(home):
-        pass
-    (mine / ".bayes_toe_app").mkdir(parents=True)
-    (mine / ".bayes_toe_app" / "notes").write_text("of the user")
-    if link.endswith("app"):
-        shutil.rmtree(home / link)
-        (home / link).symlink_to(mine)
-    else:
-        (home / link).unlink()
-        (home / link).symlink_to(mine / ".bayes_toe_app" / "notes")
-    for folder in (home, mine):
-        one_line(call("app", "--folder", folder, "--port", port), f"{folder}")
-    (notes,) = (mine / ".bayes_toe_app").iterdir()
-    assert notes.read_text() == "of the user"
 
 
 def test_a_large_upload_is_refused(server, home):
@@ -293,26 +341,19 @@ def test_a_large_upload_is_refused(server, home):
 
 
 @pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="limits of a process need Linux")
-def test_a_full_disk_is_a_line_on_the_page_and_leaves_no_half_study(tmp_path):
-    with serving(tmp_path) as server:
-        job = server.add_trials(trials(tmp_path / "study.csv"))
-        folders = {*tmp_path.iterdir()}
-        _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-        for limit, path, body in (
-            *((limit, "/api/jobs", None) for limit in (0, 60, 300)),
-            (0, f"/api/jobs/{job}/options", "{}"),
-            (0, f"/api/jobs/{job}/run", ""),
-        ):
-            resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, (limit, hard))
-            if body is None:
-                answer = server.upload(("new.csv", b"subject,s1,s2\nA,0,1\n"))
-            else:
-                answer = server.ask(path, body)
-            assert answer.code == 507, path
-            assert "File too large" in json.loads(answer.body)["problem"]
-            assert {*tmp_path.iterdir()} == folders
-            assert server.state(f"/api/jobs/{job}")["reading"]["study"]["subjects"] == 2
-        assert server.end() == (128 + signal.SIGINT, "")
+def test_a_full_disk_is_a_line_on_the_page(server, home, job):
+    folders = {*home.iterdir()}
+    earlier = server.state(f"/api/jobs/{job}")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, (0, limits[1]))
+    answers = [server.upload(("new.csv", b"subject,s1,s2\nA,0,1\n"))]
+    answers.append(server.ask(f"/api/jobs/{job}/options", "{}"))
+    resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, limits)
+    for answer in answers:
+        assert answer.code == 507
+        assert "File too large" in json.loads(answer.body)["problem"]
+    assert {*home.iterdir()} == folders
+    assert server.state(f"/api/jobs/{job}") == earlier
 
 
 def test_questions_come_with_what_solves_them_and_no_run_starts_while_one_is_open(server, job):
@@ -348,15 +389,6 @@ def test_names_that_no_command_can_type_and_wrong_numbers_are_problems(server):
         state = server.state(f"/api/jobs/{job}/options", json.dumps(options))
         assert len(state["reading"]["problems"]) == 1
         assert state["reading"]["table"]["names"][0] == "subject"
-
-
-def test_a_reader_that_takes_too_long_is_ended(monkeypatch, tmp_path):
-    monkeypatch.setattr("bayes_toe.app.server.READING_TIME", 0.01)
-    files = {"x.csv": b"subject,s1,s2,response\n"}
-    job = job_of(tmp_path, files)
-    job.store(files)
-    reading = asyncio.run(read_in_process(job))
-    assert reading["problems"] == ["Reading takes longer than 0.01 seconds."]
 
 
 # --- the run --------------------------------------------------------------------------------------
@@ -424,27 +456,12 @@ def test_a_run_ends_with_the_program_and_with_no_second_one(tmp_path, file):
     with serving(tmp_path) as server:
         job = server.add_trials(file)
         server.state(f"/api/jobs/{job}/run", "")
-        one_line(call("app", "--folder", tmp_path, "--port", 0), "in use by another bayes-toe app")
+        one_line(inside("app --folder", tmp_path, "--port 0"), "in use by another bayes-toe app")
         assert server.state(f"/api/jobs/{job}")["run"] == "running"
         _, group = running(tmp_path)
         assert server.end() == (128 + signal.SIGINT, "")
     with pytest.raises(ProcessLookupError):
         os.killpg(group, 0)
-
-
-def one_line(refusal, text):
-    assert (refusal.returncode, refusal.stdout) == (2, "")
-    assert len(refusal.stderr.splitlines()) == 1
-    assert text in refusal.stderr
-
-
-def test_a_folder_or_port_that_cannot_be_used_is_one_line(server, file):
-    port = server.host.partition(":")[2]
-    one_line(call("app", "--folder", file), "cannot be written (File exists)")
-    one_line(call("app", "--folder", file.parent, "--port", port), "cannot be used")
-    for folder, users_home in (("~nobody_x/y", "/"), ("~/x", ""), ("~", "x")):
-        one_line(call("app", "--folder", folder, HOME=users_home), "there is no such home folder")
-    one_line(call("app", HOME=""), "there is no such home folder")
 
 
 # --- in a browser ---------------------------------------------------------------------------------
@@ -468,36 +485,24 @@ class Page(Opened):
     def settle(self):
         self.page.locator("main[aria-busy=false]").wait_for()
 
-    def hold_answers(self):
-        """Hold the first answer on its way to the server.
+    def study(self):
+        """The study that is shown, as the server has it."""
+        return self.server.state(f"/api/jobs/{self.page.url.partition('#')[2]}")
 
-        The answers that the page sends, and what lets them go.
-        """
-        sent, held = [], []
-
-        def hold(route):
-            sent.append(json.loads(route.request.post_data))
-            held.append(route)
-            if len(sent) > 1:
-                route.continue_()
-
-        def release():
-            held[0].continue_()
+    def choose(self, *choices):
+        """Choose in fields, one after another."""
+        for selector, value in choices:
+            self.page.select_option(selector, value)
             self.settle()
 
-        self.page.route("**/options", hold)
-        return sent, release
-
-    def tab_to(self, selector):
-        """Press Tab until an element has the focus, as somebody without a mouse does."""
+    def press(self, selector, *keys):
+        """Press Tab until an element has the focus, as somebody without a mouse does; then keys."""
         for _ in range(60):
             if self.page.locator(selector).first.evaluate("e => e === document.activeElement"):
-                return
+                break
             self.page.keyboard.press("Tab")
-        raise AssertionError(selector)
-
-    def press(self, selector, *keys):
-        self.tab_to(selector)
+        else:
+            raise AssertionError(selector)
         for key in keys:
             self.page.keyboard.press(key)
         self.settle()
@@ -506,16 +511,21 @@ class Page(Opened):
         self.page.locator(f"#run[data-state={state}]").wait_for(timeout=200_000)
 
     def close(self):
-        """Close the page, which asked nobody else for anything."""
+        """Close the page, which asked nobody else for anything, and had no problem."""
         self.page.close()
         separate = f"http://{self.server.host}/"
-        return [problem for problem in self.problems if not problem.startswith(separate)]
+        problems = [problem for problem in self.problems if not problem.startswith(separate)]
+        assert problems == []
 
 
-def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(
-    browser, server, tmp_path
-):
-    opened = Page(browser, server)
+@pytest.fixture
+def opened(browser, server):
+    page = Page(browser, server)
+    yield page
+    page.close()
+
+
+def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(opened, tmp_path):
     opened.add(trials(tmp_path / "study.csv", ("<b>A</b>", "<script>alert(1)</script>")))
     page = opened.page
     assert "token" not in page.url
@@ -524,8 +534,7 @@ def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(
     opened.press("[data-field=stimuli] button", "Enter")
     assert "does not know what they mean" in page.inner_text("[data-field=meaning]")
     opened.press("[data-field=meaning] button", "Tab", "Enter")
-    assert page.locator(".question").count() == 0
-    assert page.locator("#rows td b").count() == 0
+    assert page.locator(".question, #rows td b").count() == 0
     assert "+35 %" in page.inner_text("#pairs")
     opened.press("#go", "Enter")
     opened.press("#stop", "Enter")
@@ -534,38 +543,17 @@ def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(
     opened.wait("stopped")
     opened.press("#go", "Enter")
     opened.wait("done")
-    assert (
-        page.frame_locator("#report").locator("h1").inner_text() == "Time-order effects: study.csv"
-    )
-    assert opened.close() == []
+    title = page.frame_locator("#report").locator("h1").inner_text()
+    assert title == "Time-order effects: study.csv"
 
 
-def test_decibels_practice_and_an_encoding_have_their_fields(browser, server, tmp_path):
-    rows = ["Versuchsperson;dB1;dB2;Antwort;Phase;Gerät"]
-    rows += ["A;60;63;zweiter;Übung;ä", "A;60;63;zweiter;main;ä", "A;63;60;erster;main;ä"]
-    (tmp_path / "pegel.csv").write_bytes("\n".join(rows).encode("mac_roman"))
-    opened = Page(browser, server)
-    page = opened.page
-    opened.add(tmp_path / "pegel.csv")
-    opened.press("[data-field=stimuli] button", "Enter")
-    assert "seems to be in dB" in page.inner_text("[data-field=stimuli]")
-    opened.press("[data-field=stimuli] button", "Enter")
-    assert page.input_value("#scale") == "dB"
-    page.locator("#others summary").click()
-    page.fill("#encoding", "mac_roman")
-    page.press("#encoding", "Enter")
-    page.get_by_text("1 row left out as practice (column Phase: 'Übung')").wait_for()
-    assert "+41.3 %" in page.inner_text("#pairs")
-    assert opened.close() == []
-
-
-def test_all_four_parts_are_there_in_another_tab_and_an_ended_program_is_told(browser, finished):
+def test_all_four_parts_are_there_in_another_tab_and_other_options_hide_the_results(
+    browser, finished
+):
     server, folder = finished
     opened = Page(browser, server)
     page = opened.page
     page.locator(f"#studies a[href='#{folder.name}']").click()
-    opened.wait("done")
-    page.reload()
     opened.wait("done")
     report = page.frame_locator("#report")
     report.get_by_role("link", name="methods.md").first.click()
@@ -582,52 +570,38 @@ def test_all_four_parts_are_there_in_another_tab_and_an_ended_program_is_told(br
     with page.expect_download() as download:
         page.click("#zip")
     assert zipfile.is_zipfile(download.value.path())
-    assert opened.close() == []
+    opened.close()
 
 
-def test_an_answer_that_is_given_while_another_is_on_its_way_is_kept(browser, server, tmp_path):
-    lines = STANDARD.replace("subject,", "vp,").replace("comparison\n", "j\n")
-    (tmp_path / "queue.csv").write_text(lines.replace("standard\n", "f\n"), encoding="utf-8")
-    opened = Page(browser, server)
-    page = opened.page
-    opened.add(tmp_path / "queue.csv")
-    sent, release = opened.hold_answers()
-    page.locator("[data-field=stimuli] button", has_text="order says when the standard").click()
-    columns = page.locator("#standard-order option").evaluate_all("all => all.map(o => o.value)")
-    assert columns == ["", "*always", "vp", "order", "response"]
-    page.select_option("select[data-role=subject]", "order")
-    page.select_option("#decimal", ".")
-    page.select_option("select[data-role=subject]", "vp")
-    page.locator("[data-text=j]").select_option("comparison")
-    assert len(sent) == 1
-    release()
-    answers = {"standard_interval": "order", "comparison_code": "j", "decimal": "."}
-    assert sent == [{"standard_interval": "order"}, answers]
-    job = page.url.partition("#")[2]
-    assert server.state(f"/api/jobs/{job}")["options"] == answers
-    assert page.locator("#go").is_enabled()
-    assert opened.close() == []
-
-
-def test_an_answer_belongs_to_its_study_and_a_failure_shows_what_the_server_has(
+def test_answers_belong_to_their_study_while_another_is_on_its_way_and_a_failure_is_shown(
     browser, server, tmp_path
 ):
-    opened = Page(browser, server)
+    opened, sent, held = Page(browser, server), [], []
     page = opened.page
+
+    def hold(route):  # the first answer, until it is released
+        sent.append(json.loads(route.request.post_data))
+        held.append(route)
+        if len(sent) > 1:
+            route.continue_()
+
     for name in ("one.csv", "two.csv"):
         opened.add(trials(tmp_path / name))
         page.get_by_text(f"{name}: first of").wait_for()
     two = page.url.partition("#")[2]
-    _, release = opened.hold_answers()
+    page.route("**/options", hold)
     page.select_option("#decimal", ",")
+    page.select_option("select[data-role=subject]", "answer")
     page.evaluate("document.querySelector('#studies').open = true")
     page.get_by_role("link", name="one.csv").click()
     page.get_by_text("one.csv: first of").wait_for()
     page.select_option("#decimal", ".")
-    release()
-    for job, decimal in ((page.url.partition("#")[2], "."), (two, ",")):
-        assert server.state(f"/api/jobs/{job}")["options"] == {"decimal": decimal}
-    assert page.input_value("#decimal") == "."
+    assert sent == [{"decimal": ","}]
+    held[0].continue_()
+    opened.settle()
+    answers = {"decimal": ",", "columns": {"subject": "answer"}}
+    assert server.state(f"/api/jobs/{two}")["options"] == answers
+    assert (len(sent), opened.study()["options"]) == (3, {"decimal": "."})
     page.route("**/options", lambda route: route.fulfill(status=507, body='{"problem": "full"}'))
     page.select_option("#decimal", ",")
     opened.settle()
@@ -636,20 +610,15 @@ def test_an_answer_belongs_to_its_study_and_a_failure_shows_what_the_server_has(
     page.close()
 
 
-def test_intensities_that_are_read_as_logarithms_are_not_analysed(browser, server, tmp_path):
-    (tmp_path / "raw.csv").write_text(RAW, encoding="utf-8")
-    opened = Page(browser, server)
+def test_intensities_that_are_read_as_logarithms_are_not_analysed(opened, tmp_path):
     page = opened.page
+    (tmp_path / "raw.csv").write_text(RAW, encoding="utf-8")
     opened.add(tmp_path / "raw.csv")
     assert page.locator("#go").is_disabled()
     assert "Answer the questions above" in page.inner_text("#progress-text")
-    page.select_option("#scale", "ln")
-    opened.settle()
-    page.select_option("#decimal", ".")
-    page.locator("#go:enabled").wait_for()
-    assert page.input_value("#scale") == "ln"
-    page.select_option("#scale", "")
-    opened.settle()
+    opened.choose(("#scale", "ln"))
+    assert page.locator("#go").is_enabled()
+    opened.choose(("#scale", ""))
     page.locator("[data-field=stimuli] button", has_text="they are intensities").click()
     opened.settle()
     assert page.input_value("#stimuli-kind") == "intensity"
@@ -657,43 +626,36 @@ def test_intensities_that_are_read_as_logarithms_are_not_analysed(browser, serve
     page.fill("#unit", "um")
     page.press("#unit", "Enter")
     page.locator("#pairs td", has_text="100 um").first.wait_for()
-    opened.settle()
     assert "100 um\t130 um\t+30 %" in page.inner_text("#pairs")
-    assert page.locator("#go").is_enabled()
-    assert opened.close() == []
 
 
-def test_a_column_is_one_question_with_its_values(browser, server, tmp_path):
+def test_a_column_is_one_question_with_its_values(opened, tmp_path):
     lines = [f"A,0,.3,{word}\n" for word in ("yes", "no", "yes", "later", "never", "later")]
     (tmp_path / "words.csv").write_text("subject,s1,s2,response\n" + "".join(lines))
-    opened = Page(browser, server)
     opened.add(tmp_path / "words.csv")
-    for code, meaning in (("yes", "second"), ("no", "first")):
-        opened.page.locator(f"[data-text={code}]").select_option(meaning)
-        opened.settle()
+    opened.choose(("[data-text=yes]", "second"), ("[data-text=no]", "first"))
     (question,) = opened.page.locator(".question").all_inner_texts()
-    assert "'later'" in question
-    assert "'never'" in question
-    assert question.count("allowed") == 1
-    assert opened.close() == []
+    assert [question.count(word) for word in ("'later'", "'never'", "allowed")] == [1, 1, 1]
 
 
-def test_all_studies_that_are_not_analysed_are_deleted_together(browser, tmp_path):
-    with serving(tmp_path / "home") as server:
-        studies = [server.add(name, b"x\n1\n")["id"] for name in ("a.csv", "b.csv")]
-        stopped = server.add_trials(trials(tmp_path / "c.csv"))
-        server.state(f"/api/jobs/{stopped}/run", "")
-        server.state(f"/api/jobs/{stopped}/stop", "")
-        server.state(f"/api/jobs/{stopped}/options", json.dumps({**CODES, "decimal": "."}))
-        opened = Page(browser, server)
-        questions = []
-        opened.page.on("dialog", lambda dialog: (questions.append(dialog.message), dialog.accept()))
-        opened.page.click("#clear")
-        opened.page.locator("#clear").wait_for(state="hidden")
-        assert questions == ["Delete 2 studies that are not analysed?"]
-        assert [study["id"] for study in server.state("/api/jobs")["jobs"]] == [stopped]
-        assert not any((tmp_path / "home" / name).exists() for name in studies)
-        assert opened.close() == []
+def test_all_studies_that_are_not_analysed_are_deleted_together(opened):
+    questions, deleted, page = [], [], opened.page
+    listed = []
+    for name, run in (("a.csv", "new"), ("b.csv", "new"), ("c.csv", "changed")):
+        listed.append({"id": name[0], "files": [name], "run": run, "created": "2026-01-01"})
+    page.route("**/api/jobs", lambda route: route.fulfill(json={"jobs": listed, "damaged": []}))
+
+    def delete(route):
+        deleted.append(urlsplit(route.request.url).path)
+        route.fulfill(json={})
+
+    page.route("**/delete", delete)
+    page.on("dialog", lambda dialog: (questions.append(dialog.message), dialog.accept()))
+    page.reload()
+    page.click("#clear")
+    page.locator("#start-title:focus").wait_for()
+    assert questions == ["Delete 2 studies that are not analysed?"]
+    assert deleted == ["/api/jobs/a/delete", "/api/jobs/b/delete"]
 
 
 def rows(header, line):
@@ -723,7 +685,16 @@ BLOCKS = rows(
     "subject,block,condition,s1,s2,response",
     lambda a, b, second: f"1,1,left,{a},{b},{WORDS[second]}\n1,2,right,{a},{b},{WORDS[not second]}",
 )
+PEGEL = rows(
+    "subject,s1,s2,Antwort,Gerät",
+    lambda a, b, second: f"1,{60 + 10 * a},{60 + 10 * b},{WORDS[second]},ä",
+)
 CASES = {
+    "decibels in an encoding": (
+        {"x.csv": PEGEL},
+        {"#encoding": "mac_roman", "#scale": "dB"},
+        ["--encoding", "mac_roman", "--unit", "dB"],
+    ),
     "intensities": (
         {"x.csv": GRAMS},
         {"#stimuli-kind": "intensity", "#first": "A (g)", "#second": "B (g)"}
@@ -780,44 +751,38 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_fields_become_the_options_of_the_command(browser, server, tmp_path, case):
+def test_fields_become_the_options_of_the_command(opened, tmp_path, case):
     contents, fields, words = CASES[case]
     for name, content in contents.items():
-        (tmp_path / name).write_text(content, encoding="utf-8")
-    opened = Page(browser, server)
+        (tmp_path / name).write_text(content, encoding="mac_roman")
+    page = opened.page
     opened.add(*tmp_path.iterdir())
-    opened.page.click("#others summary")
+    page.click("#others summary")
     for selector, value in fields.items():
-        field = opened.page.locator(selector)
-        if selector in ("#where-text", "#unit", "#reference", "#wide"):
-            field.fill(value)
-            field.press("Tab")
+        if selector in ("#where-text", "#unit", "#reference", "#wide", "#encoding"):
+            page.fill(selector, value)
+            page.press(selector, "Tab")
+            opened.settle()
         else:
-            field.select_option(value)
-        opened.settle()
-    assert opened.page.locator(".question:not(.decision)").all_inner_texts() == []
-    job = opened.page.url.partition("#")[2]
-    command = shlex.split(server.state(f"/api/jobs/{job}")["command"])
-    assert sorted(command[command.index("--seed") + 2 :]) == sorted(words)
-    opened.page.reload()
-    opened.page.locator("#go:enabled").wait_for()
-    visible = {name: opened.page.locator(name).input_value() for name in fields}
-    assert visible == fields
-    assert opened.close() == []
+            opened.choose((selector, value))
+    assert page.locator(".question:not(.decision)").all_inner_texts() == []
+    _, _, typed = opened.study()["command"].partition("--seed")
+    assert sorted(shlex.split(typed)[1:]) == sorted(words)
+    page.reload()
+    page.locator("#go:enabled").wait_for()
+    assert {name: page.input_value(name) for name in fields} == fields
 
 
-@pytest.mark.parametrize("width", [1200, 400])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width, scheme", [(1200, "light"), (400, "dark")])
 def test_no_screen_is_pushed_sideways(browser, server, tmp_path, width, scheme):
     opened = Page(browser, server, width, color_scheme=scheme)
-    opened.add(trials(tmp_path / f"{'a_long_name_of_a_study_' * 2}{scheme}_{width}.csv"))
+    opened.add(trials(tmp_path / f"{'a_long_name_of_a_study_' * 2}{scheme}.csv"))
     assert opened.wide() <= width
-    opened.page.click("[data-field=stimuli] button")
-    opened.settle()
-    opened.page.locator("[data-field=meaning] button", has_text="second").click()
-    opened.settle()
+    for button in ("[data-field=stimuli] button", "[data-field=meaning] button"):
+        opened.page.locator(button, has_text="second").click()
+        opened.settle()
     opened.page.locator("#others summary").click()
     assert opened.wide() <= width
     colour = opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
     assert colour == {"light": "rgb(255, 255, 255)", "dark": "rgb(23, 24, 27)"}[scheme]
-    assert opened.close() == []
+    opened.close()

@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-from glob import glob
 from pathlib import Path
 
 import pandas as pd
@@ -13,13 +12,11 @@ import pytest
 import xarray as xr
 from commands import good, inside, refused
 from conftest import few_pairs, grouped_csv, known_observers
-from processes import members, needs_proc, start, until, until_gone, workers
+from processes import needs_proc, start, until, until_gone
 
 import bayes_toe as bt
-from bayes_toe.data.whole_files import HIDDEN
 from bayes_toe.errors import NumericalError
 
-pytestmark = needs_proc
 FAILURE = "no maximum"
 
 
@@ -68,68 +65,15 @@ def listening(running):
     return int(caught, 16) >> (signal.SIGTERM - 1) & 1
 
 
-def sampling(running):
-    return workers(running.pid)
-
-
-@pytest.fixture
-def running(folder):
-    """A command at work, whose results are never there in time, and that ends with the test."""
-    # Not ignored, as in the background or by nohup.
-    request = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
-    earlier = {number: signal.signal(number, action) for number, action in request.items()}
-    line = "run study.csv -o out --seed 1 --workers 2 --draws 100"
-    yield start(*line.split(), cwd=folder)
-    for number, action in earlier.items():
-        signal.signal(number, action)
-
-
-@pytest.mark.parametrize(
-    "send, number, moment",
-    [
-        (os.kill, signal.SIGINT, listening),
-        (os.kill, signal.SIGHUP, listening),
-        (os.kill, signal.SIGTERM, sampling),
-        (
-            os.killpg,
-            signal.SIGINT,
-            sampling,
-        ),  # of a terminal to all processes, of which one answers
-    ],
-)
-def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(
-    folder, running, send, number, moment
-):
-    until(lambda: moment(running), running)
-    try:
-        send(running.pid, number)
-        until_gone(running.pid)
-        errors = running.communicate()[1]
-    finally:
-        for pid in members(running.pid):
-            os.kill(pid, signal.SIGKILL)
-    n_stored = len(list(folder.glob("out.partial/*.result")))
-    assert n_stored < 2, errors
-    left, files = "nothing written", ["study.csv"]
-    if n_stored:
-        left = f"{n_stored} of 2 subjects are saved in out.partial; type --resume to continue"
-        files = ["out.partial", "study.csv"]
-    assert errors == f"stopped by {number.name}: {left}\n"
-    assert running.returncode == 128 + number
-    assert sorted(path.name for path in folder.iterdir()) == files
-
-
-def test_what_a_killed_command_leaves_is_swept(tmp_path):
-    draws = bt.sample(known_observers("ABCD"), model="none", draws=20, seed=1, workers=1)
-    draws.save(tmp_path / "posterior.nc")
-    line = "corner posterior.nc -o out --workers 1"
-    drawing = start(*line.split(), cwd=tmp_path)
-    until(lambda: any(tmp_path.glob(f"{HIDDEN}*/*.png")), drawing)
-    drawing.kill()
-    drawing.communicate()
-    assert list(tmp_path.glob(f"{HIDDEN}*"))
-    assert inside("run none.csv -o out", cwd=tmp_path).returncode == 2
-    assert [path.name for path in tmp_path.iterdir()] == ["posterior.nc"]
+@needs_proc
+def test_a_signal_before_the_work_ends_a_command_with_one_line(folder):
+    running = start(*["run", "study.csv", "-o", "out", "--seed", "1"], cwd=folder)
+    until(lambda: listening(running), running)
+    running.terminate()
+    until_gone(running.pid)
+    assert running.communicate()[1] == "stopped by SIGTERM\n"
+    assert running.returncode == 128 + signal.SIGTERM
+    assert [path.name for path in folder.iterdir()] == ["study.csv"]
 
 
 @pytest.fixture
@@ -139,24 +83,29 @@ def four(tmp_path):
     return tmp_path
 
 
-def test_a_command_that_is_killed_and_resumed_is_as_another(four):
-    """One of the stored files is damaged."""
-    options = "--seed 1 --draws 100 --model none --workers 1"
+@needs_proc
+def test_a_command_that_is_interrupted_then_killed_and_resumed_is_as_another(four):
+    options = "--seed 1 --draws 100 --model none --workers"
     line = f"sample study.csv -o posterior.nc {options}"
-    running = start(*line.split(), cwd=four)
-    until(lambda: len(glob(f"{four}/*.partial/*.result")) >= 2, running)
-    running.kill()
-    running.communicate()
-    until_gone(running.pid)
-    message = refused(line, cwd=four)
-    if not (four / "posterior.nc").exists():
-        next(four.glob("*.partial/*.result")).write_bytes(b"half")
-        assert "--resume continues it, --overwrite" in message
-        screen = good(f"{line} --resume", cwd=four)
-        assert "of 4 subjects taken from posterior.nc.partial" in screen
-        assert "posterior.nc.partial: 1 damaged file; these subjects were computed" in screen
+    codes, errors = [], []
+    # To all processes, as a terminal does; and to the command alone.
+    for n_stored, send, number, resume in (
+        (1, os.killpg, signal.SIGINT, ""),
+        (2, os.kill, signal.SIGKILL, " --resume"),
+    ):
+        running = start(*f"{line} 2{resume}".split(), cwd=four)
+        until(lambda n=n_stored: len(list(four.glob("*.partial/*.result"))) >= n, running)
+        send(running.pid, number)
+        until_gone(running.pid)
+        codes.append(running.returncode or running.wait())
+        errors.append(running.communicate()[1])
+        assert "--resume continues it, --overwrite" in refused(f"{line} 1", cwd=four)
+    assert codes == [128 + signal.SIGINT, -signal.SIGKILL]
+    stored = r"stopped by SIGINT: \d of 4 subjects are saved in posterior.nc.partial; type --resume"
+    assert re.match(stored, errors[0])
+    assert "of 4 subjects taken from posterior.nc.partial" in good(f"{line} 1 --resume", cwd=four)
     assert sorted(path.name for path in four.iterdir()) == ["posterior.nc", "study.csv"]
-    good(f"sample study.csv -o calm.nc {options}", cwd=four)
+    good(f"sample study.csv -o calm.nc {options} 1", cwd=four)
     resumed, calm = bt.load(four / "posterior.nc").tree, bt.load(four / "calm.nc").tree
     assert resumed.attrs.pop("created_at") <= calm.attrs.pop("created_at")
     xr.testing.assert_identical(resumed, calm)
@@ -202,7 +151,7 @@ signal.raise_signal(signal.SIGTERM)
 def test_a_thread_that_fails_after_a_signal_prints_nothing():
     words = [sys.executable, "-c", FAILING_THREAD]
     stopped = subprocess.run(words, timeout=60, capture_output=True, text=True)
-    assert stopped.stderr == "stopped by SIGTERM: nothing written\n"
+    assert stopped.stderr == "stopped by SIGTERM\n"
 
 
 def test_a_signal_that_is_ignored_on_purpose_goes_on_being_ignored():
