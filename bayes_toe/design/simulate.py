@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
 from bayes_toe.data.answers import Answers
@@ -50,12 +49,10 @@ from bayes_toe.design.study_design import (
 from bayes_toe.errors import InputError, Remedy
 from bayes_toe.model.paper_equations import (
     Natural,
-    equal_probability,
-    evolved_mean,
     natural_names,
+    p_counted,
     pull,
     require_natural,
-    variance_ratio,
 )
 from bayes_toe.seeds import generator, root_seed
 
@@ -110,11 +107,7 @@ class PaperObserver:
             middle = 0.5 * (s1.mean() + s2.mean())
             expected = carried_expectation(s1 - middle, s2 - middle, contraction, share)
             natural = natural._replace(mu1=natural.mu1 + expected)
-        if self.task == SAME_DIFFERENT:
-            return equal_probability(s1, s2, *natural)
-        distance = s2 - evolved_mean(s1, natural.mu1, natural.gamma)
-        z = distance / (variance_ratio(natural.gamma) * natural.sigma_p)
-        return 0.5 * natural.q0 + (1.0 - natural.q0) * ndtr(z)
+        return p_counted(self.task, s1, s2, natural)
 
 
 def paper_population(size: int, rng: Rng, task: Task = SAME_DIFFERENT) -> list[PaperObserver]:
