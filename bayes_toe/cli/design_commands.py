@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from bayes_toe.data.options import ReadOptions
     from bayes_toe.data.stimulus_unit import StimulusUnit
     from bayes_toe.design.optimal_pairs import DesignGoal
-    from bayes_toe.design.study_design import BatchDesign, StudyDesign
+    from bayes_toe.design.study_design import StudyDesign
 
 #: Trials of a design that is searched for, if nothing else is said.
 TRIALS = 480
@@ -410,12 +410,12 @@ class PairOptions:
         Text, rare("--amplitudes", "N,N", "Stimuli in the unit (default: the paper's).")
     ] = None
 
-    def read(self) -> BatchDesign:
+    def read(self) -> StudyDesign:
         """The design."""
-        from bayes_toe.design.simulate import make_batch_design
+        from bayes_toe.design.simulate import make_design
 
         options = bt.ReadOptions(unit=self.unit)
-        return make_batch_design(self.design, self.amplitudes, self.batches, self.trials, options)
+        return make_design(self.design, self.amplitudes, self.batches, self.trials, options)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,9 +37,7 @@ from bayes_toe.design.observers import (
 from bayes_toe.design.study_design import (
     PAPER_AMPLITUDES,
     PAPER_BATCHES,
-    BatchDesign,
     StudyDesign,
-    apportioned,
     full_design,
     log_levels,
     read_pairs,
@@ -312,7 +310,7 @@ class SimulatedTrials:
 
 def simulate_trials(
     observers: Iterable[SimulatedObserver],
-    design: BatchDesign,
+    design: StudyDesign,
     seed: int,
     *,
     carry_over: float = 0.0,
@@ -326,7 +324,8 @@ def simulate_trials(
     Parameters
     ----------
     observers : iterable
-    design : BatchDesign
+    design : StudyDesign
+        Its trials are shown in equal batches, as many as there can be, each in a random order.
     seed : int
     carry_over : float
         Share of what is expected after a trial that is carried over to the next one.
@@ -351,13 +350,16 @@ def simulate_trials(
 
 
 def _observer_trials(
-    observer: SimulatedObserver, design: BatchDesign, seed: int, carry_over: float, missed: float
+    observer: SimulatedObserver, design: StudyDesign, seed: int, carry_over: float, missed: float
 ) -> SimulatedTrials:
     """The trials of one observer."""
     rng = generator(seed, observer.name, "trials")
-    n_pairs = len(design.s1)
-    order = np.argsort(rng.uniform(size=(design.batches, n_pairs)), axis=1).ravel()
-    s1, s2 = design.s1[order], design.s2[order]
+    n_batches = int(np.gcd.reduce(design.n_trials))
+    in_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // n_batches)
+    place = np.argsort(rng.uniform(size=(n_batches, len(in_batch))), axis=1).ravel()
+    pair = in_batch[place]
+    s1, s2 = design.s1[pair], design.s2[pair]
+
     if isinstance(observer, PaperObserver):
         p_yes = observer.p_trials(s1, s2, carry_over)
     else:
@@ -365,7 +367,7 @@ def _observer_trials(
         contraction = np.full(len(s1), observer.parameters["contraction"])
         expected = carried_expectation(s1 - sbar, s2 - sbar, contraction, carry_over)
         p_yes = observer.p_yes(s1, s2, sbar, expected)
-    batch = np.repeat(np.arange(1, design.batches + 1), n_pairs)
+    batch = np.repeat(np.arange(1, n_batches + 1), len(in_batch))
     yes = rng.uniform(size=len(p_yes)) < p_yes
     is_missed = rng.uniform(size=len(p_yes)) < missed
     return SimulatedTrials(observer, batch, s1, s2, yes, is_missed)
@@ -406,7 +408,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     observers: int | Truth = 16,
     *,
     population: str = PAPER,
-    design: str | BatchDesign = "reference",
+    design: str | StudyDesign = "reference",
     amplitudes: Sequence[float] | None = None,
     batches: int = PAPER_BATCHES,
     seed: int | None = None,
@@ -428,7 +430,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         "paper", of the paper's model; "none", "small constant error", "large constant error",
         "contraction", "repulsion", "both", or "prior", of the four models; or a CSV file of
         parameters.
-    design : {"reference", "full"} or BatchDesign
+    design : {"reference", "full"} or StudyDesign
         The paper's pairs, all ordered pairs of the amplitudes, or pairs of your own.
     amplitudes : sequence of float, optional
         Stimuli in units of the reference, weakest first; by default the paper's.
@@ -463,7 +465,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     ('A',)
     """
     task, root = task_of(task), root_seed(seed)
-    batch_design = make_batch_design(design, amplitudes, batches)
+    study_design = make_design(design, amplitudes, batches)
     differences = condition_differences(conditions, differ)
     simulated: Sequence[SimulatedObserver]
     if isinstance(observers, Mapping):
@@ -477,10 +479,10 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
             f"observers: found {observers!r}, allowed: a whole number from 1, or parameters by name"
         )
     else:
-        simulated = draw_population(population, observers, root, batch_design, task)
+        simulated = draw_population(population, observers, root, study_design, task)
     trials = simulate_trials(
         simulated,
-        batch_design,
+        study_design,
         root,
         carry_over=carry_over,
         missed=missed,
@@ -497,11 +499,11 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
 
 
 def draw_population(
-    population: str, size: int, seed: int, design: BatchDesign, task: Task = SAME_DIFFERENT
+    population: str, size: int, seed: int, design: StudyDesign, task: Task = SAME_DIFFERENT
 ) -> Sequence[SimulatedObserver]:
     """Observers that `--observers` names; anything but a known word is a CSV of parameters."""
     if population == PAPER:
-        mean = float(design.s1.mean())
+        mean = float(np.average(design.s1, weights=design.n_trials))
         if abs(mean) > _FAR:
             raise InputError(
                 f"--observers paper: found stimuli about ln {mean:.3g}, far from those of the "
@@ -511,10 +513,7 @@ def draw_population(
         return paper_population(size, generator(seed, "population"), task)
     if population not in POPULATIONS:
         return read_observers(population, task)
-    counts = np.full(len(design.s1), design.batches)
-    no_answers = np.zeros_like(counts)
-    pairs = Subject.from_counts("design", design.s1, design.s2, no_answers, counts)
-    study_design = StudyDesign(pairs.s1, pairs.s2, pairs.n_trials, task=task)
+    study_design = replace(design, task=task)
     if population == PRIOR:
         # All four models in turn.
         drawn = assume_observers(PRIOR, -(-size // 4), seed, [study_design])
@@ -577,30 +576,29 @@ def require_file(text: str, option: str, words: Iterable[str]) -> None:
 # --- What the command is told in words and files --------------------------------------------------
 
 
-def make_batch_design(
-    design: str | BatchDesign,
+def make_design(
+    design: str | StudyDesign,
     amplitudes: str | Sequence[float] | None,
     batches: int,
     trials: int | None = None,
     options: ReadOptions = _NATURAL_LOGS,
-) -> BatchDesign:
+) -> StudyDesign:
     """The design of `--design`, `--amplitudes`, `--trials`, in the unit of the options.
 
     No known word is a CSV of s1,s2 or s1,s2,n_trials.
     """
-    if isinstance(design, BatchDesign):
-        batch_design = design
-    elif design in _DESIGNS:
-        batch_design = _DESIGNS[design](_amplitudes(amplitudes, options), batches)
+    if isinstance(design, StudyDesign):
+        return design
+    if batches < 1:
+        raise InputError(f"design: batches={batches} must be at least 1")
+    if design in _DESIGNS:
+        study_design = _DESIGNS[design](_amplitudes(amplitudes, options), batches)
     else:
         require_file(design, "--design", _DESIGNS)
-        batch_design = _read_batches(design, batches, trials, options)
-    if batch_design.batches < 1:
-        raise InputError(f"design: batches={batch_design.batches} must be at least 1")
-    n_pairs = len(batch_design.s1)
-    if trials in (None, n_pairs * batch_design.batches):
-        return batch_design
-    return _repeated(batch_design, np.ones(n_pairs), trials)
+        columns = read_pairs(design, options, optional=("n_trials",))
+        counts = columns.get("n_trials", np.full(len(columns["s1"]), batches))
+        study_design = StudyDesign(columns["s1"], columns["s2"], counts.astype(np.int64))
+    return study_design if trials is None else study_design.with_total(trials)
 
 
 def _amplitudes(values: str | Sequence[float] | None, options: ReadOptions) -> FloatArray:
@@ -611,26 +609,6 @@ def _amplitudes(values: str | Sequence[float] | None, options: ReadOptions) -> F
         return np.array(PAPER_AMPLITUDES)
     amplitudes = np.array(_numbers("--amplitudes", values))
     return amplitudes if options.unit is None else np.exp(log_levels(amplitudes, options))
-
-
-def _read_batches(path: str, batches: int, trials: int | None, options: ReadOptions) -> BatchDesign:
-    """The pairs of a file, each once in a batch or as often as the column n_trials says."""
-    columns = read_pairs(path, options, optional=("n_trials",))
-    pairs = BatchDesign(columns["s1"], columns["s2"], batches)
-    if "n_trials" not in columns:
-        return pairs
-    counts = columns["n_trials"]
-    return _repeated(pairs, counts, trials or int(counts.sum()))
-
-
-def _repeated(design: BatchDesign, share: FloatArray, trials: int | None) -> BatchDesign:
-    """The pairs with shares of so many trials, in as many equal batches as there can be."""
-    if trials is None or trials < len(share):
-        raise InputError(f"--trials {trials}: allowed is at least {len(share)}, one for each pair")
-    n_trials = apportioned(share, trials)
-    batches = int(np.gcd.reduce(n_trials))
-    row = np.repeat(np.arange(len(n_trials)), n_trials // batches)
-    return BatchDesign(design.s1[row], design.s2[row], batches)
 
 
 def trial_frame(

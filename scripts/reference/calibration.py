@@ -252,14 +252,13 @@ def observed(job: Job) -> tuple[Subject, Natural | None]:
     design, seed, name = reference_design(batches=DESIGNS[job.design]), job.settings.seed, job.name
     rng = generator(seed, name, "observer")
     if job.from_h1:
-        n_trials = np.full(len(design.s1), design.batches)
-        pairs = Subject(name, design.s1, design.s2, 0 * n_trials, n_trials)
-        theta = prior_draw(job.settings.prior if job.truth is None else job.truth, pairs, rng)
+        own_prior = job.settings.prior if job.truth is None else job.truth
+        theta = prior_draw(own_prior, design.answered(0 * design.n_trials, name), rng)
         observer = PaperObserver(name, Natural(*(value[0] for value in theta)))
         (trials,) = simulate_trials([observer], design, seed)
         return Subject.from_trials(name, trials.s1, trials.s2, trials.yes), theta
-    counts = rng.binomial(design.batches, rng.uniform(size=len(design.s1)))
-    return Subject(name, design.s1, design.s2, counts, np.full(len(counts), design.batches)), None
+    counts = rng.binomial(design.n_trials, rng.uniform(size=design.n_pairs))
+    return design.answered(counts, name), None
 
 
 def prior_draw(prior: Prior, pairs: Subject, rng: Rng) -> Natural:
