@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
@@ -66,8 +65,6 @@ _ALLOWED_DIFFERENCE = (
     f"QUANTITY=SIZE, or QUANTITY=SIZE:SD with the sd between subjects, of {', '.join(DIFFERING)}, "
     "separated by commas"
 )
-_FAR = 2.0  # natural logs of the mean stimulus, at which the paper's prior means are far away
-_NATURAL_LOGS = ReadOptions()
 _DESIGNS = {"reference": reference_design, "full": full_design}
 Sizes: TypeAlias = Mapping[str, float | tuple[float, float]]
 
@@ -409,7 +406,6 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     *,
     population: str = PAPER,
     design: str | StudyDesign = "reference",
-    amplitudes: Sequence[float] | None = None,
     batches: int = PAPER_BATCHES,
     seed: int | None = None,
     task: Task | str = SAME_DIFFERENT,
@@ -431,9 +427,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         "contraction", "repulsion", "both", or "prior", of the four models; or a CSV file of
         parameters.
     design : {"reference", "full"} or StudyDesign
-        The paper's pairs, all ordered pairs of the amplitudes, or pairs of your own.
-    amplitudes : sequence of float, optional
-        Stimuli in units of the reference, weakest first; by default the paper's.
+        The paper's pairs, all ordered pairs of its stimuli, or pairs of your own.
     batches : int
         Repetitions of the whole set of pairs.
     seed : int, optional
@@ -465,21 +459,18 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     ('A',)
     """
     task, root = task_of(task), root_seed(seed)
-    study_design = make_design(design, amplitudes, batches)
+    study_design = make_design(design, None, batches)
     differences = condition_differences(conditions, differ)
     simulated: Sequence[SimulatedObserver]
     if isinstance(observers, Mapping):
-        simulated = [
-            _stated_observer(name, values, task, "observers") for name, values in observers.items()
-        ]
-        if not simulated:
-            raise InputError("observers: found none, allowed: at least one")
+        simulated = _stated_observers(observers, task)
     elif isinstance(observers, bool) or not isinstance(observers, int) or observers < 1:
         raise InputError(
             f"observers: found {observers!r}, allowed: a whole number from 1, or parameters by name"
         )
     else:
         simulated = draw_population(population, observers, root, study_design, task)
+
     trials = simulate_trials(
         simulated,
         study_design,
@@ -488,13 +479,17 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         missed=missed,
         differences=differences,
     )
-    carried = {"carry_over": carry_over} if carry_over else {}
-    truth = {answered.subject: {**answered.observer.parameters, **carried} for answered in trials}
     subjects = tuple(answered.answered for answered in trials)
     study = Study(subjects, f"simulated, seed {root}", synthetic=True)
     if differences is not None:
         units = with_shared_scales(study)
         study = replace(study, subjects=units, conditions=differences.conditions)
+
+    truth = {}
+    for answered in trials:
+        truth[answered.subject] = dict(answered.observer.parameters)
+        if carry_over:
+            truth[answered.subject]["carry_over"] = carry_over
     return Simulated(study, truth)
 
 
@@ -504,7 +499,7 @@ def draw_population(
     """Observers that `--observers` names; anything but a known word is a CSV of parameters."""
     if population == PAPER:
         mean = float(np.average(design.s1, weights=design.n_trials))
-        if abs(mean) > _FAR:
+        if abs(mean) > 2.0:
             raise InputError(
                 f"--observers paper: found stimuli about ln {mean:.3g}, far from those of the "
                 "paper, ln 0 to 0.5",
@@ -513,18 +508,17 @@ def draw_population(
         return paper_population(size, generator(seed, "population"), task)
     if population not in POPULATIONS:
         return read_observers(population, task)
+
     study_design = replace(design, task=task)
-    if population == PRIOR:
-        # All four models in turn.
-        drawn = assume_observers(PRIOR, -(-size // 4), seed, [study_design])
-        n_each = len(drawn) // 4
-        drawn = list(chain.from_iterable(drawn[i::n_each] for i in range(n_each)))
-    else:
+    if population != PRIOR:
         drawn = assume_observers(population, size, seed, [study_design])
-    return [
-        replace(observer, name=name)
-        for name, observer in zip(subject_names(size), drawn, strict=False)
-    ]
+    else:
+        by_model = assume_observers(PRIOR, -(-size // 4), seed, [study_design])
+        n_each = len(by_model) // 4
+        # All four models in turn.
+        drawn = [by_model[i + n_each * k] for i in range(n_each) for k in range(4)]
+    names = subject_names(size)
+    return [replace(observer, name=name) for name, observer in zip(names, drawn, strict=False)]
 
 
 def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
@@ -539,11 +533,19 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
         required = tuple(name for name in all_names if name in ("noise", "q0"))
         optional = tuple(name for name in all_names if name not in required)
         names, columns = read_numbers(path, required, optional=optional, key="subject")
-    observers: list[SimulatedObserver] = []
+    truth = {}
     for i, name in enumerate(names):
-        values = {key: float(column[i]) for key, column in columns.items()}
-        observers.append(_stated_observer(name, values, task, path))
-    return observers
+        truth[name] = {key: float(column[i]) for key, column in columns.items()}
+    return _stated_observers(truth, task, path)
+
+
+def _stated_observers(
+    truth: Truth, task: Task, source: str = "observers"
+) -> list[SimulatedObserver]:
+    """Observers of these parameters, of either model."""
+    if not truth:
+        raise InputError(f"{source}: found none, allowed: at least one")
+    return [_stated_observer(name, values, task, source) for name, values in truth.items()]
 
 
 def _stated_observer(
@@ -578,10 +580,10 @@ def require_file(text: str, option: str, words: Iterable[str]) -> None:
 
 def make_design(
     design: str | StudyDesign,
-    amplitudes: str | Sequence[float] | None,
+    amplitudes: str | None,
     batches: int,
     trials: int | None = None,
-    options: ReadOptions = _NATURAL_LOGS,
+    options: ReadOptions | None = None,
 ) -> StudyDesign:
     """The design of `--design`, `--amplitudes`, `--trials`, in the unit of the options.
 
@@ -589,6 +591,7 @@ def make_design(
     """
     if isinstance(design, StudyDesign):
         return design
+    options = ReadOptions() if options is None else options
     if batches < 1:
         raise InputError(f"design: batches={batches} must be at least 1")
     if design in _DESIGNS:
@@ -601,13 +604,18 @@ def make_design(
     return study_design if trials is None else study_design.with_total(trials)
 
 
-def _amplitudes(values: str | Sequence[float] | None, options: ReadOptions) -> FloatArray:
+def _amplitudes(text: str | None, options: ReadOptions) -> FloatArray:
     """Intensities relative to the reference; the paper's where there are none."""
-    if values is None:
+    if text is None:
         if options.unit is not None:
             raise InputError("--unit: allowed with --amplitudes N,N or --design FILE.csv")
         return np.array(PAPER_AMPLITUDES)
-    amplitudes = np.array(_numbers("--amplitudes", values))
+    try:
+        amplitudes = np.array([*map(float, text.split(","))])
+    except ValueError:
+        raise InputError(
+            f"--amplitudes: found {text!r}, allowed: positive numbers separated by commas"
+        ) from None
     return amplitudes if options.unit is None else np.exp(log_levels(amplitudes, options))
 
 
@@ -646,13 +654,3 @@ def truth_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
 
     rows = [{"subject": trial.subject, **trial.observer.parameters} for trial in trials]
     return pd.DataFrame(rows)
-
-
-def _numbers(option: str, values: str | Sequence[float]) -> list[float]:
-    parts = values.split(",") if isinstance(values, str) else values
-    try:
-        return [*map(float, parts)]
-    except ValueError:
-        raise InputError(
-            f"{option}: found {values!r}, allowed: positive numbers separated by commas"
-        ) from None

@@ -281,7 +281,7 @@ def stimulus_columns(
 
 def paper_study_design(trials: int | None = None, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
     """The paper's 13 pairs, 50 trials each, or so many in all, sorted by (s1, s2)."""
-    design = replace(reference_design(), task=task).in_order()
+    design = replace(reference_design(), task=task_of(task)).in_order()
     return design if trials is None else design.with_total(trials)
 
 

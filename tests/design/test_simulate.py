@@ -180,8 +180,6 @@ REFUSED = [
     ({"observers": {}}, "found none"),
     ({"observers": 0}, "allowed: a whole number from 1"),
     ({"task": "3afc"}, "--task: found '3afc', allowed: same/different, or 2afc"),
-    ({"amplitudes": "1,two"}, "--amplitudes"),
-    ({"amplitudes": (1, -2)}, "positive"),
     ({"design": "mine"}, "--design"),
     ({"design": "interval.csv"}, "column isi: found in a design, allowed: s1, s2, n_trials"),
     ({"conditions": "ab"}, "conditions: found the text 'ab', allowed: a list of levels"),
