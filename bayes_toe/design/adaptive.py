@@ -38,13 +38,9 @@ Pair = tuple[float, float]
 #: What answers may be asked about: which of the four models, or all of their parameters too.
 MODEL, PARAMETERS = "model", "parameters"
 DRAWS = 4000
-#: Draws of a model by which pairs are compared, at least, and their answers to all pairs, about.
-_FEWEST_JUDGES, _PREDICTIONS = 512, 512_000
+#: Draws of a model by which pairs are compared, at least.
+_FEWEST_JUDGES = 512
 _FORMAT = "bayes-toe adaptive 2"
-#: Share of the draws that counted when they were made, below which they are made anew.
-_RENEWAL_SHARE = 0.5
-#: Efficiency below which a proposal that was brought up to date is fitted from the beginning.
-_POOR = 0.25
 
 
 @dataclass(eq=False)
@@ -103,7 +99,7 @@ class Particles:
         if mixture is not None:
             mixture = mixture.updated(draws, SHARP)
             (draws,) = fresh_draws(posterior.array, [mixture], [rng], size)
-        if mixture is None or draws.efficiency < _POOR:
+        if mixture is None or draws.efficiency < 0.25:
             fitted = fit_posterior(posterior, rng)
             mixture, draws = fitted.mixture, fitted.fresh(rng, size)
         self.mixture, self.draws = mixture, draws
@@ -165,7 +161,8 @@ class Adaptive:
         self.seed = root_seed(seed)
         self.about = about
         self.draws = draws
-        self._n_judges = min(draws, max(_FEWEST_JUDGES, _PREDICTIONS // self.pairs.n_pairs))
+        # About 512,000 predicted answers are kept of each model.
+        self._n_judges = min(draws, max(_FEWEST_JUDGES, 512_000 // self.pairs.n_pairs))
         self._answers: list[tuple[Pair, bool]] = []
         self._predicted: dict[str, tuple[int, FloatArray]] = {}
         self._particles = {}
@@ -211,13 +208,12 @@ class Adaptive:
         self._renew_worst()
 
     def _renew_worst(self) -> None:
-        """Make the draws of one model anew, where too few count: the one that matters most."""
+        """Make the draws of one model anew, where fewer than half count: the one that matters."""
         share = self.probabilities
-        error = {
-            name: share[name] / np.sqrt(particles.draws.effective_number)
-            for name, particles in self._particles.items()
-            if particles.remaining_share < _RENEWAL_SHARE
-        }
+        error = {}
+        for name, particles in self._particles.items():
+            if particles.remaining_share < 0.5:
+                error[name] = share[name] / np.sqrt(particles.draws.effective_number)
         if error:
             worst = max(error, key=lambda name: error[name])
             rng = generator(self.seed, "adaptive", worst, "particles", self.trials)
@@ -274,12 +270,10 @@ class Adaptive:
 
     def _log_probabilities(self) -> dict[str, float]:
         """Log posterior probability of each model."""
-        values = np.array(
-            [
-                particles.draws.log_evidence + np.log(MODEL_PRIOR[name])
-                for name, particles in self._particles.items()
-            ]
-        )
+        log_joint = []
+        for name, particles in self._particles.items():
+            log_joint.append(particles.draws.log_evidence + np.log(MODEL_PRIOR[name]))
+        values = np.array(log_joint)
         return dict(zip(self._particles, (values - logsumexp(values)).tolist(), strict=True))
 
     @property
@@ -312,15 +306,16 @@ class Adaptive:
         """
         if not all(0.0 <= level <= 1.0 for level in levels):
             raise InputError(f"levels {list(levels)}: allowed are numbers from 0 to 1")
-        log_share, values, weights = self._log_probabilities(), [], []
         names = self._particles["both"].rule.names.all
         if quantity not in names:
             raise InputError(f"quantity {quantity!r}: allowed: {', '.join(names)}")
+
+        share, values, weights = self.probabilities, [], []
         for name, particles in self._particles.items():
             quantities = particles.rule.quantities(particles.x)
             if quantity in quantities:
                 values.append(quantities[quantity])
-                weights.append(particles.draws.shares * np.exp(log_share[name]))
+                weights.append(particles.draws.shares * share[name])
         joined = np.concatenate(weights)
         return weighted_quantiles(np.concatenate(values), joined / joined.sum(), levels)
 
