@@ -17,7 +17,7 @@ need no chi-square. The draws have a fixed seed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -181,10 +181,9 @@ def subject_findings(
         # Swapped blocks explain what else may be found.
         if finding.code == "swapped_blocks":
             return findings
-    other = None
     if alternatives is not None:
-        other = _explained_otherwise(subject, alternatives, n_subjects)
-    return findings if other is None else [*findings, other]
+        findings += _explained_otherwise(subject, alternatives, n_subjects)
+    return findings
 
 
 def _few_trials(subject: Subject, n_subjects: int) -> Finding | None:
@@ -206,12 +205,16 @@ def _one_answer(subject: Subject, n_subjects: int) -> Finding | None:
 
 def _drawable_answers(subject: Subject, most_drawn: int = 10**8) -> Answers | None:
     """The answered rows, if they are few enough to draw tables of them."""
-    return None if subject.total_trials > most_drawn else _answers_in_order(subject)
+    if subject.total_trials > most_drawn:
+        return None
+    return _answers_in_order(subject)
 
 
 def _answers_in_order(subject: Subject) -> Answers | None:
     """The answered rows of a subject, if the file has them."""
-    return None if subject.answers is None else subject.answers.answered
+    if subject.answers is None:
+        return None
+    return subject.answers.answered
 
 
 # --- Trials that are there twice -----------------------------------------------------------------
@@ -295,22 +298,22 @@ def _agreement(p: FloatArray) -> FloatArray:
 
 def _explained_otherwise(
     subject: Subject, alternatives: Alternatives, n_subjects: int
-) -> Finding | None:
+) -> Iterator[Finding]:
     """Swapped keys, or responses that say little about the stimuli."""
     best, share = max(alternatives), subject.fraction_yes
     if best == alternatives.swapped > evidence_limit(n_subjects, REFUSAL_SHARE):
         option = f"--swap {cli_argument(subject.name)}"
         message = f"Responses look reversed. Check which code means {subject.task.yes!r}."
-        return Finding(subject.name, "reversed_answers", message, option)
+        yield Finding(subject.name, "reversed_answers", message, option)
+        return
     has_both_answers = _SELDOM < share < 1.0 - _SELDOM
     is_likely = best == alternatives.guesses > evidence_limit(n_subjects, FALSE_ALARM_SHARE)
-    if not (is_likely and has_both_answers):
-        return None
-    message = (
-        "The responses say little about the stimuli. The subject guesses, or hardly "
-        "distinguishes them."
-    )
-    return Finding(subject.name, "independent_answers", message)
+    if is_likely and has_both_answers:
+        message = (
+            "The responses say little about the stimuli. The subject guesses, or hardly "
+            "distinguishes them."
+        )
+        yield Finding(subject.name, "independent_answers", message)
 
 
 def has_other_task(alternatives: Alternatives, task: Task) -> bool:
@@ -465,8 +468,9 @@ def _explains_blocks(table: AnswerTable, swapped: BoolArray) -> bool:
     """Whether turning some blocks, but not all, removes most of what blocks differ by."""
     if not swapped.any() or swapped.all():
         return False
-    before, after = table.informative().ratio, _turned(table, swapped).informative().ratio
-    return after - 1.0 < 0.5 * max(0.0, before - 1.0)
+    ratio = table.informative().ratio
+    swapped_ratio = _turned(table, swapped).informative().ratio
+    return swapped_ratio - 1.0 < 0.5 * max(0.0, ratio - 1.0)
 
 
 def _swap_evidence(subject: Subject, answers: Answers, rows: BoolArray) -> float:
@@ -514,19 +518,19 @@ def _surely_swapped(
     table: AnswerTable,
     candidates: BoolArray,
     tilt: FloatArray,
-    sure: float = 5.0,
+    sure_gain: float = 5.0,
     likely_gain: float = 2.0,
 ) -> BoolArray:
     """The candidates that are likely swapped; none if no candidate is surely swapped.
 
-    `sure` and `likely_gain` are log evidences, in nats.
+    `sure_gain` and `likely_gain` are log evidences, in nats.
     """
     none = np.zeros_like(candidates)
     while candidates.any():
         gain = _swap_gain(_turned(table, candidates), tilt)
         likely: BoolArray = candidates & (gain > likely_gain)
         if np.array_equal(likely, candidates):
-            return candidates if gain[candidates].max() > sure else none
+            return candidates if gain[candidates].max() > sure_gain else none
         candidates = likely
     return none
 

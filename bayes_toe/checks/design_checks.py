@@ -284,7 +284,9 @@ def identification_findings(study: Study) -> Iterator[Finding]:
             message = f"{capitalized(join_words(questions))} cannot be told, because {reason}."
             names_by_message[message].append(subject.name)
     for message, names in names_by_message.items():
-        for name in [""] if len(names) == len(study) else names:
+        if len(names) == len(study):
+            names = [""]
+        for name in names:
             yield Finding(name, "not_identified", message)
 
 

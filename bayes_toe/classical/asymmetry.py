@@ -251,8 +251,10 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     q, error = laplace_estimate(*counts.T), laplace_error(*counts.T)
     difference = q[strong_rows] - q[weak_rows]
     tables = np.hstack([counts[strong_rows], counts[weak_rows]]).tolist()
-    tests = [equality_test(*table) for table in tables]
-    p_values = np.array([p_value for p_value, _ in tests])
+    p_values, tests = np.zeros(len(tables)), list[str]()
+    for i, table in enumerate(tables):
+        p_values[i], test = equality_test(*table)
+        tests.append(test)
     adjusted = holm(p_values)
     # Of two alike, the one with the smaller p-value.
     largest_first = np.lexsort((p_values, -np.abs(difference).round(12)))
@@ -273,9 +275,9 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
             q_strong_first_se=float(error[strong]),
             asymmetry=float(difference[i]),
             asymmetry_se=float(np.hypot(error[weak], error[strong])),
-            p_value=tests[i][0],
+            p_value=float(p_values[i]),
             p_adjusted=float(adjusted[i]),
-            test=tests[i][1],
+            test=tests[i],
             is_maximal=bool(i == largest_first[0]),
         )
         comparisons.append(comparison)

@@ -126,7 +126,9 @@ class PenalisedLikelihood:
         p, width = float(pull(gamma)), np.exp(log_width)
         lever = self.subject.s1 - mu1
         z = (self.subject.s2 - self.subject.s1 + p * lever) / width
-        curve = _bell if self.subject.task.lapses == "q0" else _guessing
+        curve = _guessing
+        if self.subject.task.lapses == "q0":
+            curve = _bell
         value, by_z, by_share = curve(z, share, n_yes, self.subject.n_trials - n_yes)
 
         deviation = (mu1 - self.mu1_mean) / self.mu1_sd
@@ -146,28 +148,29 @@ class PenalisedLikelihood:
             value, gradient = self.minus_objective(point * scale, counts)
             return value, gradient * scale
 
-        ends = []
+        points, values, has_converged = [], [], []
         for start in starts:
-            ends.append(
-                minimize(
-                    scaled,
-                    start / scale,
-                    method="L-BFGS-B",
-                    jac=True,
-                    bounds=self.bounds / scale[:, None],
-                    options={"ftol": 1e-13, "gtol": 1e-6, "maxiter": 1000},
-                )
+            end = minimize(
+                scaled,
+                start / scale,
+                method="L-BFGS-B",
+                jac=True,
+                bounds=self.bounds / scale[:, None],
+                options={"ftol": 1e-13, "gtol": 1e-6, "maxiter": 1000},
             )
-        points = np.array([end.x * scale for end in ends])
-        values = np.array([-end.fun for end in ends])
-        return Maxima(points, values, np.array([end.success for end in ends]))
+            points.append(end.x * scale)
+            values.append(-end.fun)
+            has_converged.append(end.success)
+        return Maxima(np.array(points), np.array(values), np.array(has_converged))
 
     def objective(self, x: FloatArray, n_yes: IntArray) -> FloatArray:
         """Log likelihood minus penalty of counts, (rows, pairs), at points: (rows, points)."""
         mu1, log_width, gamma, share = x.T[:, :, None]
         pairs = self.subject
         z = (pairs.s2 - pairs.s1 + pull(gamma) * (pairs.s1 - mu1)) / np.exp(log_width)
-        curve = bell_answers if pairs.task.lapses == "q0" else guessing_answers
+        curve = guessing_answers
+        if pairs.task.lapses == "q0":
+            curve = bell_answers
         log_yes, log_no = curve(z, logit(share))
         log_likelihood = n_yes @ log_yes.T + (pairs.n_trials - n_yes) @ log_no.T
         deviation = (x[:, 0] - self.mu1_mean) / self.mu1_sd
@@ -185,8 +188,10 @@ class PenalisedLikelihood:
         parts = []
         for name, value, bounds in zip(names, x, self.bounds, strict=True):
             if np.abs(bounds - value).min() < 1e-6:
-                shown = np.exp(value) if name == "width" else round(value, 6)
-                parts.append(f"{name}={shown:.3g}")
+                number = round(value, 6)
+                if name == "width":
+                    number = np.exp(value)
+                parts.append(f"{name}={number:.3g}")
         return ";".join(parts)
 
 
@@ -430,9 +435,9 @@ def subject_fit(
     points = []
     n_failed = int(not maxima.has_converged[maxima.is_highest].any())
     for n_yes, starts in zip(counts, likelihood.starts(counts), strict=True):
-        found = likelihood.search(n_yes, starts)
-        points.append(found.best)
-        n_failed += int(not found.has_converged[found.is_highest].any())
+        ends = likelihood.search(n_yes, starts)
+        points.append(ends.best)
+        n_failed += int(not ends.has_converged[ends.is_highest].any())
 
     penalty = 0.5 * ((maxima.best[0] - likelihood.mu1_mean) / likelihood.mu1_sd) ** 2
     return SubjectFit(

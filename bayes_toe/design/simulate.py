@@ -353,8 +353,8 @@ def _observer_trials(
     rng = generator(seed, observer.name, "trials")
     n_batches = int(np.gcd.reduce(design.n_trials))
     in_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // n_batches)
-    place = np.argsort(rng.uniform(size=(n_batches, len(in_batch))), axis=1).ravel()
-    pair = in_batch[place]
+    shuffled = np.argsort(rng.uniform(size=(n_batches, len(in_batch))), axis=1).ravel()
+    pair = in_batch[shuffled]
     s1, s2 = design.s1[pair], design.s2[pair]
 
     if isinstance(observer, PaperObserver):
@@ -516,7 +516,8 @@ def draw_population(
         by_model = assume_observers(PRIOR, -(-size // 4), seed, [study_design])
         n_each = len(by_model) // 4
         # All four models in turn.
-        drawn = [by_model[i + n_each * k] for i in range(n_each) for k in range(4)]
+        order = np.arange(4 * n_each).reshape(4, n_each).T.ravel()
+        drawn = list(map(by_model.__getitem__, order.tolist()))
     names = subject_names(size)
     return [replace(observer, name=name) for name, observer in zip(names, drawn, strict=False)]
 

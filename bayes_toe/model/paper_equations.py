@@ -248,7 +248,7 @@ def p_counted(task: Task, s1: npt.ArrayLike, s2: npt.ArrayLike, natural: Natural
     --------
     >>> from bayes_toe.data.tasks import WHICH_STRONGER
     >>> observer = Natural(0.0, 0.3, 0.1, 0.1)
-    >>> float(p_counted(WHICH_STRONGER, 0.0, [0.0, 9.0], observer)[1])
+    >>> round(float(p_counted(WHICH_STRONGER, 0.0, 9.0, observer)), 12)
     0.95
     """
     if task.lapses == "q0":

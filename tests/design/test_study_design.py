@@ -16,11 +16,8 @@ from bayes_toe.errors import InputError
 def test_a_design_comes_back_from_its_file(tmp_path):
     design = bt.design.StudyDesign(*columns("0.3 0 4, 0 0.30000000000000004 7"))
     loaded = bt.design.read_study_design(design.save(tmp_path / "design.csv"))
-    assert [column.tolist() for column in (loaded.s1, loaded.s2, loaded.n_trials)] == [
-        [0.0, 0.3],
-        [0.30000000000000004, 0.0],
-        [7, 4],
-    ]
+    assert loaded.pairs == [(0.0, 0.30000000000000004), (0.3, 0.0)]
+    assert loaded.n_trials.tolist() == [7, 4]
 
 
 @pytest.mark.parametrize("trials", [13, 25, 70, 649, 651])
