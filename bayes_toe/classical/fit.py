@@ -168,10 +168,10 @@ class PenalisedLikelihood:
         mu1, log_width, gamma, share = x.T[:, :, None]
         pairs = self.subject
         z = (pairs.s2 - pairs.s1 + pull(gamma) * (pairs.s1 - mu1)) / np.exp(log_width)
-        curve = guessing_answers
         if pairs.task.lapses == "q0":
-            curve = bell_answers
-        log_yes, log_no = curve(z, logit(share))
+            log_yes, log_no = bell_answers(z, logit(share))
+        else:
+            log_yes, log_no = guessing_answers(z, logit(share))
         log_likelihood = n_yes @ log_yes.T + (pairs.n_trials - n_yes) @ log_no.T
         deviation = (x[:, 0] - self.mu1_mean) / self.mu1_sd
         return np.asarray(log_likelihood - 0.5 * np.square(deviation))
@@ -195,26 +195,26 @@ class PenalisedLikelihood:
         return ";".join(parts)
 
 
-def _bell(z: FloatArray, q0: float, n_yes: FloatArray, n_no: FloatArray) -> Slopes:
+def _bell(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) -> Slopes:
     """The slopes of 'same or different?', P(equal) = q0 2^(-z^2). Source: Eq. mod:q."""
     log_shape = -LN2 * z * z
-    q = q0 * np.exp(log_shape)
-    value = n_yes @ (np.log(q0) + log_shape) + n_no @ np.log1p(-q)
+    q = share * np.exp(log_shape)
+    value = n_yes @ (np.log(share) + log_shape) + n_no @ np.log1p(-q)
     excess = n_yes - n_no * q / (1.0 - q)
-    return float(value), -2.0 * LN2 * z * excess, float(excess.sum()) / q0
+    return float(value), -2.0 * LN2 * z * excess, float(excess.sum()) / share
 
 
-def _guessing(z: FloatArray, rate: float, n_yes: FloatArray, n_no: FloatArray) -> Slopes:
+def _guessing(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) -> Slopes:
     """The slopes of 'which is stronger?', P(second) = lambda/2 + (1 - lambda) Phi(z)."""
     attended_yes, attended_no = ndtr(z), ndtr(-z)
-    p_yes = 0.5 * rate + (1.0 - rate) * attended_yes
-    p_no = 0.5 * rate + (1.0 - rate) * attended_no
+    p_yes = 0.5 * share + (1.0 - share) * attended_yes
+    p_no = 0.5 * share + (1.0 - share) * attended_no
     value = n_yes @ np.log(p_yes) + n_no @ np.log(p_no)
 
     by_yes, by_no = n_yes / p_yes, n_no / p_no
     density = np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
-    by_rate = by_yes @ (0.5 - attended_yes) + by_no @ (0.5 - attended_no)
-    return float(value), (1.0 - rate) * density * (by_yes - by_no), float(by_rate)
+    by_share = by_yes @ (0.5 - attended_yes) + by_no @ (0.5 - attended_no)
+    return float(value), (1.0 - share) * density * (by_yes - by_no), float(by_share)
 
 
 # --- Bootstrap -----------------------------------------------------------------------------------
