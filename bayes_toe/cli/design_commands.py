@@ -297,9 +297,9 @@ class ListOptions:
             split = f" ({design.total} in each of {join_names([*levels])}, mixed within blocks)"
         n_trials = design.total * max(1, len(levels))
         context.out.line()
-        each = " each" if self.subjects > 1 else ""
+        suffix = " each" if self.subjects > 1 else ""
         context.out.line(
-            f"{self.list_output}: {plural(self.subjects, 'subject')}, {n_trials} trials{each} "
+            f"{self.list_output}: {plural(self.subjects, 'subject')}, {n_trials} trials{suffix} "
             f"in {plural(self.blocks, 'block')}{split}. Within each block, both orders of a pair "
             f"are as frequent as in the design. At most {MOST_EQUAL} equal pairs follow each "
             f"other. Seed {seed}."
