@@ -67,7 +67,7 @@ FILES = {
     "contrast.csv": File(CONTRAST_COLUMNS, [Difference], ["p_direction", "word", "robust"]),
     "population.csv": File(PopulationRow._fields, [PopulationRow], ["quantity"]),
     "population_subjects.csv": File(GroupSubjectRow._fields),
-    "fit.csv": File(fit_columns(SAME_DIFFERENT), [SubjectFit], ["at_edge"]),
+    "fit.csv": File(fit_columns(SAME_DIFFERENT), [SubjectFit], ["at_edge", "replicates"]),
     "asymmetry.csv": File(ASYMMETRY_COLUMNS, [Comparison, SubjectAsymmetry]),
     "power.csv": File(POWER_COLUMNS),
     "power_data_sets.csv": File(DATA_SET_COLUMNS),

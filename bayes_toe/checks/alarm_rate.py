@@ -17,9 +17,6 @@ from bayes_toe.arrays import FloatArray
 FALSE_ALARM_SHARE = 0.05
 #: The same for an alarm after which a subject is not interpreted.
 REFUSAL_SHARE = 0.02
-_MOST_LARGER = 20  # statistics as large as the observed one after which a simulation ends
-_MOST_DRAWS = 20_000
-_FIRST_DRAWS, _LARGEST_BATCH = 100, 1000
 
 
 def flag_limit(n_subjects: int) -> float:
@@ -49,7 +46,12 @@ def evidence_limit(n_tests: int, share: float) -> float:
     return math.log(n_tests / share)
 
 
-def simulated_p_value(observed: float, simulate: Callable[[int], FloatArray]) -> float:
+def simulated_p_value(
+    observed: float,
+    simulate: Callable[[int], FloatArray],
+    most_larger: int = 20,
+    most_draws: int = 20_000,
+) -> float:
     """Chance of a statistic at least as large, by simulation under the null hypothesis.
 
     It ends when twenty statistics are as large (Besag and Clifford 1991), or after 20,000.
@@ -59,6 +61,8 @@ def simulated_p_value(observed: float, simulate: Callable[[int], FloatArray]) ->
     observed : float
     simulate : callable
         Gives so many simulated statistics, shape (draws,).
+    most_larger, most_draws : int
+        Statistics as large as the observed one, and all statistics, after which it ends.
 
     Examples
     --------
@@ -68,9 +72,9 @@ def simulated_p_value(observed: float, simulate: Callable[[int], FloatArray]) ->
     """
     least = observed - 1e-9 * abs(observed)  # the rounding of equal statistics
     n_larger = n_drawn = 0
-    while n_drawn < _MOST_DRAWS and n_larger < _MOST_LARGER:
+    while n_drawn < most_draws and n_larger < most_larger:
         # Most statistics are not large, which a few draws show.
-        size = min(max(_FIRST_DRAWS, n_drawn), _LARGEST_BATCH, _MOST_DRAWS - n_drawn)
+        size = min(max(100, n_drawn), 1000, most_draws - n_drawn)
         n_larger += int(np.count_nonzero(simulate(size) >= least))
         n_drawn += size
     return (1 + n_larger) / (1 + n_drawn)

@@ -24,11 +24,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
 from bayes_toe.inference.engine import Precision
 from bayes_toe.inference.order_evidence import OrderEvidence, try_order_evidence
 
-_SEED = 0  # the same alarms for the same study
-_QUICK = Precision(standard_error=0.2, effective_draws=50.0, most_draws=1000)
-#: Standard errors of an expected trend beyond which no other explanation can win.
-_CLEAR_TREND = 5.0
-
 
 class Alternatives(NamedTuple):
     """Log Bayes factors of other explanations against the four models, in nats."""
@@ -83,8 +78,9 @@ def _is_doubtful(subject: Subject) -> bool:
         return False
     expected = -np.abs(difference) if subject.task == SAME_DIFFERENT else difference
     covariance, variance = response_trend(subject, expected / np.abs(expected).max())
-    # Without any variance, all pairs differ by as much.
-    return variance == 0.0 or covariance / math.sqrt(variance) < _CLEAR_TREND
+    # Without any variance, all pairs differ by as much. Beyond 5 standard errors of an expected
+    # trend, no other explanation can win.
+    return variance == 0.0 or covariance / math.sqrt(variance) < 5.0
 
 
 def _guessing_evidence(subject: Subject) -> float:
@@ -96,8 +92,10 @@ def _guessing_evidence(subject: Subject) -> float:
 
 def _log_evidence(subjects: Sequence[Subject]) -> FloatArray:
     """Log mean evidence of the four models by their prior probabilities; NaN where it fails."""
+    quick = Precision(standard_error=0.2, effective_draws=50.0, most_draws=1000)
     values = []
-    for evidence in try_order_evidence(subjects, _SEED, precision=_QUICK):
+    # The same alarms for the same study.
+    for evidence in try_order_evidence(subjects, seed=0, precision=quick):
         if isinstance(evidence, OrderEvidence):
             values.append(evidence.log_mean_evidence)
         else:

@@ -48,8 +48,6 @@ from bayes_toe.seeds import generator
 #: Log Bayes factor of another task, in more than half of the subjects. In 2AFC, a constant error of
 #: 3 times the difference of a pair reaches 4.7, in 'same or different?' one of 1.6 times 3.8.
 OTHER_TASK = {WHICH_STRONGER: 5.0, SAME_DIFFERENT: 4.0}
-#: A change of an answer's share from the first trial to the last that matters for pooled counts.
-SMALL_DRIFT = 0.2
 #: Trials below which a subject is flagged.
 FEW_TRIALS = 60
 
@@ -74,15 +72,10 @@ FLAG_KINDS = {
     "few_trials": FlagKind(f"fewer than {FEW_TRIALS} trials", True),
 }
 
-_STRETCHES = 10  # of the trials, among which drift is looked for
-_MOST_DRAWN = 10**8  # answers of a subject beyond which tables cannot be drawn
 _WINDOW = 16  # rows in sequence by which repeated trials are looked for
-_REPEAT_NATS = 12.0  # of equal answers that cannot be a coincidence in one subject
 _SELDOM = 0.15  # share of a response that a large constant error leaves, whatever the pair
 #: Logits by which a block's answers may differ from those of the others, with Laplace's prior.
 _MOVES = np.linspace(-6.0, 6.0, 25)
-_SURELY_SWAPPED = 5.0  # nats by which a block agrees with the others only if it is swapped
-_LIKELY_SWAPPED = 2.0  # nats, of a block where another one is surely swapped
 _TILT_SCALE = 0.75  # of such moves at the largest s2 - s1
 _TILTS = _TILT_SCALE * _MOVES
 
@@ -177,60 +170,80 @@ def subject_findings(
 
     `alternatives` are other explanations of the responses; None where there is no doubt.
     """
-    findings = [*_findings_by_trial(subject, n_subjects)]
-    # Swapped blocks explain what else may be found.
-    has_swapped_blocks = any(finding.code == "swapped_blocks" for finding in findings)
-    if alternatives is not None and not has_swapped_blocks:
+    findings = []
+    for find in _ALARMS:
+        finding = find(subject, n_subjects)
+        if finding is None:
+            continue
+        findings.append(finding)
+        if finding.code == "one_answer":
+            break
+        # Swapped blocks explain what else may be found.
+        if finding.code == "swapped_blocks":
+            return findings
+    if alternatives is not None:
         findings += _explained_otherwise(subject, alternatives, n_subjects)
     return findings
 
 
-def _findings_by_trial(subject: Subject, n_subjects: int) -> Iterator[Finding]:
-    answers = None if subject.answers is None else subject.answers.answered
-    if answers is not None and answers.has_trial_rows:
-        yield from _repeated_trials(subject, answers, n_subjects)
-    if subject.total_trials < FEW_TRIALS:
-        n_trials = plural(subject.total_trials, "trial")
-        message = f"Only {n_trials}, so the prior has much influence."
-        yield Finding(subject.name, "few_trials", message)
-    if subject.n_yes.sum() in (0, subject.total_trials):
-        answer = subject.task.yes if subject.n_yes.any() else subject.task.no
-        yield Finding(subject.name, "one_answer", f"Every response is {answer!r}.")
-        return
-    if answers is None or subject.total_trials > _MOST_DRAWN:
-        return
-    level = 0.5 * flag_limit(n_subjects)  # of each of two tests
-    of_blocks = _unlike_blocks(subject, answers, n_subjects, level)
-    if of_blocks is not None:
-        yield of_blocks
-        if of_blocks.code == "swapped_blocks":
-            return
-    if answers.has_trial_rows:
-        yield from _drift(subject, answers, level)
+def _few_trials(subject: Subject, n_subjects: int) -> Finding | None:
+    """Too few trials, in a study of any size."""
+    if subject.total_trials >= FEW_TRIALS:
+        return None
+    n_trials = plural(subject.total_trials, "trial")
+    message = f"Only {n_trials}, so the prior has much influence."
+    return Finding(subject.name, "few_trials", message)
+
+
+def _one_answer(subject: Subject, n_subjects: int) -> Finding | None:
+    """One response only, in a study of any size."""
+    if subject.n_yes.sum() not in (0, subject.total_trials):
+        return None
+    answer = subject.task.yes if subject.n_yes.any() else subject.task.no
+    return Finding(subject.name, "one_answer", f"Every response is {answer!r}.")
+
+
+def _drawable_answers(subject: Subject, most_drawn: int = 10**8) -> Answers | None:
+    """The answered rows, if they are few enough to draw tables of them."""
+    if subject.total_trials > most_drawn:
+        return None
+    return _answers_in_order(subject)
+
+
+def _answers_in_order(subject: Subject) -> Answers | None:
+    """The answered rows of a subject, if the file has them."""
+    if subject.answers is None:
+        return None
+    return subject.answers.answered
 
 
 # --- Trials that are there twice -----------------------------------------------------------------
 
 
-def _repeated_trials(subject: Subject, answers: Answers, n_subjects: int) -> Iterator[Finding]:
+def _repeated_trials(subject: Subject, n_subjects: int, least_nats: float = 12.0) -> Finding | None:
     """Long sequences of trials that repeat earlier ones, stimuli and answers.
 
     A list of stimuli may be used again on purpose, so only equal answers count, by the chance
-    that two answers to a pair agree.
+    that two answers to a pair agree. In one subject, equal answers of 12 nats are no coincidence.
     """
+    answers = _answers_in_order(subject)
+    if answers is None or not answers.has_trial_rows:
+        return None
     n_rows = len(answers.n_trials)
     if n_rows < 2 * _WINDOW:
-        return
+        return None
+
     lag = _lag_to_first_copy(_row_codes(answers))
     run_start = run_starts(lag)
     last_window = np.append(run_start[1:], len(lag)) - 1
     run_end = last_window + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
     nats_in_run = nats_before[run_end] - nats_before[run_start]
-    limit = _REPEAT_NATS + math.log(n_subjects)
+    limit = least_nats + math.log(n_subjects)
     is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > limit)
     if not is_repeat.any():
-        return
+        return None
+
     is_copy = np.zeros(n_rows, np.bool_)
     for start, end in zip(run_start[is_repeat], run_end[is_repeat], strict=True):
         is_copy[start:end] = True
@@ -241,7 +254,7 @@ def _repeated_trials(subject: Subject, answers: Answers, n_subjects: int) -> Ite
         "Remove the copies from the file. The option leaves out the whole subject."
     )
     option = f"--exclude {cli_argument(subject.name)}"
-    yield Finding(subject.name, "repeated_trials", message, option)
+    return Finding(subject.name, "repeated_trials", message, option)
 
 
 def _lag_to_first_copy(codes: IntArray) -> IntArray:
@@ -292,9 +305,10 @@ def _explained_otherwise(
         option = f"--swap {cli_argument(subject.name)}"
         message = f"Responses look reversed. Check which code means {subject.task.yes!r}."
         yield Finding(subject.name, "reversed_answers", message, option)
-    elif best == alternatives.guesses > evidence_limit(n_subjects, FALSE_ALARM_SHARE):
-        if not _SELDOM < share < 1.0 - _SELDOM:
-            return
+        return
+    has_both_answers = _SELDOM < share < 1.0 - _SELDOM
+    is_likely = best == alternatives.guesses > evidence_limit(n_subjects, FALSE_ALARM_SHARE)
+    if is_likely and has_both_answers:
         message = (
             "The responses say little about the stimuli. The subject guesses, or hardly "
             "distinguishes them."
@@ -408,32 +422,41 @@ def _tabulate(answers: Answers, column: IntArray) -> tuple[FloatArray, AnswerTab
     return pairs, AnswerTable(n, k)
 
 
-def _unlike_blocks(
-    subject: Subject, answers: Answers, n_subjects: int, level: float
-) -> Finding | None:
-    """Blocks with swapped response keys, or blocks that differ otherwise by more than chance."""
-    if answers.block is None:
+def _swapped_blocks(subject: Subject, n_subjects: int) -> Finding | None:
+    """Blocks with swapped response keys."""
+    answers = _drawable_answers(subject)
+    if answers is None or answers.block is None:
         return None
     pairs, table = _tabulate(answers, answers.block)
-    informative = table.informative()
-    if informative.freedom == 0:
+    if table.informative().freedom == 0:
         return None
-    swapped = _find_swapped(table, subject.task, pairs[:, 1] - pairs[:, 0])
-    rows = np.isin(answers.block, np.flatnonzero(swapped))
-    limit = evidence_limit(n_subjects * len(swapped), REFUSAL_SHARE)
-    if _explains_blocks(table, swapped) and _swap_evidence(subject, answers, rows) > limit:
-        blocks = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
-        noun = "block" if len(blocks) == 1 else "blocks"
-        message = f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}."
-        option = f"--swap {cli_argument(subject.name, blocks)}"
-        return Finding(subject.name, "swapped_blocks", message, option)
 
-    if informative.ratio <= 1.0:  # below its mean X^2 needs no table
+    swapped = _find_swapped(table, subject.task, pairs[:, 1] - pairs[:, 0])
+    limit = evidence_limit(n_subjects * len(swapped), REFUSAL_SHARE)
+    rows = np.isin(answers.block, np.flatnonzero(swapped))
+    if not _explains_blocks(table, swapped) or _swap_evidence(subject, answers, rows) <= limit:
         return None
-    p = informative.p_value(informative.chi_square, subject.name)
-    if p > level:
+    blocks = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
+    noun = "block" if len(blocks) == 1 else "blocks"
+    message = f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}."
+    option = f"--swap {cli_argument(subject.name, blocks)}"
+    return Finding(subject.name, "swapped_blocks", message, option)
+
+
+def _unlike_blocks(subject: Subject, n_subjects: int) -> Finding | None:
+    """Blocks that differ by more than chance."""
+    answers = _drawable_answers(subject)
+    if answers is None or answers.block is None:
         return None
-    block = answers.blocks[int(np.argmax(informative.block_chi_square(informative.k)))]
+    table = _tabulate(answers, answers.block)[1].informative()
+    # X^2 below its mean needs no table.
+    if table.freedom == 0 or table.ratio <= 1.0:
+        return None
+
+    p = table.p_value(table.chi_square, subject.name)
+    if p > 0.5 * flag_limit(n_subjects):  # one of two tests
+        return None
+    block = answers.blocks[int(np.argmax(table.block_chi_square(table.k)))]
     message = (
         f"Block {display_name(block)} differs from the others ({describe_p_value(p)}). Intervals "
         "are too narrow if blocks differ."
@@ -445,8 +468,9 @@ def _explains_blocks(table: AnswerTable, swapped: BoolArray) -> bool:
     """Whether turning some blocks, but not all, removes most of what blocks differ by."""
     if not swapped.any() or swapped.all():
         return False
-    before, after = table.informative().ratio, _turned(table, swapped).informative().ratio
-    return after - 1.0 < 0.5 * max(0.0, before - 1.0)
+    ratio = table.informative().ratio
+    swapped_ratio = _turned(table, swapped).informative().ratio
+    return swapped_ratio - 1.0 < 0.5 * max(0.0, ratio - 1.0)
 
 
 def _swap_evidence(subject: Subject, answers: Answers, rows: BoolArray) -> float:
@@ -490,14 +514,23 @@ def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
     return ~is_turned if leans_wrongly else is_turned
 
 
-def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray) -> BoolArray:
-    """The candidates that are likely swapped; none if no candidate is surely swapped."""
+def _surely_swapped(
+    table: AnswerTable,
+    candidates: BoolArray,
+    tilt: FloatArray,
+    sure_gain: float = 5.0,
+    likely_gain: float = 2.0,
+) -> BoolArray:
+    """The candidates that are likely swapped; none if no candidate is surely swapped.
+
+    `sure_gain` and `likely_gain` are log evidences, in nats.
+    """
     none = np.zeros_like(candidates)
     while candidates.any():
         gain = _swap_gain(_turned(table, candidates), tilt)
-        likely: BoolArray = candidates & (gain > _LIKELY_SWAPPED)
+        likely: BoolArray = candidates & (gain > likely_gain)
         if np.array_equal(likely, candidates):
-            return candidates if gain[candidates].max() > _SURELY_SWAPPED else none
+            return candidates if gain[candidates].max() > sure_gain else none
         candidates = likely
     return none
 
@@ -526,15 +559,24 @@ def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:
     return terms.sum(axis=0)
 
 
-def _drift(subject: Subject, answers: Answers, level: float) -> Iterator[Finding]:
-    """Answers that change slowly over the trials: trends, and waves as of a moving criterion."""
+def _drift(
+    subject: Subject, n_subjects: int, small_drift: float = 0.2, most_stretches: int = 10
+) -> Finding | None:
+    """Answers that change slowly over the trials: trends, and waves as of a moving criterion.
+
+    A change of a share below 0.2 hardly matters for pooled counts.
+    """
+    answers = _drawable_answers(subject)
+    if answers is None or not answers.has_trial_rows:
+        return None
     n_rows = len(answers.n_trials)
-    n_stretches = min(_STRETCHES, n_rows)
+    n_stretches = min(most_stretches, n_rows)
     pairs, table = _tabulate(answers, np.arange(n_rows) * n_stretches // n_rows)
     difference = (pairs[:, 1] - pairs[:, 0])[table.is_mixed]
     table = table.informative()
     if table.freedom == 0:
-        return
+        return None
+
     kinds = _kinds_of_drift(subject, difference)
     time = (np.arange(n_stretches) + 0.5) / n_stretches
     waves = np.cos(np.pi * np.outer([1, 2, 3], time))
@@ -550,15 +592,16 @@ def _drift(subject: Subject, answers: Answers, level: float) -> Iterator[Finding
     course = observed @ waves
     largest = int(np.argmax(np.square(observed).sum(-1)))
     change = float(np.ptp(course[largest]))
-    if change < SMALL_DRIFT:
-        return
+    if change < small_drift:
+        return None
     p = table.p_value(largest_power, subject.name)
-    if p <= level:
-        message = (
-            f"Responses drift ({describe_p_value(p)}). The {[*kinds][largest]} changes by "
-            f"{change:.2f} over the trials."
-        )
-        yield Finding(subject.name, "drift", message)
+    if p > 0.5 * flag_limit(n_subjects):  # one of two tests
+        return None
+    message = (
+        f"Responses drift ({describe_p_value(p)}). The {[*kinds][largest]} changes by "
+        f"{change:.2f} over the trials."
+    )
+    return Finding(subject.name, "drift", message)
 
 
 def _kinds_of_drift(subject: Subject, difference: FloatArray) -> dict[str, FloatArray]:
@@ -582,3 +625,14 @@ def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArr
     weights = kinds[:, None, :, None] * centred
     squares = (n * np.square(weights)).sum((2, 3), keepdims=True)
     return weights / np.where(squares > 0.0, squares, 1.0)
+
+
+#: The alarms of one subject in a study of so many, in the order in which they are looked for.
+_ALARMS: tuple[Callable[[Subject, int], Finding | None], ...] = (
+    _repeated_trials,
+    _few_trials,
+    _one_answer,
+    _swapped_blocks,
+    _unlike_blocks,
+    _drift,
+)

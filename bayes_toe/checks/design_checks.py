@@ -18,10 +18,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.checks.answer_checks import Finding, check_answers
-from bayes_toe.checks.identification import (
-    CRITERION_NOTE,
-    identify,
-)
+from bayes_toe.checks.identification import CRITERION_NOTE, identify
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import looks_like
 from bayes_toe.data.messages import (
@@ -35,6 +32,7 @@ from bayes_toe.data.messages import (
 from bayes_toe.data.options import LOOKED_AT
 from bayes_toe.data.stimulus_unit import ROUNDED, StimulusUnit, sign_of_intensities
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.data.units import follows_from_pairs
 from bayes_toe.data.validation import number
 from bayes_toe.model.prior import Prior
@@ -43,21 +41,11 @@ from bayes_toe.model.prior_file import preset_or_file
 #: Codes of findings that are no warnings.
 NOTES = frozenset({"columns_ignored", "criterion"})
 
-_NOTE_CODES = {
-    CRITERION_NOTE: "criterion",
-}
-_MOST_PAIRS_SHOWN = 3
 _SELECTORS = (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
 #: Joiners, fillers and selectors, which are letters or marks to Unicode, and the braille blank.
 _INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | frozenset(
     map(chr, _SELECTORS)
 )
-_NEAR = 10.0  # factor within which sigma_p of a prior in the stimuli's unit lies of their step
-_SELDOM = 0.1  # probability of that below which the prior has another unit
-_LONE = 0.01  # share of trials whose stimuli may be far from all others by mistake
-_DISTANT = 0.25  # of the sd of the stimuli: how far their means may differ between conditions
-_LONG = 100.0  # seconds; nobody compares two stimuli over that time, but 100 ms are common
-_TWO_SCALES = math.log(100.0)  # a gap between stimuli that is wider than all others together
 
 
 def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]:
@@ -128,8 +116,12 @@ def _raw_stimuli(study: Study) -> Iterator[Finding]:
         yield Finding("", "raw_stimuli", message)
 
 
-def _two_scales(study: Study) -> Iterator[Finding]:
-    """Stimuli in two groups that are far apart, as where some decimal points are missing."""
+def _two_scales(study: Study, lone_share: float = 0.01) -> Iterator[Finding]:
+    """Stimuli in two groups that are far apart, as where some decimal points are missing.
+
+    The gap is wider than all others together. At most this share of the trials is in a group that
+    may be a mistake.
+    """
     for subject in study:
         levels = np.unique(subject.stimuli)
         gaps = np.diff(levels)
@@ -150,13 +142,16 @@ def _two_scales(study: Study) -> Iterator[Finding]:
             for part in (levels[: widest + 1], levels[widest + 1 :])
         ]
         option = ""
-        if widest_gap > _TWO_SCALES and widest_gap > 2.0 * other_gaps:
+        if widest_gap > math.log(100.0) and widest_gap > 2.0 * other_gaps:
             message = (
                 f"Stimuli lie in two groups, {' and '.join(groups)}, {factor} apart. Correct rows "
                 "in another unit or without a decimal point."
             )
             option = f"--exclude {cli_argument(subject.name)}"
-        elif widest_gap > other_gaps > 0.0 and n_in_smaller_group <= _LONE * subject.total_trials:
+        elif (
+            widest_gap > other_gaps > 0.0
+            and n_in_smaller_group <= lone_share * subject.total_trials
+        ):
             trials = f"{plural(n_in_smaller_group, 'trial')} of {subject.total_trials:,}"
             lone, remaining = groups if n_below < n_above else groups[::-1]
             message = (
@@ -205,7 +200,8 @@ def _times(study: Study) -> Iterator[Finding]:
             pauses = np.append(pauses, subject.answers.iti)
     pauses = pauses[~np.isnan(pauses)]
     pause = float(np.median(pauses)) if len(pauses) else 0.0
-    if pause >= _LONG:
+    # Nobody compares two stimuli over 100 seconds, but 100 ms are common.
+    if pause >= 100.0:
         message = (
             f"Column iti has pauses of {pause:g} (median) s. If these are milliseconds, divide the "
             "column by 1000."
@@ -255,17 +251,17 @@ def _look(name: str) -> str:
 # --- The prior of the paper's model --------------------------------------------------------------
 
 
-def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
+def _prior_scale(study: Study, prior: Prior, factor: float = 10.0) -> Iterator[Finding]:
     """Stimuli in another unit than a prior of numbers.
 
-    Hardly any sigma_p of such a prior has the size of the stimuli's steps, so evidence and
+    Hardly any sigma_p of such a prior is within a factor of the stimuli's steps, so evidence and
     posterior depend on the prior alone.
     """
     scales = common_scales(*study)
     if scales is None or prior.depends_on_stimuli(prior.spread):
         return
     step = scales.step
-    if prior.spread_probability(step / _NEAR, _NEAR * step) >= _SELDOM:
+    if prior.spread_probability(step / factor, factor * step) >= 0.1:
         return
     width = "wide" if prior.spread_probability(0.0, step) < 0.5 else "narrow"
     message = (
@@ -288,24 +284,16 @@ def identification_findings(study: Study) -> Iterator[Finding]:
             message = f"{capitalized(join_words(questions))} cannot be told, because {reason}."
             names_by_message[message].append(subject.name)
     for message, names in names_by_message.items():
-        yield from _once_for_all(study, names, "not_identified", message)
+        if len(names) == len(study):
+            names = [""]
+        for name in names:
+            yield Finding(name, "not_identified", message)
 
 
 def _notes(study: Study) -> Iterator[Finding]:
-    """Notes on the conclusions, one note if it holds for all subjects."""
-    names_by_note = defaultdict[str, list[str]](list)
-    for subject in study:
-        for note in identify(subject).notes:
-            names_by_note[note].append(subject.name)
-    for note, names in names_by_note.items():
-        message = f"{capitalized(note)}."
-        yield from _once_for_all(study, names, _NOTE_CODES[note], message)
-
-
-def _once_for_all(study: Study, names: Sequence[str], code: str, message: str) -> Iterator[Finding]:
-    """A finding of each of these subjects, or of the study if these are all."""
-    for name in [""] if len(names) == len(study) else names:
-        yield Finding(name, code, message)
+    """A note on the conclusions of every 2AFC study."""
+    if study.task == WHICH_STRONGER:
+        yield Finding("", "criterion", f"{capitalized(CRITERION_NOTE)}.")
 
 
 def _one_order(subject: Subject) -> Iterator[Finding]:
@@ -318,7 +306,7 @@ def _one_order(subject: Subject) -> Iterator[Finding]:
         return
     describe = subject.unit.describe
     names = [f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone]
-    pairs = join_names(names, _MOST_PAIRS_SHOWN)
+    pairs = join_names(names, 3)
     verb = "was" if len(lone) == 1 else "were"
     message = f"{plural(len(lone), 'pair')} {verb} presented in one order only: {pairs}."
     yield Finding(subject.name, "one_order", message)
@@ -386,7 +374,7 @@ def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Iterator[Findi
         means.append(0.5 * float(np.average(unit.s1 + unit.s2, weights=unit.n_trials)))
     scales = units[0].shared_scales
     distance = 0.0 if scales is None else (max(means) - min(means)) / scales.spread
-    if distance > _DISTANT:
+    if distance > 0.25:
         message = (
             f"The mean stimulus differs between conditions by {distance:.2g} standard deviations. "
             "A difference between conditions may be an effect of the stimuli."

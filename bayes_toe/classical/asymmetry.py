@@ -25,12 +25,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy.stats import boschloo_exact, hypergeom
+from scipy.stats import boschloo_exact, fisher_exact
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
@@ -45,9 +44,6 @@ from bayes_toe.data.study import (
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
-
-#: Level at which an asymmetry is called significant.
-LEVEL = 0.05
 
 
 @dataclass(frozen=True)
@@ -79,9 +75,6 @@ class Comparison:
     p_adjusted : float
         P-value adjusted by Holm's method over the comparisons of this subject.
     test : {"boschloo", "fisher"}
-    probability_of_direction : float
-        Posterior P(q(c, r) > q(r, c)) with independent uniform priors. The value is near 1 for
-        a positive asymmetry, and near 0 for a negative asymmetry.
     is_maximal : bool
         True for the comparison with the largest absolute asymmetry of the subject.
     """
@@ -102,7 +95,6 @@ class Comparison:
     p_value: float
     p_adjusted: float
     test: str
-    probability_of_direction: float
     is_maximal: bool
 
 
@@ -193,16 +185,16 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         the subject's comparisons. There is no correction over subjects.
         """
         maxima = [row.maximal for row in self.rows if row.maximal is not None]
-        level, total = f"{LEVEL:g}".removeprefix("0"), plural(len(maxima), "subject")
+        total = plural(len(maxima), "subject")
         sentences = ["The counts are for the pair of each subject whose two orders differ most."]
         for sign, stimulus in ((1, "stronger"), (-1, "weaker")):
             side = [row for row in maxima if sign * row.asymmetry > 0]
-            significant = sum(row.p_value < LEVEL for row in side)
-            corrected = sum(row.p_adjusted < LEVEL for row in side)
+            significant = sum(row.p_value < 0.05 for row in side)
+            corrected = sum(row.p_adjusted < 0.05 for row in side)
             sentences.append(
                 f"{len(side)} of {total} gave more {self.share_of} responses with the {stimulus} "
                 "stimulus first than in the other order. The difference is significant "
-                f"(p < {level}) in {significant} of them, in {corrected} after Holm's correction."
+                f"(p < .05) in {significant} of them, in {corrected} after Holm's correction."
             )
         return " ".join(sentences)
 
@@ -229,8 +221,8 @@ def asymmetry(study: Study) -> AsymmetryTable:
     --------
     >>> one = Subject("S01", [0.0, 0.3], [0.3, 0.0], [12, 25], [50, 50])
     >>> found = asymmetry(Study([one]))["S01"].maximal
-    >>> round(found.asymmetry, 3), round(found.p_value, 4), round(found.probability_of_direction, 4)
-    (0.25, 0.0073, 0.9963)
+    >>> round(found.asymmetry, 3), round(found.p_value, 4)
+    (0.25, 0.0073)
     """
     require_study(study)
     table = asymmetry_table(study)
@@ -255,79 +247,63 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     """
     weak_rows, strong_rows = pairs_in_both_orders(subject).T
     n_wrong = subject.task.wrong(subject.s2 - subject.s1, subject.n_yes, subject.n_trials)
-    counts = np.stack([n_wrong, subject.n_trials])
-    weak, strong = counts[:, weak_rows], counts[:, strong_rows]
-    tests = equality_test(*strong, *weak)
-    q_weak, q_strong = laplace_estimate(*weak), laplace_estimate(*strong)
-    se_weak, se_strong = laplace_error(*weak), laplace_error(*strong)
-    difference = q_strong - q_weak
+    counts = np.column_stack([n_wrong, subject.n_trials])
+    q, error = laplace_estimate(*counts.T), laplace_error(*counts.T)
+    difference = q[strong_rows] - q[weak_rows]
+    tables = np.hstack([counts[strong_rows], counts[weak_rows]]).tolist()
+    p_values, tests = np.zeros(len(tables)), list[str]()
+    for i, table in enumerate(tables):
+        p_values[i], test = equality_test(*table)
+        tests.append(test)
+    adjusted = holm(p_values)
     # Of two alike, the one with the smaller p-value.
-    largest_first = np.lexsort((tests.p_value, -np.abs(difference).round(12)))
-    is_maximal = np.zeros(len(weak_rows), bool)
-    is_maximal[largest_first[:1]] = True
-    # In the order of the fields of a comparison.
-    stimuli = (subject.s1[weak_rows], subject.s2[weak_rows])
-    frequencies = (q_weak, se_weak, q_strong, se_strong, difference, np.hypot(se_weak, se_strong))
-    test = (tests.p_value, holm(tests.p_value), tests.test, probability_greater(*strong, *weak))
-    columns = (*stimuli, *weak, *strong, *frequencies, *test, is_maximal)
-    lists = [column.tolist() for column in columns]
-    comparisons = tuple(Comparison(subject.name, *values) for values in zip(*lists, strict=True))
+    largest_first = np.lexsort((p_values, -np.abs(difference).round(12)))
+
+    comparisons = []
+    for i, (weak, strong) in enumerate(zip(weak_rows, strong_rows, strict=True)):
+        comparison = Comparison(
+            subject=subject.name,
+            s_weak=float(subject.s1[weak]),
+            s_strong=float(subject.s2[weak]),
+            n_equal_weak_first=int(n_wrong[weak]),
+            n_trials_weak_first=int(subject.n_trials[weak]),
+            n_equal_strong_first=int(n_wrong[strong]),
+            n_trials_strong_first=int(subject.n_trials[strong]),
+            q_weak_first=float(q[weak]),
+            q_weak_first_se=float(error[weak]),
+            q_strong_first=float(q[strong]),
+            q_strong_first_se=float(error[strong]),
+            asymmetry=float(difference[i]),
+            asymmetry_se=float(np.hypot(error[weak], error[strong])),
+            p_value=float(p_values[i]),
+            p_adjusted=float(adjusted[i]),
+            test=tests[i],
+            is_maximal=bool(i == largest_first[0]),
+        )
+        comparisons.append(comparison)
     different = {frozenset(pair) for pair in subject.pairs if pair[0] != pair[1]}
     n_one_order = len(different) - len(comparisons)
-    return SubjectAsymmetry(subject.name, accuracy(subject), comparisons, n_one_order)
+    return SubjectAsymmetry(subject.name, accuracy(subject), tuple(comparisons), n_one_order)
 
 
-#: Most trials n1 + n2 of Boschloo's test, which takes 6 ms at 100 and 25 ms at 150; beyond it,
-#: Fisher's test is used.
-BOSCHLOO_TRIALS = 150
+@lru_cache(maxsize=1 << 16)
+def equality_test(k1: int, n1: int, k2: int, n2: int, most_trials: int = 150) -> tuple[float, str]:
+    """Exact two-sided test that k1 of n1 and k2 of n2 have one probability: p-value and name.
 
-
-class ExactTest(NamedTuple):
-    """Two-sided p-values and the test of each, 'boschloo' or 'fisher'."""
-
-    p_value: FloatArray
-    test: npt.NDArray[np.str_]
-
-
-def equality_test(
-    k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: npt.ArrayLike
-) -> ExactTest:
-    """Exact two-sided test that k1 of n1 and k2 of n2 have one probability, arrays of one shape.
-
-    Boschloo's test; Fisher's, doubled one-sided, for more than :data:`BOSCHLOO_TRIALS` trials.
+    Boschloo's test, which takes 25 ms at 150 trials; Fisher's test for more trials.
 
     Examples
     --------
-    >>> found = equality_test([7, 25], [12, 50], [8, 45], [8, 50])
-    >>> [round(float(p), 6) for p in found.p_value]
-    [0.036824, 1.3e-05]
+    >>> p_value, test = equality_test(7, 12, 8, 45)
+    >>> round(p_value, 6), test
+    (0.008382, 'boschloo')
     """
-    tables = np.stack([k1, n1, k2, n2], axis=-1)
-    a, n, b, m = np.moveaxis(tables, -1, 0)
-    is_small = (n + m <= BOSCHLOO_TRIALS) & (n > 0) & (m > 0)
-    tails = np.minimum(hypergeom.cdf(a, n + m, n, a + b), hypergeom.cdf(b, n + m, m, a + b))
-    p_value = np.array(np.minimum(1.0, 2.0 * tails))
-    p_value[is_small] = [_boschloo(*table) for table in tables[is_small].tolist()]
-    return ExactTest(p_value, np.where(is_small, "boschloo", "fisher"))
-
-
-def probability_greater(
-    k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: npt.ArrayLike
-) -> FloatArray:
-    """Posterior P(q1 > q2) under independent uniform priors.
-
-    q1 ~ Beta(k1 + 1, n1 - k1 + 1), q2 ~ Beta(k2 + 1, n2 - k2 + 1); P(q1 > q2) = P(H <= k1) with H
-    the number of marked items among k1 + k2 + 1 drawn from n1 + n2 + 2 of which n1 + 1 are marked.
-    (q1 is an order statistic of n1 + 1 uniform numbers, q2 one of n2 + 1; q1 is the larger where at
-    most k1 of the k1 + k2 + 1 smallest numbers of all are among the first.)
-
-    Examples
-    --------
-    >>> float(probability_greater(0, 0, 0, 0)), round(float(probability_greater(1, 1, 0, 1)), 12)
-    (0.5, 0.833333333333)
-    """
-    k1, n1, k2, n2 = map(np.asarray, (k1, n1, k2, n2))
-    return hypergeom.cdf(k1, n1 + n2 + 2, n1 + 1, k1 + k2 + 1)
+    table = [[k1, k2], [n1 - k1, n2 - k2]]
+    side = "less" if k1 * n2 < k2 * n1 else "greater"
+    if n1 + n2 > most_trials:
+        return min(1.0, 2.0 * float(fisher_exact(table, side).pvalue)), "fisher"
+    # Of 32 points, rarely, none leads to the supremum.
+    return min(1.0, 2.0 * float(boschloo_exact(table, side, n=64).pvalue)), "boschloo"
 
 
 def holm(p_values: npt.ArrayLike) -> FloatArray:
@@ -344,16 +320,3 @@ def holm(p_values: npt.ArrayLike) -> FloatArray:
     adjusted = np.empty_like(p)
     adjusted[order] = np.minimum(raised, 1.0)
     return adjusted
-
-
-@lru_cache(maxsize=1 << 16)
-def _boschloo(k1: int, n1: int, k2: int, n2: int) -> float:
-    """Twice the smaller one-sided p-value; the same with orders, or answers, exchanged."""
-    l1, l2 = n1 - k1, n2 - k2
-    smallest = min((k1, n1, k2, n2), (k2, n2, k1, n1), (l1, n1, l2, n2), (l2, n2, l1, n1))
-    if smallest != (k1, n1, k2, n2):
-        return _boschloo(*smallest)
-    side = "less" if k1 * n2 < k2 * n1 else "greater"
-    # Of 32 points, rarely, none leads to the supremum.
-    p_value = boschloo_exact([[k1, k2], [l1, l2]], alternative=side, n=64).pvalue
-    return min(1.0, 2.0 * float(p_value))

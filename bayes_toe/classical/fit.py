@@ -2,146 +2,222 @@
 
 `fit` gives a :class:`FitTable`, which can stand beside the intervals of the posterior.
 
+A fit maximises the log likelihood minus (mu1 - mean)^2 / (2 V_1) with SciPy's L-BFGS-B, from
+several starts. Source: Eq. mod:logp_grouped. (The paper calls it minimising the log-likelihood; it
+is maximising.) A point x has mu1, the log of the width w, gamma, and q0 or the lapse rate. A
+maximum on one of their bounds is named.
+
 The bootstrap says how far the fit would move if the same subject did the experiment again: each
 pair's frequency q' ~ Beta(n_yes + 1, n_no + 1), new answers n' ~ Binomial(n, q'), refit. Source:
-Methods, with the exponent corrected: p(q | n_Eq) is q^n_Eq (1 - q)^n_Diff. All replicates are
-fitted in one batch of Newton ascents.
+Methods, with the exponent corrected: p(q | n_Eq) is q^n_Eq (1 - q)^n_Diff.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import product
 from numbers import Integral
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy.optimize import minimize
+from scipy.special import logit, ndtr
 
-from bayes_toe.arrays import FloatArray, IntArray, Rng
-from bayes_toe.classical.maximum_likelihood import MaximumLikelihoodFits, fit_counts
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, require_kind, require_share
-from bayes_toe.model.paper_equations import natural_names
+from bayes_toe.model.paper_equations import (
+    LN2,
+    Natural,
+    natural_names,
+    p_counted,
+    pull,
+    variance_ratio,
+)
+from bayes_toe.model.paper_rows import POWERS, bell_answers, guessing_answers
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
 
-if TYPE_CHECKING:
-    from bayes_toe.inference.draws import Draws
-
-
-#: Words for replicates on an edge.
-_EDGE_WORDS = {
-    "sigma_p=0": "have sigma_p = 0",
-    "sigma_p=inf": "have an infinite sigma_p",
-    "not unique": "do not determine a parameter; its interval uses the other replicates",
-}
-
-
 #: Bootstrap replicates of a subject; the paper has about 1,000.
 REPLICATES = 400
+#: Bounds of q0 and of the lapse rate, between which no log probability is infinite.
+_SHARES = (1e-9, 1.0 - 1e-9)
+_LARGEST_WIDTH = 1000.0  # over the steps between stimuli; the smallest width is its inverse
+_EQUAL = 1e-5  # nats: maxima that differ by less are equally high
+_TOLERANCE = 0.01  # parameters that differ by less are the same
+
+#: Log likelihood, and its slopes in z, shape (pairs,), and in q0 or the lapse rate.
+Slopes: TypeAlias = tuple[float, FloatArray, float]
+
+
+# --- Maximum likelihood --------------------------------------------------------------------------
+
+
+class Maxima(NamedTuple):
+    """The ends of searches."""
+
+    x: FloatArray  # (starts, 4)
+    value: FloatArray  # log likelihood minus penalty, (starts,)
+    has_converged: BoolArray  # (starts,)
+
+    @property
+    def best(self) -> FloatArray:
+        """The highest end, (4,)."""
+        return self.x[self.value.argmax()]
+
+    @property
+    def is_highest(self) -> BoolArray:
+        """The ends that are as high as the highest one, (starts,)."""
+        return self.value > self.value.max() - _EQUAL
 
 
 @dataclass(frozen=True, eq=False)
-class SubjectFit:
-    """Fit of one subject: the maximum, and those of the bootstrap replicates."""
+class PenalisedLikelihood:
+    """The function that a fit maximises, for the pairs of a subject."""
 
-    subject: str
-    fitted: MaximumLikelihoodFits  # of the subject's own answers, one row
-    # one row a replicate: parameters (replicates, 4), log likelihoods, edges, arrived, curves
-    fits: MaximumLikelihoodFits
+    subject: Subject
+    mu1_mean: float
+    mu1_sd: float
 
-    def __len__(self) -> int:
-        return len(self.fits)
+    @cached_property
+    def step(self) -> float:
+        """Root mean square step between the stimuli of a pair; 0.3 where all are equal."""
+        steps = self.subject.s2 - self.subject.s1
+        if not steps.any():
+            return 0.3
+        return float(np.sqrt(np.mean(np.square(steps[steps != 0.0]))))
 
-    @property
-    def parameters(self) -> FloatArray:
-        """mu1, sigma_p, sigma_l (natural-log intensity) and q0, or lapse_rate.
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """Lowest and highest value of each coordinate, (4, 2)."""
+        log_widths = np.log(self.step) + np.log(_LARGEST_WIDTH) * np.array([-1.0, 1.0])
+        return np.array([(-np.inf, np.inf), log_widths, (0.0, 1.0), _SHARES])
 
-        NaN where the data leave one open, which `at_edge` says.
-        """
-        return self.fitted.parameters[0]
+    @cached_property
+    def grid(self) -> FloatArray:
+        """Points from which searches may start, shape (4 values of mu1, points of each, 4)."""
+        first = float(np.average(self.subject.s1, weights=self.subject.n_trials))
+        mu1 = first + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
+        log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)
+        shares = np.array([0.03, 0.15, 0.4, 0.7])
+        if self.subject.task.lapses == "q0":
+            shares = 1.0 - shares
+        points = np.array([*product(mu1, log_widths, (0.01, 0.1, 0.3, 0.9), shares)])
+        return points.reshape(len(mu1), -1, 4)
 
-    @property
-    def log_likelihood(self) -> float:
-        """Log likelihood at the maximum, without binomial coefficients and penalty on mu1."""
-        return float(self.fitted.log_likelihood[0])
+    def starts(self, n_yes: IntArray) -> FloatArray:
+        """The best point of the grid for each mu1, of counts (rows, pairs): (rows, 4, 4)."""
+        starts = []
+        for points in self.grid:
+            starts.append(points[self.objective(points, n_yes).argmax(axis=1)])
+        return np.stack(starts, axis=1)
 
-    @property
-    def at_edge(self) -> str:
-        """Edges on which the maximum lies, joined with ';', empty inside.
+    def minus_objective(self, x: FloatArray, n_yes: FloatArray) -> tuple[float, FloatArray]:
+        """Penalty minus log likelihood of counts, and its gradient, (4,)."""
+        mu1, log_width, gamma, share = x.tolist()
+        p, width = float(pull(gamma)), np.exp(log_width)
+        lever = self.subject.s1 - mu1
+        z = (self.subject.s2 - self.subject.s1 + p * lever) / width
+        curve = _guessing
+        if self.subject.task.lapses == "q0":
+            curve = _bell
+        value, by_z, by_share = curve(z, share, n_yes, self.subject.n_trials - n_yes)
 
-        :data:`bayes_toe.classical.maximum_likelihood.EDGES`.
-        """
-        return self.fitted.at_edge[0]
+        deviation = (mu1 - self.mu1_mean) / self.mu1_sd
+        by_mu1 = -p * by_z.sum() / width - deviation / self.mu1_sd
+        # gamma = p/(1 - p)^2, so that dp/dgamma = (1 - p)^3/(1 + p).
+        by_gamma = by_z @ lever / width * (1.0 - p) ** 3 / (1.0 + p)
+        gradient = np.array([by_mu1, -(by_z @ z), by_gamma, by_share])
+        return 0.5 * deviation**2 - value, -gradient
 
-    def intervals(self, level: float = 0.95) -> FloatArray:
-        """Percentile interval of the four parameters, shape (4, 2).
+    def search(self, n_yes: IntArray, starts: FloatArray) -> Maxima:
+        """Search the maxima for counts, (pairs,), from starts, (starts, 4)."""
+        counts = n_yes.astype(np.float64)
+        # The first step of a search has the length 1.
+        scale = np.array([0.3 * self.step, 0.1, 0.1, 0.05])
 
-        The limits are order statistics, so infinite values stay infinite. Only replicates that
-        determine the parameter count. The limits are NaN if the fit, or at least half of the
-        replicates, do not determine it.
-        """
-        require_share("level", level)
-        result = np.full((self.fits.parameters.shape[1], 2), np.nan)
-        for i, values in enumerate(self.fits.parameters.T):
-            determined = values[~np.isnan(values)]
-            if 2 * len(determined) > len(self) and not np.isnan(self.fitted.parameters[0, i]):
-                result[i] = np.quantile(
-                    determined, [0.5 - level / 2.0, 0.5 + level / 2.0], method="inverted_cdf"
-                )
-        return result
+        def scaled(point: FloatArray) -> tuple[float, FloatArray]:
+            value, gradient = self.minus_objective(point * scale, counts)
+            return value, gradient * scale
 
-    def bands(
-        self, s1: npt.ArrayLike, s2: npt.ArrayLike, low: float = 0.2, high: float = 0.8
-    ) -> FloatArray:
-        """Quantiles of the replicates' P of the counted answer, shape (2, pairs).
-
-        s1 and s2 are natural-log intensities. The default is the paper's central 60 % range.
-        Source: Methods; Fig. 3, shaded.
-        """
-        first, second = np.broadcast_arrays(
-            np.atleast_1d(np.asarray(s1, np.float64)), np.atleast_1d(np.asarray(s2, np.float64))
-        )
-        return np.quantile(self.fits.yes(first, second), [low, high], axis=0)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Remarks on the fit and its intervals, a sentence each."""
-        remarks = []
-        if not self.fitted.arrived[0]:
-            remarks.append("the fit did not converge: the best point found is given")
-        value = self.fitted.parameters[0]
-        if np.isnan(value).any():
-            names = ", ".join(np.array(self.fitted.names)[np.isnan(value)])
-            remarks.append(f"not determined by these answers: {names}")
-        replicates = f"of {len(self)} bootstrap replicates"
-        n_lost = int((~self.fits.arrived).sum())
-        if n_lost:
-            remarks.append(
-                f"{n_lost} {replicates} did not converge; intervals use their best points"
+        points, values, has_converged = [], [], []
+        for start in starts:
+            end = minimize(
+                scaled,
+                start / scale,
+                method="L-BFGS-B",
+                jac=True,
+                bounds=self.bounds / scale[:, None],
+                options={"ftol": 1e-13, "gtol": 1e-6, "maxiter": 1000},
             )
-        for name, is_on_edge in self.fits.edges.items():
-            n_there = int(is_on_edge.sum())
-            if name == "not unique" and n_there == len(self):
-                remarks.append("no bootstrap replicate determines every parameter")
-            elif n_there and name in _EDGE_WORDS:
-                remarks.append(f"{n_there} {replicates} {_EDGE_WORDS[name]}")
-        low, high = self.intervals().T
-        is_outside = (value < low) | (value > high)
-        if is_outside.any():
-            names = ", ".join(np.array(self.fitted.names)[is_outside])
-            remarks.append(
-                f"outside the 95 % interval: {names}, because the replicates come from smoothed "
-                "frequencies"
-            )
-        return tuple(remarks)
+            points.append(end.x * scale)
+            values.append(-end.fun)
+            has_converged.append(end.success)
+        return Maxima(np.array(points), np.array(values), np.array(has_converged))
+
+    def objective(self, x: FloatArray, n_yes: IntArray) -> FloatArray:
+        """Log likelihood minus penalty of counts, (rows, pairs), at points: (rows, points)."""
+        mu1, log_width, gamma, share = x.T[:, :, None]
+        pairs = self.subject
+        z = (pairs.s2 - pairs.s1 + pull(gamma) * (pairs.s1 - mu1)) / np.exp(log_width)
+        if pairs.task.lapses == "q0":
+            log_yes, log_no = bell_answers(z, logit(share))
+        else:
+            log_yes, log_no = guessing_answers(z, logit(share))
+        log_likelihood = n_yes @ log_yes.T + (pairs.n_trials - n_yes) @ log_no.T
+        deviation = (x[:, 0] - self.mu1_mean) / self.mu1_sd
+        return np.asarray(log_likelihood - 0.5 * np.square(deviation))
+
+    def natural(self, x: FloatArray) -> FloatArray:
+        """mu1, sigma_p, sigma_l and q0 or lapse rate at points, (points, 4)."""
+        mu1, log_width, gamma, share = x.T
+        sigma_p = np.exp(log_width) / variance_ratio(gamma) ** POWERS[self.subject.task.lapses]
+        return np.stack([mu1, sigma_p, sigma_p * np.sqrt(gamma), share], axis=-1)
+
+    def reached_bounds(self, x: FloatArray) -> str:
+        """The bounds on which a point lies, joined with ';', empty inside."""
+        names = ("mu1", "width", "gamma", self.subject.task.lapses)
+        parts = []
+        for name, value, bounds in zip(names, x, self.bounds, strict=True):
+            if np.abs(bounds - value).min() < 1e-6:
+                number = round(value, 6)
+                if name == "width":
+                    number = np.exp(value)
+                parts.append(f"{name}={number:.3g}")
+        return ";".join(parts)
+
+
+def _bell(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) -> Slopes:
+    """The slopes of 'same or different?', P(equal) = q0 2^(-z^2). Source: Eq. mod:q."""
+    log_shape = -LN2 * z * z
+    q = share * np.exp(log_shape)
+    value = n_yes @ (np.log(share) + log_shape) + n_no @ np.log1p(-q)
+    excess = n_yes - n_no * q / (1.0 - q)
+    return float(value), -2.0 * LN2 * z * excess, float(excess.sum()) / share
+
+
+def _guessing(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) -> Slopes:
+    """The slopes of 'which is stronger?', P(second) = lambda/2 + (1 - lambda) Phi(z)."""
+    attended_yes, attended_no = ndtr(z), ndtr(-z)
+    p_yes = 0.5 * share + (1.0 - share) * attended_yes
+    p_no = 0.5 * share + (1.0 - share) * attended_no
+    value = n_yes @ np.log(p_yes) + n_no @ np.log(p_no)
+
+    by_yes, by_no = n_yes / p_yes, n_no / p_no
+    density = np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
+    by_share = by_yes @ (0.5 - attended_yes) + by_no @ (0.5 - attended_no)
+    return float(value), (1.0 - share) * density * (by_yes - by_no), float(by_share)
+
+
+# --- Bootstrap -----------------------------------------------------------------------------------
 
 
 def resample(subject: Subject, rng: Rng, replicates: int) -> IntArray:
@@ -157,10 +233,87 @@ def resample(subject: Subject, rng: Rng, replicates: int) -> IntArray:
     return np.asarray(rng.binomial(subject.n_trials, q), np.int64)
 
 
-UNCERTAINTY_COLUMNS = (
-    *("subject", "parameter", "posterior_median", "posterior_lower", "posterior_upper"),
-    *("fit", "bootstrap_lower", "bootstrap_upper", "at_edge"),
-)
+@dataclass(frozen=True, eq=False)
+class SubjectFit:
+    """Fit of one subject: the maximum, and those of the bootstrap replicates.
+
+    Attributes
+    ----------
+    subject : str
+    task : Task
+    parameters : ndarray, shape (4,)
+        mu1, sigma_p, sigma_l (natural-log intensity) and q0, or lapse_rate. NaN where the answers
+        do not determine one.
+    log_likelihood : float
+        Log likelihood at the maximum, without binomial coefficients and penalty on mu1.
+    at_edge : str
+        Bounds on which the maximum lies, joined with ';', empty inside.
+    replicates : ndarray, shape (replicates, 4)
+        The parameters of the bootstrap replicates.
+    n_failed : int
+        Searches that did not converge: of the fit and of the replicates.
+    """
+
+    subject: str
+    task: Task
+    parameters: FloatArray
+    log_likelihood: float
+    at_edge: str
+    replicates: FloatArray
+    n_failed: int
+
+    def __len__(self) -> int:
+        return len(self.replicates)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return natural_names(self.task)
+
+    def intervals(self, level: float = 0.95) -> FloatArray:
+        """Percentile interval of the four parameters, shape (4, 2).
+
+        NaN where the answers do not determine a parameter.
+        """
+        require_share("level", level)
+        tails = [0.5 - level / 2.0, 0.5 + level / 2.0]
+        limits = np.quantile(self.replicates, tails, axis=0, method="inverted_cdf").T
+        return np.where(np.isnan(self.parameters)[:, None], np.nan, limits)
+
+    def yes(self, s1: npt.ArrayLike, s2: npt.ArrayLike) -> FloatArray:
+        """P of the answer that the task counts, of each replicate, shape (replicates, pairs).
+
+        s1 and s2 are natural-log intensities.
+        """
+        return p_counted(self.task, s1, s2, Natural(*self.replicates.T[:, :, None]))
+
+    def bands(
+        self, s1: npt.ArrayLike, s2: npt.ArrayLike, low: float = 0.2, high: float = 0.8
+    ) -> FloatArray:
+        """Quantiles of :meth:`yes`, shape (2, pairs).
+
+        The default is the paper's central 60 % range. Source: Methods; Fig. 3, shaded.
+        """
+        return np.quantile(self.yes(s1, s2), [low, high], axis=0)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on the fit and its intervals, a sentence each."""
+        remarks = []
+        names = np.array(self.names)
+        if self.n_failed:
+            remarks.append(f"{self.n_failed} of {len(self) + 1} searches did not converge")
+        is_open = np.isnan(self.parameters)
+        if is_open.any():
+            remarks.append(f"not determined by these answers: {', '.join(names[is_open])}")
+        low, high = self.intervals().T
+        is_outside = (self.parameters < low) | (self.parameters > high)
+        if is_outside.any():
+            remarks.append(
+                f"outside the 95 % interval: {', '.join(names[is_outside])}, because the "
+                "replicates come from smoothed frequencies"
+            )
+        return tuple(remarks)
 
 
 def fit_columns(task: Task) -> tuple[str, ...]:
@@ -196,47 +349,20 @@ class FitTable(SubjectTable[SubjectFit]):
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of fit.csv.
 
-        NaN (in the file: empty) where the data leave a parameter open.
+        NaN (in the file: empty) where the answers do not determine a parameter.
         """
         penalty = None if self.prior is None else self.prior.describe_penalty()
-        ending = (self.level, self.replicates, penalty)
         rows = []
         for row in self:
-            limits = row.intervals(self.level).ravel()
             fitted = (row.subject, *row.parameters, row.log_likelihood, row.at_edge)
-            rows.append((*fitted, *limits, *ending))
+            limits = row.intervals(self.level).ravel()
+            rows.append((*fitted, *limits, self.level, self.replicates, penalty))
         return pd.DataFrame(rows, columns=list(fit_columns(self.task)))
 
     def frame(self, *, full: bool = False) -> pd.DataFrame:
         """The parameters; with `full` all columns of fit.csv."""
         frame = self._full_frame()
         return frame if full else frame.loc[:, :"at_edge"]
-
-    def compare_with(self, draws: Draws) -> pd.DataFrame:
-        """Posterior and bootstrap interval of every subject and natural parameter.
-
-        Both are central intervals at the table's level.
-
-        Columns: :data:`UNCERTAINTY_COLUMNS`; the standard deviations and mu1 in natural-log
-        intensity. The two answer different questions: the posterior weighs parameters by the prior
-        and the answers given, the bootstrap says where the maximum would fall if the experiment
-        were done again.
-
-        Raises
-        ------
-        InputError
-            If the draws are not of the same subjects.
-        """
-        if {row.subject for row in self} != set(draws.names):
-            raise InputError("the draws and the fits must be of the same subjects")
-        tails = [0.5 - self.level / 2.0, 0.5, 0.5 + self.level / 2.0]
-        rows = []
-        for row in self:
-            intervals = row.intervals(self.level)
-            for key, best, limits in zip(row.fitted.names, row.parameters, intervals, strict=True):
-                low, middle, high = np.quantile(draws.values(row.subject, key), tails)
-                rows.append((row.subject, key, middle, low, high, best, *limits, row.at_edge))
-        return pd.DataFrame(rows, columns=list(UNCERTAINTY_COLUMNS))
 
 
 def fit(
@@ -285,10 +411,9 @@ def fit(
         raise InputError(f"replicates={replicates} must be at least 1")
     require_study(study)
     root, penalty = root_seed(seed), prior_for(study, prior)
-    jobs = [
-        partial(subject_fit, subject, penalty, seed=root, replicates=replicates)
-        for subject in study
-    ]
+    jobs: list[Callable[[], SubjectFit]] = []
+    for subject in study:
+        jobs.append(partial(subject_fit, subject, penalty, seed=root, replicates=replicates))
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
     return FitTable(tuple(rows), level, replicates, root, penalty, study.task)
 
@@ -300,5 +425,27 @@ def subject_fit(
 
     The seed and the name of the subject determine the random stream.
     """
+    likelihood = PenalisedLikelihood(subject, *prior.for_subjects(subject).mu1_normal)
+    maxima = likelihood.search(subject.n_yes, likelihood.starts(subject.n_yes[None])[0])
+    parameters = likelihood.natural(maxima.best[None])[0]
+    equally_high = likelihood.natural(maxima.x[maxima.is_highest])
+    parameters[np.ptp(equally_high, axis=0) > _TOLERANCE] = np.nan
+
     counts = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
-    return SubjectFit(subject.name, fit_counts(subject, prior), fit_counts(subject, prior, counts))
+    points = []
+    n_failed = int(not maxima.has_converged[maxima.is_highest].any())
+    for n_yes, starts in zip(counts, likelihood.starts(counts), strict=True):
+        ends = likelihood.search(n_yes, starts)
+        points.append(ends.best)
+        n_failed += int(not ends.has_converged[ends.is_highest].any())
+
+    penalty = 0.5 * ((maxima.best[0] - likelihood.mu1_mean) / likelihood.mu1_sd) ** 2
+    return SubjectFit(
+        subject.name,
+        subject.task,
+        parameters,
+        float(maxima.value.max() + penalty),
+        likelihood.reached_bounds(maxima.best),
+        likelihood.natural(np.array(points)),
+        n_failed,
+    )

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from bayes_toe.data.options import ReadOptions
     from bayes_toe.data.stimulus_unit import StimulusUnit
     from bayes_toe.design.optimal_pairs import DesignGoal
-    from bayes_toe.design.study_design import BatchDesign, StudyDesign
+    from bayes_toe.design.study_design import StudyDesign
 
 #: Trials of a design that is searched for, if nothing else is said.
 TRIALS = 480
@@ -304,10 +304,10 @@ class ListOptions:
         if levels:
             split = f" ({design.total} in each of {join_names([*levels])}, mixed within blocks)"
         n_trials = design.total * max(1, len(levels))
-        ending = " each" if self.subjects > 1 else ""
         context.out.line()
+        suffix = " each" if self.subjects > 1 else ""
         context.out.line(
-            f"{self.list_output}: {plural(self.subjects, 'subject')}, {n_trials} trials{ending} "
+            f"{self.list_output}: {plural(self.subjects, 'subject')}, {n_trials} trials{suffix} "
             f"in {plural(self.blocks, 'block')}{split}. Within each block, both orders of a pair "
             f"are as frequent as in the design. At most {MOST_EQUAL} equal pairs follow each "
             f"other. Seed {seed}."
@@ -436,12 +436,12 @@ class PairOptions:
         Text, rare("--amplitudes", "N,N", "Stimuli in the unit (default: the paper's).")
     ] = None
 
-    def read(self) -> BatchDesign:
+    def read(self) -> StudyDesign:
         """The design."""
-        from bayes_toe.design.simulate import make_batch_design
+        from bayes_toe.design.simulate import make_design
 
         options = bt.ReadOptions(unit=self.unit)
-        return make_batch_design(self.design, self.amplitudes, self.batches, self.trials, options)
+        return make_design(self.design, self.amplitudes, self.batches, self.trials, options)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -52,7 +52,7 @@ def fit(
     output: Annotated[Path, writes("FILE.csv", "Output table.")] = Path("fit.csv"),
     replicates: Annotated[
         int, rare("--replicates", NUMBER, "Bootstrap replicates.", min=1, max=10**6)
-    ] = 1000,
+    ] = 400,
     level: Annotated[float, rare("--level", NUMBER, "Coverage of bootstrap intervals.")] = 0.95,
     asymmetry_output: Annotated[
         File,
@@ -123,7 +123,7 @@ def print_fits(out: Terminal, table: FitTable) -> None:
     """Maximum-likelihood fits with their bootstrap intervals."""
     rows, names = [], list[str]()
     for row in table:
-        names = list(row.fitted.names)
+        names = list(row.names)
         cells = [row.subject]
         limits = row.intervals(table.level).tolist()
         for value, (low, high) in zip(row.parameters.tolist(), limits, strict=True):

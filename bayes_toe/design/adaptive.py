@@ -39,13 +39,9 @@ Pair = tuple[float, float]
 #: What answers may be asked about: which of the four models, or all of their parameters too.
 MODEL, PARAMETERS = "model", "parameters"
 DRAWS = 4000
-#: Draws of a model by which pairs are compared, at least, and their answers to all pairs, about.
-_FEWEST_JUDGES, _PREDICTIONS = 512, 512_000
+#: Draws of a model by which pairs are compared, at least.
+_FEWEST_JUDGES = 512
 _FORMAT = "bayes-toe adaptive 2"
-#: Share of the draws that counted when they were made, below which they are made anew.
-_RENEWAL_SHARE = 0.5
-#: Efficiency below which a proposal that was brought up to date is fitted from the beginning.
-_POOR = 0.25
 
 
 @dataclass(eq=False)
@@ -104,7 +100,7 @@ class Particles:
         if mixture is not None:
             mixture = mixture.updated(draws, SHARP)
             (draws,) = fresh_draws(posterior.array, [mixture], [rng], size)
-        if mixture is None or draws.efficiency < _POOR:
+        if mixture is None or draws.efficiency < 0.25:
             fitted = fit_posterior(posterior, rng)
             mixture, draws = fitted.mixture, fitted.fresh(rng, size)
         self.mixture, self.draws = mixture, draws
@@ -166,7 +162,8 @@ class Adaptive:
         self.seed = root_seed(seed)
         self.about = about
         self.draws = draws
-        self._n_judges = min(draws, max(_FEWEST_JUDGES, _PREDICTIONS // self.pairs.n_pairs))
+        # About 512,000 predicted answers are kept of each model.
+        self._n_judges = min(draws, max(_FEWEST_JUDGES, 512_000 // self.pairs.n_pairs))
         self._answers: list[tuple[Pair, bool]] = []
         self._predicted: dict[str, tuple[int, FloatArray]] = {}
         self._particles = {}
@@ -212,13 +209,12 @@ class Adaptive:
         self._renew_worst()
 
     def _renew_worst(self) -> None:
-        """Make the draws of one model anew, where too few count: the one that matters most."""
+        """Make the draws of one model anew, where fewer than half count: the one that matters."""
         share = self.probabilities
-        error = {
-            name: share[name] / np.sqrt(particles.draws.effective_number)
-            for name, particles in self._particles.items()
-            if particles.remaining_share < _RENEWAL_SHARE
-        }
+        error = {}
+        for name, particles in self._particles.items():
+            if particles.remaining_share < 0.5:
+                error[name] = share[name] / np.sqrt(particles.draws.effective_number)
         if error:
             worst = max(error, key=lambda name: error[name])
             rng = generator(self.seed, "adaptive", worst, "particles", self.trials)

@@ -32,11 +32,7 @@ AIMS = {
     "constant-error": ("constant_error",),
     "contraction": ("contraction",),
 }
-#: The lapse rate of observers who have none: at 0 its information is not defined.
-_SMALL_LAPSE_RATE = 1e-3
-#: Portions in which trials move, for each pair of a design; by how much a move has to raise the
-#: utility.
-_PORTIONS, _GAIN = 2, 1e-7
+_GAIN = 1e-7  # by which a move of trials has to raise the utility
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +103,8 @@ def information(
     posterior = OrderModel("both").posterior(pairs.unanswered, prior)
     quantities = []
     for observer in observers:
-        lapse_rate = max(observer.parameters["lapse_rate"], _SMALL_LAPSE_RATE)
+        # At a lapse rate of 0 its information is not defined.
+        lapse_rate = max(observer.parameters["lapse_rate"], 1e-3)
         quantities.append({**observer.parameters, "lapse_rate": lapse_rate})
     arrays = {}
     for name in posterior.coordinates:
@@ -192,14 +189,17 @@ def exchange_trials(
         The place of each pair in the other order; both are shown equally often.
     """
     exchange = _Exchange(information, fixed, turned, most_pairs, np.zeros_like(fixed))
-    portion = 2 * max(1, trials // (2 * _PORTIONS * most_pairs))
+    # About two portions for each pair.
+    portion = 2 * max(1, trials // (4 * most_pairs))
     for _ in range(trials // portion):
         exchange.movable[exchange.best(portion)] += portion
+
     utility, last_utility = exchange.utility(), -np.inf
     while utility > last_utility + _GAIN:
         last_utility = utility
         for pair in np.flatnonzero(exchange.movable).tolist():
             utility = exchange.move(pair, portion, utility)
+
     exchange.most_pairs = 0  # what is left goes to pairs that there are
     for _ in range(trials % portion // 2):
         exchange.movable[exchange.best(2)] += 2

@@ -67,7 +67,6 @@ GROUPS = "groups"
 #: The source of observers that are drawn from the prior of the four models.
 PRIOR = "prior"
 _FORM = "sections such as [contraction] of NAME = NUMBER or NAME = [LOWEST, HIGHEST]"
-_NEVER = 0.01  # probability of an answer below which the other one is practically certain
 
 
 @dataclass(frozen=True)
@@ -395,7 +394,7 @@ def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None
                 p_yes.append(Observer("", kind, attentive, observer.task).p_design(design))
         task = design.task
         for answer, highest in ((task.yes, np.max(p_yes)), (task.no, 1.0 - np.min(p_yes))):
-            if highest <= _NEVER:
+            if highest <= 0.01:  # the other answer is practically certain
                 raise InputError(
                     f"observers: of the kind {kind!r} all practically never answer {answer!r} to "
                     "these pairs, and nothing can be told; allowed: --observers people.toml with "

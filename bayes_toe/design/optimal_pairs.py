@@ -40,15 +40,9 @@ from bayes_toe.workers import Progress, Workers
 
 #: Names of the two designs that are compared.
 OPTIMISED, EVEN = "optimised", "even"
-#: Observers of each kind for whom a design is made, and data sets of each by which it is judged.
-ASSUMED, SIMULATED = 5, 32
 #: Pairs that can be shown, and levels of as many pairs.
 _MOST_PAIRS, _MOST_LEVELS = 20_000, 141
 _FEWEST = 4  # trials, and pairs
-#: Share of the trials on equal pairs, or at the ends of the range, above which subjects may learn.
-_LEARNABLE = 1.0 / 3.0
-#: A step between levels where none is given: per cent, or natural logs.
-_STEP_PERCENT, _STEP_LOG = 5.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +147,11 @@ class OptimalDesign:
 
     @property
     def learnable(self) -> str:
-        """Why subjects may learn these pairs, which the model does not include; empty if not."""
+        """Why subjects may learn these pairs, which the model does not include; empty if not.
+
+        They may if more than a third of the trials have equal pairs, or begin at an end of the
+        range.
+        """
         if self.name == EVEN:
             return ""
         design = self.design
@@ -165,7 +163,7 @@ class OptimalDesign:
             (is_end, "begin with the weakest or strongest stimulus"),
         ):
             n_trials = int(design.n_trials[is_pair].sum())
-            if n_trials > _LEARNABLE * design.total:
+            if 3 * n_trials > design.total:
                 parts.append(f"{n_trials} of {design.total} trials {words}")
         if not parts:
             return ""
@@ -257,8 +255,8 @@ def levels_between(
 def _default_step(options: ReadOptions) -> str:
     """5 per cent of intensity, or 0.05 natural logs as a round number of the log unit."""
     if options.has_intensities:
-        return f"{_STEP_PERCENT:g}%"
-    return f"{_STEP_LOG / LOG_UNITS[options.unit or 'ln']:.1g}"
+        return "5%"
+    return f"{0.05 / LOG_UNITS[options.unit or 'ln']:.1g}"
 
 
 def _step_size(step: str) -> float:
@@ -295,7 +293,7 @@ def optimal_design(
     goal: DesignGoal | None = None,
     observers: StrPath | Sequence[Observer] | None = None,
     *,
-    data_sets: int = SIMULATED,
+    data_sets: int = 32,
     seed: int | None = None,
     prior: Prior | str | None = None,
     workers: Workers = None,
@@ -323,12 +321,13 @@ def optimal_design(
     InputError
         If something is not allowed.
     """
-    goal, root = DesignGoal() if goal is None else goal, root_seed(seed)
-    own_prior = observer_prior(prior)
+    goal = DesignGoal() if goal is None else goal
+    root, own_prior = root_seed(seed), observer_prior(prior)
     levels = np.unique(np.asarray(levels, np.float64))
     plane = _pairs_to_show(levels, goal)
-    assumed = assume_observers(observers, ASSUMED, root, [plane], own_prior)
+    assumed = assume_observers(observers, 5, root, [plane], own_prior)
     judges = assume_observers(observers, data_sets, root, [plane], own_prior, is_even=True)
+
     best, worth = best_design(levels, trials, goal, assumed, own_prior)
     designs = {OPTIMISED: best}
     even = even_design(levels, goal, assumed)

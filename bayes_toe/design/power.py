@@ -12,14 +12,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from itertools import chain, product
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import betaincinv, betaln
+from scipy.stats import beta, betabinom
 
 from bayes_toe.answers.order_effect import (
     QUESTIONS,
@@ -51,40 +51,19 @@ from bayes_toe.workers import Progress, Workers, run_in_order
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Columns of power.csv and of power_data_sets.csv.
-POWER_COLUMNS = (
-    "design",
-    "trials",
-    "observers",
-    "quantity",
-    "answer",
-    "value",
-    "low",
-    "high",
-    "data_sets",
-)
 #: Sizes whose 95 % intervals have their width in power_data_sets.csv.
 WIDTHS = ("pse_shift_jnd", "contraction_p")
+#: Columns of power_data_sets.csv.
 DATA_SET_COLUMNS = (
     *("design", "trials", "observers", "observer", "true_constant_error", "true_contraction"),
     *QUESTIONS,
     *(f"p_{question}" for question in QUESTIONS),
     *(f"{size}_width" for size in WIDTHS),
 )
-#: Columns of power_groups.csv.
-GROUP_COLUMNS = (
-    *("design", "trials", "observers", "question", "subjects", "true_mean", "true_sd"),
-    *("detected", "detected_low", "detected_high", "power", "power_low", "power_high"),
-)
 #: The answer 'yes' or 'probably'.
 DETECTED = "yes or probably"
-TRIALS, DATA_SETS = (325, 650, 1300), 50
-_WORDS = tuple(word for word in Word if word is not Word.NOT_INTERPRETABLE)
 _TAIL = 0.025  # of the intervals of Monte Carlo error, on each side
 _STUDIES = 400  # that are drawn for a number of subjects
-_INTERVAL_SDS = 3.92  # standard deviations in a 95 % interval
-_LEAST_PRECISION = 1e-4  # of a likelihood whose posterior is as wide as the prior
-_SAME_MEAN = 1e-6  # a true mean nearer to 0 is 0
 
 
 @dataclass(frozen=True)
@@ -151,6 +130,10 @@ class PowerEstimate:
     def percent(self) -> str:
         """A share in words."""
         return f"{100 * self.value:.0f} % [{100 * self.low:.0f}, {100 * self.high:.0f}]"
+
+
+#: Columns of power.csv.
+POWER_COLUMNS = tuple(field.name for field in fields(PowerEstimate))
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +251,8 @@ def _count_words(key: tuple[str, int, str], members: Sequence[DataSet]) -> list[
     rows = []
     for question in QUESTIONS:
         words = [member.answer.words[question] for member in members]
-        counts = {word.value: words.count(word) for word in _WORDS}
+        counts = {word.value: words.count(word) for word in Word}
+        del counts[Word.NOT_INTERPRETABLE.value]
         counts[DETECTED] = _count_detected(members, question)
         for answer, count in counts.items():
             estimate = share(count, len(words))
@@ -292,8 +276,11 @@ def share(hits: int, size: int) -> tuple[float, float, float]:
     [0.35, 0.172, 0.568]
     """
     a, b = hits + 0.5, size - hits + 0.5
-    low = 0.0 if hits == 0 else float(betaincinv(a, b, _TAIL))
-    high = 1.0 if hits == size else float(betaincinv(a, b, 1.0 - _TAIL))
+    low, high = beta.ppf((_TAIL, 1.0 - _TAIL), a, b).tolist()
+    if hits == 0:
+        low = 0.0
+    if hits == size:
+        high = 1.0
     return hits / size, low, high
 
 
@@ -302,10 +289,10 @@ def share(hits: int, size: int) -> tuple[float, float, float]:
 
 def power(
     design: StudyDesign | Mapping[str, StudyDesign] | None = None,
-    trials: Sequence[int] = TRIALS,
+    trials: Sequence[int] = (325, 650, 1300),
     observers: StrPath | Sequence[Observer] | None = None,
     *,
-    data_sets: int = DATA_SETS,
+    data_sets: int = 50,
     seed: int | None = None,
     prior: Prior | str | None = None,
     workers: Workers = None,
@@ -458,7 +445,11 @@ class GroupPower:
     @property
     def has_mean(self) -> bool:
         """Whether the true mean is not 0, so that to find it is no false positive."""
-        return abs(self.true_mean) > _SAME_MEAN
+        return abs(self.true_mean) > 1e-6
+
+
+#: Columns of power_groups.csv.
+GROUP_COLUMNS = tuple(field.name for field in fields(GroupPower))
 
 
 @dataclass(frozen=True, eq=False)
@@ -537,6 +528,7 @@ def _with_group_mean(
     truth = np.array([member.observer.parameters[row.question] for member in members])
     rng = generator(seed, row.design, row.observers, f"{row.trials} {row.subjects} {row.question}")
     drawn = rng.integers(len(members), size=(_STUDIES, row.subjects))
+
     scales = members[0].scales
     unit, hyperprior = scales.step, Hyperprior().constant_error
     prior_sd = 0.5 * np.sqrt(3.0) * prior.constant_error_scale  # of a normal with that curvature
@@ -544,8 +536,10 @@ def _with_group_mean(
         unit, hyperprior = 1.0, Hyperprior().contraction.narrowed(scales.roving_share)
         prior_sd = prior.contraction_sd * scales.roving_share
     posterior_sd = np.array([_posterior_sd(member, row.question) for member in members]) / unit
-    precision = np.maximum(posterior_sd**-2.0 - prior_sd**-2.0, _LEAST_PRECISION)
+    # The posterior may be as wide as the prior.
+    precision = np.maximum(posterior_sd**-2.0 - prior_sd**-2.0, 1e-4)
     standard_errors = (precision**-0.5)[drawn]
+
     estimates = truth[drawn] / unit + standard_errors * rng.standard_normal(drawn.shape)
     numbers = HyperpriorNumbers.from_rows([hyperprior])
     log_factors = -approximate_zero_mean(estimates, standard_errors, numbers, 0)
@@ -567,7 +561,7 @@ def _posterior_sd(data_set: DataSet, question: str) -> float:
     low, high = size.q025, size.q975
     if question == CONSTANT_ERROR.name:
         low, high = np.log1p([low / 100.0, high / 100.0])
-    return float(high - low) / _INTERVAL_SDS
+    return float(high - low) / 3.92  # standard deviations in a 95 % interval
 
 
 def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]:
@@ -581,10 +575,7 @@ def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]
     (14, 9, 18)
     """
     a, b = hits + 0.5, size - hits + 0.5
-    count = np.arange(subjects + 1)
-    n_other = subjects - count
-    log_ways = -betaln(n_other + 1.0, count + 1.0) - np.log(subjects + 1.0)
-    log_probability = log_ways + betaln(count + a, n_other + b) - betaln(a, b)
-    below = np.cumsum(np.exp(log_probability))
-    median, low, high = np.searchsorted(below, (0.5, _TAIL, 1.0 - _TAIL)).tolist()
+    median, low, high = (
+        betabinom.ppf((0.5, _TAIL, 1.0 - _TAIL), subjects, a, b).astype(int).tolist()
+    )
     return median, low, high

@@ -9,12 +9,10 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
 from bayes_toe.data.answers import Answers
@@ -38,9 +36,7 @@ from bayes_toe.design.observers import (
 from bayes_toe.design.study_design import (
     PAPER_AMPLITUDES,
     PAPER_BATCHES,
-    BatchDesign,
     StudyDesign,
-    apportioned,
     full_design,
     log_levels,
     read_pairs,
@@ -50,12 +46,10 @@ from bayes_toe.design.study_design import (
 from bayes_toe.errors import InputError, Remedy
 from bayes_toe.model.paper_equations import (
     Natural,
-    equal_probability,
-    evolved_mean,
     natural_names,
+    p_counted,
     pull,
     require_natural,
-    variance_ratio,
 )
 from bayes_toe.seeds import generator, root_seed
 
@@ -71,8 +65,6 @@ _ALLOWED_DIFFERENCE = (
     f"QUANTITY=SIZE, or QUANTITY=SIZE:SD with the sd between subjects, of {', '.join(DIFFERING)}, "
     "separated by commas"
 )
-_FAR = 2.0  # natural logs of the mean stimulus, at which the paper's prior means are far away
-_NATURAL_LOGS = ReadOptions()
 _DESIGNS = {"reference": reference_design, "full": full_design}
 Sizes: TypeAlias = Mapping[str, float | tuple[float, float]]
 
@@ -110,11 +102,7 @@ class PaperObserver:
             middle = 0.5 * (s1.mean() + s2.mean())
             expected = carried_expectation(s1 - middle, s2 - middle, contraction, share)
             natural = natural._replace(mu1=natural.mu1 + expected)
-        if self.task == SAME_DIFFERENT:
-            return equal_probability(s1, s2, *natural)
-        distance = s2 - evolved_mean(s1, natural.mu1, natural.gamma)
-        z = distance / (variance_ratio(natural.gamma) * natural.sigma_p)
-        return 0.5 * natural.q0 + (1.0 - natural.q0) * ndtr(z)
+        return p_counted(self.task, s1, s2, natural)
 
 
 def paper_population(size: int, rng: Rng, task: Task = SAME_DIFFERENT) -> list[PaperObserver]:
@@ -319,7 +307,7 @@ class SimulatedTrials:
 
 def simulate_trials(
     observers: Iterable[SimulatedObserver],
-    design: BatchDesign,
+    design: StudyDesign,
     seed: int,
     *,
     carry_over: float = 0.0,
@@ -333,7 +321,8 @@ def simulate_trials(
     Parameters
     ----------
     observers : iterable
-    design : BatchDesign
+    design : StudyDesign
+        Its trials are shown in equal batches, as many as there can be, each in a random order.
     seed : int
     carry_over : float
         Share of what is expected after a trial that is carried over to the next one.
@@ -358,13 +347,16 @@ def simulate_trials(
 
 
 def _observer_trials(
-    observer: SimulatedObserver, design: BatchDesign, seed: int, carry_over: float, missed: float
+    observer: SimulatedObserver, design: StudyDesign, seed: int, carry_over: float, missed: float
 ) -> SimulatedTrials:
     """The trials of one observer."""
     rng = generator(seed, observer.name, "trials")
-    n_pairs = len(design.s1)
-    order = np.argsort(rng.uniform(size=(design.batches, n_pairs)), axis=1).ravel()
-    s1, s2 = design.s1[order], design.s2[order]
+    n_batches = int(np.gcd.reduce(design.n_trials))
+    in_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // n_batches)
+    shuffled = np.argsort(rng.uniform(size=(n_batches, len(in_batch))), axis=1).ravel()
+    pair = in_batch[shuffled]
+    s1, s2 = design.s1[pair], design.s2[pair]
+
     if isinstance(observer, PaperObserver):
         p_yes = observer.p_trials(s1, s2, carry_over)
     else:
@@ -372,7 +364,7 @@ def _observer_trials(
         contraction = np.full(len(s1), observer.parameters["contraction"])
         expected = carried_expectation(s1 - sbar, s2 - sbar, contraction, carry_over)
         p_yes = observer.p_yes(s1, s2, sbar, expected)
-    batch = np.repeat(np.arange(1, design.batches + 1), n_pairs)
+    batch = np.repeat(np.arange(1, n_batches + 1), len(in_batch))
     yes = rng.uniform(size=len(p_yes)) < p_yes
     is_missed = rng.uniform(size=len(p_yes)) < missed
     return SimulatedTrials(observer, batch, s1, s2, yes, is_missed)
@@ -413,8 +405,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     observers: int | Truth = 16,
     *,
     population: str = PAPER,
-    design: str | BatchDesign = "reference",
-    amplitudes: Sequence[float] | None = None,
+    design: str | StudyDesign = "reference",
     batches: int = PAPER_BATCHES,
     seed: int | None = None,
     task: Task | str = SAME_DIFFERENT,
@@ -435,10 +426,8 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         "paper", of the paper's model; "none", "small constant error", "large constant error",
         "contraction", "repulsion", "both", or "prior", of the four models; or a CSV file of
         parameters.
-    design : {"reference", "full"} or BatchDesign
-        The paper's pairs, all ordered pairs of the amplitudes, or pairs of your own.
-    amplitudes : sequence of float, optional
-        Stimuli in units of the reference, weakest first; by default the paper's.
+    design : {"reference", "full"} or StudyDesign
+        The paper's pairs, all ordered pairs of its stimuli, or pairs of your own.
     batches : int
         Repetitions of the whole set of pairs.
     seed : int, optional
@@ -470,46 +459,47 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     ('A',)
     """
     task, root = task_of(task), root_seed(seed)
-    batch_design = make_batch_design(design, amplitudes, batches)
+    study_design = make_design(design, None, batches)
     differences = condition_differences(conditions, differ)
     simulated: Sequence[SimulatedObserver]
     if isinstance(observers, Mapping):
-        simulated = [
-            _stated_observer(name, values, task, "observers") for name, values in observers.items()
-        ]
-        if not simulated:
-            raise InputError("observers: found none, allowed: at least one")
+        simulated = _stated_observers(observers, task)
     elif isinstance(observers, bool) or not isinstance(observers, int) or observers < 1:
         raise InputError(
             f"observers: found {observers!r}, allowed: a whole number from 1, or parameters by name"
         )
     else:
-        simulated = draw_population(population, observers, root, batch_design, task)
+        simulated = draw_population(population, observers, root, study_design, task)
+
     trials = simulate_trials(
         simulated,
-        batch_design,
+        study_design,
         root,
         carry_over=carry_over,
         missed=missed,
         differences=differences,
     )
-    carried = {"carry_over": carry_over} if carry_over else {}
-    truth = {answered.subject: {**answered.observer.parameters, **carried} for answered in trials}
     subjects = tuple(answered.answered for answered in trials)
     study = Study(subjects, f"simulated, seed {root}", synthetic=True)
     if differences is not None:
         units = with_shared_scales(study)
         study = replace(study, subjects=units, conditions=differences.conditions)
+
+    truth = {}
+    for answered in trials:
+        truth[answered.subject] = dict(answered.observer.parameters)
+        if carry_over:
+            truth[answered.subject]["carry_over"] = carry_over
     return Simulated(study, truth)
 
 
 def draw_population(
-    population: str, size: int, seed: int, design: BatchDesign, task: Task = SAME_DIFFERENT
+    population: str, size: int, seed: int, design: StudyDesign, task: Task = SAME_DIFFERENT
 ) -> Sequence[SimulatedObserver]:
     """Observers that `--observers` names; anything but a known word is a CSV of parameters."""
     if population == PAPER:
-        mean = float(design.s1.mean())
-        if abs(mean) > _FAR:
+        mean = float(np.average(design.s1, weights=design.n_trials))
+        if abs(mean) > 2.0:
             raise InputError(
                 f"--observers paper: found stimuli about ln {mean:.3g}, far from those of the "
                 "paper, ln 0 to 0.5",
@@ -518,21 +508,18 @@ def draw_population(
         return paper_population(size, generator(seed, "population"), task)
     if population not in POPULATIONS:
         return read_observers(population, task)
-    counts = np.full(len(design.s1), design.batches)
-    no_answers = np.zeros_like(counts)
-    pairs = Subject.from_counts("design", design.s1, design.s2, no_answers, counts)
-    study_design = StudyDesign(pairs.s1, pairs.s2, pairs.n_trials, task=task)
-    if population == PRIOR:
-        # All four models in turn.
-        drawn = assume_observers(PRIOR, -(-size // 4), seed, [study_design])
-        n_each = len(drawn) // 4
-        drawn = list(chain.from_iterable(drawn[i::n_each] for i in range(n_each)))
-    else:
+
+    study_design = replace(design, task=task)
+    if population != PRIOR:
         drawn = assume_observers(population, size, seed, [study_design])
-    return [
-        replace(observer, name=name)
-        for name, observer in zip(subject_names(size), drawn, strict=False)
-    ]
+    else:
+        by_model = assume_observers(PRIOR, -(-size // 4), seed, [study_design])
+        n_each = len(by_model) // 4
+        # All four models in turn.
+        order = np.arange(4 * n_each).reshape(4, n_each).T.ravel()
+        drawn = list(map(by_model.__getitem__, order.tolist()))
+    names = subject_names(size)
+    return [replace(observer, name=name) for name, observer in zip(names, drawn, strict=False)]
 
 
 def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
@@ -547,11 +534,19 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
         required = tuple(name for name in all_names if name in ("noise", "q0"))
         optional = tuple(name for name in all_names if name not in required)
         names, columns = read_numbers(path, required, optional=optional, key="subject")
-    observers: list[SimulatedObserver] = []
+    truth = {}
     for i, name in enumerate(names):
-        values = {key: float(column[i]) for key, column in columns.items()}
-        observers.append(_stated_observer(name, values, task, path))
-    return observers
+        truth[name] = {key: float(column[i]) for key, column in columns.items()}
+    return _stated_observers(truth, task, path)
+
+
+def _stated_observers(
+    truth: Truth, task: Task, source: str = "observers"
+) -> list[SimulatedObserver]:
+    """Observers of these parameters, of either model."""
+    if not truth:
+        raise InputError(f"{source}: found none, allowed: at least one")
+    return [_stated_observer(name, values, task, source) for name, values in truth.items()]
 
 
 def _stated_observer(
@@ -584,60 +579,45 @@ def require_file(text: str, option: str, words: Iterable[str]) -> None:
 # --- What the command is told in words and files --------------------------------------------------
 
 
-def make_batch_design(
-    design: str | BatchDesign,
-    amplitudes: str | Sequence[float] | None,
+def make_design(
+    design: str | StudyDesign,
+    amplitudes: str | None,
     batches: int,
     trials: int | None = None,
-    options: ReadOptions = _NATURAL_LOGS,
-) -> BatchDesign:
+    options: ReadOptions | None = None,
+) -> StudyDesign:
     """The design of `--design`, `--amplitudes`, `--trials`, in the unit of the options.
 
     No known word is a CSV of s1,s2 or s1,s2,n_trials.
     """
-    if isinstance(design, BatchDesign):
-        batch_design = design
-    elif design in _DESIGNS:
-        batch_design = _DESIGNS[design](_amplitudes(amplitudes, options), batches)
+    if isinstance(design, StudyDesign):
+        return design
+    options = ReadOptions() if options is None else options
+    if batches < 1:
+        raise InputError(f"design: batches={batches} must be at least 1")
+    if design in _DESIGNS:
+        study_design = _DESIGNS[design](_amplitudes(amplitudes, options), batches)
     else:
         require_file(design, "--design", _DESIGNS)
-        batch_design = _read_batches(design, batches, trials, options)
-    if batch_design.batches < 1:
-        raise InputError(f"design: batches={batch_design.batches} must be at least 1")
-    n_pairs = len(batch_design.s1)
-    if trials in (None, n_pairs * batch_design.batches):
-        return batch_design
-    return _repeated(batch_design, np.ones(n_pairs), trials)
+        columns = read_pairs(design, options, optional=("n_trials",))
+        counts = columns.get("n_trials", np.full(len(columns["s1"]), batches))
+        study_design = StudyDesign(columns["s1"], columns["s2"], counts.astype(np.int64))
+    return study_design if trials is None else study_design.with_total(trials)
 
 
-def _amplitudes(values: str | Sequence[float] | None, options: ReadOptions) -> FloatArray:
+def _amplitudes(text: str | None, options: ReadOptions) -> FloatArray:
     """Intensities relative to the reference; the paper's where there are none."""
-    if values is None:
+    if text is None:
         if options.unit is not None:
             raise InputError("--unit: allowed with --amplitudes N,N or --design FILE.csv")
         return np.array(PAPER_AMPLITUDES)
-    amplitudes = np.array(_numbers("--amplitudes", values))
+    try:
+        amplitudes = np.array([*map(float, text.split(","))])
+    except ValueError:
+        raise InputError(
+            f"--amplitudes: found {text!r}, allowed: positive numbers separated by commas"
+        ) from None
     return amplitudes if options.unit is None else np.exp(log_levels(amplitudes, options))
-
-
-def _read_batches(path: str, batches: int, trials: int | None, options: ReadOptions) -> BatchDesign:
-    """The pairs of a file, each once in a batch or as often as the column n_trials says."""
-    columns = read_pairs(path, options, optional=("n_trials",))
-    pairs = BatchDesign(columns["s1"], columns["s2"], batches)
-    if "n_trials" not in columns:
-        return pairs
-    counts = columns["n_trials"]
-    return _repeated(pairs, counts, trials or int(counts.sum()))
-
-
-def _repeated(design: BatchDesign, share: FloatArray, trials: int | None) -> BatchDesign:
-    """The pairs with shares of so many trials, in as many equal batches as there can be."""
-    if trials is None or trials < len(share):
-        raise InputError(f"--trials {trials}: allowed is at least {len(share)}, one for each pair")
-    n_trials = apportioned(share, trials)
-    batches = int(np.gcd.reduce(n_trials))
-    row = np.repeat(np.arange(len(n_trials)), n_trials // batches)
-    return BatchDesign(design.s1[row], design.s2[row], batches)
 
 
 def trial_frame(
@@ -675,13 +655,3 @@ def truth_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
 
     rows = [{"subject": trial.subject, **trial.observer.parameters} for trial in trials]
     return pd.DataFrame(rows)
-
-
-def _numbers(option: str, values: str | Sequence[float]) -> list[float]:
-    parts = values.split(",") if isinstance(values, str) else values
-    try:
-        return [*map(float, parts)]
-    except ValueError:
-        raise InputError(
-            f"{option}: found {values!r}, allowed: positive numbers separated by commas"
-        ) from None

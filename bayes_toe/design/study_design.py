@@ -1,14 +1,11 @@
-"""A design: ordered pairs of stimuli, and how often each is shown.
-
-`StudyDesign` has pairs with numbers of trials, `BatchDesign` a set of pairs that is repeated.
-"""
+"""A design: ordered pairs of stimuli, and how often each is shown."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +42,7 @@ PAPER_BATCHES = 50
 
 @dataclass(frozen=True, eq=False)
 class StudyDesign:
-    """Ordered pairs of stimuli with their numbers of trials, sorted by (s1, s2).
+    """Ordered pairs of stimuli with their numbers of trials.
 
     Parameters
     ----------
@@ -80,7 +77,8 @@ class StudyDesign:
         except InputError as error:
             raise InputError(str(error).replace("subject 'design'", "design")) from error
         for name in DESIGN_COLUMNS:
-            object.__setattr__(self, name, getattr(pairs, name))
+            column = np.asarray(getattr(self, name), getattr(pairs, name).dtype)
+            object.__setattr__(self, name, column)
         object.__setattr__(self, "task", task_of(self.task))
 
     @property
@@ -130,6 +128,10 @@ class StudyDesign:
             n_trials = self.n_trials[index]
         return replace(self, s1=self.s1[index], s2=self.s2[index], n_trials=n_trials)
 
+    def in_order(self) -> StudyDesign:
+        """The same pairs, sorted by (s1, s2)."""
+        return self.select(np.lexsort([self.s2, self.s1]))
+
     def frame(self) -> pd.DataFrame:
         """A row a pair, with the columns s1, s2, n_trials."""
         import pandas as pd
@@ -142,9 +144,9 @@ class StudyDesign:
 
 
 def each_once(s1: npt.ArrayLike, s2: npt.ArrayLike, *, task: Task = SAME_DIFFERENT) -> StudyDesign:
-    """A design that has each of these pairs once."""
+    """A design that has each of these pairs once, sorted by (s1, s2)."""
     n_trials = np.ones(np.shape(s1), np.int64)
-    return StudyDesign(s1, s2, n_trials, task=task)  # type: ignore[arg-type]
+    return StudyDesign(s1, s2, n_trials, task=task).in_order()  # type: ignore[arg-type]
 
 
 def all_pairs(levels: FloatArray, task: Task = SAME_DIFFERENT) -> StudyDesign:
@@ -191,9 +193,10 @@ def read_study_design(
     columns = read_pairs(path, ReadOptions(unit=unit), ("n_trials",))
     n_trials = columns["n_trials"].astype(np.int64)
     try:
-        return StudyDesign(columns["s1"], columns["s2"], n_trials, task=task_of(task))
+        design = StudyDesign(columns["s1"], columns["s2"], n_trials, task=task_of(task))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+    return design.in_order()
 
 
 def read_pairs(
@@ -277,52 +280,32 @@ def stimulus_columns(
 
 
 def paper_study_design(trials: int | None = None, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
-    """The paper's 13 pairs, 50 trials each, or so many in all."""
-    paper = reference_design()
-    n_trials = np.full(len(paper.s1), paper.batches)
-    design = StudyDesign(paper.s1, paper.s2, n_trials, task=task_of(task))
+    """The paper's 13 pairs, 50 trials each, or so many in all, sorted by (s1, s2)."""
+    design = replace(reference_design(), task=task_of(task)).in_order()
     return design if trials is None else design.with_total(trials)
-
-
-# --- Batches: all pairs in a random order, again and again ----------------------------------------
-
-
-class BatchDesign(NamedTuple):
-    """Ordered pairs of one batch and the number of batches; the order in a batch is random.
-
-    Attributes
-    ----------
-    s1, s2 : ndarray, shape (pairs,)
-        Natural-log intensities.
-    batches : int
-    """
-
-    s1: FloatArray
-    s2: FloatArray
-    batches: int
 
 
 def reference_design(
     amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES
-) -> BatchDesign:
+) -> StudyDesign:
     """The paper's design: every stimulus with itself; the first with the others in both orders.
 
-    Amplitudes are in units of the reference, s = ln(amplitude).
+    Amplitudes are in units of the reference, s = ln(amplitude). `batches` is the number of trials
+    of each pair.
     """
     s = _log_amplitudes(amplitudes)
     first = np.full(len(s) - 1, s[0])
     s1 = np.concatenate([s, first, s[1:]])
     s2 = np.concatenate([s, s[1:], first])
-    return BatchDesign(s1, s2, batches)
+    return StudyDesign(s1, s2, np.full(len(s1), batches))
 
 
 def full_design(
     amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES
-) -> BatchDesign:
+) -> StudyDesign:
     """Every ordered pair of the stimuli, equal pairs included."""
-    s = _log_amplitudes(amplitudes)
-    s1, s2 = np.meshgrid(s, s, indexing="ij")
-    return BatchDesign(s1.ravel(), s2.ravel(), batches)
+    pairs = all_pairs(_log_amplitudes(amplitudes))
+    return replace(pairs, n_trials=batches * pairs.n_trials)
 
 
 def _log_amplitudes(amplitudes: Iterable[float]) -> FloatArray:

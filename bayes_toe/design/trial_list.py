@@ -118,40 +118,42 @@ def _units(design: StudyDesign) -> tuple[list[Unit], list[Unit]]:
     return together, [([i], count) for i, count in enumerate(n_left.tolist())]
 
 
-def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> list[IndexArray]:
-    """The trials of each block in a random order, without too many equal pairs in a row."""
-    n_equal = np.array([is_equal[trials].sum() for trials in blocks])
-    n_different = np.array([*map(len, blocks)]) - n_equal
-    room = _room_at_ends(n_equal, n_different)
+def _shuffled(
+    blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng, most_swaps: int = 10_000
+) -> list[IndexArray]:
+    """The trials of each block in a random order, without too many equal pairs in a row.
+
+    An equal pair that would be one too many changes places with any other trial of its block.
+    """
     order = []
     n_last = 0  # equal pairs that came last
     for i, trials in enumerate(blocks):
-        gaps = np.zeros(n_different[i] + 1, np.int64)
-        largest = np.full(n_different[i] + 1, MOST_EQUAL)
-        largest[-1] = room[i]
-        largest[0] -= n_last
-        for _ in range(n_equal[i]):
-            # As in a shuffle, the next one stands equally often between any two trials.
-            weights = np.where(gaps < largest, gaps + 1, 0)
-            gaps[rng.choice(len(gaps), p=weights / weights.sum())] += 1
+        shuffled = rng.permutation(trials)
+        lengths = _run_lengths(is_equal[shuffled], n_last)
+        for _ in range(most_swaps):
+            too_late = np.flatnonzero(lengths > MOST_EQUAL)
+            different = np.flatnonzero(~is_equal[shuffled])
+            if not len(too_late) or not len(different):
+                break
+            places = [too_late[0], rng.choice(different)]
+            shuffled[places] = shuffled[places[::-1]]
+            lengths = _run_lengths(is_equal[shuffled], n_last)
 
-        equal, different = trials[is_equal[trials]], trials[~is_equal[trials]]
-        positions = np.repeat(np.arange(len(gaps)), gaps)
-        order.append(np.insert(rng.permutation(different), positions, rng.permutation(equal)))
-        n_last = int(gaps[-1]) + n_last * (len(gaps) == 1)
-    return order
-
-
-def _room_at_ends(n_equal: IntArray, n_different: IntArray) -> list[int]:
-    """Equal pairs that may stand at the end of each block, so that those of the next have room."""
-    room = [MOST_EQUAL]
-    for i in range(len(n_equal) - 1, -1, -1):
-        n_before = MOST_EQUAL * n_different[i] + room[-1] - n_equal[i]
-        if n_before < 0:
+        if lengths.max() > MOST_EQUAL:
             raise InputError(
-                f"block {i + 1}, of {n_equal[i] + n_different[i]} trials, has {n_equal[i]} equal "
+                f"block {i + 1}, of {len(trials)} trials, has {is_equal[trials].sum()} equal "
                 f"pairs: more than {MOST_EQUAL} would follow each other; allowed: a design with "
                 "fewer equal pairs, or fewer blocks"
             )
-        room.append(min(MOST_EQUAL, n_before))
-    return room[-2::-1]
+        order.append(shuffled)
+        n_last = int(lengths[-1])
+    return order
+
+
+def _run_lengths(is_equal: BoolArray, n_last: int) -> IntArray:
+    """The equal pairs in a row that end at each trial; `n_last` came before the first one."""
+    lengths = []
+    for equal in is_equal.tolist():
+        n_last = n_last + 1 if equal else 0
+        lengths.append(n_last)
+    return np.array(lengths)

@@ -7,33 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays, thinned
+from bayes_toe.arrays import FloatArray, NamedArrays, thinned
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.inference.subject import QUANTILES
 from bayes_toe.model.posterior import SubjectPosterior
 
 _BLOCK = 1 << 20  # values of one temporary array
-
-
-class AnswerCurve(Protocol):
-    """What gives the answers to pairs their probabilities at points x, (points, k)."""
-
-    @property
-    def subject(self) -> Subject:
-        """The pairs."""
-
-    def for_subject(self, subject: Subject) -> Self:
-        """The same for other pairs."""
-
-    def log_answers(self, x: FloatArray) -> ArrayPair:
-        """Log probability of both answers to every pair, (points, pairs) each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,24 +43,15 @@ class Predictor:
 
         Intensities are natural logs.
         """
-        return predicted_answers(self.target, self.x, s1, s2)
-
-
-def predicted_answers(
-    curve: AnswerCurve, x: FloatArray, s1: FloatArray, s2: FloatArray
-) -> FloatArray:
-    """P of the answer that the task counts, for any pairs, (pairs,) -> (points, pairs).
-
-    Intensities are natural logs.
-    """
-    keys = np.column_stack(np.broadcast_arrays(s1, s2))
-    # A subject has its pairs once, in this order.
-    pairs, index = np.unique(keys, axis=0, return_inverse=True)
-    n_trials = np.ones(len(pairs), np.int64)
-    counts = (pairs[:, 0], pairs[:, 1], 0 * n_trials, n_trials)
-    subject = Subject(curve.subject.name, *counts, task=curve.subject.task)
-    log_yes, _ = curve.for_subject(subject).log_answers(x)
-    return np.exp(log_yes)[:, index.ravel()]
+        keys = np.column_stack(np.broadcast_arrays(s1, s2))
+        # A subject has its pairs once, in this order.
+        pairs, index = np.unique(keys, axis=0, return_inverse=True)
+        n_trials = np.ones(len(pairs), np.int64)
+        counts = (pairs[:, 0], pairs[:, 1], 0 * n_trials, n_trials)
+        own = self.target.subject
+        subject = Subject(own.name, *counts, task=own.task)
+        log_yes, _ = self.target.for_subject(subject).log_answers(self.x)
+        return np.exp(log_yes)[:, index.ravel()]
 
 
 def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) -> pd.DataFrame:

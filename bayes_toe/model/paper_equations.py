@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtr
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tasks import Task
@@ -238,6 +239,23 @@ def equal_probability(
     require_natural(mu1, sigma_p, sigma_l, q0)
     z = normalised_distance(s1, s2, mu1, sigma_p, sigma_l)
     return np.asarray(q0, np.float64) * np.exp(-LN2 * np.square(z))
+
+
+def p_counted(task: Task, s1: npt.ArrayLike, s2: npt.ArrayLike, natural: Natural) -> FloatArray:
+    """Probability of the answer that the task counts; in 2AFC the lapse rate is in the place of q0.
+
+    Examples
+    --------
+    >>> from bayes_toe.data.tasks import WHICH_STRONGER
+    >>> observer = Natural(0.0, 0.3, 0.1, 0.1)
+    >>> round(float(p_counted(WHICH_STRONGER, 0.0, 9.0, observer)), 12)
+    0.95
+    """
+    if task.lapses == "q0":
+        return equal_probability(s1, s2, *natural)
+    distance = np.asarray(s2, np.float64) - evolved_mean(s1, natural.mu1, natural.gamma)
+    z = distance / (variance_ratio(natural.gamma) * natural.sigma_p)
+    return 0.5 * natural.q0 + (1.0 - natural.q0) * ndtr(z)
 
 
 def require_natural(

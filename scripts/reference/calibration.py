@@ -234,7 +234,7 @@ def work(job: Job) -> tuple[Row, Row]:
     if job.with_evidence:
         replicates = subject_fit(subject, settings.prior, seed=settings.seed, replicates=1000)
         row = subject_evidence(result, fitted)
-        by_bootstrap = appendix_c_evidence(replicates, settings.prior)
+        by_bootstrap = appendix_c_evidence(replicates, settings.prior.for_subjects(subject))
         known = {
             "design": job.design,
             "data_set": job.name,
@@ -252,14 +252,13 @@ def observed(job: Job) -> tuple[Subject, Natural | None]:
     design, seed, name = reference_design(batches=DESIGNS[job.design]), job.settings.seed, job.name
     rng = generator(seed, name, "observer")
     if job.from_h1:
-        n_trials = np.full(len(design.s1), design.batches)
-        pairs = Subject(name, design.s1, design.s2, 0 * n_trials, n_trials)
-        theta = prior_draw(job.settings.prior if job.truth is None else job.truth, pairs, rng)
+        own_prior = job.settings.prior if job.truth is None else job.truth
+        theta = prior_draw(own_prior, design.answered(0 * design.n_trials, name), rng)
         observer = PaperObserver(name, Natural(*(value[0] for value in theta)))
         (trials,) = simulate_trials([observer], design, seed)
         return Subject.from_trials(name, trials.s1, trials.s2, trials.yes), theta
-    counts = rng.binomial(design.batches, rng.uniform(size=len(design.s1)))
-    return Subject(name, design.s1, design.s2, counts, np.full(len(counts), design.batches)), None
+    counts = rng.binomial(design.n_trials, rng.uniform(size=design.n_pairs))
+    return design.answered(counts, name), None
 
 
 def prior_draw(prior: Prior, pairs: Subject, rng: Rng) -> Natural:
@@ -274,13 +273,13 @@ def appendix_c_evidence(fit: SubjectFit, prior: Prior) -> float:
     log p(n | theta) + log p(theta) + log det(2 pi Sigma) / 2, with theta the fit and Sigma the
     covariance of the replicates, in (mu1, sigma_p^2, sigma_l^2, q0). Source: Eq. app:evidapprox.
     """
-    theta, replicates = fit.parameters, fit.fits.parameters ** np.array([1, 2, 2, 1])
+    theta, replicates = fit.parameters, fit.replicates ** np.array([1, 2, 2, 1])
     is_finite = np.isfinite(theta).all() and np.isfinite(replicates).all()
     if not is_finite or theta[1] == 0.0 or np.any(np.ptp(replicates, axis=0) == 0.0):
         return np.nan
     if np.linalg.eigvalsh(np.corrcoef(replicates.T))[0] < SINGULAR:
         return np.nan
-    log_prior = log_prior_of_variances(theta, prior.for_subjects(fit.fitted.subject))
+    log_prior = log_prior_of_variances(theta, prior)
     half_log_det = 0.5 * float(np.linalg.slogdet(2.0 * np.pi * np.cov(replicates.T))[1])
     return fit.log_likelihood + log_prior + half_log_det
 

@@ -9,7 +9,7 @@ from conftest import problems
 from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.validation import read_numbers
-from bayes_toe.design.simulate import make_batch_design, read_observers
+from bayes_toe.design.simulate import make_design, read_observers
 
 TEXTS = {
     "design": "s1,s2,note\n0,0.25,a\n0.5,-0.125,b\n0.75,0.5,c\n",
@@ -21,7 +21,7 @@ TEXTS = {
 
 
 def _design(path):
-    design = make_batch_design(str(path), "", 1)
+    design = make_design(str(path), "", 1)
     return {"s1": design.s1.tolist(), "s2": design.s2.tolist()}
 
 

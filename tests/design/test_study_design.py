@@ -16,9 +16,8 @@ from bayes_toe.errors import InputError
 def test_a_design_comes_back_from_its_file(tmp_path):
     design = bt.design.StudyDesign(*columns("0.3 0 4, 0 0.30000000000000004 7"))
     loaded = bt.design.read_study_design(design.save(tmp_path / "design.csv"))
-    for key in ("s1", "s2", "n_trials"):
-        assert np.array_equal(getattr(loaded, key), getattr(design, key))
-    assert loaded.s1.tolist() == [0.0, 0.3]
+    assert loaded.pairs == [(0.0, 0.30000000000000004), (0.3, 0.0)]
+    assert loaded.n_trials.tolist() == [7, 4]
 
 
 @pytest.mark.parametrize("trials", [13, 25, 70, 649, 651])
@@ -63,6 +62,6 @@ def test_batches_of_the_paper_and_of_all_pairs():
     assert (design.s1 == design.s2).sum() == 5
     assert all((b, a) in pairs for a, b in pairs)
     assert np.exp(np.unique(design.s1)) == pytest.approx([1.0, 1.15, 1.36, 1.55, 1.66])
-    assert design.batches == 50
+    assert set(design.n_trials) == {50}
     full = full_design([1, 2, 3])
     assert len(set(zip(full.s1, full.s2, strict=True))) == 9

@@ -17,7 +17,7 @@ from bayes_toe.errors import InputError
 DESIGNS = {
     "paper": paper_study_design(),
     "narrow": grid_design(np.linspace(-0.75, 1.25, 5), [-0.3, -0.15, 0.0, 0.15, 0.3], 654),
-    "many equal": StudyDesign(*columns("0 0 130, 0 0.3 24, 0.3 0 24")),
+    "many equal": StudyDesign(*columns("0 0 100, 0 0.3 40, 0.3 0 40")),
     "odd": StudyDesign(*columns("0 0 7, 0 0.3 33, 0.3 0 21, 0.3 0.3 9")),
 }
 
@@ -116,7 +116,7 @@ def test_blocks_are_alike_with_conditions_too():
 @pytest.mark.parametrize(
     "n_trials, blocks, message",
     [
-        ([90, 10], 10, "block 10, of 10 trials, has 9 equal pairs: more than 3 would follow"),
+        ([90, 10], 10, "block 1, of 10 trials, has 9 equal pairs: more than 3 would follow"),
         ([1, 1], 3, "--blocks 3: allowed is 1 to 2"),
     ],
 )

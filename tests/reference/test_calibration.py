@@ -80,7 +80,7 @@ def test_what_is_judged_is_what_the_commands_say():
     joint = bt.run(bt.Study((subject,)), draws=DRAWS, seed=3, workers=1)
     row = joint.evidence.rows[0]
     (fitted,) = bt.fit(bt.Study((subject,)), replicates=1000, seed=3, workers=1)
-    by_bootstrap = calibration.appendix_c_evidence(fitted, job.settings.prior)
+    by_bootstrap = calibration.appendix_c_evidence(fitted, job.settings.prior.for_subjects(subject))
     assert {key: known_value[key] for key in ESTIMATORS} == pytest.approx(
         log_bayes_factors(row, by_bootstrap), abs=1e-6, nan_ok=True
     )
@@ -100,7 +100,7 @@ def test_evidence_by_appendix_c_is_the_formula():
     of_p = (norm.cdf(np.sqrt(v_p + h)) - norm.cdf(np.sqrt(v_p - h))) * 2 / (2 * h)
     of_l = ((v_l + h) / v_p - (v_l - h) / v_p) / (2 * h)
     log_prior = norm.logpdf(mu1, 0, 10) + np.log(of_p * of_l)
-    covariance = 2 * np.pi * np.cov((fitted.fits.parameters ** [1, 2, 2, 1]).T)
+    covariance = 2 * np.pi * np.cov((fitted.replicates ** [1, 2, 2, 1]).T)
     expected = fitted.log_likelihood + log_prior + 0.5 * np.linalg.slogdet(covariance)[1]
     value = calibration.appendix_c_evidence(fitted, prior)
     assert value == pytest.approx(expected, abs=1e-6)
