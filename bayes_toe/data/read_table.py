@@ -118,7 +118,7 @@ def read_table(
     if (hasattr(source, "iloc") or hasattr(source, "to_series")) and hasattr(source, "columns"):
         name = f"{type(source).__module__.partition('.')[0]} {type(source).__name__}"
         # Rows count from 0, as in `iloc`.
-        return _table_of_frame((name, name, "columns"), source, range(len(source)), choice)
+        return _table_of_frame((name, name, "columns"), source, 0, choice)
     if not isinstance(source, str | os.PathLike):
         raise InputError(
             f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or "
@@ -231,7 +231,7 @@ def _table_of_texts(
 
 
 def _table_of_frame(
-    head_words: tuple[str, str, str], frame: Any, rows: Sequence[int], choice: Choice
+    head_words: tuple[str, str, str], frame: Any, first_row: int, choice: Choice
 ) -> TextTable:
     """The table of a pandas or polars DataFrame."""
     names = [str(name).strip() for name in frame.columns]
@@ -241,6 +241,7 @@ def _table_of_frame(
         values[name] = series.to_list()
         if str(series.dtype).lower() == "float32":
             values[name] = from_single_precision(values[name])
+    rows = range(first_row, first_row + len(frame))
     return _table_of_values(head_words, names, values, rows, choice)
 
 
@@ -470,8 +471,7 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         allowed = "one that a Parquet writer has finished"
         raise damaged(source, "Parquet", error, allowed) from None
-    rows = range(1, len(frame) + 1)
-    return _table_of_frame((source, "Parquet", "schema"), frame, rows, choice)
+    return _table_of_frame((source, "Parquet", "schema"), frame, 1, choice)
 
 
 def is_parquet(path: StrPath) -> bool:

@@ -229,8 +229,9 @@ def _repeated(
     if not n_repeats or identity.duplicated().sum() > n_repeats:
         return []
 
-    later = int(is_repeat.idxmax())
-    earlier = int((content == content.loc[later]).all(axis=1).idxmax())
+    later = content.index[is_repeat][0]
+    is_same = (content == content.loc[later]).all(axis=1)
+    earlier = content.index[is_same][0]
     verb = "repeats" if n_repeats == 1 else "repeat"
     number_words = "block and trial" if "block" in columns else "trial"
     problem = f"{plural(n_repeats, 'row')} {verb} {number_words} of another row"
