@@ -112,16 +112,12 @@ class Answers:
 
         A session starts after each row that is left out.
         """
-        kept = ~rows
-        return replace(
-            self,
-            keys=self.keys[kept],
-            n_yes=self.n_yes[kept],
-            n_trials=self.n_trials[kept],
-            block=None if self.block is None else self.block[kept],
-            place=None if self.place is None else self.place[kept],
-            iti=None if self.iti is None else self.iti[kept],
-        ).with_own_blocks()
+        columns = {}
+        for key in ("keys", "n_yes", "n_trials", "block", "place", "iti"):
+            values = getattr(self, key)
+            if values is not None:
+                columns[key] = values[~rows]
+        return replace(self, **columns).with_own_blocks()
 
     def with_own_blocks(self) -> Answers:
         """A copy whose `blocks` are only those that its rows have."""
@@ -163,7 +159,7 @@ def counted_rows(
             finding = f"must be whole numbers, found {values[:3].tolist()}"
             raise InputError(f"subject {name!r}: {key} {finding}")
         if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
-            rule = "must add up to no more than 2**53 (larger counts are not exact)"
+            rule = "must add up to no more than 10^12"
             raise InputError(f"subject {name!r}: {key} {rule}")
     if len({len(values) for values in (*columns, k, n)}) > 1:
         raise InputError(f"subject {name!r}: s1, s2, n_yes and n_trials must be of one length")

@@ -12,6 +12,7 @@ import json
 import subprocess
 import sys
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,13 @@ import numpy as np
 
 from bayes_toe.arrays import Record
 from bayes_toe.data.messages import display_name, join_names
-from bayes_toe.data.text_table import ColumnTexts, cell_texts, damaged, from_single_precision
+from bayes_toe.data.text_table import (
+    ColumnTexts,
+    cell_texts,
+    damaged,
+    from_single_precision,
+    require_size,
+)
 from bayes_toe.errors import InputError
 
 _SAVED = (
@@ -31,7 +38,7 @@ _DAMAGED_ALLOWED = "one that MATLAB has saved with '-v7'"
 _OBJECTS = {"__function_workspace__", "#subsystem#"}
 #: Seconds after which a file is refused; one of 10^6 trials takes some 10 s.
 _LONGEST = 120
-_MOST_ROWS = 10_000_000
+_MOST_MEMORY = 2**32  # bytes
 _PACKAGE_PARENT = Path(__file__).resolve().parents[2]
 _READER = (
     "import sys; sys.path.append(sys.argv[1]); "
@@ -74,6 +81,7 @@ def matlab_texts(source: str, data: bytes) -> dict[str, ColumnTexts]:
 def write_texts(source: str) -> None:
     """Read a file from standard input and write its columns, or its problems, as JSON."""
     try:
+        _limit_memory()
         columns = _columns(source, _variables(source, sys.stdin.buffer.read()))
         texts = {}
         for name, cells in columns.items():
@@ -81,12 +89,26 @@ def write_texts(source: str) -> None:
         json.dump({"columns": texts}, sys.stdout)
     except InputError as error:
         json.dump({"problems": error.problems}, sys.stdout)
+    except MemoryError:
+        problem = f"{source}: found more than fits into {_MOST_MEMORY:,} bytes of memory"
+        json.dump({"problems": [f"{problem}, allowed: a smaller file"]}, sys.stdout)
+
+
+def _limit_memory() -> None:
+    """Limit the memory of this process, where the system can."""
+    if sys.platform != "win32":
+        import resource
+
+        with suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
 
 
 def _variables(source: str, data: bytes) -> Record:
     """The variables of a file of any version."""
     try:
         variables = _loaded(data)
+    except MemoryError:
+        raise
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         raise damaged(source, "MATLAB", error, _DAMAGED_ALLOWED) from None
     if _OBJECTS & variables.keys():
@@ -124,11 +146,13 @@ def _hdf5_value(group: Any, name: str) -> Any:
         return {field: _hdf5_value(item, field) for field in item}
     if item.external:
         raise ValueError(f"{name} is in another file")
+    if item.nbytes > _MOST_MEMORY // 8:
+        raise MemoryError
     if "MATLAB_empty" in item.attrs:
         return ""
     values = item[()].T
-    kind = item.attrs.get("MATLAB_class", b"").decode()
-    if kind == "char":
+    kind = item.attrs.get("MATLAB_class")
+    if kind == b"char":
         texts = ["".join(map(chr, row)) for row in values]
         return texts[0] if len(texts) == 1 else texts
     if item.dtype == h5py.ref_dtype:
@@ -136,7 +160,7 @@ def _hdf5_value(group: Any, name: str) -> Any:
         for i, reference in enumerate(values.ravel("F")):
             cells[i] = _hdf5_value(item.file["#refs#"], item.file[reference].name.split("/")[-1])
         return cells
-    if kind == "logical":
+    if kind == b"logical":
         values = values.astype(np.bool_)
     return values.item() if values.size == 1 else np.squeeze(values)
 
@@ -149,8 +173,7 @@ def _columns(source: str, variables: Record) -> dict[str, list[Any]]:
     n_rows = max((column.size for column in columns.values()), default=0)
     if not n_rows:
         raise InputError(f"{source}: found nothing, allowed: {_SAVED}")
-    if n_rows > _MOST_ROWS:  # a small file may unpack to many
-        raise InputError(f"{source}: found {n_rows:,} rows, allowed: at most {_MOST_ROWS:,}")
+    require_size(source, len(columns), n_rows * len(columns))  # a small file may unpack to many
     wrong, values = [], {}
     for name, column in columns.items():
         if column.shape not in ((1,), (n_rows,)):

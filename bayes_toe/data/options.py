@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
@@ -17,7 +18,7 @@ from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 
 COLUMNS = (
     *("subject", "s1", "s2", "i1", "i2", "standard", "comparison", "response"),
@@ -36,6 +37,7 @@ _TEXT_FIELDS = (
     *(f"{answer}_code" for answer in _ANSWERS),
     *("correct", "condition", "reference", "unit", "wide", "comparison_code"),
     *("standard_interval", "comparison_interval", "standard_first_code"),
+    *("subject_from", "encoding", "sheet"),
 )
 
 
@@ -161,7 +163,9 @@ class ReadOptions:
             if text is not None:
                 object.__setattr__(self, key, _as_text(text))
         for key in ("columns", "where"):
-            texts = {name.strip(): _as_text(text) for name, text in getattr(self, key).items()}
+            texts = getattr(self, key)
+            require_kind(key, texts, Mapping, "texts by name, such as {'subject': 'participant'}")
+            texts = {_as_text(name): _as_text(text) for name, text in texts.items()}
             object.__setattr__(self, key, texts)
         for key in ("ignore", "missed"):
             entries = getattr(self, key)
@@ -179,7 +183,9 @@ class ReadOptions:
     def _number_problems(self) -> list[str]:
         """Problems of numbers, and of options that exclude or need each other, a line each."""
         problems = list[str]()
-        if self.intensity is not None and not _is_positive(self.intensity):
+        intensity = 1.0 if self.intensity is None else self.intensity
+        is_number = isinstance(intensity, Real)
+        if not is_number or not 0.0 < intensity < sys.float_info.max:
             problems.append(
                 f"--intensity: found {self.intensity!r}, allowed: a positive finite number"
             )
@@ -315,15 +321,11 @@ def _is_pair_pattern(pattern: str) -> bool:
     return stimuli == ["{first}", "{second}"] and "{first}{second}" not in pattern
 
 
-def _is_positive(value: object) -> bool:
-    """Whether something is a positive finite number."""
-    return isinstance(value, Real) and 0.0 < float(value) < math.inf
-
-
 def _as_text(value: object) -> str:
     """A text without spaces around it; a number as the cell of a data frame: 1.0 is '1'."""
-    text = f"{value:.15g}" if isinstance(value, int | float) else str(value)
-    return text.strip()
+    if isinstance(value, bool | float):
+        value = f"{value:.15g}"
+    return str(value).strip()
 
 
 def parse_pairs(option: str, entries: Iterable[str], form: str) -> dict[str, str]:

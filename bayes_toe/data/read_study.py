@@ -49,7 +49,7 @@ from bayes_toe.data.responses import (
     responses,
     without_missed,
 )
-from bayes_toe.data.stimulus_unit import merge_rounded
+from bayes_toe.data.stimulus_unit import ALLOWED_STIMULI, merge_rounded, out_of_range
 from bayes_toe.data.study import Study, Subject, units_by_subject
 from bayes_toe.data.study_files import read_together, table_files
 from bayes_toe.data.tasks import (
@@ -110,7 +110,6 @@ Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 
 #: Columns that tell something of the whole file.
 _MARKS = ("synthetic", "task")
-_FEWEST_PERCENTAGES = 4  # rows with 100 trials that may be a table of percentages
 
 
 def read_study(
@@ -348,6 +347,7 @@ class _Rows:
                 asked & np.isnan(values),
                 "a positive finite number" if self.options.has_intensities else "a finite number",
             )
+            self.table.fault(column, asked & out_of_range(values), ALLOWED_STIMULI)
         if self.options.unit is None and not self.options.has_intensities:
             require_logs(self.table, self.key_columns, self.stimuli, asked)
 
@@ -540,7 +540,7 @@ def _merged_note(parts: Mapping[str, IndexArray], subjects: Sequence[Subject]) -
 
 def _percentage_doubts(n: IntArray) -> list[str]:
     """A doubt if each pair has 100 trials, as in a table of percentages."""
-    if len(n) < _FEWEST_PERCENTAGES or not (n == 100).all():
+    if len(n) < 4 or not (n == 100).all():
         return []
     return [
         "each row has 100 trials, as in a table of percentages. If there were fewer, write their "

@@ -43,6 +43,7 @@ from bayes_toe.data.text_table import (
     n_chosen,
     name_places,
     read_csv,
+    require_size,
     value_text,
 )
 from bayes_toe.errors import InputError, Remedy
@@ -58,7 +59,6 @@ _NOT_COMPUTED = NoValue(
 _ONE_VALUE = re.compile(r"\s*(?:\{.*\}|\[.*\])\s*").fullmatch
 #: How a text begins that is JSON, whatever its suffix: a record, or a list of records or lists.
 _JSON_START = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\[\s*[\[{]|\{)")
-_LARGEST_TOML = 2**16  # bytes; a complete prior file has some 2,000
 _TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 #: A cell, and a row, that have a place and nothing else.
 _BLANK_CELL = re.compile(rb'<c [^<>]*\br="[^<>]*/>')
@@ -116,7 +116,9 @@ def read_table(
     """
     # A lazy frame has no rows, and warns where it is asked for its columns.
     if (hasattr(source, "iloc") or hasattr(source, "to_series")) and hasattr(source, "columns"):
-        return _read_frame(source, choice)
+        name = f"{type(source).__module__.partition('.')[0]} {type(source).__name__}"
+        # Rows count from 0, as in `iloc`.
+        return _table_of_frame((name, name, "columns"), source, 0, choice)
     if not isinstance(source, str | os.PathLike):
         raise InputError(
             f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or "
@@ -179,7 +181,7 @@ def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
     rule = f"allowed: a TOML file with {lines}"
     try:
         # Windows' editors put a byte-order mark in front.
-        return tomllib.loads(input_bytes(path, _LARGEST_TOML).decode("utf-8-sig"))
+        return tomllib.loads(input_bytes(path, 2**16).decode("utf-8-sig"))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); {rule}") from error
     except (ValueError, RecursionError) as error:
@@ -229,7 +231,7 @@ def _table_of_texts(
 
 
 def _table_of_frame(
-    head_words: tuple[str, str, str], frame: Any, rows: Sequence[int], choice: Choice
+    head_words: tuple[str, str, str], frame: Any, first_row: int, choice: Choice
 ) -> TextTable:
     """The table of a pandas or polars DataFrame."""
     names = [str(name).strip() for name in frame.columns]
@@ -239,13 +241,8 @@ def _table_of_frame(
         values[name] = series.to_list()
         if str(series.dtype).lower() == "float32":
             values[name] = from_single_precision(values[name])
+    rows = range(first_row, first_row + len(frame))
     return _table_of_values(head_words, names, values, rows, choice)
-
-
-def _read_frame(frame: Any, choice: Choice) -> TextTable:
-    """Rows count from 0, as in `frame.iloc`."""
-    source = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
-    return _table_of_frame((source, source, "columns"), frame, range(len(frame)), choice)
 
 
 # --- Excel ---------------------------------------------------------------------------------------
@@ -320,7 +317,7 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
             formulas = load_workbook(compact, read_only=True)
             pairs = zip(values.worksheets, formulas.worksheets, strict=True)
             for with_values, with_formulas in pairs:
-                rows = _sheet_rows(with_values, with_formulas)
+                rows = _sheet_rows(source, with_values, with_formulas)
                 if rows and with_values.sheet_state == "visible":
                     sheets[with_values.title] = rows
     except InputError:
@@ -346,11 +343,11 @@ def _without_formats(source: str, data: bytes) -> io.BytesIO:
     return compact
 
 
-def _sheet_rows(with_values: Any, with_formulas: Any) -> list[list[Any]]:
+def _sheet_rows(source: str, with_values: Any, with_formulas: Any) -> list[list[Any]]:
     """The values of a sheet, row by row, all of one width."""
     for sheet in (with_values, with_formulas):
         sheet.reset_dimensions()  # a size that a program left may be smaller than the sheet
-    rows = []
+    rows, width = list[list[Any]](), 0
     pairs = zip(with_values.iter_rows(), with_formulas.iter_rows(), strict=True)
     for cells, formulas in pairs:
         values = []
@@ -362,7 +359,8 @@ def _sheet_rows(with_values: Any, with_formulas: Any) -> list[list[Any]]:
                 value = _NOT_COMPUTED
             values.append(value)
         rows.append(values)
-    width = max(map(len, rows), default=0)
+        width = max(width, len(values))
+        require_size(source, width, width * len(rows))
     return [values + [None] * (width - len(values)) for values in rows]
 
 
@@ -375,8 +373,13 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
     Row 1 is the first trial; a key that a trial lacks is an empty cell.
     """
     text, label = decoded(source, data, encoding)
-    records = list(_json_records(source, _parse_json(source, text), {}))
+    records, n_fields = list[dict[str, object]](), 0
+    for record in _json_records(source, _parse_json(source, text), {}):
+        n_fields += len(record)
+        require_size(source, len(record), n_fields)
+        records.append(record)
     names = list(dict.fromkeys(key for record in records for key in record))
+    require_size(source, len(names), len(names) * len(records))
     rows = range(1, len(records) + 1)
     values = {}
     for name in names:
@@ -457,14 +460,18 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(io.BytesIO(data), page_checksum_verification=True)
+        file = pq.ParquetFile(io.BytesIO(data), page_checksum_verification=True)
+        size = file.metadata
+        require_size(source, size.num_columns, size.num_columns * size.num_rows)
+        table = file.read()
         # Metadata may hold an index of pandas, whose columns the frame would lose.
         frame = table.replace_schema_metadata().to_pandas(integer_object_nulls=True)
+    except InputError:
+        raise
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         allowed = "one that a Parquet writer has finished"
         raise damaged(source, "Parquet", error, allowed) from None
-    rows = range(1, len(frame) + 1)
-    return _table_of_frame((source, "Parquet", "schema"), frame, rows, choice)
+    return _table_of_frame((source, "Parquet", "schema"), frame, 1, choice)
 
 
 def is_parquet(path: StrPath) -> bool:

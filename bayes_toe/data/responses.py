@@ -52,7 +52,6 @@ _CODE_MEANINGS = {
 }
 _WHOLE = re.compile(r"([-+]?\d+)[.,]0*")
 _ALL_WORDS = (*chain.from_iterable(_WORDS.values()), *VOCABULARY["stimuli"].values())
-_WRONG_BY_CHANCE = 0.01
 
 
 class Responses(NamedTuple):
@@ -254,7 +253,7 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     # responses would not be wrong by chance.
     is_as_large = sign.map(lambda other: number(other) > 0.1 * number(word), np.bool_)
     share_wrong = 1.0 - is_right[~is_chosen].mean()
-    is_chance = share_wrong ** is_chosen.sum() > _WRONG_BY_CHANCE
+    is_chance = share_wrong ** is_chosen.sum() > 0.01
     return not (is_chance and (is_as_large & ~is_chosen).any())
 
 

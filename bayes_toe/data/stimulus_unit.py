@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray, IndexArray, run_starts
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, run_starts
 from bayes_toe.data.messages import join_names, quoted
 from bayes_toe.errors import InputError
 
@@ -32,10 +32,20 @@ LARGEST_STEP, _LARGEST_LOG = 3.0, 10.0
 _SMALLEST_PERCENT, _LARGEST_PERCENT = -1000.0 / 11.0, 1000.0
 #: Share of the range of the stimuli that nobody perceives, and that rounding may leave.
 ROUNDED = 1e-6
-_MOST_DIGITS = 15
 _BY_CHANCE = 2  # times that two stimuli are shown which may be near each other by chance
 #: Letters of a unit at most, and those with a meaning in figures and pages.
 _LONGEST, _NOT_ALLOWED = 16, frozenset("$\\<>&")
+
+
+#: Stimuli in whose unit a prior can be written.
+ALLOWED_STIMULI = "0, or natural logs from 1e-99 to 1e100 in size"
+
+
+def out_of_range(logs: FloatArray) -> BoolArray:
+    """Whether natural-log intensities are too large, or all too small, to compute with."""
+    sizes = np.abs(logs)
+    largest = np.nan_to_num(sizes).max(initial=0.0)
+    return (sizes > 1e100) | ((sizes > 0.0) & (largest < 1e-99))
 
 
 def percent(logs: npt.ArrayLike) -> FloatArray:
@@ -219,7 +229,7 @@ class StimulusUnit:
             values, unit = self.or_percent_of(mean).stimuli(logs), "% of mean"
             fewest_digits, form = 0, "f"
         texts = list[str]()
-        for digits in range(fewest_digits, _MOST_DIGITS):
+        for digits in range(fewest_digits, 15):
             texts = [f"{value:.{digits}{form}}" for value in values]
             if len({*texts}) == len({*values.tolist()}):
                 break

@@ -108,13 +108,11 @@ def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
     """The folders that tell a file from those of the same name; empty without such files."""
     if not isinstance(path, StrPath):
         return ""
-    folders = [other.parent.parts for other in paths if other.name == Path(path).name]
+    folders = [other.parent for other in paths if other.name == Path(path).name]
     if len(folders) == 1:
         return ""
-    depth = 1
-    while len({parts[-depth:] for parts in folders}) < len(folders):
-        depth += 1
-    return "".join(f"{part}/" for part in Path(path).absolute().parent.parts[-depth:])
+    folder = Path(path).absolute().parent
+    return f"{folder.relative_to(os.path.commonpath(folders)).as_posix()}/"
 
 
 def _of_all_files(faulty: Sequence[InputError]) -> InputError:

@@ -42,13 +42,13 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16", "UTF-16"),
     (codecs.BOM_UTF16_BE, "utf-16", "UTF-16"),
 )
-_BYTES_LOOKED_AT = 2000  # that tell UTF-16 without a mark
+#: Of a table; Excel has as many columns. More would fill the memory.
+_MOST_COLUMNS, _MOST_CELLS = 2**14, 5 * 10**7
 #: Records among which the names are looked for.
 MOST_RECORDS = 10
 _BATCH = 2**6  # records that are put into columns together
 #: A column that is not chosen and has more texts marks no rows, and is left out.
 _MOST_TEXTS = 2**14
-_MORE_NAMES = 2  # of ours in a record below the first one that has the names
 _DELIMITER_LINE = re.compile(r"\Asep=[,;\t]?(?=\r|\n)")
 #: NUL, and halves of characters, which no file can hold.
 _NO_TEXT = re.compile("[\0\ud800-\udfff]")
@@ -279,6 +279,14 @@ class TextTable:
             self.problems.add(lines, len(counts))
 
 
+def require_size(source: str, n_columns: int, n_cells: int) -> None:
+    """Refuse a table that is too large, before its cells are made."""
+    if n_columns > _MOST_COLUMNS or n_cells > _MOST_CELLS:
+        finding = f"found {n_columns:,} columns with {n_cells:,} cells"
+        rule = f"at most {_MOST_COLUMNS:,} columns and {_MOST_CELLS:,} cells"
+        raise InputError(f"{source}: {finding}, allowed: {rule}")
+
+
 def name_places(names: Sequence[str]) -> dict[str, int]:
     """The index of the first column of each name."""
     places = dict[str, int]()
@@ -306,6 +314,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     text = _DELIMITER_LINE.sub("", text, count=1)
     delimiter, place, first_row, head, cells_below = _find_names(source, text, choice)
     n_names = len(head)
+    require_size(source, n_names, n_names)
     is_one_short = len(cells_below) == n_names + 1
     has_row_names = is_one_short and cells_below[0].strip() == "1"
     head = [""] * has_row_names + head  # R writes row names without a name of their own
@@ -383,7 +392,7 @@ def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:
     if not counts or counts[0] > 1:
         return 0
     largest_count = max(counts)
-    return counts.index(largest_count) if largest_count - counts[0] >= _MORE_NAMES else 0
+    return counts.index(largest_count) if largest_count - counts[0] >= 2 else 0
 
 
 def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str, str]:
@@ -401,19 +410,21 @@ def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str,
     codec, label = _encoding_of(data) if encoding is None else (encoding, encoding)
     try:
         text = data.decode(codec)
-    except LookupError:
+    except UnicodeDecodeError as error:
+        finding = f"byte 0x{error.object[error.start]:02x}, not {label}"
+        text_before = error.object[: error.start].decode(codec, errors="ignore")
+    except (LookupError, ValueError):  # no encoding, or one that decodes nothing
         raise InputError(
             f"--encoding: found {quoted(encoding or '')}, allowed: a name such as utf-8, cp1252 "
             "or latin-1"
         ) from None
-    except UnicodeDecodeError as error:
-        finding = f"byte 0x{error.object[error.start]:02x}, not {label}"
-        text_before = error.object[: error.start].decode(codec, errors="ignore")
     else:
-        if "\0" not in text:
+        # Only a given encoding makes halves of characters, and the search is slow.
+        match = _NO_TEXT.search(text) if encoding or "\0" in text else None
+        if match is None:
             return text, label
-        finding = "a NUL character"
-        text_before = text.partition("\0")[0]
+        finding = f"the character {quoted(match[0])}"
+        text_before = text[: match.start()]
     row = 1 + len(re.findall(r"\r\n|\r|\n", text_before))
     raise InputError(f"{source}: row {row}: found {finding}, allowed: {_TEXT_ALLOWED}")
 
@@ -423,7 +434,7 @@ def _encoding_of(data: bytes) -> tuple[str, str]:
     for mark, codec, label in _MARKS:
         if data.startswith(mark):
             return codec, label
-    start = data[:_BYTES_LOOKED_AT]
+    start = data[:2000]
     for codec, zeros, other_bytes in (
         ("utf-16-le", start[1::2], start[::2]),
         ("utf-16-be", start[::2], start[1::2]),

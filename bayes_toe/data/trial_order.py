@@ -216,18 +216,22 @@ def _repeated(
     There is none where a row with a number that is there twice is another trial: numbers may begin
     anew.
     """
-    trial, subject = numbers(table, columns["trial"]), columns["subject"]
-    runs = [columns[name].codes for name in _RUNS if name in columns]
-    numbered = np.flatnonzero((n > 0) & ~np.isnan(trial))
-    identity = np.column_stack([subject.codes, *runs, trial])[numbered]
-    content = np.column_stack([identity, *(values[numbered] for values in (*keys, k))])
-    _, first, index = np.unique(content, axis=0, return_index=True, return_inverse=True)
-    n_repeats = len(numbered) - len(first)
-    if not n_repeats or len(first) > len(np.unique(identity, axis=0)):
+    import pandas as pd
+
+    subject = columns["subject"]
+    runs = {name: columns[name].codes for name in _RUNS if name in columns}
+    trial = numbers(table, columns["trial"])
+    is_numbered = (n > 0) & ~np.isnan(trial)
+    identity = pd.DataFrame({"subject": subject.codes, **runs, "trial": trial})[is_numbered]
+    content = identity.assign(s1=keys[0][is_numbered], s2=keys[1][is_numbered], k=k[is_numbered])
+    is_repeat = content.duplicated()
+    n_repeats = int(is_repeat.sum())
+    if not n_repeats or identity.duplicated().sum() > n_repeats:
         return []
-    earlier = numbered[first[index.ravel()]]
-    is_later = earlier != numbered
-    later, earlier = numbered[is_later][0], earlier[is_later][0]
+
+    later = content.index[is_repeat][0]
+    is_same = (content == content.loc[later]).all(axis=1)
+    earlier = content.index[is_same][0]
     verb = "repeats" if n_repeats == 1 else "repeat"
     number_words = "block and trial" if "block" in columns else "trial"
     problem = f"{plural(n_repeats, 'row')} {verb} {number_words} of another row"

@@ -24,7 +24,6 @@ from bayes_toe.errors import InputError
 
 #: From so many trials with a repeated pair on, it is no chance that each pair keeps its level.
 _REPEATED = 10
-_MOST_LEVELS = 0.5  # of a condition, as a share of the trials
 
 
 def with_units(
@@ -168,7 +167,7 @@ def pooled_conditions(
     names = list[str]()
     for column in columns:
         n_levels = _n_distinct(subject, column.codes)
-        is_varied = _n_distinct(subject) < n_levels <= _MOST_LEVELS * len(subject)
+        is_varied = _n_distinct(subject) < n_levels <= 0.5 * len(subject)
         scored_levels = column.codes[is_scored]
         follows = any(_follows(scored_levels, rows[is_scored]) for rows in (outcomes, pairs))
         if is_varied and not follows:

@@ -17,8 +17,8 @@ from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.text_table import Column, TextTable
 
-#: Beyond it, whole numbers are not exact in the floating point of the likelihood.
-LARGEST_COUNT = 2**53
+#: Of the trials of a subject; of more, a log-likelihood is not exact in double precision.
+LARGEST_COUNT = 10**12
 #: What stands between a subject and a level in the name of a unit.
 CONDITION_SEPARATOR = "@"
 #: What a cell may say, in any case, where there is nothing to say.
@@ -31,7 +31,6 @@ _COUNT = re.compile(r"\+?0*(\d{1,16})(?:\.(?!000$)0*)?", re.ASCII)
 # Spaces, apostrophes and narrow spaces between groups of three digits.
 _SPACES = "['\u2019 \u00a0\u2009\u202f]"
 _GROUPED_BY_SPACE = re.compile(rf"[+-]?\d{{1,3}}(?:{_SPACES}\d{{3}})+(?![\d' ])")
-_MOST_DECIMALS = 16
 _ROUNDING = 1e-6  # of a number of trials in double precision
 _RUN = ("=", "+", "-", "@", "\t", "\r")
 
@@ -128,7 +127,7 @@ def numbers(table: TextTable, column: Column) -> FloatArray:
 def column_counts(table: TextTable, column: Column) -> IntArray:
     """The whole number of every row, -1 where the cell holds none, which is noted."""
     counts = column.map(lambda text: whole_number(text, table.decimal_comma), np.int64)
-    table.fault(column, counts < 0, "a whole number from 0 to 2**53, without thousands separators")
+    table.fault(column, counts < 0, "a whole number from 0 to 10^12, without thousands separators")
     return counts
 
 
@@ -149,7 +148,7 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     whole = 100.0 if has_percent_sign or (shares > 1.0).any() else 1.0
     finite = shares[np.isfinite(shares)]
     n_decimals = 0
-    while n_decimals < _MOST_DECIMALS and (finite.round(n_decimals) != finite).any():
+    while n_decimals < 16 and (finite.round(n_decimals) != finite).any():
         n_decimals += 1
     largest_error = 0.5 * 10.0**-n_decimals / whole * n
     exact_counts = shares / whole * n

@@ -86,8 +86,8 @@ READ_TRIALS = [
 READ_FILES = [
     (COUNTS + "a,0,0.3,1,5\na,0.0,0.30,2,6\na,1,1,0,0\na,0,0.3,0,4", "a 0.0 0.3 3 15"),
     (
-        COUNTS + "a,0,0,9007199254740992,9007199254740992",
-        "a 0.0 0.0 9007199254740992 9007199254740992",
+        COUNTS + "a,0,0,1000000000000,1000000000000",
+        "a 0.0 0.0 1000000000000 1000000000000",
     ),
     (COUNTS + "a,0,0,0,5.0", FIVE),
     (COUNTS + "a,0,0,0,+5", FIVE),
@@ -629,8 +629,9 @@ def test_another_code_than_that_of_the_comparison_is_refused():
 # --- Refusals -------------------------------------------------------------------------------------
 
 NUMBER = "a finite number"
+RANGE = "0, or natural logs from 1e-99 to 1e100 in size"
 UNGROUPED = f"{NUMBER}, without thousands separators"
-WHOLE_NUMBER = "a whole number from 0 to 2**53, without thousands separators"
+WHOLE_NUMBER = "a whole number from 0 to 10^12, without thousands separators"
 OTHER_CODES = "or empty; other codes by --equal-code, --different-code"
 ANSWERS = f"equal, same (equal) or different (different), {OTHER_CODES}"
 CODES = f"'f' (equal) or 'J' (different), {OTHER_CODES}"
@@ -662,13 +663,14 @@ CELLS = [
         "0|-0.1|0.0|1e-999|nan|inf|x|",
     ),
     (
-        COUNTS + 'a,0,0,"{}",9007199254740992',
+        COUNTS + 'a,0,0,"{}",1000000000000',
         {},
         "n_equal",
         WHOLE_NUMBER,
-        "-1|2.5||inf|9007199254740993|1e3|5.000|1,5|٣",
+        "-1|2.5||inf|1000000000001|1e3|5.000|1,5|٣",
     ),
     ("subject;s1;s2;n_equal;n_trials\na;0;0;5;{}", {}, "n_trials", WHOLE_NUMBER, "12.000"),
+    (TRIALS + "a,{},0,equal", {"unit": "ln"}, "s1", RANGE, "1e101|-1e300|1e-100"),
     (
         TRIALS + "a,0,0,{}\na,0,0,equal",
         {},
@@ -811,9 +813,9 @@ def test_a_file_that_cannot_be_used_is_refused(header, table):
         ),
         (
             b"subject,s1,s2,response\na\0,0,0,equal\n",
-            f"row 2: found a NUL character, {TEXT}",
+            f"row 2: found the character '\\x00', {TEXT}",
         ),
-        (b"\0", f"row 1: found a NUL character, {TEXT}"),
+        (b"\0", f"row 1: found the character '\\x00', {TEXT}"),
         (TRIALS.encode("utf-16-le"), HEADER_ONLY),
     ],
 )

@@ -1,6 +1,7 @@
 """Frames, Parquet, MATLAB: read as their CSV file is, and refused by row and column."""
 
 import importlib.util
+import json
 import os
 import random
 from contextlib import suppress
@@ -251,10 +252,20 @@ def test_a_matlab_file_that_ends_or_stops_its_reader(reader, observed, tmp_path,
 
 
 def test_a_small_matlab_file_with_too_many_rows_is_refused(tmp_path):
-    stimuli = np.zeros(10_000_001, np.int8)
+    stimuli = np.zeros(25_000_001, np.int8)
     savemat(tmp_path / "trials.mat", {"s1": stimuli, "subject": "M1"}, do_compression=True)
-    rule = "found 10,000,001 rows, allowed: at most 10,000,000"
-    assert problems(bt.read_study, tmp_path / "trials.mat") == [f"trials.mat: {rule}"]
+    (problem,) = problems(bt.read_study, tmp_path / "trials.mat")
+    rule = "found 2 columns with 50,000,002 cells, allowed: at most 16,384 columns and 50,000,000"
+    assert problem == f"trials.mat: {rule} cells"
+
+
+def test_a_table_of_too_many_cells_is_refused_before_they_are_made(tmp_path):
+    many_keys = dict.fromkeys(map(str, range(16_000)), 1)
+    texts = {"wide.csv": "a," * 20_000, "k.json": json.dumps([many_keys | {"t": [{}] * 4_000}])}
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        with pytest.raises(bt.InputError, match="at most 16,384 columns and 50,000,000 cells"):
+            bt.read_study(tmp_path / name)
 
 
 def test_only_columns_that_are_read_must_hold_texts(tmp_path):
