@@ -1,0 +1,844 @@
+"""Speed against error: this package and other programs on the same posteriors, by processor time.
+
+    python scripts/speed_vs_error.py --quick               # two subjects; no other program needed
+    python scripts/speed_vs_error.py --full                # writes docs/speed_vs_error.md, csv, svg
+    python scripts/speed_vs_error.py --full --sections ordinary hard evidence group curves scaling
+
+`pip install bayes_toe[peers]` installs the other programs; those that are missing are skipped. Every
+method has one thread. The references are those of tests/reference, and a long run of the group.
+"""
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+import warnings
+from functools import cache, partial
+from importlib.metadata import PackageNotFoundError, version
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+import emcee
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from reference.hard_cases import hard_cases
+from reference.order_cases import order_cases
+from reference.pages import markdown
+from reference.paper_density import Counts, PaperDensity
+from reference.tempering import Observer, refined, tempered
+from scipy.special import logit, ndtr, ndtri
+from threadpoolctl import threadpool_limits
+
+import bayes_toe as bt
+from bayes_toe.data.tables import write_table
+from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.design.study_design import BatchDesign
+from bayes_toe.groups.hyperprior import Hyperprior
+from bayes_toe.groups.population import group_posterior, study_scales
+from bayes_toe.inference.diagnostics import convergence_of, worst
+from bayes_toe.inference.fitted import find_maxima, fit_posterior, importance_evidence
+from bayes_toe.inference.maxima import laplace
+from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
+from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.inference.subject import AnalysisRequest, fitted_result
+from bayes_toe.model.paper_equations import MAX_PULL
+from bayes_toe.model.paper_model import PaperPosterior
+
+ROOT = Path(__file__).resolve().parents[1]
+PEERS = ("emcee", "nutpie", "pymc", "numpyro", "dynesty", "nautilus-sampler", "psignifit")
+PRIOR = bt.Prior()
+WARM_UP, N_CHAINS, WALKERS = 1000, 4, 32
+LARGEST_R_HAT, FAR, CLOSE = 1.01, 6.0, 3.0
+
+
+class Draws(NamedTuple):
+    """Draws of the judged quantities, (quantities, chains, draws), or weighted ones of one chain."""
+
+    values: np.ndarray
+    weights: np.ndarray | None = None
+    log_evidence: float = np.nan
+
+
+class Case(NamedTuple):
+    """The posterior of H1 of a subject.
+
+    The package has it in scores of the prior. Other samplers have the density of the references in
+    their coordinates, and start at draws, (points, 4), whose cost does not count.
+    """
+
+    posterior: PaperPosterior
+    density: PaperDensity
+    starts: np.ndarray
+
+    @classmethod
+    def of_subject(cls, subject, coordinates):
+        """The case of a subject."""
+        posterior, rng = bt.model.paper_posterior(subject, PRIOR), np.random.default_rng(0)
+        fitted = fit_posterior(posterior, rng)
+        u, _ = fitted.original(fitted.draws.resampled(rng, N_CHAINS * WALKERS))
+        values = posterior.quantities(u)
+        columns = values["mu1"], np.log(values["sigma_p"]), logit(values["gamma"])
+        if coordinates == "identified":
+            pull = logit(values["pull"] / MAX_PULL)
+            columns = values["offset"], pull, np.log(values["width"])
+        starts = np.stack([*columns, logit(values["q0"])], axis=-1)
+        return cls(posterior, PaperDensity(subject, PRIOR, coordinates), starts)
+
+    def natural(self, u):
+        """Natural parameters at scores of the prior, (..., 4) -> (4, ...)."""
+        values = self.posterior.quantities(u)
+        return np.stack([values[name] for name in self.posterior.names.natural])
+
+
+# --- Methods that draw from H1 -------------------------------------------------------------------
+
+
+def draw_sample(case, size, seed):
+    """The chains of `sample`."""
+    request = AnalysisRequest(SamplerSettings(draws=size))
+    chains = fitted_result(case.posterior, seed, request)[0].chains
+    return Draws(case.natural(chains.x))
+
+
+def draw_importance(case, size, seed):
+    """Fresh draws of the fitted mixture, with the evidence."""
+    rng = np.random.default_rng(seed)
+    fitted = fit_posterior(case.posterior, rng)
+    draws = fitted.fresh(rng, size)
+    evidence = importance_evidence(draws)
+    if evidence.value is None:
+        raise RuntimeError(evidence.why_not)
+    values = case.natural(fitted.original(draws.x)[0])
+    return Draws(values[:, None], draws.shares, evidence.value)
+
+
+def draw_emcee(moves, case, size, seed):
+    """Independent ensembles of emcee."""
+    chains = []
+    for i, start in enumerate(np.split(case.starts, N_CHAINS)):
+        density = case.density.log_density
+        sampler = emcee.EnsembleSampler(WALKERS, 4, density, moves=moves, vectorize=True)
+        sampler.random_state = np.random.RandomState(1000 * seed + i).get_state()
+        sampler.run_mcmc(start, size, skip_initial_state_check=True)
+        chains.append(sampler.get_chain().swapaxes(0, 1).reshape(-1, 4))
+    return Draws(np.stack(case.density.natural(np.stack(chains))))
+
+
+def draw_nutpie(case, size, seed):
+    """NUTS of nutpie."""
+    import nutpie
+
+    counts = case.density.counts
+    model = compile_nutpie(case.density.coordinates, len(counts.first))
+    data = {name: np.asarray(values) for name, values in counts._asdict().items()}
+    options = {"init_mean": case.starts[0], "cores": 1, "progress_bar": False}
+    sizes = {"draws": size, "tune": WARM_UP, "chains": N_CHAINS, "seed": seed}
+    trace = nutpie.sample(model.with_data(**data), **sizes, **options)
+    return Draws(np.stack(case.density.natural(trace.posterior["x"].values)))
+
+
+@cache
+def compile_nutpie(coordinates, n_pairs):
+    """The density of all subjects with so many pairs."""
+    import nutpie
+    import pymc
+    import pytensor.tensor as pt
+
+    density = PaperDensity(hard_cases()["funnel"], PRIOR, coordinates)
+    with pymc.Model() as model:
+        columns = [pymc.Data(name, np.ones(n_pairs)) for name in Counts._fields[:-1]]
+        counts = Counts(*columns, pymc.Data("sbar", 0.0))
+        x = pymc.Flat("x", shape=4)
+        pymc.Potential("density", density.log_density_of(x[None], counts, pt)[0])
+    return nutpie.compile_pymc_model(model)
+
+
+def draw_numpyro(case, size, seed):
+    """NUTS of NumPyro."""
+    sampler = new_numpyro(case.density.coordinates, size)
+    x = run_numpyro(sampler, case.starts[::WALKERS], seed, case.density.counts)
+    return Draws(np.stack(case.density.natural(x)))
+
+
+@cache
+def new_numpyro(coordinates, size):
+    """The sampler of all subjects, which compiles once for each number of pairs."""
+    import jax.numpy as jnp
+
+    density = PaperDensity(hard_cases()["funnel"], PRIOR, coordinates)
+
+    def log_density(x, *counts):
+        return density.log_density_of(x[None], Counts(*counts), jnp)[0]
+
+    return numpyro_sampler(log_density, 4, size)
+
+
+def numpyro_sampler(log_density, n_coordinates, size):
+    """NUTS for a log density on the whole space, compiled as one function of key, starts and data."""
+    import jax
+    import numpyro
+    from numpyro.distributions import ImproperUniform, constraints
+    from numpyro.infer import MCMC, NUTS
+
+    numpyro.enable_x64()
+    flat = ImproperUniform(constraints.real_vector, (), (n_coordinates,))
+    sizes = {"num_warmup": WARM_UP, "num_samples": size, "num_chains": N_CHAINS}
+
+    def model(*data):
+        numpyro.factor("density", log_density(numpyro.sample("x", flat), *data))
+
+    @jax.jit
+    def draws(key, starts, *data):
+        sampler = MCMC(NUTS(model), chain_method="vectorized", progress_bar=False, **sizes)
+        sampler.run(key, *data, init_params={"x": starts})
+        return sampler.get_samples(group_by_chain=True)["x"]
+
+    return draws
+
+
+def run_numpyro(sampler, starts, seed, data=()):
+    """Draws of a sampler of NumPyro, (chains, draws, coordinates)."""
+    import jax
+
+    columns = map(jax.numpy.asarray, (starts, *data))
+    return np.asarray(sampler(jax.random.key(seed), *columns))
+
+
+def draw_nested(program, case, size, seed):
+    """Nested sampling from the prior."""
+    points, log_weights, log_evidence = program(case.posterior.log_likelihood, 4, size, seed)
+    weights = np.exp(log_weights - log_weights.max())
+    return Draws(case.natural(points)[:, None], weights / weights.sum(), float(log_evidence))
+
+
+def run_dynesty(log_likelihood, k, size, seed):
+    """Points, log weights and log evidence by dynesty, from k standard normal scores."""
+    import dynesty
+
+    def at_point(u):
+        return log_likelihood(u[None])[0]
+
+    rng = np.random.default_rng(seed)
+    sampler = dynesty.NestedSampler(at_point, ndtri, k, nlive=size, rstate=rng)
+    sampler.run_nested(print_progress=False)
+    results = sampler.results
+    return results.samples, results.logwt, results.logz[-1]
+
+
+def run_nautilus(log_likelihood, k, size, seed):
+    """The same by nautilus."""
+    import nautilus
+
+    sampler = nautilus.Sampler(
+        ndtri, log_likelihood, n_dim=k, n_live=size, vectorized=True, seed=seed
+    )
+    if not sampler.run(n_eff=2 * size, n_like_max=100_000):
+        raise RuntimeError("not done after 100,000 evaluations")
+    points, log_weights, _ = sampler.posterior()
+    return points, log_weights, sampler.log_z
+
+
+STRETCH = emcee.moves.StretchMove()
+SNOOKER = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
+NESTED = {"dynesty": run_dynesty, "nautilus": run_nautilus}
+#: Of each way to draw from H1 what must be installed, the method, its coordinates and sizes.
+BOTH, SCORES = ("natural", "identified"), ("scores",)
+METHODS = {
+    "sample": ("emcee", draw_sample, SCORES, (1000, 4000, 16_000)),
+    "importance draws": ("emcee", draw_importance, SCORES, (4000, 16_000, 64_000)),
+    "emcee stretch": ("emcee", partial(draw_emcee, STRETCH), BOTH, (200, 800)),
+    "emcee DE and snooker": ("emcee", partial(draw_emcee, SNOOKER), BOTH, (200, 800)),
+    "nutpie": ("nutpie", draw_nutpie, BOTH, (1000, 4000)),
+    "NumPyro": ("numpyro", draw_numpyro, BOTH, (1000, 4000)),
+    "dynesty": ("dynesty", partial(draw_nested, run_dynesty), SCORES, (100,)),
+    "nautilus": ("nautilus-sampler", partial(draw_nested, run_nautilus), SCORES, (500,)),
+}
+
+
+# --- What is measured ----------------------------------------------------------------------------
+
+
+def is_installed(name):
+    """Whether a program is installed."""
+    try:
+        return bool(version(name))
+    except PackageNotFoundError:
+        return False
+
+
+def measured(row, work, judge):
+    """A row with the processor seconds of the work and its errors, or the reason of a failure."""
+    start = time.process_time()
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            result = work()
+            row["seconds"] = time.process_time() - start
+            row |= judge(result)
+    except Exception as error:  # the failure of a method is a result
+        row["problem"] = f"{error or type(error).__name__}".splitlines()[0][:100]
+    print(*row.values(), sep=", ", flush=True)
+    return row
+
+
+def judge_draws(reference, draws):
+    """Errors of draws in posterior standard deviations and in nats, and what they claim."""
+    flat = draws.values.reshape(len(draws.values), -1)
+    offsets = np.average(flat, axis=1, weights=draws.weights) - reference["means"]
+    entries = {"error": np.sqrt(np.mean(np.square(offsets / reference["sds"])))}
+    if draws.weights is not None:
+        entries["effective"] = 1.0 / np.square(draws.weights).sum()
+        entries["nats"] = abs(draws.log_evidence - reference["log_evidence"])
+        return entries
+    (_, entries["effective"]), (_, r_hat) = worst(convergence_of(dict(enumerate(draws.values))))
+    if not r_hat < LARGEST_R_HAT:
+        entries["problem"] = f"R-hat {r_hat:.2f}"
+    return entries
+
+
+def stored(file):
+    """The stored references by case."""
+    return json.loads((ROOT / "tests" / "reference" / file).read_text(encoding="utf-8"))["cases"]
+
+
+def measure_h1(subjects, kind, chosen_sizes, seeds):
+    """Rows of every method on every subject, by some of its sizes."""
+    rows, compiled, references = [], set(), stored("reference.json")
+    for name, (program, draw, systems, sizes) in METHODS.items():
+        for coordinates, subject in product(systems, subjects):
+            if not is_installed(program):
+                continue
+            case = Case.of_subject(subject, coordinates)
+            for size, seed in product(sizes[chosen_sizes], seeds):
+                shape = name, coordinates, size, subject.n_pairs
+                if program in ("nutpie", "numpyro") and shape not in compiled:
+                    draw(case, size, 0)
+                compiled.add(shape)
+                reference = dict(references[subject.name])
+                reference["means"] = np.array(reference["means"][:4])
+                reference["sds"] = np.array(reference["sds"][:4])
+                row = {"target": "H1", "kind": kind, "subject": subject.name, "method": name}
+                row |= {"coordinates": coordinates, "size": size, "seed": seed}
+                work = partial(draw, case, size, seed)
+                rows.append(measured(row, work, partial(judge_draws, reference)))
+    return rows
+
+
+def temper(log_likelihood, k, seed):
+    """Log evidence by tempering, from k standard normal scores."""
+    rng = np.random.default_rng(seed)
+    points, _ = tempered(log_likelihood, k, rng, 1000)
+    return refined(log_likelihood, points, rng, 4000)[0]
+
+
+def nested_evidence(program, size, log_likelihood, k, seed):
+    """Log evidence by nested sampling."""
+    return program(log_likelihood, k, size, seed)[2]
+
+
+def h1_laplace(posterior):
+    """Laplace's log evidence of H1."""
+    return laplace(posterior.array, [find_maxima(posterior)])[1]
+
+
+def four_models(estimate, subject, seed):
+    """The log evidences of the four models, by an estimate from a likelihood of scores."""
+    observers = [Observer(subject, name) for name in MODEL_NAMES]
+    return [estimate(observer, len(observer.parameters), seed) for observer in observers]
+
+
+def judge_evidence(reference, values):
+    """The largest error, nats, of models that are not far below the best one."""
+    errors = np.abs(np.subtract(values, reference))[reference > reference.max() - FAR]
+    if not np.isfinite(errors).all():
+        return {"problem": "does not exist"}
+    return {"nats": errors.max()}
+
+
+def measure_evidence(subjects, is_quick):
+    """Rows of log evidences: of H1 by methods that give no draws, and of the four models."""
+    jobs, known = [], stored("reference.json")
+    for subject in subjects:
+        posterior, reference = bt.model.paper_posterior(subject, PRIOR), known[subject.name]
+        ways = {
+            "Laplace": partial(h1_laplace, posterior),
+            "tempering": partial(temper, posterior.log_likelihood, 4, 1),
+        }
+        jobs.append(("H1", subject, np.array([reference["log_evidence"]]), ways))
+
+    known = stored("order_models.json")
+    for name, subject in list(order_cases().items())[: 1 if is_quick else None]:
+        reference = [known[f"{name}: {model}"]["log_evidence"] for model in MODEL_NAMES]
+        ways = {
+            "engine": lambda subject=subject: order_evidence([subject], 1)[0].log_evidence,
+            "Laplace": lambda subject=subject: order_evidence([subject], 1)[0].laplace,
+            "tempering": partial(four_models, temper, subject, 1),
+        }
+        for program, size in (("dynesty", 50), ("nautilus-sampler", 250)):
+            run = NESTED[program.removesuffix("-sampler")]
+            if is_installed(program) and "S01" in name and not is_quick:
+                ways[program] = partial(
+                    four_models, partial(nested_evidence, run, size), subject, 1
+                )
+        jobs.append(("four models", subject, np.array(reference), ways))
+
+    rows = []
+    for target, subject, reference, ways in jobs:
+        for method, work in ways.items():
+            kind = "ordinary" if subject.name[-3:-1] in ("S0", "S1") else "hard"
+            row = {"target": target, "kind": kind, "subject": subject.name, "method": method}
+            rows.append(measured(row, work, partial(judge_evidence, reference)))
+    return rows
+
+
+def draw_group(study, n_draws, seed):
+    """Means and standard deviations of a group by `population`."""
+    draws = bt.population(study, draws=n_draws, seed=seed).draws
+    return Draws(np.moveaxis(np.concatenate([draws.mean, draws.sd], axis=-1), -1, 0))
+
+
+def draw_numpyro_group(posterior, sampler, seed):
+    """The same by NumPyro, which calls the density of the package."""
+    x = run_numpyro(sampler, posterior.start(N_CHAINS, np.random.default_rng(seed)), seed)
+    point = posterior.points(x.reshape(-1, x.shape[-1]))
+    values = np.concatenate([point.mean, point.sd], axis=-1)
+    return Draws(np.moveaxis(values.reshape(*x.shape[:2], -1), -1, 0))
+
+
+def numpyro_group(posterior):
+    """The sampler of NumPyro for the joint posterior of a group."""
+    import jax
+
+    def value_and_slope(theta):
+        points = np.asarray(theta)
+        value, slope = posterior(points.reshape(-1, points.shape[-1]))
+        return value.reshape(points.shape[:-1]), slope.reshape(points.shape)
+
+    @jax.custom_jvp
+    def log_density(theta):
+        return called(theta)[0]
+
+    def called(theta):
+        shapes = jax.ShapeDtypeStruct((), float), jax.ShapeDtypeStruct(theta.shape, float)
+        return jax.pure_callback(value_and_slope, shapes, theta, vmap_method="broadcast_all")
+
+    @log_density.defjvp
+    def tangent(points, tangents):
+        value, slope = called(*points)
+        return value, slope @ tangents[0]
+
+    return numpyro_sampler(log_density, posterior.n_coordinates, 800)
+
+
+def measure_group(is_quick):
+    """Rows of the group of the 2AFC example, against a long run."""
+    study = bt.example_study()
+    study = study.select(study.names[: 4 if is_quick else 12])
+    n_draws = 400 if is_quick else 3200
+    long_run = draw_group(study, 10 * n_draws, 99).values.reshape(6, -1)
+    reference = {"means": long_run.mean(axis=1), "sds": long_run.std(axis=1)}
+    ways = {"population": partial(draw_group, study, n_draws)}
+    if is_installed("numpyro") and not is_quick:
+        no_columns = np.zeros((len(study), 0))
+        posterior = group_posterior(study, study_scales(study), Hyperprior(), no_columns)
+        ways["NumPyro"] = partial(draw_numpyro_group, posterior, numpyro_group(posterior))
+    rows = []
+    for (method, draw), seed in product(ways.items(), (1, 2)):
+        row = {"target": "group", "subject": f"{len(study)} subjects", "method": method}
+        rows.append(measured(row, partial(draw, seed), partial(judge_draws, reference)))
+    return rows
+
+
+def shift_by_sample(subject):
+    """5, 50 and 95 % quantiles of the constant error in its model."""
+    draws = bt.sample(bt.Study([subject]), model="constant-error", draws=1000, seed=1, workers=1)
+    summary = draws.summary().set_index("parameter")
+    return summary.loc["constant_error", ["q05", "q50", "q95"]]
+
+
+def shift_by_psignifit(subject):
+    """Half of the distance between the PSEs of both orders, with its 90 % interval."""
+    import psignifit
+
+    pses, widths = [], []
+    first_order = subject.s1, subject.s2, subject.n_yes
+    second_order = subject.s2, subject.s1, subject.n_trials - subject.n_yes
+    for standard, comparison, n_stronger in (first_order, second_order):
+        columns = np.column_stack([comparison, n_stronger, subject.n_trials])[standard == 0.0]
+        curve = psignifit.psignifit(columns, sigmoid="norm", experiment_type="equal asymptote")
+        low, high = curve.confidence_intervals["threshold"]["0.9"]
+        pses.append(curve.parameter_estimate["threshold"])
+        widths.append(high - low)
+    middle, half = 0.5 * (pses[0] - pses[1]), 0.25 * np.hypot(*widths)
+    return middle - half, middle, middle + half
+
+
+def judge_shift(shift, interval):
+    """Error and width of an interval, and whether it covers the truth."""
+    low, middle, high = interval
+    return {"error": abs(middle - shift), "width": high - low, "covered": low <= shift <= high}
+
+
+def measure_curves(n_observers):
+    """Rows of the PSE shift of simulated observers, by this package and by curves of psignifit."""
+    comparisons = np.linspace(-0.4, 0.4, 8)
+    pairs = np.append(np.zeros(8), comparisons), np.append(comparisons, np.zeros(8))
+    shifts = np.linspace(-0.15, 0.15, n_observers)
+    observers = {f"O{i}": {"noise": 0.2, "constant_error": shift} for i, shift in enumerate(shifts)}
+    study = bt.simulate(observers, design=BatchDesign(*pairs, 40), task="2afc", seed=67).study
+    ways = {"sample": shift_by_sample}
+    if is_installed("psignifit"):
+        ways["psignifit"] = shift_by_psignifit
+    rows = []
+    for (subject, shift), method in product(zip(study, shifts, strict=True), ways):
+        row = {"target": "PSE shift", "subject": subject.name, "method": method}
+        work = partial(ways[method], subject)
+        rows.append(measured(row, work, partial(judge_shift, shift)))
+    return rows
+
+
+PROGRAM = """
+import json, resource, time
+import bayes_toe as bt
+study = bt.simulate({subjects}, batches={trials}, task="2afc", seed=1).study
+workers = {workers!r}
+if workers == "Dask":
+    from distributed import Client
+    workers = Client(n_workers=2, threads_per_worker=1, dashboard_address=None)
+start = time.perf_counter()
+bt.{call}
+elapsed = time.perf_counter() - start
+if not isinstance(workers, int):
+    workers.shutdown()
+memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+print(json.dumps(dict(elapsed=elapsed, megabytes=memory)))
+"""
+CALLS = {
+    "run": "run(study, draws=1000, seed=1, workers=workers)",
+    "population": "population(study, seed=1)",
+}
+
+
+def run_program(call, n_subjects, n_trials, workers):
+    """Elapsed seconds, megabytes, and processor seconds of a process of its own."""
+    before = sum(os.times()[2:4])
+    parts = {"call": CALLS[call], "subjects": n_subjects, "trials": n_trials, "workers": workers}
+    command = [sys.executable, "-W", "ignore", "-c", PROGRAM.format(**parts)]
+    printed = subprocess.check_output(command, text=True, stderr=subprocess.DEVNULL)
+    return {**json.loads(printed), "seconds": sum(os.times()[2:4]) - before}
+
+
+def measure_scaling(largest):
+    """Rows of `run` and `population` by subjects, by trials of a pair, and by workers."""
+    sizes = [(size, 100) for size in (6, 10, 100, 1000, 10_000) if size <= largest]
+    sizes += [(10, 10**k) for k in range(3, 7) if largest >= 100]
+    jobs = [(call, *size, 1) for call, size in product(CALLS, sizes)]
+    if largest >= 100:
+        jobs += [("run", 100, 100, 2), ("run", 100, 100, "Dask")]
+    rows = []
+    for call, n_subjects, n_trials, workers in jobs:
+        row = {"target": call, "subject": n_subjects, "size": n_trials, "method": workers}
+        work = partial(run_program, call, n_subjects, n_trials, workers)
+        rows.append(measured({**row, "kind": "scaling"}, work, dict))
+    return rows
+
+
+# --- Page ----------------------------------------------------------------------------------------
+
+PAGE = """# Speed against error
+
+{close}
+
+`python scripts/speed_vs_error.py {command}` wrote this page, the figure and
+[all numbers](speed_vs_error.csv) from commit {commit}. The rows need
+{minutes:.0f} minutes of processor time. The
+machine has {cores} cores ({machine}). {load} Versions: {versions}. Not installed: {missing}.
+
+![Error against processor seconds, a line for each method](speed_vs_error.svg)
+
+The **error** is the root mean square error of the posterior means of mu1, sigma_p, sigma_l and q0, in
+posterior standard deviations. The reference is [deterministic
+integration](../tests/reference/README.md) under the paper's prior. **Seconds** are those of one
+processor core. They include the fit or the warm-up, but no compilation. Other samplers start at draws
+of the posterior, whose cost does not count. **Coordinates** are the paper's (*natural*: mu1, log
+sigma_p, logit gamma, logit q0), *identified* (offset, logit p, log width, logit q0), or *scores* of the
+prior. The figure and the table of hard cases show each method in its better coordinates.
+
+## Conclusions
+
+{conclusions}
+
+## Ratios
+
+How many times as many seconds as `sample` a method needs at its largest setting, for an effective draw
+that it reports and for the same error: median over subjects, and the subject with the smallest ratio.
+A failure is an R-hat of 1.01 or more, or no result.
+
+{ratios}
+
+## Importance draws against emcee
+
+{importance}
+
+## Evidence
+
+Errors of log evidences in nats. References of the four models have standard errors of up to 0.02.
+
+{evidence}
+
+## Group
+
+The reference is a run of `population` with ten times as many draws. NumPyro calls the density of this
+package, in the same coordinates.
+
+{group}
+
+## Curves by order
+
+Twenty simulated observers judge one standard and eight comparisons in both orders, 640 trials.
+psignifit 4 fits a curve to each order; half of the distance between the PSEs is the constant error. The
+column *covered* is the share of 90 % intervals that contain the true value.
+
+{curves}
+
+## Hard cases
+
+The error and the seconds, or the reason of a failure.
+
+{hard}
+
+## Scaling
+
+Processor seconds of a process, with imports, and its memory. *Slope* is that of log seconds against the
+log of subjects or of trials a pair, from the row before. Sizes without a row are not measured.
+
+{scaling}
+"""
+IMPORTANCE = """`sample` runs emcee on the mixture of the importance draws. An importance draw needs {ratio:.2f} times the
+seconds of an effective draw of `sample` (median; {worst:.2f} for the subject with the smallest ratio).
+For this price emcee's local moves reach what the mixture misses, and R-hat checks the chains."""
+CONCLUSIONS = "TODO"
+LOAD = {False: "No other program ran.", True: "Other programs ran at the same time."}
+COLUMNS = (
+    *(
+        "section",
+        "commit",
+        "target",
+        "kind",
+        "subject",
+        "method",
+        "coordinates",
+        "size",
+        "seed",
+        "seconds",
+        "elapsed",
+    ),
+    *("error", "effective", "nats", "width", "covered", "megabytes", "problem"),
+)
+
+
+def h1_rows(table):
+    """Rows of draws from H1; the label of a method has its coordinates."""
+    rows = table[(table["target"] == "H1") & table["size"].notna()].copy()
+    is_peer = rows["coordinates"] != "scores"
+    rows["label"] = rows["method"].where(~is_peer, rows["method"] + ", " + rows["coordinates"])
+    return rows
+
+
+def ratios_to_sample(rows):
+    """By kind and subject, and by measure and label: seconds over those of `sample`."""
+    largest = rows[rows["size"] == rows.groupby(["kind", "method"])["size"].transform("max")]
+    costs = {
+        "draw": largest["seconds"] / largest["effective"],
+        "error": largest["seconds"] * np.square(largest["error"]),
+    }
+    keys, ratios = [largest["kind"], largest["subject"], largest["label"]], {}
+    for name, cost in costs.items():
+        by_method = cost.groupby(keys).mean().unstack()
+        ratios[name] = by_method.div(by_method["sample"], axis=0)
+    return pd.concat(ratios, axis=1)
+
+
+def ratio_table(rows, ratios):
+    """Median and smallest ratios of every label, and how often it failed."""
+    entries = {}
+    for name, kind in product(("draw", "error"), ratios.index.levels[0]):
+        of_kind = ratios.loc[kind, name]
+        numbers = of_kind.agg(["median", "min"]).map("{:,.3g}".format)
+        subject = of_kind.fillna(np.inf).idxmin()
+        entries[f"{kind}, {name}"] = (
+            numbers.loc["median"] + "; " + numbers.loc["min"] + " " + subject
+        )
+    entries["failures"] = rows["problem"].notna().groupby(rows["label"]).sum()
+    return pd.DataFrame(entries).drop("sample").rename_axis("method").reset_index()
+
+
+def better_coordinates(rows, ratios):
+    """The rows of each method in its better coordinates."""
+    medians = ratios["error"].median().fillna(np.inf)
+    methods = rows.drop_duplicates("label").set_index("label")["method"]
+    return rows[rows["label"].isin(medians.groupby(methods).idxmin())]
+
+
+def hard_table(rows):
+    """A row for each hard case, a column for each method."""
+    hard = rows[rows["kind"] == "hard"]
+    numbers = hard["error"].map("{:.3f}".format) + ", " + hard["seconds"].map("{:.2g} s".format)
+    cells = hard["problem"].where(hard["problem"].notna(), numbers)
+    return (
+        cells.groupby([hard["subject"], hard["label"]], sort=False).last().unstack().reset_index()
+    )
+
+
+def median_table(rows, keys, columns):
+    """Medians of columns, the largest error in nats, and the number of failures."""
+    groups = rows.fillna({"coordinates": ""}).groupby(keys, sort=False)
+    medians = groups[columns].median().map("{:.3g}".format)
+    if "nats" in columns:
+        medians["worst"] = groups["nats"].max().map("{:.3g}".format)
+    medians["failures"] = groups["problem"].count()
+    return medians.reset_index()
+
+
+def scaling_table(rows):
+    """Seconds and memory, with the slope from the row before."""
+    size = rows["subject"].astype(float) * rows["size"]
+    slope = np.log(rows["seconds"]).diff() / np.log(size).diff()
+    is_next = (rows["target"] == rows["target"].shift()) & (size > size.shift())
+    shown = rows[["target", "method", "subject", "size"]].copy()
+    shown.columns = ["call", "workers", "subjects", "trials a pair"]
+    shown["slope"] = slope.map("{:.2f}".format).where(is_next, "")
+    for name in ("seconds", "elapsed", "megabytes"):
+        shown[name] = rows[name].map("{:,.3g}".format)
+    return shown
+
+
+def draw_figure(rows, path):
+    """Median error against median seconds, a line for each method."""
+    plt.rcParams["svg.hashsalt"] = "speed_vs_error"
+    figure, panels = plt.subplots(1, 2, figsize=(9, 4), sharey=True, layout="constrained")
+    for ax, kind in zip(panels, ("ordinary", "hard"), strict=True):
+        medians = (
+            rows[rows["kind"] == kind].groupby(["label", "size"])[["seconds", "error"]].median()
+        )
+        for i, label in enumerate(rows["label"].unique()):
+            style = {"marker": "o", "color": f"C{i}", "label": label}
+            if label == "sample":
+                style |= {"marker": "*", "markersize": 15, "color": "black"}
+            if label in medians.index:
+                ax.plot(*medians.loc[label].to_numpy().T, **style)
+        ax.set(xscale="log", yscale="log", title=f"{kind} subjects", xlabel="processor seconds")
+    panels[0].set_ylabel("error of means (posterior SD)")
+    panels[0].legend(fontsize=7)
+    figure.savefig(path, metadata={"Date": None})
+
+
+def write_page(table, options):
+    """Write the numbers, the figure and the page."""
+    stem = options.output / "speed_vs_error"
+    write_table(table, stem.with_suffix(".csv"), overwrite=True)
+    table = pd.read_csv(stem.with_suffix(".csv"))
+    rows = h1_rows(table)
+    ratios = ratios_to_sample(rows)
+    better = better_coordinates(rows, ratios)
+    draw_figure(better, stem.with_suffix(".svg"))
+
+    close = ratios.drop(columns=["sample", "importance draws"], level=1)
+    close = close.groupby("kind").median().stack(future_stack=True).min(axis=1)
+    close = close[close < CLOSE].sort_index()
+    sentence = f"No other sampler of H1 comes within a factor of {CLOSE:g} of `sample`."
+    if len(close):
+        names = [f"{label} ({kind}: {ratio:.2g})" for (kind, label), ratio in close.items()]
+        sentence = f"Less than {CLOSE:g} times the seconds of `sample`: {'; '.join(names)}."
+    importance = ratios["draw"]["importance draws"]
+    evidence = table[table["nats"].notna() | table["target"].isin(["H1", "four models"])]
+    is_largest = evidence["size"] == evidence.groupby("method")["size"].transform("max")
+    evidence = evidence[is_largest | evidence["size"].isna()]
+    evidence = evidence[~evidence["coordinates"].isin(BOTH) & (evidence["method"] != "sample")]
+    keys = ["target", "kind", "method"]
+    group, curves = table[table["target"] == "group"], table[table["target"] == "PSE shift"]
+    tables = {
+        "ratios": ratio_table(rows, ratios),
+        "evidence": median_table(evidence.sort_values(keys), keys, ["seconds", "nats"]),
+        "group": median_table(group, ["method"], ["seconds", "error", "effective"]),
+        "curves": median_table(curves, ["method"], ["seconds", "error", "width"]),
+        "hard": hard_table(better),
+        "scaling": scaling_table(table[table["kind"] == "scaling"]),
+    }
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    models = [line.partition(": ")[2] for line in lines if line.startswith("model name")]
+    installed = [name for name in PEERS if is_installed(name)]
+    page = PAGE.format(
+        **{name: markdown(rows) for name, rows in tables.items()},
+        close=sentence,
+        importance=IMPORTANCE.format(ratio=importance.median(), worst=importance.min()),
+        conclusions=CONCLUSIONS,
+        command=" ".join(sys.argv[1:]),
+        commit=" and ".join(table["commit"].unique()),
+        minutes=table["seconds"].sum() / 60.0,
+        cores=os.cpu_count(),
+        machine=[*models, platform.machine()][0],
+        load=LOAD[options.loaded],
+        versions=", ".join(f"{name} {version(name)}" for name in ("numpy", *installed)),
+        missing=", ".join(sorted(set(PEERS) - set(installed))) or "none",
+    )
+    stem.with_suffix(".md").write_text(page, encoding="utf-8")
+
+
+def main():
+    """Measure, and write the page."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    size = parser.add_mutually_exclusive_group(required=True)
+    size.add_argument("--quick", action="store_true", help="two subjects, smallest settings")
+    size.add_argument("--full", action="store_true", help="all subjects and settings")
+    names = ["ordinary", "hard", "evidence", "group", "curves", "scaling"]
+    parser.add_argument("--sections", nargs="+", choices=names, default=names)
+    parser.add_argument("--seeds", type=int, default=2, help="of ordinary subjects")
+    parser.add_argument(
+        "--largest", type=int, default=1000, help="number of subjects of the scaling"
+    )
+    parser.add_argument("--loaded", action="store_true", help="the page says that others worked")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=ROOT / "docs", help="folder to write to"
+    )
+    options = parser.parse_args()
+    os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+    print("not installed:", *[name for name in PEERS if not is_installed(name)])
+
+    is_quick, n_subjects = options.quick, 1 if options.quick else None
+    example, cases = bt.example_study("same/different"), hard_cases()
+    ordinary = [example[name] for name in ("S01", "S05", "S09", "S15")[:n_subjects]]
+    hard = [cases["funnel"]] if is_quick else list(cases.values())
+    seeds = range(1, 2 if is_quick else 1 + options.seeds)
+    chosen_sizes, last = (slice(1), slice(1)) if is_quick else (slice(None), slice(-1, None))
+    jobs = {
+        "ordinary": partial(measure_h1, ordinary, "ordinary", chosen_sizes, seeds),
+        "hard": partial(measure_h1, hard, "hard", last, seeds[:1]),
+        "evidence": partial(measure_evidence, [*ordinary, *hard], is_quick),
+        "group": partial(measure_group, is_quick),
+        "curves": partial(measure_curves, 2 if is_quick else 20),
+        "scaling": partial(measure_scaling, 6 if is_quick else options.largest),
+    }
+    table = pd.DataFrame(columns=COLUMNS)
+    stored_table = options.output / "speed_vs_error.csv"
+    if len(options.sections) < len(jobs) and stored_table.exists():
+        table = pd.read_csv(stored_table)
+        table = table[~table["section"].isin(options.sections)]
+    git = ["git", "rev-parse", "--short=8", "HEAD"]
+    commit = subprocess.check_output(git, cwd=ROOT, text=True).strip()
+    with threadpool_limits(1):
+        for section in options.sections:
+            rows = pd.DataFrame(jobs[section]())
+            table = pd.concat([table, rows.assign(section=section, commit=commit)])
+    write_page(table.reindex(columns=COLUMNS), options)
+
+
+if __name__ == "__main__":
+    main()
