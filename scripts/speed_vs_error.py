@@ -255,7 +255,7 @@ METHODS = {
     "emcee DE and snooker": ("emcee", partial(draw_emcee, SNOOKER), BOTH, (200, 800)),
     "nutpie": ("nutpie", draw_nutpie, BOTH, (1000, 4000)),
     "NumPyro": ("numpyro", draw_numpyro, BOTH, (1000, 4000)),
-    "dynesty": ("dynesty", partial(draw_nested, run_dynesty), SCORES, (100,)),
+    "dynesty": ("dynesty", partial(draw_nested, run_dynesty), SCORES, (50,)),
     "nautilus": ("nautilus-sampler", partial(draw_nested, run_nautilus), SCORES, (500,)),
 }
 
