@@ -51,7 +51,8 @@ from bayes_toe.model.paper_model import PaperPosterior
 
 ROOT = Path(__file__).resolve().parents[1]
 PEERS = ("emcee", "nutpie", "pymc", "numpyro", "dynesty", "nautilus-sampler", "psignifit")
-PRIOR = bt.Prior()
+SECTIONS = ("ordinary", "hard", "evidence", "group", "curves", "scaling")
+ORDINARY, PRIOR = ("S01", "S05", "S09", "S15"), bt.Prior()
 WARM_UP, N_CHAINS, WALKERS = 1000, 4, 32
 LARGEST_R_HAT, FAR, CLOSE = 1.01, 6.0, 3.0
 
@@ -245,7 +246,7 @@ def run_nautilus(log_likelihood, k, size, seed):
 
 STRETCH = emcee.moves.StretchMove()
 SNOOKER = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
-NESTED = {"dynesty": run_dynesty, "nautilus": run_nautilus}
+NESTED = {"dynesty": run_dynesty, "nautilus-sampler": run_nautilus}
 #: Of each way to draw from H1 what must be installed, the method, its coordinates and sizes.
 BOTH, SCORES = ("natural", "identified"), ("scores",)
 METHODS = {
@@ -284,6 +285,11 @@ def measured(row, work, judge):
         row["problem"] = f"{error or type(error).__name__}".splitlines()[0][:100]
     print(*row.values(), sep=", ", flush=True)
     return row
+
+
+def measured_ways(row, ways, judge):
+    """A row for each method."""
+    return [measured({**row, "method": name}, work, judge) for name, work in ways.items()]
 
 
 def judge_draws(reference, draws):
@@ -360,39 +366,35 @@ def judge_evidence(reference, values):
     return {"nats": errors.max()}
 
 
-def measure_evidence(subjects, is_quick):
+def measure_evidence(kinds, is_quick):
     """Rows of log evidences: of H1 by methods that give no draws, and of the four models."""
-    jobs, known = [], stored("reference.json")
-    for subject in subjects:
-        posterior, reference = bt.model.paper_posterior(subject, PRIOR), known[subject.name]
-        ways = {
-            "Laplace": partial(h1_laplace, posterior),
-            "tempering": partial(temper, posterior.log_likelihood, 4, 1),
-        }
-        jobs.append(("H1", subject, np.array([reference["log_evidence"]]), ways))
+    rows, known = [], stored("reference.json")
+    for kind, subjects in kinds.items():
+        for subject in subjects:
+            posterior = bt.model.paper_posterior(subject, PRIOR)
+            reference = np.array([known[subject.name]["log_evidence"]])
+            ways = {
+                "Laplace": partial(h1_laplace, posterior),
+                "tempering": partial(temper, posterior.log_likelihood, 4, 1),
+            }
+            row = {"target": "H1", "kind": kind, "subject": subject.name}
+            rows += measured_ways(row, ways, partial(judge_evidence, reference))
 
     known = stored("order_models.json")
     for name, subject in list(order_cases().items())[: 1 if is_quick else None]:
-        reference = [known[f"{name}: {model}"]["log_evidence"] for model in MODEL_NAMES]
+        values = [known[f"{name}: {model}"]["log_evidence"] for model in MODEL_NAMES]
         ways = {
             "engine": lambda subject=subject: order_evidence([subject], 1)[0].log_evidence,
             "Laplace": lambda subject=subject: order_evidence([subject], 1)[0].laplace,
             "tempering": partial(four_models, temper, subject, 1),
         }
-        for program, size in (("dynesty", 50), ("nautilus-sampler", 250)):
-            run = NESTED[program.removesuffix("-sampler")]
-            if is_installed(program) and "S01" in name and not is_quick:
-                ways[program] = partial(
-                    four_models, partial(nested_evidence, run, size), subject, 1
-                )
-        jobs.append(("four models", subject, np.array(reference), ways))
-
-    rows = []
-    for target, subject, reference, ways in jobs:
-        for method, work in ways.items():
-            kind = "ordinary" if subject.name[-3:-1] in ("S0", "S1") else "hard"
-            row = {"target": target, "kind": kind, "subject": subject.name, "method": method}
-            rows.append(measured(row, work, partial(judge_evidence, reference)))
+        kind = "ordinary" if "S0" in name else "hard"
+        for program, size in (("dynesty", 50), ("nautilus-sampler", 500)):
+            if is_installed(program) and kind == "ordinary" and not is_quick:
+                estimate = partial(nested_evidence, NESTED[program], size)
+                ways[program] = partial(four_models, estimate, subject, 1)
+        row = {"target": "four models", "kind": kind, "subject": name}
+        rows += measured_ways(row, ways, partial(judge_evidence, np.array(values)))
     return rows
 
 
@@ -447,10 +449,10 @@ def measure_group(is_quick):
         no_columns = np.zeros((len(study), 0))
         posterior = group_posterior(study, study_scales(study), Hyperprior(), no_columns)
         ways["NumPyro"] = partial(draw_numpyro_group, posterior, numpyro_group(posterior))
-    rows = []
-    for (method, draw), seed in product(ways.items(), (1, 2)):
-        row = {"target": "group", "subject": f"{len(study)} subjects", "method": method}
-        rows.append(measured(row, partial(draw, seed), partial(judge_draws, reference)))
+    row, rows = {"target": "group", "subject": f"{len(study)} subjects"}, []
+    for seed in (1, 2):
+        of_seed = {name: partial(draw, seed) for name, draw in ways.items()}
+        rows += measured_ways(row, of_seed, partial(judge_draws, reference))
     return rows
 
 
@@ -491,14 +493,13 @@ def measure_curves(n_observers):
     shifts = np.linspace(-0.15, 0.15, n_observers)
     observers = {f"O{i}": {"noise": 0.2, "constant_error": shift} for i, shift in enumerate(shifts)}
     study = bt.simulate(observers, design=BatchDesign(*pairs, 40), task="2afc", seed=67).study
-    ways = {"sample": shift_by_sample}
-    if is_installed("psignifit"):
-        ways["psignifit"] = shift_by_psignifit
     rows = []
-    for (subject, shift), method in product(zip(study, shifts, strict=True), ways):
-        row = {"target": "PSE shift", "subject": subject.name, "method": method}
-        work = partial(ways[method], subject)
-        rows.append(measured(row, work, partial(judge_shift, shift)))
+    for subject, shift in zip(study, shifts, strict=True):
+        ways = {"sample": partial(shift_by_sample, subject)}
+        if is_installed("psignifit"):
+            ways["psignifit"] = partial(shift_by_psignifit, subject)
+        row = {"target": "PSE shift", "subject": subject.name}
+        rows += measured_ways(row, ways, partial(judge_shift, shift))
     return rows
 
 
@@ -535,11 +536,12 @@ def run_program(call, n_subjects, n_trials, workers):
 
 def measure_scaling(largest):
     """Rows of `run` and `population` by subjects, by trials of a pair, and by workers."""
-    sizes = [(size, 100) for size in (6, 10, 100, 1000, 10_000) if size <= largest]
-    sizes += [(10, 10**k) for k in range(3, 7) if largest >= 100]
-    jobs = [(call, *size, 1) for call, size in product(CALLS, sizes)]
-    if largest >= 100:
-        jobs += [("run", 100, 100, 2), ("run", 100, 100, "Dask")]
+    jobs = [("population", 6, 100, 1)]
+    if largest >= 10:
+        sizes = [(10**k, 100) for k in range(1, 5) if 10**k <= largest]
+        sizes += [(10, 10**k) for k in range(3, 7)]
+        jobs = [(call, *size, 1) for call, size in product(CALLS, sizes)]
+        jobs += [("run", 20, 100, workers) for workers in (1, 2, "Dask")]
     rows = []
     for call, n_subjects, n_trials, workers in jobs:
         row = {"target": call, "subject": n_subjects, "size": n_trials, "method": workers}
@@ -557,7 +559,7 @@ PAGE = """# Speed against error
 `python scripts/speed_vs_error.py {command}` wrote this page, the figure and
 [all numbers](speed_vs_error.csv) from commit {commit}. The rows need
 {minutes:.0f} minutes of processor time. The
-machine has {cores} cores ({machine}). {load} Versions: {versions}. Not installed: {missing}.
+machine has {cores} cores ({machine}), and its load was {load:.0f}. Versions: {versions}. Not installed: {missing}.
 
 ![Error against processor seconds, a line for each method](speed_vs_error.svg)
 
@@ -623,7 +625,6 @@ IMPORTANCE = """`sample` runs emcee on the mixture of the importance draws. An i
 seconds of an effective draw of `sample` (median; {worst:.2f} for the subject with the smallest ratio).
 For this price emcee's local moves reach what the mixture misses, and R-hat checks the chains."""
 CONCLUSIONS = "TODO"
-LOAD = {False: "No other program ran.", True: "Other programs ran at the same time."}
 COLUMNS = (
     *(
         "section",
@@ -738,11 +739,8 @@ def draw_figure(rows, path):
     figure.savefig(path, metadata={"Date": None})
 
 
-def write_page(table, options):
-    """Write the numbers, the figure and the page."""
-    stem = options.output / "speed_vs_error"
-    write_table(table, stem.with_suffix(".csv"), overwrite=True)
-    table = pd.read_csv(stem.with_suffix(".csv"))
+def write_page(table, stem):
+    """Write the figure and the page."""
     rows = h1_rows(table)
     ratios = ratios_to_sample(rows)
     better = better_coordinates(rows, ratios)
@@ -783,7 +781,7 @@ def write_page(table, options):
         minutes=table["seconds"].sum() / 60.0,
         cores=os.cpu_count(),
         machine=[*models, platform.machine()][0],
-        load=LOAD[options.loaded],
+        load=os.getloadavg()[2],
         versions=", ".join(f"{name} {version(name)}" for name in ("numpy", *installed)),
         missing=", ".join(sorted(set(PEERS) - set(installed))) or "none",
     )
@@ -791,53 +789,49 @@ def write_page(table, options):
 
 
 def main():
-    """Measure, and write the page."""
+    """Measure, and write the page when every section is measured."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     size = parser.add_mutually_exclusive_group(required=True)
     size.add_argument("--quick", action="store_true", help="two subjects, smallest settings")
     size.add_argument("--full", action="store_true", help="all subjects and settings")
-    names = ["ordinary", "hard", "evidence", "group", "curves", "scaling"]
-    parser.add_argument("--sections", nargs="+", choices=names, default=names)
+    parser.add_argument("--sections", nargs="+", choices=SECTIONS, default=SECTIONS)
     parser.add_argument("--seeds", type=int, default=2, help="of ordinary subjects")
-    parser.add_argument(
-        "--largest", type=int, default=1000, help="number of subjects of the scaling"
-    )
-    parser.add_argument("--loaded", action="store_true", help="the page says that others worked")
-    parser.add_argument(
-        "-o", "--output", type=Path, default=ROOT / "docs", help="folder to write to"
-    )
+    parser.add_argument("--largest", type=int, default=1000, help="most subjects of the scaling")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs", help="folder")
     options = parser.parse_args()
     os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
     print("not installed:", *[name for name in PEERS if not is_installed(name)])
 
-    is_quick, n_subjects = options.quick, 1 if options.quick else None
     example, cases = bt.example_study("same/different"), hard_cases()
-    ordinary = [example[name] for name in ("S01", "S05", "S09", "S15")[:n_subjects]]
-    hard = [cases["funnel"]] if is_quick else list(cases.values())
-    seeds = range(1, 2 if is_quick else 1 + options.seeds)
-    chosen_sizes, last = (slice(1), slice(1)) if is_quick else (slice(None), slice(-1, None))
-    jobs = {
-        "ordinary": partial(measure_h1, ordinary, "ordinary", chosen_sizes, seeds),
-        "hard": partial(measure_h1, hard, "hard", last, seeds[:1]),
-        "evidence": partial(measure_evidence, [*ordinary, *hard], is_quick),
-        "group": partial(measure_group, is_quick),
-        "curves": partial(measure_curves, 2 if is_quick else 20),
-        "scaling": partial(measure_scaling, 6 if is_quick else options.largest),
-    }
-    table = pd.DataFrame(columns=COLUMNS)
-    stored_table = options.output / "speed_vs_error.csv"
-    if len(options.sections) < len(jobs) and stored_table.exists():
-        table = pd.read_csv(stored_table)
-        table = table[~table["section"].isin(options.sections)]
+    kinds = {"ordinary": [example["S01"]], "hard": [cases["funnel"]]}
+    chosen_sizes, hard_sizes, n_seeds = slice(1), slice(1), 1
+    if options.full:
+        kinds = {"ordinary": [example[name] for name in ORDINARY], "hard": list(cases.values())}
+        chosen_sizes, hard_sizes, n_seeds = slice(None), slice(-1, None), options.seeds
+    of_ordinary = kinds["ordinary"], "ordinary", chosen_sizes, range(1, 1 + n_seeds)
+    jobs = (
+        partial(measure_h1, *of_ordinary),
+        partial(measure_h1, kinds["hard"], "hard", hard_sizes, [1]),
+        partial(measure_evidence, kinds, options.quick),
+        partial(measure_group, options.quick),
+        partial(measure_curves, 2 if options.quick else 20),
+        partial(measure_scaling, 0 if options.quick else options.largest),
+    )
+    file = options.output / "speed_vs_error.csv"
+    table = pd.read_csv(file) if file.exists() else pd.DataFrame(columns=COLUMNS)
     git = ["git", "rev-parse", "--short=8", "HEAD"]
     commit = subprocess.check_output(git, cwd=ROOT, text=True).strip()
-    with threadpool_limits(1):
-        for section in options.sections:
-            rows = pd.DataFrame(jobs[section]())
-            table = pd.concat([table, rows.assign(section=section, commit=commit)])
-    write_page(table.reindex(columns=COLUMNS), options)
+    for section, job in zip(SECTIONS, jobs, strict=True):
+        if section in options.sections:
+            with threadpool_limits(1):
+                rows = pd.DataFrame(job()).assign(section=section, commit=commit)
+            kept = table[table["section"] != section].to_dict("records")
+            table = pd.DataFrame([*kept, *rows.to_dict("records")], columns=COLUMNS)
+            write_table(table, file, overwrite=True)
+    if set(SECTIONS) <= set(table["section"]):
+        write_page(pd.read_csv(file), options.output / "speed_vs_error")
 
 
 if __name__ == "__main__":
