@@ -8,8 +8,8 @@ depends on c, sigma_p or w alone on b, and gamma on a only:
 
     d mu1/dc = 1/p,   d gamma/da = p (1 - p/p_max) (1 + p)/(1 - p)^3,   d q0/dl = q0 (1 - q0)
 
-A namespace of array functions, such as `jax.numpy` or `pytensor.tensor`, may take the place of NumPy,
-so that other programs sample this same density.
+A namespace of array functions, such as `jax.numpy` or `pytensor.tensor`, may take the place of
+NumPy, so that other programs sample this same density.
 """
 
 from __future__ import annotations
@@ -87,7 +87,8 @@ def identified(y: Any, sbar: Any, xp: Any = np) -> tuple[list[Any], Any]:
     log_complement = xp.log1p(-p)
     # p_max - p without cancellation: 1 - gamma over (1 - p p_max) / ((1 - p_max)^2 (1 - p)^2)
     log_left = log_rest + 2.0 * (np.log1p(-MAX_PULL) + log_complement) - xp.log1p(-MAX_PULL * p)
-    columns = [p * (y[..., 0] - sbar), log_p - log_left, y[..., 1] - 1.5 * log_complement, y[..., 3]]
+    log_width = y[..., 1] - 1.5 * log_complement
+    columns = [p * (y[..., 0] - sbar), log_p - log_left, log_width, y[..., 3]]
     # da/d(logit gamma) = p_max (1 - p) (1 - gamma) / ((p_max - p) (1 + p))
     log_slope = np.log(MAX_PULL) + log_complement + log_rest - log_left - xp.log1p(p)
     return columns, log_p + log_slope
