@@ -178,7 +178,7 @@ def new_numpyro(coordinates, size):
 
 
 def numpyro_sampler(log_density, n_coordinates, size):
-    """NUTS for a log density on the whole space, compiled as one function of key, starts and data."""
+    """NUTS for a log density on the whole space, compiled as one function."""
     import jax
     import numpyro
     from numpyro.distributions import ImproperUniform, constraints
@@ -272,6 +272,7 @@ def is_installed(name):
 
 def measured(row, work, judge):
     """A row with the processor seconds of the work and its errors, or the reason of a failure."""
+    row["problem"] = ""
     start = time.process_time()
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -501,7 +502,11 @@ def shift_by_psignifit(subject):
 def judge_shift(shift, interval):
     """Error and width of an interval, and whether it covers the truth."""
     low, middle, high = interval
-    return {"error": abs(middle - shift), "width": high - low, "covered": low <= shift <= high}
+    return {
+        "error": abs(middle - shift),
+        "width": high - low,
+        "covered": float(low <= shift <= high),
+    }
 
 
 def measure_curves(n_observers):
@@ -570,95 +575,7 @@ def measure_scaling(largest):
 
 # --- Page ----------------------------------------------------------------------------------------
 
-PAGE = """# Speed against error
-
-{close}
-
-`python scripts/speed_vs_error.py {command}` wrote this page, the figure and
-[all numbers](speed_vs_error.csv) from commit {commit}. The rows need
-{minutes:.0f} minutes of processor time. The
-machine has {cores} cores ({machine}), and its load was {load:.0f}. Versions: {versions}. Not installed: {missing}.
-
-![Error against processor seconds, a line for each method](speed_vs_error.svg)
-
-The **error** is the root mean square error of the posterior means of mu1, sigma_p, sigma_l and q0, in
-posterior standard deviations. The reference is [deterministic
-integration](../tests/reference/README.md) under the paper's prior. **Seconds** are those of one
-processor core. They include the fit or the warm-up, but no compilation. Other samplers start at draws
-of the posterior, whose cost does not count. **Coordinates** are the paper's (*natural*: mu1, log
-sigma_p, logit gamma, logit q0), *identified* (offset, logit p, log width, logit q0), or *scores* of the
-prior. The figure and the table of hard cases show each method in its better coordinates.
-
-## Conclusions
-
-{conclusions}
-
-## Ratios
-
-How many times as many seconds as `sample` a method needs at its largest setting, for an effective draw
-that it reports and for the same error: median over subjects, and the subject with the smallest ratio.
-A failure is an R-hat of 1.01 or more, or no result.
-
-{ratios}
-
-## Importance draws against emcee
-
-{importance}
-
-## Evidence
-
-Errors of log evidences in nats. References of the four models have standard errors of up to 0.02.
-
-{evidence}
-
-## Group
-
-The reference is a run of `population` with ten times as many draws. NumPyro has the same
-model, written as its manual would write it (non-centred).
-
-{group}
-
-## Curves by order
-
-Twenty simulated observers judge one standard and eight comparisons in both orders, 640 trials.
-psignifit 4 fits a curve to each order; half of the distance between the PSEs is the constant error. The
-column *covered* is the share of 90 % intervals that contain the true value.
-
-{curves}
-
-## Hard cases
-
-The error and the seconds, or the reason of a failure.
-
-{hard}
-
-## Scaling
-
-Processor seconds of a process, with imports, and its memory. *Slope* is that of log seconds against the
-log of subjects or of trials a pair, from the row before. Sizes without a row are not measured.
-
-{scaling}
-"""
-IMPORTANCE = """`sample` runs emcee on the mixture of the importance draws. An importance draw needs {ratio:.2f} times the
-seconds of an effective draw of `sample` (median; {worst:.2f} for the subject with the smallest ratio).
-For this price emcee's local moves reach what the mixture misses, and R-hat checks the chains."""
-CONCLUSIONS = "TODO"
-COLUMNS = (
-    *(
-        "section",
-        "commit",
-        "target",
-        "kind",
-        "subject",
-        "method",
-        "coordinates",
-        "size",
-        "seed",
-        "seconds",
-        "elapsed",
-    ),
-    *("error", "effective", "nats", "width", "covered", "megabytes", "problem"),
-)
+OURS = ["sample", "importance draws"]
 
 
 def h1_rows(table):
@@ -690,11 +607,11 @@ def ratio_table(rows, ratios):
         of_kind = ratios.loc[kind, name]
         numbers = of_kind.agg(["median", "min"]).map("{:,.3g}".format)
         subject = of_kind.fillna(np.inf).idxmin()
-        entries[f"{kind}, {name}"] = (
-            numbers.loc["median"] + "; " + numbers.loc["min"] + " " + subject
-        )
+        median, smallest = numbers.to_numpy()
+        entries[f"{kind}, {name}"] = median + "; " + smallest + " " + subject
     entries["failures"] = rows["problem"].notna().groupby(rows["label"]).sum()
-    return pd.DataFrame(entries).drop("sample").rename_axis("method").reset_index()
+    table = pd.DataFrame(entries).drop("sample").rename_axis("method").reset_index()
+    return table.replace("nan; nan .*", "no result", regex=True)
 
 
 def better_coordinates(rows, ratios):
@@ -709,19 +626,15 @@ def hard_table(rows):
     hard = rows[rows["kind"] == "hard"]
     numbers = hard["error"].map("{:.3f}".format) + ", " + hard["seconds"].map("{:.2g} s".format)
     cells = hard["problem"].where(hard["problem"].notna(), numbers)
-    return (
-        cells.groupby([hard["subject"], hard["label"]], sort=False).last().unstack().reset_index()
-    )
+    by_case = cells.groupby([hard["subject"], hard["label"]], sort=False).last().unstack()
+    return by_case.fillna("not measured").reset_index()
 
 
-def median_table(rows, keys, columns):
-    """Medians of columns, the largest error in nats, and the number of failures."""
-    groups = rows.fillna({"coordinates": ""}).groupby(keys, sort=False)
-    medians = groups[columns].median().map("{:.3g}".format)
-    if "nats" in columns:
-        medians["worst"] = groups["nats"].max().map("{:.3g}".format)
-    medians["failures"] = groups["problem"].count()
-    return medians.reset_index()
+def summary(rows, keys, **columns):
+    """Numbers of rows by keys, and how many rows failed."""
+    groups = rows.groupby(keys, sort=False)
+    numbers = groups.agg(seconds=("seconds", "median"), **columns).map("{:.3g}".format)
+    return numbers.assign(failures=groups["problem"].count()).reset_index()
 
 
 def scaling_table(rows):
@@ -764,44 +677,54 @@ def write_page(table, stem):
     better = better_coordinates(rows, ratios)
     draw_figure(better, stem.with_suffix(".svg"))
 
-    close = ratios.drop(columns=["sample", "importance draws"], level=1)
-    close = close.groupby("kind").median().stack(future_stack=True).min(axis=1)
-    close = close[close < CLOSE].sort_index()
+    of_peers = ratios["draw"].drop(columns=OURS).groupby("kind").median()
+    close, best = [], {}
+    for kind, medians in of_peers.iterrows():
+        best[f"best_{kind}"] = f"{medians.min():.3g} ({medians.idxmin()})"
+        for label, ratio in medians[medians < CLOSE].items():
+            close.append(f"{label} ({kind} subjects, {ratio:.2g} times the seconds)")
     sentence = f"No other sampler of H1 comes within a factor of {CLOSE:g} of `sample`."
-    if len(close):
-        names = [f"{label} ({kind}: {ratio:.2g})" for (kind, label), ratio in close.items()]
-        sentence = f"Less than {CLOSE:g} times the seconds of `sample`: {'; '.join(names)}."
+    if close:
+        sentence = (
+            f"Within a factor of {CLOSE:g} of `sample` for an effective draw: {'; '.join(close)}."
+        )
+
     importance = ratios["draw"]["importance draws"]
-    evidence = table[table["nats"].notna() | table["target"].isin(["H1", "four models"])]
-    is_largest = evidence["size"] == evidence.groupby("method")["size"].transform("max")
-    evidence = evidence[is_largest | evidence["size"].isna()]
-    evidence = evidence[~evidence["coordinates"].isin(BOTH) & (evidence["method"] != "sample")]
-    keys = ["target", "kind", "method"]
-    group, curves = table[table["target"] == "group"], table[table["target"] == "PSE shift"]
+    with_nats = table[table["nats"].notna() | table["section"].eq("evidence")]
+    is_largest = with_nats["size"] == with_nats.groupby("method")["size"].transform("max")
+    evidence = with_nats[is_largest | with_nats["size"].isna()]
+    keys, is_laplace = ["target", "kind", "method"], evidence["method"] == "Laplace"
+    nats = {"nats": ("nats", "median"), "worst": ("nats", "max")}
+    error = {"error": ("error", "median")}
+    width = {"width": ("width", "median"), "covered": ("covered", "mean")}
+    by_target = dict(iter(table.groupby("target")))
     tables = {
         "ratios": ratio_table(rows, ratios),
-        "evidence": median_table(evidence.sort_values(keys), keys, ["seconds", "nats"]),
-        "group": median_table(group, ["method"], ["seconds", "error", "effective"]),
-        "curves": median_table(curves, ["method"], ["seconds", "error", "width"]),
+        "evidence": summary(evidence.sort_values(keys), keys, **nats),
+        "group": summary(by_target["group"], "method", **error, effective=("effective", "median")),
+        "curves": summary(by_target["PSE shift"], "method", **error, **width),
         "hard": hard_table(better),
         "scaling": scaling_table(table[table["kind"] == "scaling"]),
     }
     lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     models = [line.partition(": ")[2] for line in lines if line.startswith("model name")]
     installed = [name for name in PEERS if is_installed(name)]
-    page = PAGE.format(
+    template = Path(__file__).with_suffix(".md").read_text(encoding="utf-8")
+    page = template.format(
         **{name: markdown(rows) for name, rows in tables.items()},
+        **best,
         close=sentence,
-        importance=IMPORTANCE.format(ratio=importance.median(), worst=importance.min()),
-        conclusions=CONCLUSIONS,
-        command=" ".join(sys.argv[1:]),
+        importance=importance.median(),
+        most_importance=importance.max(),
+        laplace=evidence[is_laplace & (evidence["target"] == "H1")]["nats"].max(),
+        r_hat=LARGEST_R_HAT,
         commit=" and ".join(table["commit"].unique()),
         minutes=table["seconds"].sum() / 60.0,
         cores=os.cpu_count(),
         machine=[*models, platform.machine()][0],
         load=os.getloadavg()[2],
         versions=", ".join(f"{name} {version(name)}" for name in ("numpy", *installed)),
-        missing=", ".join(sorted(set(PEERS) - set(installed))) or "none",
+        missing=" ".join(f"{name} was not installed." for name in PEERS if name not in installed),
     )
     stem.with_suffix(".md").write_text(page, encoding="utf-8")
 
@@ -838,7 +761,7 @@ def main():
         partial(measure_scaling, 0 if options.quick else options.largest),
     )
     file = options.output / "speed_vs_error.csv"
-    table = pd.read_csv(file) if file.exists() else pd.DataFrame(columns=COLUMNS)
+    table = pd.read_csv(file) if file.exists() else pd.DataFrame({"section": []})
     git = ["git", "rev-parse", "--short=8", "HEAD"]
     commit = subprocess.check_output(git, cwd=ROOT, text=True).strip()
     for section, job in zip(SECTIONS, jobs, strict=True):
@@ -846,7 +769,7 @@ def main():
             with threadpool_limits(1):
                 rows = pd.DataFrame(job()).assign(section=section, commit=commit)
             kept = table[table["section"] != section].to_dict("records")
-            table = pd.DataFrame([*kept, *rows.to_dict("records")], columns=COLUMNS)
+            table = pd.DataFrame([*kept, *rows.to_dict("records")])
             write_table(table, file, overwrite=True)
     if set(SECTIONS) <= set(table["section"]):
         write_page(pd.read_csv(file), options.output / "speed_vs_error")
