@@ -4,8 +4,8 @@
     python scripts/speed_vs_error.py --full                # writes docs/speed_vs_error.md, csv, svg
     python scripts/speed_vs_error.py --full --sections ordinary hard evidence group curves scaling
 
-`pip install bayes_toe[peers]` installs the other programs; those that are missing are skipped. Every
-method has one thread. The references are those of tests/reference, and a long run of the group.
+`pip install bayes_toe[peers]` installs the other programs; those that are missing are skipped.
+Every method has one thread. The references are those of tests/reference, and a long run of the group.
 """
 
 import argparse
@@ -56,7 +56,7 @@ LARGEST_R_HAT, FAR, CLOSE = 1.01, 6.0, 3.0
 
 
 class Draws(NamedTuple):
-    """Draws of the judged quantities, (quantities, chains, draws), or weighted ones of one chain."""
+    """Draws of quantities, (quantities, chains, draws); weighted ones have one chain."""
 
     values: np.ndarray
     weights: np.ndarray | None = None
@@ -159,53 +159,48 @@ def compile_nutpie(coordinates, n_pairs):
 
 def draw_numpyro(case, size, seed):
     """NUTS of NumPyro."""
-    sampler = new_numpyro(case.density.coordinates, size)
-    x = run_numpyro(sampler, case.starts[::WALKERS], seed, case.density.counts)
+    import jax
+
+    draws = compile_numpyro(case.density.coordinates, size)
+    starts = {"x": jax.numpy.asarray(case.starts[::WALKERS])}
+    counts = map(jax.numpy.asarray, case.density.counts)
+    x = np.asarray(draws(jax.random.key(seed), starts, *counts)["x"])
     return Draws(np.stack(case.density.natural(x)))
 
 
 @cache
-def new_numpyro(coordinates, size):
+def compile_numpyro(coordinates, size):
     """The sampler of all subjects, which compiles once for each number of pairs."""
     import jax.numpy as jnp
-
-    density = PaperDensity(hard_cases()["funnel"], PRIOR, coordinates)
-
-    def log_density(x, *counts):
-        return density.log_density_of(x[None], Counts(*counts), jnp)[0]
-
-    return numpyro_sampler(log_density, 4, size)
-
-
-def numpyro_sampler(log_density, n_coordinates, size):
-    """NUTS for a log density on the whole space, compiled as one function."""
-    import jax
     import numpyro
     from numpyro.distributions import ImproperUniform, constraints
-    from numpyro.infer import MCMC, NUTS
 
     numpyro.enable_x64()
-    flat = ImproperUniform(constraints.real_vector, (), (n_coordinates,))
-    sizes = {"num_warmup": WARM_UP, "num_samples": size, "num_chains": N_CHAINS}
+    density = PaperDensity(hard_cases()["funnel"], PRIOR, coordinates)
+    flat = ImproperUniform(constraints.real_vector, (), (4,))
 
-    def model(*data):
-        numpyro.factor("density", log_density(numpyro.sample("x", flat), *data))
+    def model(*counts):
+        x = numpyro.sample("x", flat)
+        numpyro.factor("density", density.log_density_of(x[None], Counts(*counts), jnp)[0])
+
+    return numpyro_draws(model, size, target_accept_prob=0.8)
+
+
+def numpyro_draws(model, size, **options):
+    """All chains of a model as one compiled function of key, starts and data."""
+    import jax
+    from numpyro.infer import MCMC, NUTS
+
+    sizes = {"num_warmup": WARM_UP, "num_samples": size, "num_chains": N_CHAINS}
 
     @jax.jit
     def draws(key, starts, *data):
-        sampler = MCMC(NUTS(model), chain_method="vectorized", progress_bar=False, **sizes)
-        sampler.run(key, *data, init_params={"x": starts})
-        return sampler.get_samples(group_by_chain=True)["x"]
+        kernel = NUTS(model, **options)
+        sampler = MCMC(kernel, chain_method="vectorized", progress_bar=False, **sizes)
+        sampler.run(key, *data, init_params=starts)
+        return sampler.get_samples(group_by_chain=True)
 
     return draws
-
-
-def run_numpyro(sampler, starts, seed, data=()):
-    """Draws of a sampler of NumPyro, (chains, draws, coordinates)."""
-    import jax
-
-    columns = map(jax.numpy.asarray, (starts, *data))
-    return np.asarray(sampler(jax.random.key(seed), *columns))
 
 
 def draw_nested(program, case, size, seed):
@@ -407,7 +402,7 @@ def draw_numpyro_group(draws, seed):
     """The same by NumPyro."""
     import jax
 
-    samples = draws(jax.random.key(seed))
+    samples = draws(jax.random.key(seed), None)
     sds = [abs(samples["sd_c"]), samples["sd_p"], samples["sd_noise"]]
     return Draws(np.stack([samples["mean_c"], samples["mean_p"], samples["mean_noise"], *sds]))
 
@@ -419,7 +414,6 @@ def numpyro_group(rows, n_draws):
     import numpyro
     from jax.scipy.special import ndtr
     from numpyro import distributions as dist
-    from numpyro.infer import MCMC, NUTS
 
     numpyro.enable_x64()
     names = ("first", "difference", "middle", "n_yes", "n_no")
@@ -444,16 +438,8 @@ def numpyro_group(rows, n_draws):
         answers = dist.Binomial((n_yes + n_no).astype(int), p_yes).to_event(2)
         numpyro.sample("answers", answers, obs=n_yes.astype(int))
 
-    sizes = {"num_warmup": WARM_UP, "num_samples": n_draws, "num_chains": N_CHAINS}
-
-    @jax.jit
-    def draws(key):
-        kernel = NUTS(group, target_accept_prob=0.95)
-        sampler = MCMC(kernel, chain_method="vectorized", progress_bar=False, **sizes)
-        sampler.run(key)
-        return sampler.get_samples(group_by_chain=True)
-
-    draws(jax.random.key(0))  # compiles
+    draws = numpyro_draws(group, n_draws, target_accept_prob=0.95)
+    draws(jax.random.key(0), None)  # compiles
     return draws
 
 
@@ -528,8 +514,12 @@ def measure_curves(n_observers):
 
 PROGRAM = """
 import json, resource, time
+from dataclasses import replace
 import bayes_toe as bt
-study = bt.simulate({subjects}, batches={trials}, task="2afc", seed=1).study
+factor, subjects = {trials} // 100, []
+for one in bt.simulate({subjects}, batches=100, task="2afc", seed=1).study:
+    subjects.append(replace(one, n_yes=factor * one.n_yes, n_trials=factor * one.n_trials))
+study = bt.Study(subjects, synthetic=True)
 workers = {workers!r}
 if workers == "Dask":
     from distributed import Client
