@@ -5,7 +5,7 @@
     python scripts/speed_vs_error.py --full --sections ordinary hard evidence group curves scaling
 
 `pip install bayes_toe[peers]` installs the other programs; those that are missing are skipped.
-Every method has one thread. The references are those of tests/reference, and a long run of the group.
+Every method has one thread. The references are in tests/reference; that of the group is a long run.
 """
 
 import argparse
