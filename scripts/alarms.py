@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from reference.pages import markdown
 from scipy.stats import binom
 
 from bayes_toe.answers.order_effect import OrderEffect, answer_evidence
@@ -369,15 +370,6 @@ with a wandering criterion or with scatter between pairs. If a subject has one o
 report the mark with the constant error. Scatter between pairs also makes the intervals of the
 contraction too narrow.
 """
-
-
-def markdown(table: pd.DataFrame) -> str:
-    """A table in Markdown."""
-    lines = ["| " + " | ".join(map(str, table.columns)) + " |"]
-    lines.append("|---" * len(table.columns) + "|")
-    for row in table.itertuples(index=False):
-        lines.append("| " + " | ".join(map(str, row)) + " |")
-    return "\n".join(lines)
 
 
 def sound_table(rates: dict[Task, pd.DataFrame]) -> pd.DataFrame:

@@ -1,9 +1,8 @@
-"""Checks of the group's analysis: simulated studies, another sampler.
+"""Checks of the group's analysis by simulated studies.
 
     python scripts/population_checks.py null --studies 40         # a true mean of 0 is excluded
     python scripts/population_checks.py coverage --studies 40     # 95 % intervals hold the truth
     python scripts/population_checks.py calibration --studies 80  # of the Bayes factor
-    python scripts/population_checks.py nuts                      # NumPyro; pip install numpyro
 
 A simulated study has ten subjects who answer which of two stimuli is stronger: ten ordered pairs of
 neighbours of six levels 0.25 apart, 40 or 200 trials a subject. sigma_d is 0.8 D exp(Normal(0,
@@ -23,7 +22,7 @@ from scipy.special import ndtr
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.groups.population import PopulationResult, study_scales
+from bayes_toe.groups.population import PopulationResult
 
 STEP = 0.25
 _LEVELS = STEP * np.arange(6)
@@ -136,77 +135,12 @@ def calibration(studies: range) -> None:
             print(f"P(zero mean) {bounds}: said {mean:.2f}, was zero {zeros} of {len(pairs)}")
 
 
-def nuts() -> None:
-    """Means and sds of one simulated group beside NumPyro's NUTS, which shares no code."""
-    import jax
-    import jax.numpy as jnp
-    import numpyro
-    import numpyro.distributions as dist
-    from jax.scipy.special import ndtr as normal_cdf
-    from numpyro.infer import MCMC, NUTS
-
-    numpyro.enable_x64()
-    study = simulated_study(Truth(0.4, 0.3, 0.15, 0.1), 200, np.random.default_rng(5))
-    scales = study_scales(study)
-    first = (S1 - S1.mean()) / scales.step
-    difference = (S2 - S1) / scales.step
-    middle = (0.5 * (S1 + S2) - S1.mean()) / scales.step
-    order = np.lexsort((study.subjects[0].s2, study.subjects[0].s1))
-    assert (order == np.arange(len(order))).all()
-    place = np.lexsort((S2, S1))
-    first, difference, middle = first[place], difference[place], middle[place]
-    n_second = np.stack([subject.n_yes for subject in study])
-    n_trials = np.stack([subject.n_trials for subject in study])
-
-    def group() -> None:
-        means = jnp.stack(
-            [
-                numpyro.sample("mean_c", dist.StudentT(3.0, 0.0, 0.5)),
-                numpyro.sample("mean_p", dist.Normal(0.0, 0.2)),
-                numpyro.sample("mean_noise", dist.Normal(0.0, 0.6)),
-            ]
-        )
-        sds = jnp.stack(
-            [
-                jnp.abs(numpyro.sample("signed_sd_c", dist.StudentT(3.0, 0.0, 0.3))),
-                numpyro.sample("sd_p", dist.HalfNormal(0.15)),
-                numpyro.sample("sd_noise", dist.HalfNormal(0.4)),
-            ]
-        )
-        numpyro.deterministic("sd_c", sds[0])
-        with numpyro.plate("subjects", len(study)):
-            score = numpyro.sample("score", dist.Normal(0.0, 1.0).expand([3]).to_event(1))
-            lapse_rate = numpyro.sample("lapse_rate", dist.Beta(1.0, 9.0))
-            slope = numpyro.sample("slope", dist.StudentT(3.0, 0.0, 0.15))
-        c, p, log_noise = (means + sds * score).T
-        scale = jnp.exp(log_noise[:, None] + slope[:, None] * scales.step / scales.spread * middle)
-        z = (difference - c[:, None] + p[:, None] * first) / scale
-        p_second = 0.5 * lapse_rate[:, None] + (1.0 - lapse_rate[:, None]) * normal_cdf(z)
-        numpyro.sample("n", dist.Binomial(n_trials, p_second).to_event(2), obs=n_second)
-
-    sampler = MCMC(
-        NUTS(group, target_accept_prob=0.95), num_warmup=1000, num_samples=4000, num_chains=2
-    )
-    sampler.run(jax.random.PRNGKey(1))
-    samples = sampler.get_samples()
-    result = analysed(study, 1)
-    for j, name in enumerate(("c", "p", "noise")):
-        for what, draws in (("mean", result.draws.mean), ("sd", result.draws.sd)):
-            other = np.asarray(samples[f"{what}_{name}"])
-            own = draws[..., j].ravel()
-            away = (own.mean() - other.mean()) / other.std()
-            print(
-                f"{what} of {name}: {own.mean():.4f} +- {own.std():.4f}, "
-                f"NUTS {other.mean():.4f} +- {other.std():.4f}, {away:+.2f} sd apart"
-            )
-
-
 def main() -> None:
     """The check that was asked for."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    checks = ["null", "coverage", "calibration", "nuts"]
+    checks = ["null", "coverage", "calibration"]
     parser.add_argument("check", choices=checks)
     parser.add_argument("--studies", type=int, default=40)
     parser.add_argument("--first", type=int, default=0, help="number of the first study")
@@ -218,10 +152,8 @@ def main() -> None:
         null(studies)
     elif asked.check == "coverage":
         coverage(studies, asked.trials, asked.scatter)
-    elif asked.check == "calibration":
-        calibration(studies)
     else:
-        nuts()
+        calibration(studies)
 
 
 if __name__ == "__main__":

@@ -7,12 +7,17 @@ The prior of the natural parameters is multiplied by the Jacobian, a product bec
 depends on c, sigma_p or w alone on b, and gamma on a only:
 
     d mu1/dc = 1/p,   d gamma/da = p (1 - p/p_max) (1 + p)/(1 - p)^3,   d q0/dl = q0 (1 - q0)
+
+A namespace of array functions, such as `jax.numpy` or `pytensor.tensor`, may take the place of
+NumPy, so that other programs sample this same density.
 """
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
-from scipy.special import betaln, log_expit, xlog1py
+from scipy.special import betaln
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
@@ -22,58 +27,118 @@ from bayes_toe.model.prior import Prior
 _LN2, _LOG_2PI = float(np.log(2.0)), float(np.log(2.0 * np.pi))
 
 
+class Counts(NamedTuple):
+    """The counts of one subject, (pairs,) each, and the mean first stimulus."""
+
+    first: Any
+    difference: Any
+    n_yes: Any
+    n_no: Any
+    sbar: Any
+
+    @classmethod
+    def of_subject(cls, subject: Subject, n_pairs: int = 0) -> Counts:
+        """The counts of a subject, with pairs without trials up to a number of pairs."""
+        n_no = subject.n_trials - subject.n_yes
+        columns = []
+        for values in (subject.s1, subject.s2 - subject.s1, subject.n_yes, n_no):
+            padding = max(0, n_pairs - len(values))
+            columns.append(np.pad(values.astype(np.float64), (0, padding)))
+        return cls(*columns, float(np.average(subject.s1, weights=subject.n_trials)))
+
+
 class PaperDensity:
-    """Log posterior of a subject of same or different, and the natural parameters, at points x."""
+    """Log posterior of a subject of same or different, and the natural parameters, at points.
 
-    def __init__(self, subject: Subject, prior: Prior) -> None:
-        self.subject, self.prior = subject, prior.for_subjects(subject)
-        self.sbar = float(np.average(subject.s1, weights=subject.n_trials))
+    The coordinates are x, or y = (mu1, log sigma_p, logit gamma, logit q0), which are 'natural'.
+    """
 
-    def natural(self, x: FloatArray) -> Natural:
-        """Natural parameters, (points, 4) -> (points,) each."""
-        return natural(x, self.sbar)
+    def __init__(self, subject: Subject, prior: Prior, coordinates: str = "x") -> None:
+        self.prior, self.counts = prior.for_subjects(subject), Counts.of_subject(subject)
+        self.sbar: float = self.counts.sbar
+        self.coordinates = coordinates
 
-    def log_density(self, x: FloatArray) -> FloatArray:
+    def natural(self, points: FloatArray) -> Natural:
+        """Natural parameters, (..., 4) -> (...) each."""
+        if self.coordinates == "natural":
+            points = np.stack(identified(points, self.sbar)[0], axis=-1)
+        return natural(points, self.sbar)
+
+    def log_density(self, points: FloatArray) -> FloatArray:
         """Log posterior density, (points, 4) -> (points,)."""
-        return self._log_likelihood(x) + self._log_prior(x)
-
-    def _log_likelihood(self, x: FloatArray) -> FloatArray:
-        subject, log_share, log_rest = self.subject, log_expit(x[:, 3:]), log_expit(-x[:, 3:])
-        pull = MAX_PULL / (1.0 + np.exp(-x[:, 1:2]))
-        shifted = (subject.s2 - subject.s1) + pull * (subject.s1 - self.sbar) - x[:, :1]
         with np.errstate(over="ignore", divide="ignore"):
-            log_bell = -_LN2 * np.square(shifted * np.exp(-x[:, 2:3]))
-            log_off = log_share + np.log(-np.expm1(log_bell))
-        log_equal, log_different = log_share + log_bell, np.logaddexp(log_rest, log_off)
-        n_different = subject.n_trials - subject.n_yes
-        equal = np.where(subject.n_yes > 0, subject.n_yes * log_equal, 0.0)
-        different = np.where(n_different > 0, n_different * log_different, 0.0)
-        return np.asarray((equal + different).sum(axis=1))
+            return np.asarray(self.log_density_of(points, self.counts))
 
-    def _log_prior(self, x: FloatArray) -> FloatArray:
-        prior, theta = self.prior, self.natural(x)
-        log_pull = np.log(MAX_PULL) + log_expit(x[:, 1])
-        pull = np.exp(log_pull)
-        mean, sd = prior.mu1_normal
-        mu1 = -0.5 * (np.square((theta.mu1 - mean) / sd) + _LOG_2PI) - np.log(sd) - log_pull
+    def log_density_of(self, points: Any, counts: Counts, xp: Any = np) -> Any:
+        """The density for other counts, by the functions of a namespace."""
+        if self.coordinates == "natural":
+            columns, log_volume = identified(points, counts.sbar, xp)
+            x = xp.stack(columns, axis=-1)
+            return log_posterior(x, counts, self.prior, xp) + log_volume
+        return log_posterior(points, counts, self.prior, xp)
 
-        scale = prior.spread_scale
-        if prior.width_median is None:
-            relative = theta.sigma_p / scale
-            spread = 0.5 * np.log(2.0 / np.pi) - 0.5 * np.square(relative) + np.log(relative)
-        else:
-            score = (x[:, 2] - np.log(scale)) / prior.width_sd
-            spread = -0.5 * (np.square(score) + _LOG_2PI) - np.log(prior.width_sd)
 
-        log_gamma = log_pull - 2.0 * np.log1p(-pull)
-        gamma = (prior.gamma_a - 1.0) * log_gamma
-        gamma += xlog1py(prior.gamma_b - 1.0, -np.exp(log_gamma))
-        gamma -= betaln(prior.gamma_a, prior.gamma_b)
-        gamma += log_pull + log_expit(-x[:, 1]) + np.log1p(pull) - 3.0 * np.log1p(-pull)
+def identified(y: Any, sbar: Any, xp: Any = np) -> tuple[list[Any], Any]:
+    """The coordinates x of points y, (...) each, and log |dx/dy|."""
+    log_gamma, log_rest = log_expit(y[..., 2], xp), log_expit(-y[..., 2], xp)
+    gamma = xp.exp(log_gamma)
+    log_p = _LN2 + log_gamma - xp.log(1.0 + 2.0 * gamma + xp.sqrt(1.0 + 4.0 * gamma))
+    p = xp.exp(log_p)
+    log_complement = xp.log1p(-p)
+    # p_max - p without cancellation: 1 - gamma over (1 - p p_max) / ((1 - p_max)^2 (1 - p)^2)
+    log_left = log_rest + 2.0 * (np.log1p(-MAX_PULL) + log_complement) - xp.log1p(-MAX_PULL * p)
+    log_width = y[..., 1] - 1.5 * log_complement
+    columns = [p * (y[..., 0] - sbar), log_p - log_left, log_width, y[..., 3]]
+    # da/d(logit gamma) = p_max (1 - p) (1 - gamma) / ((p_max - p) (1 + p))
+    log_slope = np.log(MAX_PULL) + log_complement + log_rest - log_left - xp.log1p(p)
+    return columns, log_p + log_slope
 
-        share = prior.q0_a * log_expit(x[:, 3]) + prior.q0_b * log_expit(-x[:, 3])
-        share -= betaln(prior.q0_a, prior.q0_b)
-        return np.asarray(mu1 + spread + gamma + share)
+
+def log_posterior(x: Any, counts: Counts, prior: Prior, xp: Any = np) -> Any:
+    """Log posterior density, (points, 4) -> (points,), by the functions of a namespace."""
+    return _log_likelihood(x, counts, xp) + _log_prior(x, counts.sbar, prior, xp)
+
+
+def log_expit(x: Any, xp: Any = np) -> Any:
+    """Log of 1 / (1 + e^-x)."""
+    return -xp.logaddexp(0.0, -x)
+
+
+def _log_likelihood(x: Any, counts: Counts, xp: Any) -> Any:
+    log_share, log_rest = log_expit(x[:, 3:], xp), log_expit(-x[:, 3:], xp)
+    pull = MAX_PULL / (1.0 + xp.exp(-x[:, 1:2]))
+    shifted = counts.difference + pull * (counts.first - counts.sbar) - x[:, :1]
+    log_bell = -_LN2 * (shifted * xp.exp(-x[:, 2:3])) ** 2
+    log_off = log_share + xp.log(-xp.expm1(log_bell))
+    log_equal, log_different = log_share + log_bell, xp.logaddexp(log_rest, log_off)
+    equal = xp.where(counts.n_yes > 0, counts.n_yes * log_equal, 0.0)
+    different = xp.where(counts.n_no > 0, counts.n_no * log_different, 0.0)
+    return (equal + different).sum(axis=1)
+
+
+def _log_prior(x: Any, sbar: Any, prior: Prior, xp: Any) -> Any:
+    log_pull = np.log(MAX_PULL) + log_expit(x[:, 1], xp)
+    pull = xp.exp(log_pull)
+    mean, sd = prior.mu1_normal
+    score = (sbar - mean + x[:, 0] / pull) / sd
+    mu1 = -0.5 * (score**2 + _LOG_2PI) - np.log(sd) - log_pull
+
+    scale = prior.spread_scale
+    if prior.width_median is None:
+        log_relative = x[:, 2] + 1.5 * xp.log1p(-pull) - np.log(scale)
+        spread = 0.5 * np.log(2.0 / np.pi) - 0.5 * xp.exp(2.0 * log_relative) + log_relative
+    else:
+        score = (x[:, 2] - np.log(scale)) / prior.width_sd
+        spread = -0.5 * (score**2 + _LOG_2PI) - np.log(prior.width_sd)
+
+    log_gamma = log_pull - 2.0 * xp.log1p(-pull)
+    gamma = (prior.gamma_a - 1.0) * log_gamma - betaln(prior.gamma_a, prior.gamma_b)
+    if prior.gamma_b != 1.0:
+        gamma = gamma + (prior.gamma_b - 1.0) * xp.log1p(-xp.exp(log_gamma))
+    gamma = gamma + log_pull + log_expit(-x[:, 1], xp) + xp.log1p(pull) - 3.0 * xp.log1p(-pull)
+
+    share = prior.q0_a * log_expit(x[:, 3], xp) + prior.q0_b * log_expit(-x[:, 3], xp)
+    return mu1 + spread + gamma + share - betaln(prior.q0_a, prior.q0_b)
 
 
 def natural(x: FloatArray, sbar: float) -> Natural:
