@@ -111,7 +111,7 @@ def draw_importance(case, size, seed):
     draws = fitted.fresh(rng, size)
     evidence = importance_evidence(draws)
     if evidence.value is None:
-        raise RuntimeError(evidence.why_not)
+        raise RuntimeError(f"Pareto k {evidence.pareto_k:.2f}, no evidence")
     values = case.natural(fitted.original(draws.x)[0])
     return Draws(values[:, None], draws.shares, evidence.value)
 
@@ -134,7 +134,7 @@ def draw_nutpie(case, size, seed):
 
     counts = case.density.counts
     model = compile_nutpie(case.density.coordinates, len(counts.first))
-    data = {name: np.asarray(values) for name, values in counts._asdict().items()}
+    data = {name: np.asarray(values, float) for name, values in counts._asdict().items()}
     options = {"init_mean": case.starts[0], "cores": 1, "progress_bar": False}
     sizes = {"draws": size, "tune": WARM_UP, "chains": N_CHAINS, "seed": seed}
     trace = nutpie.sample(model.with_data(**data), **sizes, **options)
@@ -316,15 +316,15 @@ def measure_h1(subjects, kind, chosen_sizes, seeds):
             case = Case.of_subject(subject, coordinates)
             for size, seed in product(sizes[chosen_sizes], seeds):
                 shape = name, coordinates, size, subject.n_pairs
+                row = {"target": "H1", "kind": kind, "subject": subject.name, "method": name}
+                row |= {"coordinates": coordinates, "size": size, "seed": seed}
+                work = partial(draw, case, size, seed)
                 if program in ("nutpie", "numpyro") and shape not in compiled:
-                    draw(case, size, 0)
+                    measured({"compiles": name}, work, lambda draws: {})
                 compiled.add(shape)
                 reference = dict(references[subject.name])
                 reference["means"] = np.array(reference["means"][:4])
                 reference["sds"] = np.array(reference["sds"][:4])
-                row = {"target": "H1", "kind": kind, "subject": subject.name, "method": name}
-                row |= {"coordinates": coordinates, "size": size, "seed": seed}
-                work = partial(draw, case, size, seed)
                 rows.append(measured(row, work, partial(judge_draws, reference)))
     return rows
 
@@ -632,7 +632,7 @@ def scaling_table(rows):
     size = rows["subject"].astype(float) * rows["size"]
     slope = np.log(rows["seconds"]).diff() / np.log(size).diff()
     is_next = (rows["target"] == rows["target"].shift()) & (size > size.shift())
-    shown = rows[["target", "method", "subject", "size"]].copy()
+    shown = rows[["target", "method", "subject", "size"]].astype({"subject": int, "size": int})
     shown.columns = ["call", "workers", "subjects", "trials a pair"]
     shown["slope"] = slope.map("{:.2f}".format).where(is_next, "")
     for name in ("seconds", "elapsed", "megabytes"):

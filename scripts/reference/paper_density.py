@@ -37,14 +37,11 @@ class Counts(NamedTuple):
     sbar: Any
 
     @classmethod
-    def of_subject(cls, subject: Subject, n_pairs: int = 0) -> Counts:
-        """The counts of a subject, with pairs without trials up to a number of pairs."""
+    def of_subject(cls, subject: Subject) -> Counts:
+        """The counts of a subject."""
         n_no = subject.n_trials - subject.n_yes
-        columns = []
-        for values in (subject.s1, subject.s2 - subject.s1, subject.n_yes, n_no):
-            padding = max(0, n_pairs - len(values))
-            columns.append(np.pad(values.astype(np.float64), (0, padding)))
-        return cls(*columns, float(np.average(subject.s1, weights=subject.n_trials)))
+        sbar = float(np.average(subject.s1, weights=subject.n_trials))
+        return cls(subject.s1, subject.s2 - subject.s1, subject.n_yes, n_no, sbar)
 
 
 class PaperDensity:
