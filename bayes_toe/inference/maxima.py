@@ -117,7 +117,6 @@ def ascend(
     expand: Expand,
     starts: FloatArray,
     *,
-    lower: npt.ArrayLike = -np.inf,
     is_held: npt.ArrayLike = False,
     least_gain: float = 0.0,
     largest_step: float = 5.0,
@@ -131,9 +130,7 @@ def ascend(
     expand : callable
         The log density about points.
     starts : ndarray, shape (starts, k)
-        Points inside the bounds, where the density is finite.
-    lower : array_like
-        Lower bounds. A coordinate on its bound stays there until its slope is positive.
+        Points where the density is finite.
     is_held : array_like of bool
         Coordinates that stay where they start.
     least_gain : float
@@ -148,20 +145,18 @@ def ascend(
     has_converged = np.zeros(len(starts), np.bool_)
     ended = Ascent(starts.copy(), *expand(starts, active), has_converged)
     x, value, gradient, curvature, _ = ended
-    floor = np.broadcast_to(lower, x.shape)
-    is_fixed = np.broadcast_to(is_held, x.shape)
+    is_moving = ~np.broadcast_to(is_held, x.shape)
     damping = np.full(len(starts), _FIRST)
     for _ in range(most_steps):
-        is_on_floor = (x[active] <= floor[active]) & (gradient[active] <= 0.0)
-        is_moving = ~(is_fixed[active] | is_on_floor)
-        step, gains = _steps(gradient[active], curvature[active], is_moving, damping[active])
+        slopes = gradient[active], curvature[active]
+        step, gains = _steps(*slopes, is_moving[active], damping[active])
         is_worth_it = gains.sum(axis=1) >= least_gain
         active, step, gains = active[is_worth_it], step[is_worth_it], gains[is_worth_it]
         if not len(active):
             break
         longest = np.abs(step).max(axis=1)
         step *= np.minimum(1.0, largest_step / np.maximum(longest, _TINY))[:, None]
-        trial = np.maximum(x[active] + step, floor[active])
+        trial = x[active] + step
         expansion = expand(trial, active)
         is_better = expansion.value >= value[active]
         better = active[is_better]

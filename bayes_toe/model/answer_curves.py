@@ -265,14 +265,6 @@ class AnswerRows(ABC):
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     @abstractmethod
-    def distance(self, u: FloatArray) -> FloatArray:
-        """The distance z of every pair in units of the noise or width, (rows, points, pairs)."""
-
-    @abstractmethod
-    def answers_at_distance(self, u: FloatArray, z: FloatArray) -> LogAnswers:
-        """Log probability of both answers at distances z, (n,) -> (rows, points, n) each."""
-
-    @abstractmethod
     def log_answers(self, u: FloatArray) -> LogAnswers:
         """Log probability of both answers to every pair, (rows, points, pairs) each."""
 

@@ -131,10 +131,6 @@ class ObserverRows(AnswerRows):
         values["log_noise"] = np.log(self.prior.noise_median) + values["log_noise"]
         return values
 
-    def distance(self, u: FloatArray) -> FloatArray:
-        """The distance z of every pair, (rows, points, pairs)."""
-        return self.distance_at(self.quantities(u))
-
     def distance_at(self, values: NamedArrays) -> FloatArray:
         """The distance z of every pair, (rows, points, pairs)."""
         lever = self.lever_at(values)
@@ -167,16 +163,6 @@ class ObserverRows(AnswerRows):
         """Log probability of both answers to every pair, (rows, points, pairs) each."""
         values = self.quantities(u)
         return self._answers_at(values, self.distance_at(values), self.criterion_at(values))
-
-    def answers_at_distance(self, u: FloatArray, z: FloatArray) -> LogAnswers:
-        """Log probability of both answers at distances z, (n,) -> (rows, points, n) each.
-
-        The criterion is that of the mean intensity.
-        """
-        values = self.quantities(u)
-        z = np.broadcast_to(z, (*u.shape[:2], len(z)))
-        k = criterion(values["logit_q0"])[..., None] if self.is_same_different else None
-        return self._answers_at(values, z, k)
 
     def _answers_at(self, values: NamedArrays, z: FloatArray, k: FloatArray | None) -> LogAnswers:
         """Log probability of both answers at distances and criteria, with lapses."""

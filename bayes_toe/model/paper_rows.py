@@ -187,12 +187,9 @@ class PaperRows(AnswerRows):
 
     def log_answers(self, u: FloatArray) -> LogAnswers:
         """Log probability of both answers to every pair, (rows, points, pairs) each."""
-        return self.answers_at_distance(u, self.distance(u))
+        return self._answers_at(self.distance(u), logit_of_probit(u[..., 3:]))
 
-    def answers_at_distance(self, u: FloatArray, z: FloatArray) -> LogAnswers:
-        """Log probability of both answers at distances z, (n,) or (rows, points, n)."""
-        z = np.broadcast_to(z, (*u.shape[:-1], z.shape[-1]))
-        logit_share = logit_of_probit(u[..., 3:])
+    def _answers_at(self, z: FloatArray, logit_share: FloatArray) -> LogAnswers:
         if self.task.lapses == "q0":
             return bell_answers(z, logit_share)
         return guessing_answers(z, logit_share)
@@ -200,7 +197,7 @@ class PaperRows(AnswerRows):
     def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
         """Log answers, and the slopes of both in every coordinate, (rows, points, 4, pairs)."""
         z, logit_share = self.distance(u), logit_of_probit(u[..., 3:])
-        answers = self.answers_at_distance(u, z)
+        answers = self._answers_at(z, logit_share)
         curve_slopes = bell_slopes if self.task.lapses == "q0" else guessing_slopes
         in_z, in_share = curve_slopes(z, logit_share, answers)
 

@@ -148,14 +148,6 @@ class SubjectPosterior(ABC):
         yes, no = self.rows.log_answers(self.full_points(x))
         return LogAnswers(yes[0], no[0])
 
-    def distance(self, x: npt.ArrayLike) -> FloatArray:
-        """The distance z of every pair in units of the noise or width, (points, pairs)."""
-        return self.rows.distance(self.full_points(x))[0]
-
-    def yes_at_distance(self, x: npt.ArrayLike, z: FloatArray) -> FloatArray:
-        """P of the answer that the task counts at distances z, (n,) -> (points, n)."""
-        return np.exp(self.rows.answers_at_distance(self.full_points(x), z).yes[0])
-
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
         return self.array.likelihood.value(self.full_points(x))[0]

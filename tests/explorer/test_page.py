@@ -99,7 +99,9 @@ def test_draws_of_the_four_models_open_with_shift_contraction_and_jnd(small_stud
     order = np.argsort(low)  # as a subject has its pairs
     n = len(low)
     pairs = bt.Subject("pairs", [packed["ends"][0]] * n, low[order], [0] * n, [1] * n)
-    distance = draws.posterior("A").for_subject(pairs).distance(x[order])
+    posterior = draws.posterior("A").for_subject(pairs)
+    values = posterior.rows.quantities(posterior.full_points(x[order]))
+    distance = posterior.rows.distance_at(values)[0]
     np.testing.assert_allclose(np.diagonal(distance), 0.0, atol=1e-5)
 
 
