@@ -52,6 +52,10 @@ PEERS = ("emcee", "nutpie", "pymc", "numpyro", "dynesty", "nautilus-sampler", "p
 SECTIONS = ("ordinary", "hard", "evidence", "group", "curves", "scaling")
 ORDINARY, PRIOR = ("S01", "S05", "S09", "S15"), bt.Prior()
 WARM_UP, N_CHAINS, WALKERS = 1000, 4, 32
+#: Of nested sampling.
+MOST_CALLS = 50_000
+#: R-hat from which on draws fail; nats below the best model from which on a model is left out;
+#: the ratio below which the page begins with a method.
 LARGEST_R_HAT, FAR, CLOSE = 1.01, 6.0, 3.0
 
 
@@ -219,8 +223,10 @@ def run_dynesty(log_likelihood, k, size, seed):
 
     rng = np.random.default_rng(seed)
     sampler = dynesty.NestedSampler(at_point, ndtri, k, nlive=size, rstate=rng)
-    sampler.run_nested(print_progress=False)
+    sampler.run_nested(print_progress=False, maxcall=MOST_CALLS)
     results = sampler.results
+    if results.ncall.sum() >= MOST_CALLS:
+        raise RuntimeError(f"not done after {MOST_CALLS:,} evaluations")
     return results.samples, results.logwt, results.logz[-1]
 
 
@@ -231,8 +237,8 @@ def run_nautilus(log_likelihood, k, size, seed):
     sampler = nautilus.Sampler(
         ndtri, log_likelihood, n_dim=k, n_live=size, vectorized=True, seed=seed
     )
-    if not sampler.run(n_eff=2 * size, n_like_max=100_000):
-        raise RuntimeError("not done after 100,000 evaluations")
+    if not sampler.run(n_eff=2 * size, n_like_max=MOST_CALLS):
+        raise RuntimeError(f"not done after {MOST_CALLS:,} evaluations")
     points, log_weights, _ = sampler.posterior()
     return points, log_weights, sampler.log_z
 
