@@ -638,7 +638,8 @@ def scaling_table(rows):
     size = rows["subject"].astype(float) * rows["size"]
     slope = np.log(rows["seconds"]).diff() / np.log(size).diff()
     is_next = (rows["target"] == rows["target"].shift()) & (size > size.shift())
-    shown = rows[["target", "method", "subject", "size"]].astype({"subject": int, "size": int})
+    whole = rows[["subject", "size"]].astype(float).astype(int)
+    shown = pd.concat([rows[["target", "method"]], whole], axis=1)
     shown.columns = ["call", "workers", "subjects", "trials a pair"]
     shown["slope"] = slope.map("{:.2f}".format).where(is_next, "")
     for name in ("seconds", "elapsed", "megabytes"):
@@ -658,9 +659,10 @@ def draw_figure(rows, path):
             style = {"marker": "o", "color": f"C{i}", "label": label}
             if label == "sample":
                 style |= {"marker": "*", "markersize": 15, "color": "black"}
-            if label in medians.index:
-                ax.plot(*medians.loc[label].to_numpy().T, **style)
+            points = medians[medians.index.get_level_values("label") == label]
+            ax.plot(points["seconds"], points["error"], **style)
         ax.set(xscale="log", yscale="log", title=f"{kind} subjects", xlabel="processor seconds")
+        ax.tick_params(axis="x", which="minor", labelbottom=False)
     panels[0].set_ylabel("error of means (posterior SD)")
     panels[0].legend(fontsize=7)
     figure.savefig(path, metadata={"Date": None})
@@ -684,6 +686,10 @@ def write_page(table, stem):
         sentence = (
             f"Within a factor of {CLOSE:g} of `sample` for an effective draw: {'; '.join(close)}."
         )
+    group = table[table["target"] == "group"]
+    costs = (group["seconds"] / group["effective"]).groupby(group["method"]).median()
+    for name, ratio in (costs / costs["population"]).drop("population").items():
+        sentence += f" For the group, {name} needs {ratio:.2g} times the seconds of `population`."
 
     importance = ratios["draw"]["importance draws"]
     with_nats = table[table["nats"].notna() | table["section"].eq("evidence")]
@@ -697,7 +703,7 @@ def write_page(table, stem):
     tables = {
         "ratios": ratio_table(rows, ratios),
         "evidence": summary(evidence.sort_values(keys), keys, **nats),
-        "group": summary(by_target["group"], "method", **error, effective=("effective", "median")),
+        "group": summary(group, "method", **error, effective=("effective", "median")),
         "curves": summary(by_target["PSE shift"], "method", **error, **width),
         "hard": hard_table(better),
         "scaling": scaling_table(table[table["kind"] == "scaling"]),
