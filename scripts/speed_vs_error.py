@@ -36,7 +36,7 @@ from threadpoolctl import threadpool_limits
 
 import bayes_toe as bt
 from bayes_toe.data.tables import write_table
-from bayes_toe.design.study_design import BatchDesign
+from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.groups.population import study_scales, subject_rows
 from bayes_toe.inference.diagnostics import convergence_of, worst
 from bayes_toe.inference.fitted import find_maxima, fit_posterior, importance_evidence
@@ -507,7 +507,9 @@ def measure_curves(n_observers):
     pairs = np.append(np.zeros(8), comparisons), np.append(comparisons, np.zeros(8))
     shifts = np.linspace(-0.15, 0.15, n_observers)
     observers = {f"O{i}": {"noise": 0.2, "constant_error": shift} for i, shift in enumerate(shifts)}
-    study = bt.simulate(observers, design=BatchDesign(*pairs, 40), task="2afc", seed=67).study
+    study = bt.simulate(
+        observers, design=StudyDesign(*pairs, np.full(16, 40)), task="2afc", seed=67
+    ).study
     rows = []
     for subject, shift in zip(study, shifts, strict=True):
         ways = {"sample": partial(shift_by_sample, subject)}

@@ -73,7 +73,7 @@ def n_computed(monkeypatch, study, **options):
     counts = []
 
     def counted(jobs, workers):
-        counts.append(len(jobs))
+        counts.append(sum(len(job.args[-1]) for job in jobs))
         raise KeyboardInterrupt
         yield
 
