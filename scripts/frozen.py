@@ -36,8 +36,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         {"results/evidence.csv": ("subject",), "results/summary.csv": ("subject", "parameter")},
     ),
     "fit": (
-        ("-o", "fit.csv", "--prior", "prior.toml", "--asymmetry", "asymmetry.csv")
-        + ("--replicates", "1000"),
+        tuple("-o fit.csv --prior prior.toml --asymmetry asymmetry.csv --replicates 1000".split()),
         {"fit.csv": ("subject",), "asymmetry.csv": ("subject", "s_weak", "s_strong")},
     ),
 }

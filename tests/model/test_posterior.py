@@ -67,7 +67,7 @@ def subject(task, scale=1, shift=0.0):
 )
 def test_any_point(task, prior, x):
     target = paper_posterior(subject(task), prior)
-    z = target.distance(np.array([x]))[0]
+    z = target.rows.distance(np.array([[x]]))[0, 0]
     # Rounding a distance costs what its cancellation costs: only pairs off the axis are held to
     # 1e-12.
     assume(((z == 0.0) | (np.abs(z) > 1e-2)).all())
