@@ -321,6 +321,7 @@ class _Analysed:
 def _drawn(
     subjects: Sequence[Subject], settings: Settings, request: AnalysisRequest
 ) -> list[SubjectDraws | NumericalError]:
+    """The draws of some subjects, or the failure of a subject."""
     return [_catch_failure(_drawn_subject, subject, settings, request) for subject in subjects]
 
 

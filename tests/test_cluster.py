@@ -53,10 +53,9 @@ def tasks_of(client):
 
 
 def test_numbers_are_those_of_this_process(client, tmp_path):
-    remote, local = (
-        bt.sample(TWO, model="none", draws=300, seed=1, workers=workers) for workers in (client, 1)
-    )
-    remote.save(tmp_path / "draws.nc")  # beside a client that is the session's
+    remote = bt.sample(TWO, model="none", draws=300, seed=1, workers=client)
+    local = bt.sample(TWO, model="none", draws=300, seed=1, workers=1)
+    remote.save(tmp_path / "draws.nc")  # while the client is open
     for group in ("posterior", "sample_stats"):
         xr.testing.assert_identical(bt.load(tmp_path / "draws.nc").group(group), local.group(group))
 

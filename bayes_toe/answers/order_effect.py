@@ -251,7 +251,7 @@ class OrderEffect:
         return word
 
     def size(self, name: str) -> Size:
-        """One of :data:`SIZES`; one in per cent in the unit of differences."""
+        """One of :data:`SIZES`; a size in per cent is converted to the unit of the stimuli."""
         size = self.sizes[name]
         return size.from_percent(self.unit) if name.endswith("percent") else size
 

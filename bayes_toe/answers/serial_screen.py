@@ -137,9 +137,15 @@ def _scores(subject: Subject, slopes: FloatArray) -> ArrayPair:
 
 
 def _moving_criterion_p(subject: Subject) -> float | None:
-    """P-value of a criterion that wanders; None where every pair has one answer only."""
+    """P-value of a criterion that wanders; None if every pair has one answer only.
+
+    Two trials that are at least two apart add the product of their residuals, divided by the root
+    of their distance. The Fourier transform computes this sum. Under the null hypothesis, the
+    answers to a pair are in random order.
+    """
     trials = TrialSequence.from_subject(subject)
     rows = np.flatnonzero(trials.is_answered)
+
     residual = np.zeros(len(rows))
     rows_of_pairs = []
     for i in range(subject.n_pairs):
@@ -157,6 +163,7 @@ def _moving_criterion_p(subject: Subject) -> float | None:
     kernel[lags] = kernel[-lags] = 1.0 / np.sqrt(lags)
     weights = np.fft.rfft(kernel).real
     weights[1:-1] *= 2.0  # the other half of the spectrum
+
     rng = generator(0, subject.name, "moving criterion")
 
     def statistic(residuals: FloatArray) -> FloatArray:

@@ -51,7 +51,7 @@ def read_job(job: Job) -> Record:
 
 
 def _read_options(options: Record) -> bt.ReadOptions:
-    """The options of the page; the command line has no word for some names."""
+    """The options of the page, without column names that a command cannot name."""
     nameless = [name for name in options.get("columns", {}).values() if "," in name]
     nameless += [name for name in options.get("where", {}) if "=" in name]
     if nameless:
@@ -60,7 +60,7 @@ def _read_options(options: Record) -> bt.ReadOptions:
             "can name it. Change the name in the file."
         )
     if "intensity" in options:
-        with suppress(ValueError):  # what is no number is refused as such
+        with suppress(ValueError):  # ReadOptions refuses a text that is not a number
             options["intensity"] = float(options["intensity"])
     return bt.ReadOptions(**options)
 

@@ -92,13 +92,16 @@ def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
 
 
 def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
-    """The table of subjects; cells are shortened where it would be too wide."""
+    """The table of subjects. If it is too wide, words are shortened, one kind after the other."""
     headings = [heading.format(unit=unit) for heading in _HEADINGS]
-    longest = max(len(row[0]) for row in rows)
+    longest_name = max(len(row[0]) for row in rows)
+    name_width = max(longest_name, len(headings[0]))
+
     for long, short in ((", ", ","), ("probably not", "prob. not")):
-        if not is_narrow(headings, rows, max(longest, len(headings[0]))):
+        if not is_narrow(headings, rows, name_width):
             for row in rows:
                 row[1:] = [cell.replace(long, short) for cell in row[1:]]
+
     out.table(headings, rows)
 
 

@@ -113,6 +113,7 @@ def format_p_value(value: float) -> str:
     """
     if value < 0.001:
         return "< .001"
+    # After rounding, numbers below these limits have one more 0 in front of their two digits.
     digits = 2 + (value < 0.095) + (value < 0.0095)
     return f"{value:.{digits}f}".removeprefix("0")
 

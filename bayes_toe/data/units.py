@@ -29,13 +29,15 @@ _REPEATED = 10
 def with_units(
     table: TextTable, columns: dict[str, Column], categorical: bool
 ) -> dict[str, Column]:
-    """Columns by our names; with a condition, the subject of a row is its unit.
+    """Columns by our names, in which the unit of a row, such as S01@left, replaces its subject.
 
-    Numbers that are written differently are one level. A name with the sign that joins subject and
-    level is a problem of the table.
+    Without a condition, the columns stay as they are. Numbers that are written differently are one
+    level. A name with the sign that joins subject and level is a problem of the table. A unit
+    without a subject has no name.
     """
     if "condition" not in columns:
         return columns
+
     subject, condition = columns["subject"], columns["condition"]
     for column in (subject, condition):
         is_joined = column.map(lambda text: CONDITION_SEPARATOR in text, np.bool_)
@@ -49,6 +51,7 @@ def with_units(
     for text in condition.texts:
         value = math.nan if categorical else number(text, table.decimal_comma)
         level_names.append(text if math.isnan(value) else level_words([value])[0])
+
     row_codes = np.column_stack([subject.codes, condition.codes])
     pairs, unit_of_row = np.unique(row_codes, axis=0, return_inverse=True)
     units = []

@@ -152,7 +152,7 @@ class PowerTable(Table[PowerEstimate]):
 
     @classmethod
     def from_data_sets(cls, data_sets: Iterable[DataSet], seed: int) -> PowerTable:
-        """Count the words."""
+        """The table that counts, in each group of data sets, how often each word was given."""
         table = cls((), tuple(data_sets), seed)
         rows: list[PowerEstimate] = []
         for key, members in table.groups.items():

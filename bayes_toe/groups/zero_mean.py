@@ -156,7 +156,7 @@ def _log_normal(distance: FloatArray, variance: FloatArray) -> FloatArray:
 
 
 def _average(log_ratios: FloatArray) -> ZeroBayesFactor:
-    """The average of ratios given each draw, (chains, draws)."""
+    """The log of the average of ratios given each draw, (chains, draws), and its error."""
     log_mean = float(logsumexp(log_ratios) - np.log(log_ratios.size))
-    error = float(errors(np.exp(log_ratios - log_mean)).mean)
-    return ZeroBayesFactor(log_mean, error)
+    relative_errors = errors(np.exp(log_ratios - log_mean))
+    return ZeroBayesFactor(log_mean, float(relative_errors.mean))

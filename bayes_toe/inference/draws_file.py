@@ -253,7 +253,7 @@ class _OutputFile(io.FileIO):
         return len(data)
 
     def truncate(self, size: int | None = None, /) -> int:
-        """Give the file another size; after an error, do nothing."""
+        """Give the file another size; an error is kept, and nothing changes."""
         try:
             return super().truncate(size)
         except OSError as error:

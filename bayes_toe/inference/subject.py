@@ -113,10 +113,14 @@ class SubjectResult:
 def fitted_result(
     target: SubjectPosterior, seed: int, request: AnalysisRequest
 ) -> tuple[SubjectResult, Fitted]:
-    """The results that are wanted of one posterior, and the mixture that is fitted to it."""
+    """The results that a request asks for of one posterior, and the mixture fitted to it.
+
+    The goodness of fit comes from the chains, or else from the draws behind the evidence.
+    """
     key = seed, target.subject.name, target.model.name
     judging_draws = _FEWEST_JUDGING if request.chains is None else SHARP.most_draws
     fitted = fit_posterior(target, generator(*key, "proposal"), judging_draws)
+
     chains, fit, evidence = None, None, None
     if request.chains is not None:
         chains = sample_chains(fitted, request.chains, seed)
@@ -124,9 +128,10 @@ def fitted_result(
         fit = summarise_fit(target, x, fitted.maximum)
 
     if request.evidence_draws:
-        evidence, draws, trusted = _evidence(fitted, key, request.evidence_draws)
+        evidence, draws, refitted = _evidence(fitted, key, request.evidence_draws)
         if fit is None and evidence.value is not None:
-            fit = _weighted_fit(trusted, draws, generator(*key, "resampling"))
+            fit = _weighted_fit(refitted, draws, generator(*key, "resampling"))
+
     result = SubjectResult(target, fitted.efficiency, fitted.pareto_k, evidence, chains, fit)
     return result, fitted
 

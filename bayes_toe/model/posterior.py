@@ -209,7 +209,10 @@ class SubjectPosterior(ABC):
 
 
 def judged_quantities(target: SubjectPosterior, x: FloatArray) -> dict[str, FloatArray]:
-    """The quantities by which draws are judged: those that follow from no single other one."""
+    """The quantities by which draws are judged, without monotone functions of another one.
+
+    Ranks, and so the diagnostics, of such a function are those of the other quantity.
+    """
     repeated = target.names.monotone
     return {name: values for name, values in target.quantities(x).items() if name not in repeated}
 

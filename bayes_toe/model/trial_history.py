@@ -105,12 +105,18 @@ class HistoryRows(ObserverRows):
 
     @classmethod
     def from_trials(cls, observer: ObserverPosterior, history: TrialHistory) -> HistoryRows:
-        """The trials of a subject, with the scales and the prior of a posterior."""
+        """The trials of a subject, with the scales and the prior of a posterior.
+
+        With carry-over, each answered trial is a cell. Without carry-over, all trials of a pair
+        after the same answer are one cell.
+        """
         trials, scales = TrialSequence.from_subject(observer.subject), observer.scales
         answered = np.flatnonzero(trials.is_answered)
         earlier = trials.earlier(1)[answered]
         pair, is_yes = trials.pair[answered], trials.answer[answered] > 0.0
+        # The first trial of a session has no earlier one.
         previous = np.where(earlier >= 0, trials.answer[earlier], 0.0)
+
         cell = np.arange(len(answered))
         if not history.has_carry_over:
             keys = np.stack([pair, previous])
@@ -120,10 +126,12 @@ class HistoryRows(ObserverRows):
 
         n_yes = np.bincount(cell, is_yes).astype(np.float64)
         n_no = np.bincount(cell).astype(np.float64) - n_yes
+
         values = {field.name: getattr(observer.rows, field.name) for field in fields(ObserverRows)}
         for name in ("first", "difference", "middle"):
             values[name] = values[name][..., pair]
         values |= {"n_yes": n_yes[None, None], "n_no": n_no[None, None]}
+
         first = (trials.first - scales.sbar) / scales.step
         second = (trials.second - scales.sbar) / scales.step
         return cls(

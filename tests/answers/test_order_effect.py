@@ -189,11 +189,14 @@ def test_what_the_design_cannot_tell_has_no_word(evidence):
     answer = order_effect(evidence, unidentifiable)
     assert {answer.word(question) for question in QUESTIONS} == {"cannot be told"}
     assert answer.notes == ("one order only",)
+
     no_contraction = Identification(True, True, False, {"contraction": ONE_FIRST_STIMULUS})
     answer = order_effect(evidence, no_contraction)
     assert answer.word("contraction") == "cannot be told"
     assert answer.probabilities["order_effect"] == answer.probabilities["constant_error"]
     assert answer.words["order_effect"] is answer.words["constant_error"]
+
+    # Another effect imitates the contraction: the other questions keep their probabilities.
     imitated = Identification(True, True, False, {"contraction": IMITATION})
     answer = order_effect(evidence, imitated)
     assert answer.word("contraction") == "cannot be told"

@@ -157,6 +157,7 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
     corner = "corner out/posterior.nc --subject B"
     good(f"{corner} -o single --coordinates identified", cwd=folder)
     assert [path.name for path in (folder / "single").glob("*.png")] == ["B.png"]
+
     request = "--subject A --parameters 'gain, offset' --show-prior --truth truth.csv"
     screen = good(f"{corner} -o both {request} --format svg --format pdf", cwd=folder)
     assert "1 corner plot in both" in screen
@@ -202,12 +203,14 @@ def test_a_block_with_swapped_buttons_is_named_by_check_and_report(tmp_path, bla
     run = "<" + trials.block.astype(str) + ">"
     columns = {"subject": "[i]x", "s1": s1, "s2": s2, "response": response, "[b]Run": run}
     pd.DataFrame(columns).to_csv(tmp_path / "s.csv", index=False)
+
     command = "s.csv --columns 'block=[b]Run'"
     lines = good(f"check {command}", cwd=tmp_path).splitlines()
     assert " ".join(lines[6].split()).endswith("% responses look swapped in block <2>")
     typed = f"  bayes-toe run {command}"
     assert lines[-2:] == [f"{typed} --swap '[i]x:<2>'", f"{typed} --exclude '[i]x:<2>'"]
     assert "look swapped" not in good(f"check {command} --swap '[i]x:<2>'", cwd=tmp_path)
+
     good(f"run {command} -o out {QUICK}", cwd=tmp_path)
     section = read(tmp_path / "out").partition('<summary id="pooling">')[2]
     assert "<strong>[i]x</strong>: Responses look swapped in block &lt;2&gt;." in section

@@ -242,9 +242,11 @@ def answers(text, **options):
 
 
 def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
+    # The columns of ORDERED: subject, s1, s2, response, block, trial.
     rows = words("a,0,1,1,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n")
     study = read(ORDERED + rows)
     assert content(study) == "a 0.0 0.0 1 2, a 0.0 1.0 1 1, b 0.0 0.0 1 1"
+
     in_order = study["a"].answers
     # One block is no number: they are in order of appearance.
     assert in_order.blocks == ("10", "9")
@@ -256,6 +258,8 @@ def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
     assert in_order.is_session_start.tolist() == [True, False, True, False]
     assert in_order.has_trial_rows
     assert study.reading.ignored == ()
+
+    # Blocks that are numbers are sorted as numbers.
     numbered = answers(ORDERED + words("a,0,1,1,10,2\na,0,0,0,9,1\na,0,0,1,10,1\n"))
     assert (numbered.blocks, numbered.n_yes.tolist()) == (("9", "10"), [0, 1, 1])
 

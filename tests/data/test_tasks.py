@@ -91,6 +91,8 @@ def test_other_sources_tell_their_task_alike(tmp_path):
         study = bt.read_study(source, bt.ReadOptions(correct="hit"))
         assert study.task == WHICH_STRONGER
         assert counts(study["M"]) == [(0.0, 0.3, 1, 1), (0.3, 0.0, 1, 1)]
+
+    # True and False in the column of responses name no task: the error says both options.
     remedies = r"(?s)ReadOptions\(second_code='1'\) .*ReadOptions\(correct='response'\)"
     with pytest.raises(bt.InputError, match=remedies):
         bt.read_study(frame.assign(response=True))

@@ -222,7 +222,7 @@ def test_the_selection_becomes_a_table(opened, analysis):
         )
 
 
-def test_what_is_known_and_badged_and_fits_a_wide_screen(opened):
+def test_truth_prior_and_badge_are_shown_and_the_page_fits_a_wide_screen(opened):
     assert opened.data("truth-a")["0"].tolist() == [-0.7]
     assert opened.data("prior-a")["y0"].max() > 0.0
     assert "determined by the prior" in opened.page.inner_text("#badges-a")

@@ -39,10 +39,12 @@ def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(few):
     lines = {line.get_label(): line.get_xdata() for line in ax.lines}
     medians = np.median(few.draws.subjects, axis=(0, 1))
     assert lines["subject, median and 95 % interval"] == pytest.approx(medians[:, 1])
+
     bands = {band.get_label(): band.get_bbox().intervalx for band in ax.patches}
     for label, draws in (("group mean", few.draws.mean), ("new subject", few.new_subject)):
         expected = np.quantile(draws[..., 1], [0.025, 0.975])
         assert bands[label] == pytest.approx(expected)
+
     ax = forests["PSE shift (%)"]
     [points] = marks_of(ax, "o")
     assert points.get_xdata() == pytest.approx(few.shift_percent(medians[:, 0]), rel=1e-3)
