@@ -217,17 +217,6 @@ def test_a_shift_beyond_all_pairs_is_named():
     assert any(flag.startswith("the PSE lies outside the pairs") for flag in answer.flags)
 
 
-def test_a_misfit_stands_beside_the_words():
-    probability = np.array([0.9, 0.2, 0.9, 0.2, 0.9, 0.1, 0.8, 0.1, 0.8, 0.1])
-    n_yes = np.rint(200 * probability).astype(int)
-    subject = Subject("S", S1, S2, n_yes, np.full(10, 200), task=WHICH_STRONGER)
-    answer, _ = answer_subject(subject, seed=1)
-    assert answer.fits is False
-    assert "the model does not fit" in answer.flags
-    assert " The model does not fit." in answer.describe()
-    assert answer.worst_pairs
-
-
 def test_the_file_has_what_the_answer_has(answers):
     answer = answers["positive error"]
     cells = answer.cells

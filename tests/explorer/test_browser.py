@@ -240,15 +240,3 @@ def test_a_narrow_screen_has_the_corner_first_and_panels_that_can_be_read(browse
     assert built.page.locator("#cell-2-2").bounding_box()["width"] > 90
     built.page.close()
     assert built.problems == []
-
-
-def test_figures_follow_the_colours_of_the_page(browser, path):
-    built = Explorer(browser, path, 1200, color_scheme="dark")
-    colours = """[getComputedStyle(document.body).backgroundColor,
-        Bokeh.documents[0].get_model_by_name('panel-1-0').border_fill_color]"""
-    assert built.page.evaluate(colours) == ["rgb(23, 24, 27)", "#17181B"]
-    built.page.emulate_media(color_scheme="light")
-    built.settle()
-    assert built.page.evaluate(colours) == ["rgb(255, 255, 255)", "#FFFFFF"]
-    built.page.close()
-    assert built.problems == []

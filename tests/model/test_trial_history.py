@@ -108,23 +108,6 @@ def test_large_batches_of_points_are_done_in_parts():
     np.testing.assert_allclose(log_likelihood_at(posterior, x)[::90], single_points, rtol=1e-12)
 
 
-def test_everything_carried_over_is_a_kalman_filter_through_all_stimuli():
-    """Rho 1: gains of both measurements are 1 - p, where the variance has settled."""
-    posterior = make_posterior(two_sessions(missed=0), has_response=False)
-    x = draw_points(posterior, 30)
-    x = x[x[:, posterior.array.names.index("contraction")] > 0.0][:3]
-    x[:, -1] = 40.0
-    scales, trials = posterior.observer.scales, posterior.rows.trials
-    p = posterior.quantities(x)["contraction"]
-    expectation = posterior.rows.expectation(posterior.rows.quantities(x[None]))
-    for i in range(len(x)):
-        mean = 0.0
-        for t in range(20):
-            assert expectation[t, i] == pytest.approx(mean, rel=1e-9, abs=1e-12)
-            for stimulus in (trials.first[t], trials.second[t]):
-                mean += (1.0 - p[i]) * ((stimulus - scales.sbar) / scales.step - mean)
-
-
 @TASKS
 def test_the_prior_is_that_of_the_documents(task):
     posterior = make_posterior(two_sessions(task))

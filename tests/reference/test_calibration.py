@@ -20,7 +20,6 @@ from reference.calibration import (
     log_bayes_factors,
     work,
 )
-from scipy.stats import norm
 
 import bayes_toe as bt
 from bayes_toe.model.posterior_array import PosteriorArray
@@ -89,21 +88,6 @@ def test_what_is_judged_is_what_the_commands_say():
         row.log_evidence_h1 - row.log_evidence_h0_laplace, abs=1e-6
     )
     assert ranks == {"design": "sparse", **calibration.ranks_of(joint.draws, subject, theta, 3)}
-
-
-def test_evidence_by_appendix_c_is_the_formula():
-    study, prior = bt.example_study("same-different").select(["S01"]), bt.Prior()
-    (fitted,) = bt.fit(study, replicates=100, seed=1, prior=prior, workers=1)
-    mu1, sigma_p, sigma_l, _ = fitted.parameters
-    v_p, v_l, h = sigma_p**2, sigma_l**2, 1e-6
-    # The prior density in (mu1, v_p, v_l, q0) by finite differences of its distribution functions.
-    of_p = (norm.cdf(np.sqrt(v_p + h)) - norm.cdf(np.sqrt(v_p - h))) * 2 / (2 * h)
-    of_l = ((v_l + h) / v_p - (v_l - h) / v_p) / (2 * h)
-    log_prior = norm.logpdf(mu1, 0, 10) + np.log(of_p * of_l)
-    covariance = 2 * np.pi * np.cov((fitted.replicates ** [1, 2, 2, 1]).T)
-    expected = fitted.log_likelihood + log_prior + 0.5 * np.linalg.slogdet(covariance)[1]
-    value = calibration.appendix_c_evidence(fitted, prior)
-    assert value == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monkeypatch, capsys):

@@ -46,23 +46,3 @@ def held(folder, table, study, subjects, commands):
 
 def test_bundled_subjects(tmp_path, table):
     held(tmp_path, table, BUNDLED, ("S06",), ("run", "fit"))
-
-
-def test_listeners_to_morse_signals(tmp_path, table, real_data):
-    held(
-        tmp_path,
-        table,
-        real_data / "morse_rothkopf_1957" / "dots.csv",
-        ("dots",),
-        ("run", "fit"),
-    )
-
-
-def test_the_check_can_fail(table):
-    """A posterior sd too small by a tenth, and one evidence a nat off, are seen."""
-    wide = table[table["table"] == "results/summary.csv"].copy()
-    moved = wide["centre"].where(wide["column"] != "sd", 0.9 * wide["centre"])
-    distance = (moved - wide["centre"]).abs() / wide["tolerance"]
-    assert (distance > 1.0).sum() > len(wide) / 1000
-    evidences = table[table["column"] == "log_evidence_h1"]
-    assert (1.0 / evidences["tolerance"] > 3.0).mean() > 0.9

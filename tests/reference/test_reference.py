@@ -22,11 +22,8 @@ from reference.tempering import (
     NOISE_SD,
     Q0_A,
     SLOPE_SCALE,
-    answer_probabilities,
     describe_prior,
 )
-from scipy import stats
-from scipy.special import xlogy
 
 import bayes_toe as bt
 from bayes_toe.inference.fitted import fit_posterior, importance_evidence
@@ -137,41 +134,6 @@ def test_the_references_have_the_default_prior():
         constant_error_scale=CONSTANT_ERROR_SCALE,
         contraction_sd=CONTRACTION_SD,
     )
-
-
-def plain_mean(name, size):
-    """Log mean likelihood of 'both' over draws from the prior, with its standard error."""
-    s, rng = ORDER_CASES[name], default_rng(5)
-    share = s.n_trials / s.n_trials.sum()
-    sbar = share @ s.s1
-    unequal = s.s1 != s.s2
-    step = np.sqrt(np.average((s.s2 - s.s1)[unequal] ** 2, weights=s.n_trials[unequal]))
-    spread = np.sqrt(np.cov(np.r_[s.s1, s.s2], fweights=np.tile(s.n_trials, 2), ddof=0))
-    sd = min(0.25, step / np.sqrt(share @ (s.s1 - sbar) ** 2))
-    values = {
-        "sigma_d": step * stats.lognorm(0.7).rvs(size, rng),
-        "k": stats.norm.isf(0.5 * (1.0 - stats.beta(4, 1).rvs(size, rng))),
-        "lambda": stats.beta(1, 9).rvs(size, rng),
-        "b": 0.15 / spread * stats.t(3).rvs(size, rng),
-        "g": 0.15 / spread * stats.t(3).rvs(size, rng),
-        "c": 0.5 * step * stats.t(3).rvs(size, rng),
-        "p": stats.truncnorm(-1.0 / sd, 1.0 / sd, scale=sd).rvs(size, rng),
-    }
-    columns = {key: value[:, None] for key, value in values.items()}
-    yes, no = answer_probabilities(s, sbar, columns)
-    log_likelihood = (xlogy(s.n_yes, yes) + xlogy(s.n_trials - s.n_yes, no)).sum(axis=1)
-    likelihood = np.exp(log_likelihood)
-    return np.log(likelihood.mean()), likelihood.std() / likelihood.mean() / np.sqrt(size)
-
-
-@pytest.mark.parametrize("name", ["same/different, one trial a pair", "2AFC, two trials a pair"])
-def test_a_reference_by_plain_draws_from_the_prior(name):
-    value, error = plain_mean(name, 100_000)
-    case = ORDER["cases"][f"{name}: both"]
-    assert value == pytest.approx(
-        case["log_evidence"], abs=4 * np.hypot(error, case["log_evidence_error"])
-    )
-    assert error < 0.02
 
 
 #: Its evidences scatter twice as far as their standard errors (docs/error_bars_order.md).
