@@ -211,23 +211,3 @@ def test_the_name_of_a_file_of_any_kind_may_be_the_subject(tmp_path, name):
         trials.to_csv(tmp_path / name, index=False)
     assert "--subject-from '{}.*'" in refused(f"check {name}", cwd=tmp_path)
     assert "1 subject, 2 trials" in good("check", name, "--subject-from", "{}.*", cwd=tmp_path)
-
-
-@pytest.mark.parametrize(
-    "content, message",
-    [
-        (
-            {"a": {"x": [1.0, 2.0]}, "b": {"x": [1.0]}},
-            "found the structs a, b, allowed: one struct",
-        ),
-        ({"s1": [1.0, 2.0], "s2": [1.0, 2.0, 3.0]}, "found s1, not a column of 3"),
-        (
-            {"s1": [0.0, 1.0], "s2": [1.0, np.nan], "response": ["same", "same"], "subject": 7},
-            "row 2, column s2: found '', allowed: a finite number",
-        ),
-    ],
-    ids=["two structs", "lengths", "row"],
-)
-def test_other_matlab_files_are_refused(content, message, tmp_path):
-    savemat(tmp_path / "t.mat", content)
-    assert message in refused("check", "t.mat", cwd=tmp_path)

@@ -256,9 +256,6 @@ def test_nothing_shows_an_infinite_a_huge_or_an_empty_size(name, unit, request, 
     table = pd.read_csv(tmp_path / "results" / "evidence.csv")
     assert not np.isinf(table.select_dtypes("number")).any().any()
     assert (" ln [" in screen) == (name == "wide")
-    draws = bt.sample(study.select("up"), seed=1, model="both")
-    labels = " ".join(words_of(texts_of(bt.plots.corner(draws, "up"))))
-    assert ("constant error $c$, ln" in labels) == (name == "wide")
     labels = " ".join(words_of(texts_of(bt.plots.order_effect(bt.evidence(study, seed=1)))))
     assert ("PSE shift (ln)" in labels) == (name == "wide")
 

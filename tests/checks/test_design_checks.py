@@ -111,8 +111,6 @@ def test_stimuli_on_two_scales():
     (finding,) = [item for item in check_design(Study([subject])) if item.code == "two_scales"]
     assert "1.105 to 1.35 g and 740 to 905 g" in finding.message
     assert finding.option == "--exclude 'S 1'", "a fault of recording needs a decision"
-    even = np.log([1, 10, 100, 1000]).tolist()
-    assert "two_scales" not in messages(make_subject(list(itertools.product(even, repeat=2))))
     near = [*itertools.product([0.0, 0.1, 0.3], repeat=2)]
     for far in ((0.0, 3.0), (3.0, 3.0)):
         slipped = zip(*near, far, strict=True)

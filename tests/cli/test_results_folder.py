@@ -15,7 +15,6 @@ from bayes_toe.cli.results_folder import FigureChoice, write_results
 from bayes_toe.explorer.page import Explorer
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor, Regressors
-from bayes_toe.model.posterior import DOMINATED
 
 pytestmark = pytest.mark.usefixtures("blank_pictures")
 NO_FIGURES = {"figures": FigureChoice("none"), "workers": 1}
@@ -149,12 +148,6 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
         "% 'second'",
     ):
         assert separate in text, separate
-    summary = stronger.summary().set_index("subject")
-    names = [*stronger.draws.posterior("plain").names.natural, "gamma"]
-    is_weak = summary.parameter.isin(names) & (summary.posterior_contraction < DOMINATED)
-    assert is_weak.any()
-    for subject, rows in summary[is_weak].groupby("subject"):
-        assert f"data, determines {', '.join(rows.parameter)} (posterior" in text, subject
 
 
 def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):

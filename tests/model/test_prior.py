@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from conftest import made_subject, problems
 from numpy.random import default_rng
-from scipy import stats
 
 import bayes_toe as bt
-from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.posterior import posterior_contraction
 from bayes_toe.model.prior import DEFAULT, ParameterHyperprior, Prior, sections
@@ -172,23 +170,3 @@ def test_paths_that_are_refused(tmp_path):
         read_prior(tmp_path / "none.toml")
     with pytest.raises(bt.InputError, match="cannot be read"):
         read_prior(tmp_path)
-
-
-# --- shares at their ends -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["gamma", "lapse_rate"])
-@pytest.mark.parametrize("a, b", [(1.0, 0.05), (0.05, 1.0), (0.05, 0.05), (1.0, 0.25)])
-def test_draws_of_a_share_with_poles_have_finite_coordinates_of_its_distribution(name, a, b):
-    """Half of the draws from Beta(1, 0.05) lie nearer to 1 than floats do."""
-    prior = Prior(**{f"{name}_a": a, f"{name}_b": b})
-    subject = made_subject("0 0 45 50, 0 0.3 20 50, 0.3 0 15 50", task=WHICH_STRONGER)
-    posterior = bt.model.paper_posterior(subject, prior)
-    x = posterior.sample_prior(default_rng(3), 4000)
-    assert np.isfinite(x).all()
-    assert not np.isnan(posterior.log_density(x)).any()
-    values = np.sort(posterior.quantities(x)[name])
-    is_inside = np.abs(values - 0.5) < 0.5 - 1e-12  # nearer to an edge a float rounds them
-    expected = (np.arange(len(values)) + 0.5) / len(values)
-    distance = np.abs(stats.beta.cdf(values, a, b) - expected)[is_inside].max()
-    assert distance < 0.035  # Kolmogorov: passes by chance in all but 1e-4

@@ -11,7 +11,6 @@ from scipy import stats
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.errors import InputError
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.trial_history import (
     TrialHistory,
@@ -120,12 +119,6 @@ def test_the_prior_is_that_of_the_documents(task):
     )
     own_prior = posterior.array.log_prior(x[None])[0] - posterior.observer.log_prior(x[:, :-2])
     assert own_prior == pytest.approx(stats.norm.logpdf(x[:, -2:]).sum(axis=1))
-
-
-def test_an_unknown_order_is_refused():
-    subject = replace(two_sessions(), answers=None)
-    with pytest.raises(InputError, match="needs the order of trials"):
-        draw_points(make_posterior(subject))
 
 
 def test_a_contraction_beyond_1_is_impossible():
