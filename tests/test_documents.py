@@ -145,12 +145,6 @@ def test_every_document_is_reached_from_the_contents_and_no_other():
     assert sorted(contents()) == sorted(places)
 
 
-def test_every_page_that_is_made_has_its_place_in_one_document():
-    texts = [path.read_text(encoding="utf-8") for path in DOCS.glob("*.md")]
-    for position in reference_pages.MADE:
-        assert sum(text.count(position) for text in texts) == 1, position
-
-
 @pytest.mark.parametrize("name", reference_pages.PAGES)
 def test_reference_pages_are_as_the_code_has_them(name):
     """Otherwise: python scripts/reference_pages.py."""

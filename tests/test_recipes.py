@@ -195,13 +195,6 @@ def test_every_recipe_is_run():
     assert list(sections()) == list(FILES)
 
 
-def test_a_file_without_a_subject_in_its_name_is_refused(tmp_path):
-    write(tmp_path, {"session.csv": SESSION})
-    line = "check session.csv --subject-from sub-{}.csv"
-    message = "found no subject in its name, allowed: a file named as --subject-from sub-{}.csv"
-    assert message in refused(line, cwd=tmp_path)
-
-
 @pytest.mark.parametrize("name", ["7.csv", "7.txt", "7.xlsx"])
 def test_the_name_of_a_file_of_any_kind_may_be_the_subject(tmp_path, name):
     trials = pd.DataFrame({"s1": [0, 0.3], "s2": [0.3, 0], "response": ["second", "first"]})

@@ -119,8 +119,6 @@ def test_conditions_differ_by_what_is_asked():
     assert right["noise"] / left["noise"] == pytest.approx(2.0)
     assert left["constant_error"] + right["constant_error"] == pytest.approx(0.2)
     assert left["constant_error"] != 0.1
-    without_sizes = bt.simulate(2, conditions=("left", "right"), batches=2, seed=1).truth
-    assert without_sizes["S01@left"] == without_sizes["S01@right"]
 
 
 def test_named_populations():

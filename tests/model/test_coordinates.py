@@ -9,18 +9,9 @@ from reference.hard_cases import hard_cases
 from bayes_toe.inference.fitted import find_maxima
 from bayes_toe.inference.searches import funnel_of_maxima
 from bayes_toe.model.paper_model import paper_posterior
-from bayes_toe.model.prior import DEFAULT, Prior
 
 CASES = hard_cases()
 points = st.tuples(*[st.floats(-4, 4)] * 4)
-
-
-@pytest.mark.parametrize("prior", [DEFAULT, Prior()], ids=["width", "sigma_p"])
-@given(x=points)
-def test_there_and_back(prior, x):
-    posterior = paper_posterior(CASES["funnel"], prior)
-    back = posterior.points(posterior.quantities(np.array(x)))
-    assert back == pytest.approx(np.array(x), rel=1e-7, abs=1e-7)
 
 
 @pytest.fixture(scope="module", params=["funnel", "all different"])

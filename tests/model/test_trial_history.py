@@ -140,6 +140,3 @@ def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
     in_order = keys[np.lexsort(keys.T[::-1])]
     assert looks_sorted(replace(answers, keys=in_order))
     assert looks_sorted(replace(answers, keys=in_order[::-1]))
-    sessions = [half[np.lexsort(half.T[::-1])] for half in np.split(keys, 2)]
-    position = np.r_[0:24, 25:49]
-    assert looks_sorted(replace(answers, keys=np.concatenate(sessions), place=position))
