@@ -55,12 +55,12 @@ def tasks_of(client):
 def test_numbers_are_those_of_this_process(dask, tmp_path):
     grouped_csv(tmp_path / "study.csv", TWO)
     line = "sample study.csv --model none --draws 100 --seed 1"
-    screen = good(f"{line} -o there.nc --dask {dask.scheduler_address}", cwd=tmp_path)
+    screen = good(f"{line} -o remote.nc --dask {dask.scheduler_address}", cwd=tmp_path)
     assert f"Workers: 2 at {dask.scheduler_address}" in screen
-    good(f"{line} -o here.nc --workers 1", cwd=tmp_path)
-    there, here = (bt.load(tmp_path / f"{name}.nc") for name in ("there", "here"))
+    good(f"{line} -o local.nc --workers 1", cwd=tmp_path)
+    remote, local = (bt.load(tmp_path / name) for name in ("remote.nc", "local.nc"))
     for group in ("posterior", "sample_stats"):
-        xr.testing.assert_identical(there.group(group), here.group(group))
+        xr.testing.assert_identical(remote.group(group), local.group(group))
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.05])

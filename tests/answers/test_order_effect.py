@@ -86,13 +86,13 @@ def test_words_of_a_subject_without_effect(answers):
 def test_probabilities_follow_from_the_evidences(answers):
     answer = answers["none"]
     log_evidence = np.array([answer.log_evidence[name] for name in MODEL_NAMES])
-    none, error, contraction, both = np.exp(log_evidence - log_evidence[0])
-    total = 3.0 * none + error + contraction + both
+    none, error, contraction, joint = np.exp(log_evidence - log_evidence[0])
+    total = 3.0 * none + error + contraction + joint
     assert answer.probabilities["order_effect"] == pytest.approx(1.0 - 3.0 * none / total)
-    assert answer.probabilities["contraction"] == pytest.approx((contraction + both) / total)
-    log_factor = np.log((error + contraction + both) / (3.0 * none))
+    assert answer.probabilities["contraction"] == pytest.approx((contraction + joint) / total)
+    log_factor = np.log((error + contraction + joint) / (3.0 * none))
     assert answer.log_bayes_factors["order_effect"] == pytest.approx(log_factor)
-    log_factor = np.log((error + both) / (none + contraction))
+    log_factor = np.log((error + joint) / (none + contraction))
     assert answer.log_bayes_factors["constant_error"] == pytest.approx(log_factor)
 
 
