@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, inside, refused
-from conftest import made_subject, order_answer
+from conftest import leave_pictures_blank, made_subject, order_answer
 from populations import independent_draws, two_conditions
 
 import bayes_toe as bt
@@ -143,7 +143,7 @@ SEED = "--seed 1 --workers 1"
 COMMANDS = {
     "check": "trials.csv",
     "check --prior": "default trials.csv",
-    "run": f"trials.csv -o out --draws 200 --figures none {SEED}",
+    "run": f"trials.csv -o out --draws 100 --figures none {SEED}",
     "evidence": f"trials.csv -o evidence.csv {SEED}",
     "sample": f"trials.csv -o draws.nc --draws 200 --exclude '{LONG}' {SEED}",
     "fit": f"trials.csv -o fit.csv --replicates 5 {SEED}",
@@ -183,6 +183,7 @@ def screens(tmp_path_factory):
     texts = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_toe.groups.population.sample_group", independent_draws)
+        leave_pictures_blank(patch)
         for name, line in COMMANDS.items():
             finished = inside(f"{name} {line}", cwd=folder)
             assert finished.returncode in (0, 3), (name, finished.stderr)

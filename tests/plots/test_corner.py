@@ -116,7 +116,7 @@ def test_what_cannot_be_drawn_is_refused(analysis, options, message):
 
 @pytest.mark.parametrize(
     "text",
-    ["gain", "mu1 width", "mu1 sigma_p sigma_l q0 gamma sigma1 gain width offset pull"],
+    ["gain", "mu1 width", "mu1 sigma_p sigma_l q0 gain offset pull"],
 )
 def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, text):
     names = text.split()
