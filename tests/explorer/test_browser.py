@@ -203,9 +203,8 @@ def test_the_selection_becomes_a_table(opened, analysis):
     lines = list(csv.DictReader(coming.value.path().read_text(encoding="utf-8").splitlines()))
     mine = [line for line in lines if line["which"] == "A"]
     assert len(mine) == len(opened.data("kept-a-1-0")["row"]) > 0
-    row, theta = mine[0], analysis.draws.natural("A")
-    stored = theta.mu1[int(row["chain"]), int(row["draw"])]
-    assert float(row["mu1"]) == pytest.approx(stored, rel=1e-6)
+    mu1 = analysis.draws.natural("A").mu1[int(mine[0]["chain"]), int(mine[0]["draw"])]
+    assert float(mine[0]["mu1"]) == pytest.approx(mu1, rel=1e-6)
 
 
 def test_what_is_known_and_badged_and_fits_a_wide_screen(opened):

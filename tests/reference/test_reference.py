@@ -12,6 +12,8 @@ import pytest
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from reference.order_cases import order_cases
+from reference.paper_density import PaperDensity
+from reference.quadrature import integrate
 from reference.tempering import (
     CONSTANT_ERROR_SCALE,
     CONTRACTION_SD,
@@ -56,6 +58,14 @@ def test_stored_cases_belong_to_todays_counts_prior_and_method():
     for key, case in ORDER["cases"].items():
         assert case["counts"] == counts(ORDER_CASES[key.rsplit(": ", 1)[0]])
         assert (case["prior"], case["method"]) == (describe_prior(), METHOD)
+
+
+def test_a_stored_case_is_reproduced_by_the_integration():
+    name = "stimuli offset by 100"
+    stored = STORED["cases"][name]
+    observed = integrate(PaperDensity(SUBJECTS[name], bt.Prior()), tolerance=1e-3)
+    error = observed.log_evidence_error + stored["log_evidence_error"]
+    assert observed.log_evidence == pytest.approx(stored["log_evidence"], abs=error)
 
 
 #: Ordinary subjects are alike: every fourth of them.
