@@ -36,17 +36,9 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         {"results/evidence.csv": ("subject",), "results/summary.csv": ("subject", "parameter")},
     ),
     "fit": (
-        tuple(
-            [
-                "-o",
-                "fit.csv",
-                "--prior",
-                "prior.toml",
-                "--asymmetry",
-                "asymmetry.csv",
-                "--replicates",
-                "1000",
-            ]
+        (
+            *("-o", "fit.csv", "--prior", "prior.toml", "--asymmetry", "asymmetry.csv"),
+            *("--replicates", "1000"),
         ),
         {"fit.csv": ("subject",), "asymmetry.csv": ("subject", "s_weak", "s_strong")},
     ),

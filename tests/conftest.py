@@ -135,13 +135,16 @@ def stronger() -> Analysis:
     return bt.run(study, draws=500, seed=2, workers=1)
 
 
+def leave_pictures_blank(patch):
+    """Make the figures of a results folder, and do not draw them."""
+    for module in ("results_folder", "report"):
+        patch.setattr(f"bayes_toe.cli.{module}.png", lambda figure, **_: b"\x89PNG" + bytes(1000))
+
+
 @pytest.fixture
 def blank_pictures(monkeypatch):
     """Figures of a results folder are made and not drawn: for what stands around them."""
-    for module in ("results_folder", "report"):
-        monkeypatch.setattr(
-            f"bayes_toe.cli.{module}.png", lambda figure, **_: b"\x89PNG" + bytes(1000)
-        )
+    leave_pictures_blank(monkeypatch)
 
 
 @pytest.fixture(scope="module")

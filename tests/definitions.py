@@ -19,10 +19,6 @@ def normal(value, mean, sd):
     return -(((value - mpf(mean)) / mpf(sd)) ** 2) / 2 - log(mpf(sd) * sqrt(2 * mpmath.pi))
 
 
-def half_normal(value, scale):
-    return -((value / mpf(scale)) ** 2) / 2 + log(sqrt(2 / mpmath.pi) / mpf(scale))
-
-
 def width_power(target):
     """Of G, in the width sigma_p G^power."""
     return mpf(1.5) if target.subject.task == SAME_DIFFERENT else mpf(1)

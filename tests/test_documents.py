@@ -113,12 +113,6 @@ def test_headings_that_links_lead_to_are_there(path):
         assert anchor in anchors, file
 
 
-def test_tables_and_pictures_of_the_docs_are_used():
-    text = "".join(words(path) for path in [*TEXTS, *OTHER_PAGES, *NOTEBOOKS])
-    stored = {path.name for path in chain(DOCS.glob("*.csv"), DOCS.glob("*.png"))}
-    assert [name for name in sorted(stored) if name not in text] == []
-
-
 def test_documents_are_short():
     """Words of prose, code and tables that people write."""
     total = sum(count_words.count_by_entry().values())
@@ -138,14 +132,6 @@ def test_readme_and_tutorial_are_short(path, limit):
     assert len(prose.split()) <= limit
 
 
-@EACH_TEXT
-def test_no_block_is_cut_on_the_site(path):
-    """A column of the site shows 92 characters at 1200 px."""
-    text = path.read_text(encoding="utf-8")
-    for block in re.findall(r"^```.*?^```", text, flags=re.MULTILINE | re.DOTALL):
-        assert max(map(len, block.splitlines())) <= 88, block
-
-
 def contents():
     """The documents that the site's contents list, by their place in the checkout."""
     trees = fenced((DOCS / "index.md").read_text(encoding="utf-8"), r"\{toctree\}")
@@ -157,12 +143,6 @@ def test_every_document_is_reached_from_the_contents_and_no_other():
     documents = {*DOCS.glob("*.md"), *NOTEBOOKS, *OTHER_PAGES} - {DOCS / "index.md"}
     places = [path.relative_to(ROOT).with_suffix("").as_posix() for path in documents]
     assert sorted(contents()) == sorted(places)
-
-
-def test_every_page_that_is_made_has_its_place_in_one_document():
-    texts = [path.read_text(encoding="utf-8") for path in DOCS.glob("*.md")]
-    for position in reference_pages.MADE:
-        assert sum(text.count(position) for text in texts) == 1, position
 
 
 @pytest.mark.parametrize("name", reference_pages.PAGES)

@@ -102,20 +102,3 @@ def test_words_and_sizes_of_the_example_agree_with_its_truth(example, truth, eff
             assert word is Word.UNDECIDED or size.q50 * true > 0.0, answer.subject
         n_covered += size.q025 <= true <= size.q975
     assert n_covered >= 11
-
-
-def test_the_order_effects_of_the_example_agree_with_its_truth(example, truth):
-    words = {answer.subject: answer.words["order_effect"] for answer in example.answers}
-    for subject, effects in truth.iterrows():
-        word = words[subject]
-        assert word is Word.UNDECIDED or word.is_positive == effects.any(), subject
-    assert list(words.values()).count(Word.YES) >= 8
-
-
-def test_the_group_of_the_example_agrees_with_its_truth(example):
-    group = example.group
-    units = {"constant_error": group.scales.step, "contraction": 1.0}
-    for effect, true in pd.DataFrame(bt.example_truth()).T[[*SIZES]].items():
-        observed = group.effect(effect)
-        assert observed.mean.low < true.mean() / units[effect] < observed.mean.high
-        assert observed.sd.low < true.std() / units[effect] < observed.sd.high

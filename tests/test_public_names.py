@@ -2,16 +2,12 @@
 
 import ast
 import inspect
-import re
 import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
 
 import pytest
-from conftest import text_table
-
-import bayes_toe as bt
 
 FACES = ("bayes_toe", "bayes_toe.plots", "bayes_toe.design", "bayes_toe.model")
 
@@ -51,36 +47,3 @@ def test_a_figure_keeps_its_name_where_its_file_has_the_same():
     words = [sys.executable, "-c", code]
     finished = subprocess.run(words, capture_output=True, text=True, check=True)
     assert finished.stdout.count("<function corner") == 2
-
-
-def test_figures_and_equations_load_after_the_package_alone():
-    libraries = ("numpy", "scipy", "pandas", "arviz", "emcee", "matplotlib", "typer")
-    code = f"""
-import sys
-import bayes_toe as bt
-seen = lambda: [one for one in {libraries!r} if one in sys.modules]
-dir(bt), bt.plots, bt.model, dir(bt.plots), dir(bt.model)
-print(seen())
-bt.model.gain
-print(seen())
-bt.plots.corner
-"""
-    message = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.splitlines()
-    assert message == ["[]", "['numpy']"]
-
-
-EQUATIONS = """
-    evolved_mean | mod:update
-    equal_probability | mod:q
-    normalised_distance | mod:qdphi
-    variance_ratio | axis1
-    gain | axis2
-    pull | axis2
-"""
-
-
-@pytest.mark.parametrize("name, label", text_table(EQUATIONS))
-def test_an_equation_says_its_label_in_the_paper(name, label):
-    assert re.search(rf"Source: Eqs?\. [^.]*\b{label}\b", getattr(bt.model, name).__doc__)

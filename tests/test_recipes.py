@@ -195,13 +195,6 @@ def test_every_recipe_is_run():
     assert list(sections()) == list(FILES)
 
 
-def test_a_file_without_a_subject_in_its_name_is_refused(tmp_path):
-    write(tmp_path, {"session.csv": SESSION})
-    line = "check session.csv --subject-from sub-{}.csv"
-    message = "found no subject in its name, allowed: a file named as --subject-from sub-{}.csv"
-    assert message in refused(line, cwd=tmp_path)
-
-
 @pytest.mark.parametrize("name", ["7.csv", "7.txt", "7.xlsx"])
 def test_the_name_of_a_file_of_any_kind_may_be_the_subject(tmp_path, name):
     trials = pd.DataFrame({"s1": [0, 0.3], "s2": [0.3, 0], "response": ["second", "first"]})
@@ -211,23 +204,3 @@ def test_the_name_of_a_file_of_any_kind_may_be_the_subject(tmp_path, name):
         trials.to_csv(tmp_path / name, index=False)
     assert "--subject-from '{}.*'" in refused(f"check {name}", cwd=tmp_path)
     assert "1 subject, 2 trials" in good("check", name, "--subject-from", "{}.*", cwd=tmp_path)
-
-
-@pytest.mark.parametrize(
-    "content, message",
-    [
-        (
-            {"a": {"x": [1.0, 2.0]}, "b": {"x": [1.0]}},
-            "found the structs a, b, allowed: one struct",
-        ),
-        ({"s1": [1.0, 2.0], "s2": [1.0, 2.0, 3.0]}, "found s1, not a column of 3"),
-        (
-            {"s1": [0.0, 1.0], "s2": [1.0, np.nan], "response": ["same", "same"], "subject": 7},
-            "row 2, column s2: found '', allowed: a finite number",
-        ),
-    ],
-    ids=["two structs", "lengths", "row"],
-)
-def test_other_matlab_files_are_refused(content, message, tmp_path):
-    savemat(tmp_path / "t.mat", content)
-    assert message in refused("check", "t.mat", cwd=tmp_path)

@@ -247,7 +247,9 @@ FORBIDDEN = re.compile(r"\b(inf|nan)\b|0\.0+ % \[[+-]?0\.0+,|[1-9]\d{3,}(\.\d+)?
 def test_nothing_shows_an_infinite_a_huge_or_an_empty_size(name, unit, request, tmp_path):
     study = request.getfixturevalue(name)
     study.frame().to_csv(tmp_path / "study.csv", index=False)
-    screen = good(f"run study.csv {unit} -o results --seed 1 --figures all", cwd=tmp_path)
+    screen = good(
+        f"run study.csv {unit} -o results --seed 1 --draws 100 --figures all", cwd=tmp_path
+    )
     report = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
     texts = [screen, re.sub("<[^>]+>", " ", re.sub("base64,[^\"']+", "", report))]
     texts += [path.read_text(encoding="utf-8") for path in (tmp_path / "results").glob("*.md")]
@@ -256,10 +258,9 @@ def test_nothing_shows_an_infinite_a_huge_or_an_empty_size(name, unit, request, 
     table = pd.read_csv(tmp_path / "results" / "evidence.csv")
     assert not np.isinf(table.select_dtypes("number")).any().any()
     assert (" ln [" in screen) == (name == "wide")
-    draws = bt.sample(study.select("up"), seed=1, model="both")
-    labels = " ".join(words_of(texts_of(bt.plots.corner(draws, "up"))))
-    assert ("constant error $c$, ln" in labels) == (name == "wide")
-    labels = " ".join(words_of(texts_of(bt.plots.order_effect(bt.evidence(study, seed=1)))))
+    labels = " ".join(
+        words_of(texts_of(bt.plots.order_effect(bt.evidence(study.select("up"), seed=1))))
+    )
     assert ("PSE shift (ln)" in labels) == (name == "wide")
 
 

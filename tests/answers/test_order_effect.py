@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from conftest import columns, made_subject, text_table
+from populations import two_conditions
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import (
@@ -83,31 +83,17 @@ def test_words_of_a_subject_without_effect(answers):
     assert answers["none"].first_is_overestimated is None
 
 
-def test_sizes_hold_the_truth(answers):
-    shift = answers["positive error"].sizes["pse_shift_percent"]
-    assert shift.q025 < 100.0 * np.expm1(0.15) < shift.q975
-    p = answers["repulsion"].sizes["contraction_p"]
-    assert p.q025 < -0.4 < p.q975 < 0.0
-    jnd = answers["none"].sizes["jnd_percent"]
-    assert jnd.q025 < 100.0 * np.expm1(0.6745 * 0.2) < jnd.q975
-    assert "zone_percent" not in answers["none"].sizes
-    bounds = answers["none"].upper_bounds
-    assert bounds["order_effect"] >= max(bounds["constant_error"], bounds["contraction"])
-
-
 def test_probabilities_follow_from_the_evidences(answers):
     answer = answers["none"]
-    z = {}
-    for name, value in answer.log_evidence.items():
-        z[name] = np.exp(value - answer.log_evidence["none"])
-    total = 3.0 * z["none"] + z["constant error"] + z["contraction"] + z["both"]
-    assert answer.probabilities["order_effect"] == pytest.approx(1.0 - 3.0 * z["none"] / total)
-    with_contraction = (z["contraction"] + z["both"]) / total
-    assert answer.probabilities["contraction"] == pytest.approx(with_contraction)
-    effects = (z["constant error"] + z["contraction"] + z["both"]) / 3.0
-    assert answer.log_bayes_factors["order_effect"] == pytest.approx(np.log(effects))
-    ratio = (z["constant error"] + z["both"]) / (z["none"] + z["contraction"])
-    assert answer.log_bayes_factors["constant_error"] == pytest.approx(np.log(ratio))
+    log_evidence = np.array([answer.log_evidence[name] for name in MODEL_NAMES])
+    none, error, contraction, joint = np.exp(log_evidence - log_evidence[0])
+    total = 3.0 * none + error + contraction + joint
+    assert answer.probabilities["order_effect"] == pytest.approx(1.0 - 3.0 * none / total)
+    assert answer.probabilities["contraction"] == pytest.approx((contraction + joint) / total)
+    log_factor = np.log((error + contraction + joint) / (3.0 * none))
+    assert answer.log_bayes_factors["order_effect"] == pytest.approx(log_factor)
+    log_factor = np.log((error + joint) / (none + contraction))
+    assert answer.log_bayes_factors["constant_error"] == pytest.approx(log_factor)
 
 
 LIMITS = """
@@ -220,17 +206,6 @@ def test_a_shift_beyond_all_pairs_is_named():
     assert any(flag.startswith("the PSE lies outside the pairs") for flag in answer.flags)
 
 
-def test_a_misfit_stands_beside_the_words():
-    probability = np.array([0.9, 0.2, 0.9, 0.2, 0.9, 0.1, 0.8, 0.1, 0.8, 0.1])
-    n_yes = np.rint(200 * probability).astype(int)
-    subject = Subject("S", S1, S2, n_yes, np.full(10, 200), task=WHICH_STRONGER)
-    answer, _ = answer_subject(subject, seed=1)
-    assert answer.fits is False
-    assert "the model does not fit" in answer.flags
-    assert " The model does not fit." in answer.describe()
-    assert answer.worst_pairs
-
-
 def test_the_file_has_what_the_answer_has(answers):
     answer = answers["positive error"]
     cells = answer.cells
@@ -297,15 +272,7 @@ def test_an_effect_that_is_the_constant_error_depends_on_the_prior_as_that_does(
 
 
 def test_a_bound_of_a_condition_counts_its_distance_from_the_mean_of_all():
-    rows = []
-    for condition, start in (("left", 0.0), ("right", 0.6)):
-        for first, second in ((0.0, 0.1), (0.1, 0.0), (0.0, 0.2), (0.2, 0.0)):
-            n_second = 2 if second > first else 1
-            rows.append(("S", condition, start + first, start + second, n_second, 3))
-    columns = ["subject", "condition", "s1", "s2", "n_second", "n_trials"]
-    frame = pd.DataFrame(rows, columns=columns)
-    study = bt.read_study(frame, bt.ReadOptions(condition="condition"))
-    for unit in study:
+    for unit in two_conditions(1, n_subjects=1):
         answer, evidence = answer_subject(unit, 1)
         draws = evidence.averaged()
         c, p = draws.quantities["constant_error"], draws.quantities["contraction"]

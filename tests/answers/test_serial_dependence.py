@@ -85,15 +85,8 @@ def test_the_table_is_a_file(table, tmp_path):
     row = table["carries"]
     cells = back.set_index("subject").loc["carries"]
     assert cells.carry_over == row.word("carry_over")
-    numbers = {
-        "ln_bf_carry_over": row.log_bayes_factor("carry_over"),
-        "rho_q50": row.rho[1],
-        "kappa_q975": row.kappa[2],
-        "history_p": row.screen.joint_p,
-        "log_evidence_static": row.log_evidence[0],
-        "log_evidence_carry_over_se": row.standard_error[2],
-    }
-    assert cells[[*numbers]].tolist() == pytest.approx(list(numbers.values()))
+    numbers = [row.log_bayes_factor("carry_over"), row.rho[1], row.screen.joint_p]
+    assert cells[["ln_bf_carry_over", "rho_q50", "history_p"]].tolist() == pytest.approx(numbers)
 
 
 def test_a_seed_gives_the_same_numbers_whatever_else_is_in_the_study(table, study):

@@ -668,10 +668,6 @@ def rows(header, line):
 
 WORDS = ["first", "second"]
 GRAMS = rows("vp,A (g),B (g),key", lambda a, b, second: f"1,{a},{b},{'fj'[second]}")
-STANDARD = rows(
-    "subject,standard,comparison,order,response",
-    lambda a, b, second: f"1,0,{b - a:.2f},1,{['standard', 'comparison'][second]}",
-)
 STANDARD_UM = rows(
     "subject,rate,standard,comparison,came,response",
     lambda a, b, second: f"1,{a},100,{100 * b / a:.0f},1,{['standard', 'comparison'][second]}",
@@ -700,11 +696,6 @@ CASES = {
         {"#stimuli-kind": "intensity", "#first": "A (g)", "#second": "B (g)"}
         | {"[data-role=response]": "key", "[data-text=j]": "second"},
         ["--columns", "i1=A (g),i2=B (g),response=key", "--intensity", "1", "--second-code", "j"],
-    ),
-    "standard": (
-        {"x.csv": STANDARD},
-        {"#stimuli-kind": "standard", "#standard-order": "order"},
-        ["--standard-interval", "order"],
     ),
     "standard in a unit": (
         {"x.csv": STANDARD_UM},

@@ -5,10 +5,9 @@ import itertools
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.special import ndtr
 
 import bayes_toe as bt
-from bayes_toe.checks.identification import IMITATION, contraction_information, identify
+from bayes_toe.checks.identification import IMITATION, identify
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 
 LEVELS = (0.0, 0.14, 0.31, 0.44, 0.51)
@@ -114,28 +113,3 @@ def test_the_papers_pairs_cannot_show_a_contraction_whatever_the_trials():
         assert not is_imitated(PAPER, WHICH_STRONGER, n_trials)
         assert not is_imitated(GRID, SAME_DIFFERENT, n_trials)
         assert not is_imitated(NEIGHBOURS, SAME_DIFFERENT, n_trials)
-
-
-def second_probability(pairs, noise, lapse_rate, slope, constant_error, contraction):
-    """P(second) as the observer is defined, in natural-log intensity."""
-    s1, s2 = np.transpose(pairs)
-    middle = 0.5 * (s1 + s2) - s1.mean()
-    shift = contraction * (s1 - s1.mean()) - constant_error
-    z = (s2 - s1 + shift) / (noise * np.exp(slope * middle))
-    return lapse_rate / 2 + (1 - lapse_rate) * ndtr(z)
-
-
-def test_the_information_is_that_of_finite_differences_without_the_priors():
-    # So many trials make the priors of the other parameters negligible.
-    pairs = [pair for pair in NEIGHBOURS if pair[0] != pair[1]]
-    point = np.array([0.125, 0.05, 0.0, 0.0, 0.0])
-    slopes = []
-    for step in 1e-6 * np.eye(5):
-        above, below = (second_probability(pairs, *(point + sign * step)) for sign in (1, -1))
-        slopes.append((above - below) / 2e-6)
-    probability = second_probability(pairs, *point)
-    weight = 300 / len(pairs) / (probability * (1 - probability))
-    information = (np.array(slopes) * weight) @ np.transpose(slopes)
-    alone = 1.0 / np.linalg.inv(information)[-1, -1]
-    with_priors = contraction_information(make_subject(pairs, WHICH_STRONGER)) / 0.25**2
-    assert alone < with_priors < 1.5 * alone

@@ -1,14 +1,12 @@
 """Maximum likelihood against a general optimiser, at bounds, and the bootstrap."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 from conftest import made_subject
 from numpy.random import default_rng
-from random_starts import best_of_random_starts, minus_objective
 from reference.hard_cases import hard_cases
-from scipy.optimize import check_grad
+from scipy.optimize import minimize
+from scipy.special import ndtr, xlogy
 
 import bayes_toe as bt
 from bayes_toe.classical.fit import PenalisedLikelihood, SubjectFit, resample, subject_fit
@@ -20,12 +18,49 @@ CASES = hard_cases()
 SUBJECTS = {**CASES, **{subject.name: subject for subject in bt.example_study("same/different")}}
 STRONGER = {subject.name: subject for subject in bt.example_study(WHICH_STRONGER)}
 PAPER, NARROW = Prior(), Prior(mu1_mean=0.8, mu1_sd=0.3)
-FITTED = [(SUBJECTS[name], PAPER) for name in (*CASES, "S01", "S02", "S06", "S07")]
-FITTED += [(STRONGER[name], PAPER) for name in ("S01", "S03", "S08", "S12")]
-FITTED += [(SUBJECTS[name], NARROW) for name in ("S02", "S07", "one batch")]
+HARD = ("funnel", "perfect observer", "stimuli offset by 100", "one batch", "maximum on gamma = 1")
+FITTED = [(SUBJECTS[name], PAPER) for name in (*HARD, "S01", "S06")]
+FITTED += [(STRONGER[name], PAPER) for name in ("S01", "S08")]
+FITTED += [(SUBJECTS["S07"], NARROW)]
 
 
-@pytest.mark.parametrize("subject, prior", FITTED, ids=str)
+def minus_objective(subject, prior):
+    """In natural parameters (mu1, sigma_p, gamma, q0 or lapse rate), without the package."""
+    k, n = subject.n_yes, subject.n_trials
+
+    def value(theta):
+        mu1, sigma_p, gamma, last = theta
+        ratio = (1 + np.sqrt(1 + 4 * gamma)) / 2
+        z = (subject.s2 - subject.s1 / ratio - (1 - 1 / ratio) * mu1) / sigma_p
+        if subject.task == WHICH_STRONGER:
+            yes, no = (last / 2 + (1 - last) * ndtr(sign * z / ratio) for sign in (1, -1))
+        else:
+            yes = last * np.exp2(-((z / ratio**1.5) ** 2))
+            no = 1 - yes
+        log_likelihood = (xlogy(k, yes) + xlogy(n - k, no)).sum()
+        penalty = 0.5 * ((mu1 - prior.mu1_mean) / prior.mu1_sd) ** 2
+        objective = penalty - log_likelihood
+        return objective if np.isfinite(objective) else 1e300
+
+    return value
+
+
+def best_of_random_starts(subject, prior, n_starts=3):
+    """The highest value that a general optimiser finds inside the bounds of the model."""
+    rng = default_rng(0)
+    objective = minus_objective(subject, prior)
+    scale = max(np.ptp(subject.stimuli), 0.1)
+    bounds = [(-200, 200), (1e-6, 1e6), (0, 1), (0, 1)]
+    lowest = np.inf
+    for _ in range(n_starts):
+        mu1, sigma_p = subject.s1.mean() + 3 * scale * rng.normal(), scale * np.exp(rng.normal())
+        start = [mu1, sigma_p, rng.uniform(), rng.uniform(0.3, 1)]
+        result = minimize(objective, start, method="Nelder-Mead", bounds=bounds)
+        lowest = min(lowest, result.fun)
+    return -lowest
+
+
+@pytest.mark.parametrize("subject, prior", FITTED, ids=lambda value: getattr(value, "name", ""))
 def test_never_below_a_general_optimiser_and_parameters_have_the_value(subject, prior):
     fit = subject_fit(subject, prior, seed=1, replicates=1)
     mu1, sigma_p, sigma_l, last = fit.parameters
@@ -33,27 +68,12 @@ def test_never_below_a_general_optimiser_and_parameters_have_the_value(subject, 
     starts = likelihood.starts(subject.n_yes[None])[0]
     highest = likelihood.search(subject.n_yes, starts).value.max()
     # Widths and shares have bounds, which cost less than a thousandth of a nat.
-    assert highest >= best_of_random_starts(subject, 3, prior=prior) - 1e-3
+    assert highest >= best_of_random_starts(subject, prior) - 1e-3
     if np.isfinite(fit.parameters).all() and not fit.at_edge:
         theta = (mu1, sigma_p, (sigma_l / sigma_p) ** 2, last)
         assert highest == pytest.approx(-minus_objective(subject, prior)(theta))
         penalty = 0.5 * ((mu1 - prior.mu1_mean) / prior.mu1_sd) ** 2
         assert fit.log_likelihood == pytest.approx(highest + penalty, rel=1e-12)
-
-
-@pytest.mark.parametrize("subject", [SUBJECTS["S01"], STRONGER["S01"]], ids=str)
-def test_gradient_is_that_of_the_objective(subject):
-    likelihood = PenalisedLikelihood(subject, 0.2, 1.3)
-    x = np.array([0.4, -1.2, 0.3, 0.2])
-    counts = subject.n_yes.astype(float)
-    error = check_grad(
-        lambda x: likelihood.minus_objective(x, counts)[0],
-        lambda x: likelihood.minus_objective(x, counts)[1],
-        x,
-    )
-    assert error < 1e-4
-    minus, _ = likelihood.minus_objective(x, counts)
-    assert likelihood.objective(x[None], subject.n_yes[None])[0, 0] == pytest.approx(-minus)
 
 
 @pytest.mark.parametrize(
@@ -99,9 +119,6 @@ def test_a_study_of_which_is_stronger_has_the_same_table_with_lapses():
     natural = ["mu1", "sigma_p", "sigma_l", "lapse_rate"]
     assert list(frame.columns[:6]) == [*natural, "log_likelihood", "at_edge"]
     assert frame.loc["S08", natural].tolist() == table["S08"].parameters.tolist()
-    limits = [f"{name}_{end}" for name, end in product(natural, ("lower", "upper"))]
-    intervals = table["S08"].intervals(0.95)
-    assert frame.loc["S08", limits].tolist() == intervals.ravel().tolist()
     low, high = table["S08"].bands(0.0, [-0.3, 0.3])
     assert low[0] < high[0] < 0.5 < low[1] < high[1]
 

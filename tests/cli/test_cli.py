@@ -6,7 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 from commands import call, good, inside, refused
@@ -190,30 +189,6 @@ def test_what_is_refused_before_the_work_in_one_line(folder, out, line, message)
 
 
 # --- simulate, check, priors ----------------------------------------------------------------------
-
-
-def test_a_block_with_swapped_buttons_is_named_by_check_and_report(tmp_path, blank_pictures):
-    """A study of trials with columns of its own, in which block 2 has swapped responses."""
-    rng = np.random.default_rng(3)
-    pairs = itertools.product((0.0, 0.2, 0.5), repeat=2)
-    trials = pd.DataFrame(itertools.product(range(1, 6), [*pairs] * 12), columns=["block", "pair"])
-    s1, s2 = np.transpose(trials.pair.tolist())
-    is_equal = rng.random(len(trials)) < 0.9 * np.exp(-(((s2 - s1 - 0.05) / 0.2) ** 2))
-    response = np.where(is_equal ^ (trials.block == 2), "equal", "different")
-    run = "<" + trials.block.astype(str) + ">"
-    columns = {"subject": "[i]x", "s1": s1, "s2": s2, "response": response, "[b]Run": run}
-    pd.DataFrame(columns).to_csv(tmp_path / "s.csv", index=False)
-
-    command = "s.csv --columns 'block=[b]Run'"
-    lines = good(f"check {command}", cwd=tmp_path).splitlines()
-    assert " ".join(lines[6].split()).endswith("% responses look swapped in block <2>")
-    typed = f"  bayes-toe run {command}"
-    assert lines[-2:] == [f"{typed} --swap '[i]x:<2>'", f"{typed} --exclude '[i]x:<2>'"]
-    assert "look swapped" not in good(f"check {command} --swap '[i]x:<2>'", cwd=tmp_path)
-
-    good(f"run {command} -o out {QUICK}", cwd=tmp_path)
-    section = read(tmp_path / "out").partition('<summary id="pooling">')[2]
-    assert "<strong>[i]x</strong>: Responses look swapped in block &lt;2&gt;." in section
 
 
 def test_a_prior_file_is_used_shown_and_stored(folder, blank_pictures):

@@ -15,7 +15,6 @@ from bayes_toe.cli.results_folder import FigureChoice, write_results
 from bayes_toe.explorer.page import Explorer
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor, Regressors
-from bayes_toe.model.posterior import DOMINATED
 
 pytestmark = pytest.mark.usefixtures("blank_pictures")
 NO_FIGURES = {"figures": FigureChoice("none"), "workers": 1}
@@ -100,9 +99,6 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(marked, tmp_path
     ]
     places = [section.index(words) for words in order]
     assert places == sorted(places)
-    numbers = re.sub(r"base64,[^\"]*|<li>.*", "", section)
-    assert "−" in numbers
-    assert not re.search(r"[ (>]-\d", numbers)
     of_group = [*out.glob("population*")]
     assert (len(of_group), min(path.stat().st_size for path in of_group) > 500) == (4, True)
     write_results(marked, out, overwrite=True, **NO_FIGURES)
@@ -149,12 +145,6 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
         "% 'second'",
     ):
         assert separate in text, separate
-    summary = stronger.summary().set_index("subject")
-    names = [*stronger.draws.posterior("plain").names.natural, "gamma"]
-    is_weak = summary.parameter.isin(names) & (summary.posterior_contraction < DOMINATED)
-    assert is_weak.any()
-    for subject, rows in summary[is_weak].groupby("subject"):
-        assert f"data, determines {', '.join(rows.parameter)} (posterior" in text, subject
 
 
 def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, inside, refused
-from conftest import made_subject, order_answer
+from conftest import leave_pictures_blank, made_subject, order_answer
 from populations import independent_draws, two_conditions
 
 import bayes_toe as bt
@@ -143,11 +143,11 @@ SEED = "--seed 1 --workers 1"
 COMMANDS = {
     "check": "trials.csv",
     "check --prior": "default trials.csv",
-    "run": f"trials.csv -o out --draws 200 --figures none {SEED}",
+    "run": f"trials.csv -o out --draws 100 --figures none {SEED}",
     "evidence": f"trials.csv -o evidence.csv {SEED}",
     "sample": f"trials.csv -o draws.nc --draws 200 --exclude '{LONG}' {SEED}",
     "fit": f"trials.csv -o fit.csv --replicates 5 {SEED}",
-    "population": "trials.csv --draws 4000 -o group.nc --seed 1",
+    "population": "trials.csv --draws 1600 -o group.nc --seed 1",
     "contrast": f"trials.csv --condition hand -o hands.csv {SEED}",
     "history": f"trials.csv -o history.csv {SEED}",
     "power": f"--trials 130 --data-sets 1 --observers none {SEED}",
@@ -183,6 +183,7 @@ def screens(tmp_path_factory):
     texts = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_toe.groups.population.sample_group", independent_draws)
+        leave_pictures_blank(patch)
         for name, line in COMMANDS.items():
             finished = inside(f"{name} {line}", cwd=folder)
             assert finished.returncode in (0, 3), (name, finished.stderr)
@@ -208,8 +209,13 @@ def test_false_positives_are_counted_in_brackets(screens):
     assert len(re.findall(r" \(\d+ % \[", screens["power"])) == 3
 
 
-def test_a_word_that_depends_on_lapses_has_a_mark(capsys):
-    table = bt.contrast(two_conditions(1, n_subjects=1), seed=1, workers=1)
+@pytest.fixture(scope="module")
+def table():
+    """What differs between two conditions of one subject."""
+    return bt.contrast(two_conditions(1, n_subjects=1), seed=1, workers=1)
+
+
+def test_a_word_that_depends_on_lapses_has_a_mark(table, capsys):
     print_contrast(Terminal(), table)
     heading, *lines = capsys.readouterr().out.strip().split("\n")
     assert heading.split()[:3] == ["subject", "right", "-"]
@@ -281,8 +287,7 @@ def test_one_file_is_not_two_outputs(tmp_path):
     assert refused(line, cwd=tmp_path) == message
 
 
-def test_comparisons_have_a_column_of_their_own(capsys):
-    table = bt.contrast(two_conditions(1, n_subjects=1), seed=1, workers=1)
+def test_comparisons_have_a_column_of_their_own(table, capsys):
     second = [row._replace(comparison="6 - 4") for row in table]
     print_contrast(Terminal(), replace(table, rows=(*table, *second)))
     text = capsys.readouterr().out

@@ -10,7 +10,7 @@ from conftest import text_table
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem
 from bayes_toe.answers.serial_dependence import EFFECT_MODELS, SerialDependence, SubjectDependence
-from bayes_toe.cli.answer_screen import flagged, not_counted, print_subjects, without_decision
+from bayes_toe.cli.answer_screen import flagged, print_subjects, without_decision
 from bayes_toe.cli.inference_commands import print_draws
 from bayes_toe.cli.terminal import (
     WIDTH,
@@ -59,13 +59,6 @@ def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(numerous)
     assert (
         without_decision(numerous[:98], {"S3": "R-hat 1.2"}) == without_decision(numerous, {}) == []
     )
-
-
-def test_subjects_that_are_not_counted_have_names(numerous):
-    assert not_counted(numerous[:2]) == []
-    excluded = [replace(answer, is_interpretable=False) for answer in numerous[:7]]
-    [sentence] = not_counted([*excluded, numerous[8]])
-    assert sentence == "The answer does not count S0, S1, S2, S3, S4, ... and 2 more."
 
 
 def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):

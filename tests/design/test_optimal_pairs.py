@@ -1,6 +1,5 @@
 """Optimised designs and their information, against finite differences and brute force."""
 
-from dataclasses import replace
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -8,10 +7,8 @@ import pandas as pd
 import pytest
 from commands import good, refused
 from conftest import columns, text_table
-from legible import texts_of, words_of
 
 import bayes_toe as bt
-from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.design.information import AIMS, exchange_trials, information
 from bayes_toe.design.observers import assume_observers, make_observer
 from bayes_toe.design.optimal_pairs import (
@@ -197,21 +194,6 @@ def test_the_figure_has_the_design_on_the_plane(result):
     assert len(plane.collections[1].get_offsets()) == result.design.n_pairs
     labels = [label.get_text() for label in compared.get_yticklabels()]
     assert labels == ["contraction"]
-
-
-def test_levels_in_a_unit_are_shown_in_it(tmp_path):
-    levels = np.array([45.0, 80.0, 213.0])
-    pd.DataFrame({"i": levels}).to_csv(tmp_path / "levels.csv", index=False)
-    logs = read_levels(tmp_path / "levels.csv", 100.0, "um")
-    assert logs == pytest.approx(np.log(levels / 100.0))
-    optimal = optimal_design(logs, 100, observers="none", data_sets=1, seed=1, workers=1)
-    optimal = replace(optimal, unit=StimulusUnit("um", np.log(100.0)))
-    text, figure = optimal.text(), bt.plots.design(optimal)
-    assert "begin with the weakest or strongest stimulus. Subjects may learn this" in text
-    assert "45 um (" in text
-    assert "-0.79" not in text
-    assert {*optimal.frame().i1} <= {45.0, 80.0, 213.0}
-    assert {"first stimulus, um", "second stimulus, um"} <= {*words_of(texts_of(figure))}
 
 
 def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):

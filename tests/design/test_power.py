@@ -16,7 +16,6 @@ from bayes_toe.design.power import (
     PowerTable,
     group_power,
     power,
-    share,
 )
 from bayes_toe.design.study_design import paper_study_design
 from bayes_toe.errors import InputError
@@ -82,16 +81,6 @@ def test_the_effect_that_is_detected_least_comes_first(table):
         "100 %; false positives 0 % [0, 54]."
     ]
     assert table.sentences()[0].endswith(" Contraction: cannot be told.")
-
-
-def test_intervals_of_shares_hold_the_truth():
-    """95 % of Jeffreys' intervals do, on average over shares."""
-    rng = np.random.default_rng(0)
-    holds_share = []
-    for p in rng.uniform(0.05, 0.95, 400):
-        _, low, high = share(int(rng.binomial(50, p)), 50)
-        holds_share.append(low <= p <= high)
-    assert 0.92 < np.mean(holds_share) < 0.98
 
 
 def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):

@@ -8,7 +8,7 @@ from scipy.special import logsumexp, ndtr
 
 import bayes_toe as bt
 from bayes_toe.answers.contrast import CHOICES, condition_evidences
-from bayes_toe.data.conditions import Conditions
+from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.condition_model import DIFFERENCE_SDS, ConditionModels
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, task_parameters
@@ -76,9 +76,7 @@ def test_any_two_levels_differ_by_half_a_unit_beforehand():
     array = models.array([(NOISE, CONSTANT_ERROR, CONTRACTION)])
     probability = default_rng(1).uniform(size=(1, 40_000, len(array.names)))
     values = models.quantities(array.prior_points(probability)[0])
-    n_trials = np.full(5, 12.0)
-    unequal = S1 != S2
-    step = np.sqrt(np.average(np.square(S2 - S1)[unequal], weights=n_trials[unequal]))
+    step = StimulusScales.from_pairs(S1, S2, np.full(5, 12)).step
     for i, j in ((0, 1), (0, 2), (1, 2)):
         for key, expected in (("constant_error", step / 4.0), ("contraction", 0.125)):
             assert (values[key][i] - values[key][j]).std() == pytest.approx(expected, rel=0.02)

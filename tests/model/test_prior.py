@@ -4,22 +4,12 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
-import mpmath
 import numpy as np
 import pytest
 from conftest import made_subject, problems
-from definitions import ncdf, normal
 from numpy.random import default_rng
-from scipy import stats
 
 import bayes_toe as bt
-from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.model.densities import (
-    ProbitOfBeta,
-    half_normal_score,
-    log_half_normal,
-    log_half_normal_slope,
-)
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.posterior import posterior_contraction
 from bayes_toe.model.prior import DEFAULT, ParameterHyperprior, Prior, sections
@@ -180,60 +170,3 @@ def test_paths_that_are_refused(tmp_path):
         read_prior(tmp_path / "none.toml")
     with pytest.raises(bt.InputError, match="cannot be read"):
         read_prior(tmp_path)
-
-
-# --- shares at their ends -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("a, b", [(1.0, 2.0), (2.0, 3.0), (0.6, 1.0), (0.3, 0.4), (30.0, 7.0)])
-def test_the_probit_of_a_beta_is_exact_wherever_the_share_is(a, b):
-    probits = np.array([-1e4, -40.0, -9.0, -0.6, 0.0, 0.4, 3.0, 8.0, 40.0, 1e4])
-    density = ProbitOfBeta(a, b)
-    with mpmath.workdps(60):
-        for probit, value in zip(probits, density.log_density(probits), strict=True):
-            # The smaller share has 60 digits, the larger one is its complement.
-            below, above = ncdf(mpmath.mpf(probit)), ncdf(mpmath.mpf(-probit))
-            log_below = mpmath.log(below) if probit < 0 else mpmath.log1p(-above)
-            log_above = mpmath.log(above) if probit > 0 else mpmath.log1p(-below)
-            expected = (a - 1) * log_below + (b - 1) * log_above - mpmath.log(mpmath.beta(a, b))
-            expected += normal(mpmath.mpf(probit), 0, 1)
-            assert value == pytest.approx(float(expected), rel=1e-12, abs=1e-12)
-            of_phi = mpmath.npdf(probit)
-            slope = of_phi * ((a - 1) / below - (b - 1) / above) - probit
-            observed = density.slope(np.array(probit))
-            assert observed == pytest.approx(float(slope), rel=1e-11, abs=1e-11)
-
-
-@pytest.mark.parametrize("score", [-600.0, -37.0, -20.5, -19.5, -3.0, 0.0, 2.0, 12.0, 37.0])
-def test_the_log_of_a_half_normal_quantile_is_exact_in_both_tails(score):
-    """P(U <= u) = Phi(score); its slope is phi(score) / (2 phi(u) u)."""
-    with mpmath.workdps(330):
-        log_u = mpmath.mpf(float(log_half_normal(np.array(score))))
-        u = mpmath.exp(log_u)
-        height = 2 * mpmath.npdf(u) * u
-        slope = mpmath.npdf(score) / height
-        mass, expected = mpmath.erf(u / mpmath.sqrt(2)), mpmath.ncdf(score)
-        if score > 0:
-            mass, expected = 2 * mpmath.ncdf(-u), mpmath.ncdf(-score)
-        error_of_log = (mass - expected) / height
-        assert abs(error_of_log) < 1e-14 * max(1, abs(log_u))
-        assert log_half_normal_slope(np.array(score)) == pytest.approx(float(slope), rel=1e-11)
-        if score > -37.5:
-            assert half_normal_score(np.array(float(u))) == pytest.approx(score, abs=1e-12)
-
-
-@pytest.mark.parametrize("name", ["gamma", "lapse_rate"])
-@pytest.mark.parametrize("a, b", [(1.0, 0.05), (0.05, 1.0), (0.05, 0.05), (1.0, 0.25)])
-def test_draws_of_a_share_with_poles_have_finite_coordinates_of_its_distribution(name, a, b):
-    """Half of the draws from Beta(1, 0.05) lie nearer to 1 than floats do."""
-    prior = Prior(**{f"{name}_a": a, f"{name}_b": b})
-    subject = made_subject("0 0 45 50, 0 0.3 20 50, 0.3 0 15 50", task=WHICH_STRONGER)
-    posterior = bt.model.paper_posterior(subject, prior)
-    x = posterior.sample_prior(default_rng(3), 4000)
-    assert np.isfinite(x).all()
-    assert not np.isnan(posterior.log_density(x)).any()
-    values = np.sort(posterior.quantities(x)[name])
-    is_inside = np.abs(values - 0.5) < 0.5 - 1e-12  # nearer to an edge a float rounds them
-    expected = (np.arange(len(values)) + 0.5) / len(values)
-    distance = np.abs(stats.beta.cdf(values, a, b) - expected)[is_inside].max()
-    assert distance < 0.035  # Kolmogorov: passes by chance in all but 1e-4

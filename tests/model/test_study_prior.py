@@ -6,7 +6,6 @@ from conftest import made_subject
 from numpy.random import default_rng
 
 import bayes_toe as bt
-from bayes_toe.data.study import common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
 from bayes_toe.model.parameters import SCALES
 from bayes_toe.model.prior import DEFAULT
@@ -22,15 +21,6 @@ def make_subject(name="S", factor=1.0, shift=0.0, task=SAME_DIFFERENT):
 
 
 STUDY = bt.Study([make_subject("A"), make_subject("B")])
-
-
-def test_the_stimuli_by_hand():
-    subject = made_subject("0 3 1 5, 1 0 1 15, 1 1 5 20")
-    values = np.repeat([0.0, 3.0, 1.0, 0.0, 1.0, 1.0], [5, 5, 15, 15, 20, 20])
-    expected = values.mean(), values.std(), np.sqrt((5 * 9 + 15) / 20)
-    for subjects in ((subject,), (subject, subject)):
-        scales = common_scales(*subjects)
-        assert (scales.mean, scales.spread, scales.step) == pytest.approx(expected)
 
 
 def test_a_subject_without_different_stimuli_has_no_default_prior():

@@ -11,7 +11,6 @@ from scipy import stats
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.errors import InputError
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.trial_history import (
     TrialHistory,
@@ -108,23 +107,6 @@ def test_large_batches_of_points_are_done_in_parts():
     np.testing.assert_allclose(log_likelihood_at(posterior, x)[::90], single_points, rtol=1e-12)
 
 
-def test_everything_carried_over_is_a_kalman_filter_through_all_stimuli():
-    """Rho 1: gains of both measurements are 1 - p, where the variance has settled."""
-    posterior = make_posterior(two_sessions(missed=0), has_response=False)
-    x = draw_points(posterior, 30)
-    x = x[x[:, posterior.array.names.index("contraction")] > 0.0][:3]
-    x[:, -1] = 40.0
-    scales, trials = posterior.observer.scales, posterior.rows.trials
-    p = posterior.quantities(x)["contraction"]
-    expectation = posterior.rows.expectation(posterior.rows.quantities(x[None]))
-    for i in range(len(x)):
-        mean = 0.0
-        for t in range(20):
-            assert expectation[t, i] == pytest.approx(mean, rel=1e-9, abs=1e-12)
-            for stimulus in (trials.first[t], trials.second[t]):
-                mean += (1.0 - p[i]) * ((stimulus - scales.sbar) / scales.step - mean)
-
-
 @TASKS
 def test_the_prior_is_that_of_the_documents(task):
     posterior = make_posterior(two_sessions(task))
@@ -137,12 +119,6 @@ def test_the_prior_is_that_of_the_documents(task):
     )
     own_prior = posterior.array.log_prior(x[None])[0] - posterior.observer.log_prior(x[:, :-2])
     assert own_prior == pytest.approx(stats.norm.logpdf(x[:, -2:]).sum(axis=1))
-
-
-def test_an_unknown_order_is_refused():
-    subject = replace(two_sessions(), answers=None)
-    with pytest.raises(InputError, match="needs the order of trials"):
-        draw_points(make_posterior(subject))
 
 
 def test_a_contraction_beyond_1_is_impossible():
@@ -164,6 +140,3 @@ def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
     in_order = keys[np.lexsort(keys.T[::-1])]
     assert looks_sorted(replace(answers, keys=in_order))
     assert looks_sorted(replace(answers, keys=in_order[::-1]))
-    sessions = [half[np.lexsort(half.T[::-1])] for half in np.split(keys, 2)]
-    position = np.r_[0:24, 25:49]
-    assert looks_sorted(replace(answers, keys=np.concatenate(sessions), place=position))

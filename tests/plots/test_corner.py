@@ -15,9 +15,8 @@ from numpy.random import default_rng
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.paper_equations import Natural, quantities
-from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
-from bayes_toe.plots.corner import OVERLAID, TRUTH, Density, axis_values
+from bayes_toe.plots.corner import OVERLAID, TRUTH, Density
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
 REFERENCE = quantities(Natural(*map(np.float64, TRUE.values())), 0.0)
@@ -117,7 +116,7 @@ def test_what_cannot_be_drawn_is_refused(analysis, options, message):
 
 @pytest.mark.parametrize(
     "text",
-    ["gain", "mu1 width", "mu1 sigma_p sigma_l q0 gamma sigma1 gain width offset pull"],
+    ["gain", "mu1 width", "mu1 sigma_p sigma_l q0 gain offset pull"],
 )
 def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, text):
     names = text.split()
@@ -128,23 +127,6 @@ def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, tex
     for ax in axes[np.tril_indices(len(names))]:
         assert not key.overlaps(ax.get_window_extent())
     assert all(2 <= len(ax.get_xticks()) <= 6 for ax in axes[-1])
-
-
-@pytest.mark.parametrize(
-    "names", [["offset", "pull", "width", "q0"], ["sigma1", "gamma", "gain"]], ids=len
-)
-def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis, names):
-    target = paper_posterior(analysis.study["A"])
-    offset = (1 - REFERENCE["gain"]) * (TRUE["mu1"] - target.sbar)
-    true = REFERENCE | {"offset": offset}
-    figure = bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE)
-    axes = np.array(figure.axes).reshape(len(names), len(names))
-    unit = target.subject.unit
-    values = [pytest.approx([float(axis_values(name, true[name], unit))]) for name in names]
-    for i, j in zip(*np.tril_indices(len(names)), strict=True):
-        abscissae, ordinates = marked(axes[i, j])
-        assert abscissae == values[j]
-        assert i == j or ordinates == values[i]
 
 
 def test_true_values_that_are_known_are_shown_wherever_they_lie(analysis):

@@ -10,7 +10,6 @@ from reference.calibration_statistics import (
     POINTS,
     band,
     reliability,
-    uniformity,
 )
 from scipy.special import expit
 
@@ -30,17 +29,6 @@ def test_a_band_holds_as_often_as_it_says(size, level):
     )
     assert level <= limits.probability < level + 0.02
     assert abs(held - limits.probability) < 4.0 * np.sqrt(level * (1.0 - level) / trials)
-
-
-def test_p_values_are_uniform_and_agree_with_the_band():
-    sets = default_rng(5).uniform(size=(1000, 60))
-    p = np.array([uniformity(u) for u in sets])
-    for level in (0.05, 0.2, 0.5):
-        assert (
-            abs((p <= level).mean() - level) < 4.0 * np.sqrt(level * (1.0 - level) / len(p)) + 0.02
-        )  # counts are whole: p has steps
-    limits = band(60, 0.95)
-    assert (inside(limits, sets) == (p > 1.0 - limits.probability - 1e-9)).all()
 
 
 def statements(seed, stretch=1.0, size=2000):

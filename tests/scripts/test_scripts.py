@@ -63,44 +63,28 @@ def test_problems_are_told_before_the_work_and_end_with_exit_code_2(tmp_path, li
     assert not (tmp_path / "z").exists()
 
 
-@pytest.mark.parametrize(
-    "option, name, subject, case",
-    [
-        ("", "error_bars", "one batch", "one batch"),
-        (
-            "--order",
-            "error_bars_order",
-            "2AFC, simulated S01",
-            "2AFC, simulated S01: constant error",
-        ),
-    ],
-)
-def test_error_bars_of_a_case_are_judged(tmp_path, option, name, subject, case):
-    line = f"error_bars.py -o bars {option} --seeds 12 --subjects '{subject}' --workers 1"
+def test_error_bars_of_the_evidence_are_honest(tmp_path):
+    line = "error_bars.py -o bars --seeds 12 --subjects 'one batch' --workers 1"
     finished = inside(line, tmp_path)
-    assert finished.returncode in (0, 3), finished.stdout + finished.stderr
-    row = pd.read_csv(tmp_path / "bars" / f"{name}.csv").iloc[0]
-    assert (row["case"], row["seeds"], row["withheld"]) == (case, 12, 0)
+    row = pd.read_csv(tmp_path / "bars" / "error_bars.csv").iloc[0]
+    assert (row["seeds"], row["withheld"]) == (12, 0)
     assert 0.4 < row["sd_z"] < 1.8
-    assert bool(row["honest"]) == (0.8 < row["sd_z"] < 1.25) == (finished.returncode == 0)
-    assert f"| {case} |" in (tmp_path / "bars" / f"{name}.md").read_text(encoding="utf-8")
+    assert bool(row["honest"]) == (finished.returncode == 0)
 
 
-def test_a_small_calibration_of_the_four_models_is_written(tmp_path):
-    finished = inside("order_calibration.py -o cal --observers 3 --workers 1", tmp_path)
+#: A small run of each script, and the name of the table that it writes.
+RUNS = """
+    error_bars.py --order --seeds 3 --subjects '2AFC, simulated S01' --workers 1 | error_bars_order
+    order_calibration.py --observers 2 --workers 1 | calibration_order
+    speed_vs_error.py --quick | speed_vs_error
+"""
+
+
+@pytest.mark.parametrize("line, name", text_table(RUNS))
+def test_a_script_writes_what_it_found(tmp_path, line, name):
+    finished = inside(f"{line} -o out", tmp_path)
     assert finished.returncode in (0, 3), finished.stderr
-    table = pd.read_csv(tmp_path / "cal" / "calibration_order.csv")
-    assert set(table["part"]) == {"probability", "rank"}
-    of_all = table[(table["design"] == "all") & (table["part"] == "probability")]
-    assert of_all["observers"].tolist() == [18, 18, 18]
-    assert "| all | order effect | 18 |" in (tmp_path / "cal" / "calibration_order.md").read_text()
-
-
-def test_a_quick_comparison_of_speed_is_written(tmp_path):
-    good("speed_vs_error.py --quick -o speed", tmp_path)
-    table = pd.read_csv(tmp_path / "speed" / "speed_vs_error.csv")
-    assert table[table["method"] == "sample"]["error"].between(0.0, 0.1).all()
-    assert "| funnel | 0.0" in (tmp_path / "speed" / "speed_vs_error.md").read_text()
+    assert "| " in (tmp_path / "out" / f"{name}.md").read_text(encoding="utf-8")
 
 
 def test_a_session_is_saved_goes_on_and_leaves_a_study(tmp_path):
