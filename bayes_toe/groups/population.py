@@ -40,10 +40,10 @@ from bayes_toe.groups.group_posterior import (
 from bayes_toe.groups.group_sampler import GroupDraws, sample_group
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.population_table import (
-    GroupSubjects,
+    SUBJECT_COLUMNS,
     PopulationRow,
     PopulationTable,
-    subject_row,
+    summary,
     summary_row,
 )
 from bayes_toe.groups.regressors import Regressor, Regressors, regressors
@@ -426,8 +426,11 @@ class PopulationResult:
         return rows
 
     @cached_property
-    def subject_table(self) -> GroupSubjects:
-        """The rows of population_subjects.csv: every subject in the group."""
+    def subject_table(self) -> pd.DataFrame:
+        """Estimates of every subject, as population_subjects.csv has them.
+
+        They follow from the subject's own responses and from the group.
+        """
         n_coefficients = self.draws.mean.shape[-1]
         rows = []
         for i, subject in enumerate(self.subjects):
@@ -435,8 +438,8 @@ class PopulationResult:
             values = self._all_quantities(draws)
             for j, name in enumerate(self.own_names):
                 values[name] = self._own_quantity(name, draws[..., n_coefficients + j])
-            rows += [subject_row(subject, name, column) for name, column in values.items()]
-        return GroupSubjects(tuple(rows))
+            rows += [(subject, name, *summary(column)) for name, column in values.items()]
+        return pd.DataFrame(rows, columns=list(SUBJECT_COLUMNS))
 
     def summary(self) -> pd.DataFrame:
         """The table of the group as a frame, with the columns of population.csv."""
@@ -538,12 +541,12 @@ def population(
             "population: a condition and covariates are not analysed together; "
             "allowed: --ignore condition, or no covariates"
         )
-    names = tuple(units_by_subject(study))
-    columns = Regressors.none(names)
-    if covariates is not None:
-        if not isinstance(covariates, Mapping):
-            covariates = read_covariates(covariates)
-        columns = regressors(covariates, names, categorical=categorical)
+    if covariates is None:
+        covariates = {}
+    elif not isinstance(covariates, Mapping):
+        covariates = read_covariates(covariates)
+    columns = regressors(covariates, tuple(units_by_subject(study)), categorical=categorical)
+    if covariates:
         study = study.select(columns.subjects)
     if len(columns.subjects) < _FEWEST_SUBJECTS:
         raise InputError(

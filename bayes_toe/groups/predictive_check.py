@@ -57,11 +57,11 @@ class Statistic(NamedTuple):
     @property
     def label(self) -> str:
         """The statistic in words."""
-        return {
-            "spread": "SD of {}",
-            "skewness": "skewness of {}",
-            "farthest": "farthest {}, in SD",
-        }[self.kind].format(self.quantity)
+        if self.kind == "spread":
+            return f"SD of {self.quantity}"
+        if self.kind == "skewness":
+            return f"skewness of {self.quantity}"
+        return f"farthest {self.quantity}, in SD"
 
     @property
     def warning(self) -> str:

@@ -69,11 +69,6 @@ class Regressors:
         """The names of the columns."""
         return [column.label for column in self.columns]
 
-    @classmethod
-    def none(cls, subjects: Sequence[str]) -> Regressors:
-        """Subjects without covariates."""
-        return cls(tuple(subjects), np.empty((len(subjects), 0)))
-
 
 def regressors(
     covariates: Covariates, subjects: Sequence[str], *, categorical: Collection[str] = ()
@@ -83,6 +78,7 @@ def regressors(
     Parameters
     ----------
     covariates : Covariates
+        Empty for none.
     subjects : sequence of str
     categorical : collection of str
         Covariates whose numbers are names of levels, such as a group 0 or 1. Others are categories

@@ -44,7 +44,7 @@ def test_tables_have_what_the_draws_say(result):
     noise = 0.25 * np.exp(result.draws.mean[..., 2])
     jnd = np.median(100.0 * np.expm1(0.6744897501960817 * noise))
     assert table.loc[("jnd_percent", "mean"), "q50"] == pytest.approx(jnd)
-    subjects = result.subject_table.frame()
+    subjects = result.subject_table
     assert subjects["subject"].unique().tolist() == list(result.subjects)
     separate = {"lapse_rate", "noise_slope"}
     computed = {"pse_shift_percent", "jnd_percent"}

@@ -33,7 +33,7 @@ def written(analysis, small_study, tmp_path_factory):
         "fit.csv": bt.fit(small_study, replicates=20, seed=1, workers=1).frame(full=True),
         "asymmetry.csv": asymmetry.frame(full=True),
         "population.csv": group.summary(),
-        "population_subjects.csv": group.subject_table.frame(),
+        "population_subjects.csv": group.subject_table,
         "study.csv": pd.read_csv(folder / "study.csv"),
         "truth.csv": pd.read_csv(folder / "truth.csv"),
         "calibration.csv": verdicts.rank_verdicts,
