@@ -188,14 +188,12 @@ class PopulationResult:
     study : Study
         The subjects, or units of subject and condition, that were analysed.
     settings : GroupSettings
-    scales : StimulusScales
     regressors : Regressors
     draws : GroupDraws
     """
 
     study: Study
     settings: GroupSettings
-    scales: StimulusScales
     regressors: Regressors
     draws: GroupDraws
 
@@ -212,9 +210,14 @@ class PopulationResult:
         return tuple(units_by_subject(self.study))
 
     @cached_property
+    def scales(self) -> StimulusScales:
+        """The scales of all subjects together."""
+        return study_scales(self.study)
+
+    @cached_property
     def numbers(self) -> HyperpriorNumbers:
         """The hyperprior of the coefficients."""
-        return _numbers(self.settings.hyperprior, self.study, self.scales)
+        return _numbers(self.settings.hyperprior, self.study)
 
     # --- Whether to believe it -------------------------------------------------------------------
 
@@ -477,7 +480,6 @@ class PopulationResult:
         settings = {
             "n_draws": self.settings.draws,
             "hyperprior": asdict(self.settings.hyperprior),
-            "scales": self.scales,
             "n_divergent": self.draws.n_divergent,
             "columns": regressors.columns,
             "notes": regressors.notes,
@@ -552,26 +554,23 @@ def population(
         raise InputError(
             f"population: {join_names(columns.subjects)} is one subject; allowed: 2 and more"
         )
-    scales = study_scales(study)
-    posterior = group_posterior(study, scales, settings.hyperprior, columns.x)
+    posterior = group_posterior(study, settings.hyperprior, columns.x)
     drawn = sample_group(posterior, draws, generator(settings.seed, "population"))
-    result = PopulationResult(study, settings, scales, columns, drawn)
+    result = PopulationResult(study, settings, columns, drawn)
     for problem in result.problems:
         warnings.warn(problem, ConvergenceWarning, stacklevel=2)
     return result
 
 
-def group_posterior(
-    study: Study, scales: StimulusScales, hyperprior: Hyperprior, x: FloatArray
-) -> GroupPosterior:
+def group_posterior(study: Study, hyperprior: Hyperprior, x: FloatArray) -> GroupPosterior:
     """The joint posterior of a study's subjects with covariates x, (subjects, covariates)."""
-    rows = subject_rows(study, scales)
-    numbers = _numbers(hyperprior, study, scales)
+    rows, numbers = subject_rows(study), _numbers(hyperprior, study)
     return GroupPosterior(rows, numbers, x, separate_fits(rows, numbers))
 
 
-def subject_rows(study: Study, scales: StimulusScales) -> SubjectRows:
+def subject_rows(study: Study) -> SubjectRows:
     """The likelihood of a study's subjects, a row for each unit of subject and condition."""
+    scales = study_scales(study)
     units: list[Subject] = []
     unit_scales: list[StimulusScales] = []
     first_row = []
@@ -589,13 +588,13 @@ def subject_rows(study: Study, scales: StimulusScales) -> SubjectRows:
     return SubjectRows.from_subjects(units, unit_scales, np.array(first_row), design, differing)
 
 
-def _numbers(hyperprior: Hyperprior, study: Study, scales: StimulusScales) -> HyperpriorNumbers:
+def _numbers(hyperprior: Hyperprior, study: Study) -> HyperpriorNumbers:
     """The hyperprior of all coefficients; roved first stimuli narrow that of p."""
     rows: dict[str, ParameterHyperprior] = {}
     for parameter in group_parameters(study.task):
         row: ParameterHyperprior = getattr(hyperprior, parameter.name)
         if parameter.name == CONTRACTION.name:
-            row = row.narrowed(scales.roving_share)
+            row = row.narrowed(study_scales(study).roving_share)
         rows[parameter.name] = row
     coefficients = list(rows.values())
     if study.conditions is not None:
@@ -641,5 +640,4 @@ def _stored_population(tree: xr.DataTree) -> PopulationResult:
     )
     hyperprior = Hyperprior.from_record(record["hyperprior"])
     settings = GroupSettings(int(tree.attrs["seed"]), hyperprior, record["n_draws"])
-    scales = StimulusScales(*record["scales"])
-    return PopulationResult(stored_study(tree), settings, scales, columns, draws)
+    return PopulationResult(stored_study(tree), settings, columns, draws)

@@ -133,7 +133,7 @@ def _require_known(categorical: Collection[str], names: Collection[str]) -> None
     """Refuse a categorical covariate that is not in the table."""
     for name in categorical:
         if name not in names:
-            covariates = join_names([*map(quoted, names)])
+            covariates = join_names([*map(quoted, names)]) or "none, without covariates"
             raise InputError(f"categorical: found {quoted(name)}, allowed: {covariates}")
 
 
