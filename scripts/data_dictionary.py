@@ -24,7 +24,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.design.power import DATA_SET_COLUMNS, GROUP_COLUMNS, POWER_COLUMNS
 from bayes_toe.design.study_design import DESIGN_COLUMNS
-from bayes_toe.groups.population_table import GroupSubjectRow, PopulationRow
+from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
 
 OUTPUT = Path(__file__).resolve().parents[1] / "docs" / "data_dictionary.md"
@@ -66,7 +66,7 @@ FILES = {
     "history.csv": File(HISTORY_COLUMNS),
     "contrast.csv": File(CONTRAST_COLUMNS, [Difference], ["p_direction", "word", "robust"]),
     "population.csv": File(PopulationRow._fields, [PopulationRow], ["quantity"]),
-    "population_subjects.csv": File(GroupSubjectRow._fields),
+    "population_subjects.csv": File(SUBJECT_COLUMNS),
     "fit.csv": File(fit_columns(SAME_DIFFERENT), [SubjectFit], ["at_edge", "replicates"]),
     "asymmetry.csv": File(ASYMMETRY_COLUMNS, [Comparison, SubjectAsymmetry]),
     "power.csv": File(POWER_COLUMNS),

@@ -17,9 +17,8 @@ from bayes_toe.groups.population import (
     GroupSettings,
     PopulationResult,
     group_posterior,
-    study_scales,
 )
-from bayes_toe.groups.regressors import Regressors, regressors
+from bayes_toe.groups.regressors import regressors
 from bayes_toe.model.prior import Hyperprior
 
 #: 2AFC neighbours: six levels .25 apart, the ten ordered pairs of neighbours.
@@ -78,12 +77,11 @@ def independent_draws(posterior, n_draws=DRAWS, rng=0, n_chains=8):
 def made_result(study, columns=None, n_divergent=0, n_draws=1600):
     """The result of a group without its sampler; with divergences it is not reliable."""
     settings = GroupSettings(1, Hyperprior(), n_draws)
-    scales = study_scales(study)
     persons = dict.fromkeys(subject.subject_name for subject in study)
-    columns = columns or Regressors.none(tuple(persons))
-    posterior = group_posterior(study, scales, settings.hyperprior, columns.x)
+    columns = columns or regressors({}, tuple(persons))
+    posterior = group_posterior(study, settings.hyperprior, columns.x)
     draws = replace(independent_draws(posterior, n_draws), n_divergent=n_divergent)
-    return PopulationResult(study, settings, scales, columns, draws)
+    return PopulationResult(study, settings, columns, draws)
 
 
 def grid_design(first, steps, trials):

@@ -39,6 +39,7 @@ def population(
     [bold]Example[/bold]: bayes-toe population study.csv -o population.nc --seed 1
     """
     from bayes_toe.cli.group_screen import group_answer, print_group
+    from bayes_toe.data.tables import write_table
     from bayes_toe.groups.predictive_check import predictive_check
 
     if output.suffix != ".nc":
@@ -68,7 +69,7 @@ def population(
         {
             output: result.save,
             table: partial(result.table.save, overwrite=context.overwrite),
-            subjects: partial(result.subject_table.save, overwrite=context.overwrite),
+            subjects: partial(write_table, result.subject_table, overwrite=context.overwrite),
             figure: partial(bt.plots.save_figure, bt.plots.population(result, check)),
         }
     )

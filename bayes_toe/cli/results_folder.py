@@ -150,7 +150,7 @@ def _write_group(analysis: Analysis, check: PredictiveCheck | None, folder: Path
     group = analysis.group
     if group is not None:
         group.table.save(folder / "population.csv")
-        group.subject_table.save(folder / "population_subjects.csv")
+        write_table(group.subject_table, folder / "population_subjects.csv")
         (folder / "population.png").write_bytes(png(plots.population(group, check)))
         group.save(folder / "population.nc")
 

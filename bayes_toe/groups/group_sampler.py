@@ -58,19 +58,6 @@ class Trace(NamedTuple):
     x: FloatArray
     is_divergent: BoolArray
 
-    def followed_by(self, later: Trace) -> Trace:
-        """These draws of every chain, then later ones."""
-        x = np.concatenate([self.x, later.x])
-        return Trace(x, np.concatenate([self.is_divergent, later.is_divergent]))
-
-
-class _Trajectory(NamedTuple):
-    """Positions of chains after a trajectory, its acceptance, and whether it diverged."""
-
-    x: FloatArray
-    acceptance: FloatArray
-    is_divergent: BoolArray
-
 
 class Metric:
     """Linear map from standard normal coordinates z to those of a group, learnt from draws.
@@ -152,8 +139,6 @@ class Hamiltonian:
     ----------
     step : float
         Size of a leapfrog step, in units of the metric.
-    n_gradients : int
-        Gradients of single chains so far.
     """
 
     def __init__(self, density: Density, start: FloatArray, metric: Metric, rng: Rng) -> None:
@@ -161,7 +146,6 @@ class Hamiltonian:
         self._x = start.copy()
         self._value, self._gradient = density(start)
         self.step = 0.5 * start.shape[1] ** -0.25
-        self.n_gradients = len(start)
 
     def warm_up(self) -> None:
         """Let the chains settle, then learn step and metric over rounds of so many draws."""
@@ -181,9 +165,9 @@ class Hamiltonian:
         is_careful = self._rng.uniform(size=n_draws) < _CAREFUL_SHARE
         x, is_divergent = [], []
         for careful in is_careful:
-            trajectory = self._trajectory(_CAREFUL_STEP if careful else 1.0)
-            x.append(trajectory.x)
-            is_divergent.append(trajectory.is_divergent)
+            _, diverged = self._move(_CAREFUL_STEP if careful else 1.0)
+            x.append(self._x)
+            is_divergent.append(diverged)
         return Trace(np.stack(x), np.stack(is_divergent))
 
     def _adapt_step(
@@ -200,10 +184,10 @@ class Hamiltonian:
         averaged = np.log(self.step)
         draws = []
         for t in range(1, size + 1):
-            trajectory = self._trajectory(most_steps=most_steps)
+            acceptance, _ = self._move(most_steps=most_steps)
             self._round_position()
             draws.append(self._x)
-            shortfall = _TARGET_ACCEPTANCE - float(summary(trajectory.acceptance))
+            shortfall = _TARGET_ACCEPTANCE - float(summary(acceptance))
             error += (shortfall - error) / (t + 10.0)
             log_step = np.round(anchor - error * np.sqrt(t) / 0.1, _WARM_UP_DECIMALS)
             averaged += t**-0.75 * (log_step - averaged)
@@ -216,8 +200,10 @@ class Hamiltonian:
         self._x = np.round(self._x, _WARM_UP_DECIMALS)
         self._value, self._gradient = self._density(self._x)
 
-    def _trajectory(self, factor: float = 1.0, most_steps: int = _MOST_STEPS) -> _Trajectory:
-        """One trajectory of every chain."""
+    def _move(
+        self, factor: float = 1.0, most_steps: int = _MOST_STEPS
+    ) -> tuple[FloatArray, BoolArray]:
+        """Move every chain along a trajectory: its acceptance, and whether it diverged."""
         length = _LENGTH * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
         n_steps = min(most_steps, max(1, round(length / self.step)))
         step = factor * min(length / n_steps, self.step)
@@ -235,14 +221,13 @@ class Hamiltonian:
             momentum = momentum + 0.5 * step * metric.to_momentum(gradient)
             gain = _kinetic(momentum) - value - first_energy
             is_divergent |= ~(gain < _LARGEST_GAIN)
-        self.n_gradients += n_steps * len(x)
         log_acceptance = np.where(is_divergent, -np.inf, value - _kinetic(momentum) + first_energy)
         acceptance = np.exp(np.minimum(log_acceptance, 0.0))
         is_accepted = self._rng.uniform(size=len(x)) < acceptance
         self._x = np.where(is_accepted[:, None], x, self._x)
         self._value = np.where(is_accepted, value, self._value)
         self._gradient = np.where(is_accepted[:, None], gradient, self._gradient)
-        return _Trajectory(self._x, acceptance, is_divergent)
+        return acceptance, is_divergent
 
 
 def _kinetic(momentum: FloatArray) -> FloatArray:
@@ -324,7 +309,10 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     if draws.n_divergent:
         sampler.step *= _SECOND_STEP
         return _group_draws(posterior, sampler.advance(2 * n_each))
-    return _group_draws(posterior, trace.followed_by(sampler.advance(n_each)))
+    later = sampler.advance(n_each)
+    x = np.concatenate([trace.x, later.x])
+    is_divergent = np.concatenate([trace.is_divergent, later.is_divergent])
+    return _group_draws(posterior, Trace(x, is_divergent))
 
 
 def _group_draws(posterior: GroupPosterior, trace: Trace) -> GroupDraws:

@@ -40,10 +40,10 @@ from bayes_toe.groups.group_posterior import (
 from bayes_toe.groups.group_sampler import GroupDraws, sample_group
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.population_table import (
-    GroupSubjects,
+    SUBJECT_COLUMNS,
     PopulationRow,
     PopulationTable,
-    subject_row,
+    summary,
     summary_row,
 )
 from bayes_toe.groups.regressors import Regressor, Regressors, regressors
@@ -188,14 +188,12 @@ class PopulationResult:
     study : Study
         The subjects, or units of subject and condition, that were analysed.
     settings : GroupSettings
-    scales : StimulusScales
     regressors : Regressors
     draws : GroupDraws
     """
 
     study: Study
     settings: GroupSettings
-    scales: StimulusScales
     regressors: Regressors
     draws: GroupDraws
 
@@ -212,9 +210,14 @@ class PopulationResult:
         return tuple(units_by_subject(self.study))
 
     @cached_property
+    def scales(self) -> StimulusScales:
+        """The scales of all subjects together."""
+        return study_scales(self.study)
+
+    @cached_property
     def numbers(self) -> HyperpriorNumbers:
         """The hyperprior of the coefficients."""
-        return _numbers(self.settings.hyperprior, self.study, self.scales)
+        return _numbers(self.settings.hyperprior, self.study)
 
     # --- Whether to believe it -------------------------------------------------------------------
 
@@ -426,8 +429,11 @@ class PopulationResult:
         return rows
 
     @cached_property
-    def subject_table(self) -> GroupSubjects:
-        """The rows of population_subjects.csv: every subject in the group."""
+    def subject_table(self) -> pd.DataFrame:
+        """Estimates of every subject, as population_subjects.csv has them.
+
+        They follow from the subject's own responses and from the group.
+        """
         n_coefficients = self.draws.mean.shape[-1]
         rows = []
         for i, subject in enumerate(self.subjects):
@@ -435,8 +441,8 @@ class PopulationResult:
             values = self._all_quantities(draws)
             for j, name in enumerate(self.own_names):
                 values[name] = self._own_quantity(name, draws[..., n_coefficients + j])
-            rows += [subject_row(subject, name, column) for name, column in values.items()]
-        return GroupSubjects(tuple(rows))
+            rows += [(subject, name, *summary(column)) for name, column in values.items()]
+        return pd.DataFrame(rows, columns=list(SUBJECT_COLUMNS))
 
     def summary(self) -> pd.DataFrame:
         """The table of the group as a frame, with the columns of population.csv."""
@@ -474,7 +480,6 @@ class PopulationResult:
         settings = {
             "n_draws": self.settings.draws,
             "hyperprior": asdict(self.settings.hyperprior),
-            "scales": self.scales,
             "n_divergent": self.draws.n_divergent,
             "columns": regressors.columns,
             "notes": regressors.notes,
@@ -538,37 +543,34 @@ def population(
             "population: a condition and covariates are not analysed together; "
             "allowed: --ignore condition, or no covariates"
         )
-    names = tuple(units_by_subject(study))
-    columns = Regressors.none(names)
-    if covariates is not None:
-        if not isinstance(covariates, Mapping):
-            covariates = read_covariates(covariates)
-        columns = regressors(covariates, names, categorical=categorical)
+    if covariates is None:
+        covariates = {}
+    elif not isinstance(covariates, Mapping):
+        covariates = read_covariates(covariates)
+    columns = regressors(covariates, tuple(units_by_subject(study)), categorical=categorical)
+    if covariates:
         study = study.select(columns.subjects)
     if len(columns.subjects) < _FEWEST_SUBJECTS:
         raise InputError(
             f"population: {join_names(columns.subjects)} is one subject; allowed: 2 and more"
         )
-    scales = study_scales(study)
-    posterior = group_posterior(study, scales, settings.hyperprior, columns.x)
+    posterior = group_posterior(study, settings.hyperprior, columns.x)
     drawn = sample_group(posterior, draws, generator(settings.seed, "population"))
-    result = PopulationResult(study, settings, scales, columns, drawn)
+    result = PopulationResult(study, settings, columns, drawn)
     for problem in result.problems:
         warnings.warn(problem, ConvergenceWarning, stacklevel=2)
     return result
 
 
-def group_posterior(
-    study: Study, scales: StimulusScales, hyperprior: Hyperprior, x: FloatArray
-) -> GroupPosterior:
+def group_posterior(study: Study, hyperprior: Hyperprior, x: FloatArray) -> GroupPosterior:
     """The joint posterior of a study's subjects with covariates x, (subjects, covariates)."""
-    rows = subject_rows(study, scales)
-    numbers = _numbers(hyperprior, study, scales)
+    rows, numbers = subject_rows(study), _numbers(hyperprior, study)
     return GroupPosterior(rows, numbers, x, separate_fits(rows, numbers))
 
 
-def subject_rows(study: Study, scales: StimulusScales) -> SubjectRows:
+def subject_rows(study: Study) -> SubjectRows:
     """The likelihood of a study's subjects, a row for each unit of subject and condition."""
+    scales = study_scales(study)
     units: list[Subject] = []
     unit_scales: list[StimulusScales] = []
     first_row = []
@@ -586,13 +588,13 @@ def subject_rows(study: Study, scales: StimulusScales) -> SubjectRows:
     return SubjectRows.from_subjects(units, unit_scales, np.array(first_row), design, differing)
 
 
-def _numbers(hyperprior: Hyperprior, study: Study, scales: StimulusScales) -> HyperpriorNumbers:
+def _numbers(hyperprior: Hyperprior, study: Study) -> HyperpriorNumbers:
     """The hyperprior of all coefficients; roved first stimuli narrow that of p."""
     rows: dict[str, ParameterHyperprior] = {}
     for parameter in group_parameters(study.task):
         row: ParameterHyperprior = getattr(hyperprior, parameter.name)
         if parameter.name == CONTRACTION.name:
-            row = row.narrowed(scales.roving_share)
+            row = row.narrowed(study_scales(study).roving_share)
         rows[parameter.name] = row
     coefficients = list(rows.values())
     if study.conditions is not None:
@@ -638,5 +640,4 @@ def _stored_population(tree: xr.DataTree) -> PopulationResult:
     )
     hyperprior = Hyperprior.from_record(record["hyperprior"])
     settings = GroupSettings(int(tree.attrs["seed"]), hyperprior, record["n_draws"])
-    scales = StimulusScales(*record["scales"])
-    return PopulationResult(stored_study(tree), settings, scales, columns, draws)
+    return PopulationResult(stored_study(tree), settings, columns, draws)

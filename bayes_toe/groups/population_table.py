@@ -1,7 +1,6 @@
 """The rows of population.csv and population_subjects.csv.
 
-A `PopulationRow` is one quantity of the group, a `GroupSubjectRow` one parameter of a subject.
-`summary_row` and `subject_row` compute them from draws.
+A `PopulationRow` is one quantity of the group. `summary_row` computes it from draws.
 """
 
 from __future__ import annotations
@@ -59,8 +58,12 @@ class PopulationRow(NamedTuple):
     ln_bf_zero_se: float | None = None
 
 
-def _summary(draws: FloatArray) -> tuple[float, ...]:
-    """Quantiles and diagnostics, as rows have them."""
+#: The columns of population_subjects.csv, of which a row is one parameter of one subject.
+SUBJECT_COLUMNS = ("subject", "parameter", *PopulationRow._fields[3:9])
+
+
+def summary(draws: FloatArray) -> tuple[float, ...]:
+    """Median, 95 % interval and diagnostics of draws, shape (chains, draws)."""
     return *np.quantile(draws, _QUANTILES).tolist(), *convergence(draws)
 
 
@@ -72,7 +75,7 @@ def summary_row(
     zero: ZeroBayesFactor | None = None,
 ) -> PopulationRow:
     """The row of a quantity, draws of shape (chains, draws)."""
-    row = PopulationRow(parameter, quantity, level, *_summary(draws))
+    row = PopulationRow(parameter, quantity, level, *summary(draws))
     if zero is None:
         return row
     p_positive = float((draws > 0.0).mean())
@@ -102,30 +105,3 @@ class PopulationTable(Table[PopulationRow]):
         """The rows of one quantity, or of one quantity and parameter."""
         rows = [row for row in self.rows if row.quantity == quantity]
         return tuple(row for row in rows if parameter in (None, row.parameter))
-
-
-class GroupSubjectRow(NamedTuple):
-    """One parameter of one subject in the group; the columns of population_subjects.csv."""
-
-    subject: str
-    parameter: str
-    q025: float
-    q50: float
-    q975: float
-    ess_bulk: float
-    ess_tail: float
-    r_hat: float
-
-
-def subject_row(subject: str, parameter: str, draws: FloatArray) -> GroupSubjectRow:
-    """The row of a subject's parameter, draws of shape (chains, draws)."""
-    return GroupSubjectRow(subject, parameter, *_summary(draws))
-
-
-@dataclass(frozen=True, eq=False)
-class GroupSubjects(Table[GroupSubjectRow]):
-    """Estimates of every subject by the group and its own responses together."""
-
-    def _full_frame(self) -> pd.DataFrame:
-        """One row per subject and parameter."""
-        return pd.DataFrame(self.rows, columns=list(GroupSubjectRow._fields))

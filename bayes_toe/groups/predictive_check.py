@@ -57,11 +57,11 @@ class Statistic(NamedTuple):
     @property
     def label(self) -> str:
         """The statistic in words."""
-        return {
-            "spread": "SD of {}",
-            "skewness": "skewness of {}",
-            "farthest": "farthest {}, in SD",
-        }[self.kind].format(self.quantity)
+        if self.kind == "spread":
+            return f"SD of {self.quantity}"
+        if self.kind == "skewness":
+            return f"skewness of {self.quantity}"
+        return f"farthest {self.quantity}, in SD"
 
     @property
     def warning(self) -> str:
@@ -100,7 +100,7 @@ class PredictiveCheck:
 def predictive_check(result: PopulationResult) -> PredictiveCheck:
     """Compare the differences between subjects with new groups drawn from the posterior."""
     rng = generator(result.settings.seed, "population", "predictive check")
-    rows = subject_rows(result.study, result.scales)
+    rows = subject_rows(result.study)
     counts_of_rows = rows.rows
     observed = counts_of_rows.n_yes[:, 0].astype(np.int64)
     n_trials = (counts_of_rows.n_yes + counts_of_rows.n_no)[:, 0].astype(np.int64)

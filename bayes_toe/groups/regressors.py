@@ -69,11 +69,6 @@ class Regressors:
         """The names of the columns."""
         return [column.label for column in self.columns]
 
-    @classmethod
-    def none(cls, subjects: Sequence[str]) -> Regressors:
-        """Subjects without covariates."""
-        return cls(tuple(subjects), np.empty((len(subjects), 0)))
-
 
 def regressors(
     covariates: Covariates, subjects: Sequence[str], *, categorical: Collection[str] = ()
@@ -83,6 +78,7 @@ def regressors(
     Parameters
     ----------
     covariates : Covariates
+        Empty for none.
     subjects : sequence of str
     categorical : collection of str
         Covariates whose numbers are names of levels, such as a group 0 or 1. Others are categories
@@ -137,7 +133,7 @@ def _require_known(categorical: Collection[str], names: Collection[str]) -> None
     """Refuse a categorical covariate that is not in the table."""
     for name in categorical:
         if name not in names:
-            covariates = join_names([*map(quoted, names)])
+            covariates = join_names([*map(quoted, names)]) or "none, without covariates"
             raise InputError(f"categorical: found {quoted(name)}, allowed: {covariates}")
 
 

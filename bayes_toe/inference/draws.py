@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +40,7 @@ from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
     FIT_COLUMNS,
     SUMMARY_COLUMNS,
+    Settings,
     SummaryRow,
     summary_rows,
 )
@@ -56,12 +56,10 @@ from bayes_toe.model.paper_equations import NATURAL, Natural
 from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.prior import Prior, stored_prior
-from bayes_toe.seeds import generator
+from bayes_toe.seeds import generator, root_seed
 
 #: Bytes of draws in one file; they are in memory together.
 LARGEST = 2**33
-#: Statistics of each subject that tables and screens show.
-_STATISTICS = ("converged", "shortfall", "imprecise", "min_ess", "max_r_hat")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,12 +99,23 @@ class Draws:
     @property
     def seed(self) -> int:
         """The root seed. The same study, settings and seed give the same draws."""
-        return int(self.tree.attrs["seed"])
+        return self.settings.seed
+
+    @cached_property
+    def settings(self) -> Settings:
+        """The settings of the analysis that made these draws."""
+        record = json.loads(self.tree.attrs["settings"])
+        return Settings(
+            root_seed(int(self.tree.attrs["seed"])),
+            stored_prior(record["prior"]),
+            SamplerSettings(**record["sampler"]),
+            self.model,
+        )
 
     @property
     def prior(self) -> Prior:
         """The prior of these draws; :meth:`described_prior` is the line for a Methods section."""
-        return stored_prior(json.loads(self.tree.attrs["settings"])["prior"])
+        return self.settings.prior
 
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""
@@ -143,20 +152,15 @@ class Draws:
         return dict(json.loads(self.tree.attrs["not_interpreted"]))
 
     def __getitem__(self, name: str | int) -> Draws:
-        """Draws of one subject alone, as views of these."""
-        index = self.names.index(self.subject(name).name)
-        rows = slice(*self._first_rows[index : index + 2])
+        """Draws of one subject alone."""
+        subject = self.subject(name).name
+        index = self.names.index(subject)
         groups = self.tree.to_dict()
         for key in ("/posterior", "/sample_stats"):
             groups[key] = groups[key].isel(subject=slice(index, index + 1))
         for key in ("/observed_data", "/constant_data"):
-            groups[key] = groups[key].isel(obs=rows)
+            groups[key] = groups[key].isel(obs=groups[key]["subject"].values == subject)
         return Draws(xr.DataTree.from_dict(groups))
-
-    @cached_property
-    def _first_rows(self) -> list[int]:
-        """The first row of the counts of each subject, and the number of all rows."""
-        return list(accumulate([subject.n_pairs for subject in self.study], initial=0))
 
     @cached_property
     def study(self) -> Study:
@@ -234,8 +238,7 @@ class Draws:
     def fit(self, name: str | int) -> GoodnessOfFit:
         """Goodness of fit of one subject: deviance and its p-value."""
         stats = self.group("sample_stats").sel(subject=self.subject(name).name)
-        stored = [column for column in FIT_COLUMNS if column in stats]
-        return GoodnessOfFit(**{column: stats[column].item() for column in stored})
+        return GoodnessOfFit(*(stats[column].item() for column in FIT_COLUMNS))
 
     def summary(self) -> pd.DataFrame:
         """Posterior of every subject and parameter, and how well it is sampled.
@@ -365,15 +368,13 @@ def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
     draws = Draws(tree)
     with reading(path):
         statistics = draws.group("sample_stats")
-        require_numbers(statistics, {"lp": BY_SUBJECT})
-        absent = set(_STATISTICS).difference(statistics)
-        if absent:
-            raise InputError(f"no {', '.join(sorted(absent))} in sample_stats")
+        require_numbers(statistics, {"lp": BY_SUBJECT, "min_ess": ("subject",)})
+        _ = statistics[["converged", "shortfall", "imprecise", "max_r_hat"]]
         if draws.study.names != draws.names:
             raise InputError("its draws and its counts are of different subjects")
         natural = draws.posterior(draws.names[0]).names.natural
         require_numbers(draws.group("posterior"), dict.fromkeys(natural, BY_SUBJECT))
-        _ = draws.seed, draws.failed, draws.not_interpreted
+        _ = draws.settings, draws.failed, draws.not_interpreted
     return draws
 
 

@@ -17,7 +17,7 @@ import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
@@ -27,7 +27,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from bayes_toe.arrays import FloatArray, Record, StrPath
+from bayes_toe.arrays import Record, StrPath
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import format_path, quoted
@@ -38,7 +38,8 @@ from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.libraries import library_versions
-from bayes_toe.model.models import describe_prior, stored_model
+from bayes_toe.model.models import describe_prior, model_posterior, stored_model
+from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
 #: The format of the files. A file of another format is refused.
 FORMAT = 2
@@ -46,6 +47,8 @@ FORMAT = 2
 COVARIATES = "covariates"
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", COVARIATES)
 BY_SUBJECT = ("chain", "draw", "subject")
+#: Squares and products of larger numbers are infinite.
+_LARGEST = 1e100
 _READABLE = "allowed: a posterior.nc or population.nc written by bayes-toe"
 _AGAIN = "run `bayes-toe sample` again, or `bayes-toe population` for a group"
 
@@ -68,14 +71,14 @@ def subjects_tree(
     first = subject_draws[0]
     size = first.log_posterior.shape
     values = {name: np.empty((*size, len(study))) for name in (*first.quantities, "lp")}
-    without_draws = []
+    rates, statistics = [], []
     for i in reversed(range(len(study))):
         draws = subject_draws.pop()
         for name, drawn in draws.quantities.items():
             values[name][:, :, i] = drawn
         values["lp"][:, :, i] = draws.log_posterior
-        without_draws.append(replace(draws, quantities={}, log_posterior=np.empty(0)))
-    without_draws.reverse()
+        rates.append(draws.acceptance)
+        statistics.append(draws.statistics)
 
     n_chains, n_draws = size
     coordinates = {
@@ -86,36 +89,37 @@ def subjects_tree(
     n_walkers = settings.sampler.walkers
     walker = ("draw", np.repeat(np.arange(n_walkers), n_draws // n_walkers))
     posterior = xr.Dataset(coords={**coordinates, "walker": walker})
-    for name, unit in first.units.items():
-        posterior[name] = (BY_SUBJECT, values[name], {"units": unit})
-    density_of = ", ".join(first.coordinates[:6])
-    density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
-    statistics = xr.Dataset(_statistics(without_draws), coordinates)
-    statistics["lp"] = (BY_SUBJECT, values["lp"], {"description": density})
+    for name in first.quantities:
+        units = {"units": QUANTITY_BY_NAME[name].unit}
+        posterior[name] = (BY_SUBJECT, values[name], units)
 
-    tree = study_tree(study, settings.seed, {"posterior": posterior, "sample_stats": statistics})
     model = stored_model(settings.model, study.task)
+    target = model_posterior(model, study.subjects[0], settings.prior)
+    density_of = ", ".join(target.coordinates[:6])
+    density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
+    sample_stats = xr.Dataset(_by_subject(statistics[::-1]), coordinates)
+    sample_stats["acceptance_rate"] = (("chain", "subject"), np.stack(rates[::-1], axis=-1))
+    sample_stats["lp"] = (BY_SUBJECT, values["lp"], {"description": density})
+
+    tree = study_tree(study, settings.seed, {"posterior": posterior, "sample_stats": sample_stats})
     tree.attrs |= {
         "model": settings.model,
         "prior": describe_prior(model, settings.prior, study.task),
-        "settings": json.dumps(settings.as_dict()),
+        "settings": json.dumps(asdict(settings)),
         "failed": json.dumps(dict(failed)),
         "not_interpreted": json.dumps(dict(not_interpreted)),
     }
     return tree
 
 
-def _statistics(subject_draws: Sequence[SubjectDraws]) -> dict[str, tuple[object, FloatArray]]:
-    """Statistics of the draws of every subject, with their dimensions."""
+def _by_subject(statistics: Sequence[Mapping[str, float | int | str]]) -> Record:
+    """The statistics of all subjects as columns, with their dimension."""
     types: dict[str, type] = {"converged": np.int8, "shortfall": object, "imprecise": object}
-    rates = np.stack([draws.acceptance for draws in subject_draws], axis=-1)
-    statistics: dict[str, tuple[object, FloatArray]] = {
-        "acceptance_rate": (("chain", "subject"), rates)
-    }
-    for name in subject_draws[0].statistics:
-        column = [draws.statistics[name] for draws in subject_draws]
-        statistics[name] = ("subject", np.array(column, types.get(name)))
-    return statistics
+    columns = {}
+    for name in statistics[0]:
+        column = [row[name] for row in statistics]
+        columns[name] = ("subject", np.array(column, types.get(name)))
+    return columns
 
 
 def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.DataTree:
@@ -333,11 +337,11 @@ def _read_group(path: Path, name: str | None) -> xr.Dataset:
 
 
 def require_numbers(group: xr.Dataset, dims: Mapping[str, tuple[str, ...]]) -> None:
-    """Refuse a group without these variables over these dimensions, or with a value not finite."""
+    """Refuse a group without these variables over these dimensions, or with no usable value."""
     for name, expected in dims.items():
         if name not in group or group[name].dims != expected:
             raise InputError(f"no {name} over ({', '.join(expected)})")
-        if not np.isfinite(group[name].values).all():
+        if not (np.abs(group[name].values) < _LARGEST).all():
             raise InputError(f"draws of {name} are no numbers")
 
 

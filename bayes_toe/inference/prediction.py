@@ -5,20 +5,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bayes_toe.arrays import FloatArray, NamedArrays, thinned
+from bayes_toe.arrays import FloatArray, thinned
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.inference.subject import QUANTILES
 from bayes_toe.model.posterior import SubjectPosterior
-
-_BLOCK = 1 << 20  # values of one temporary array
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,28 +85,11 @@ def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) ->
     >>> predict(draws, "S01", [0.0, 0.3], 0.3).columns.tolist()
     ['s1', 's2', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
-    fitted = Predictor.from_draws(draws, subject)
+    predictor = Predictor.from_draws(draws, subject)
     pairs = np.broadcast_arrays(np.asarray(s1, np.float64), np.asarray(s2, np.float64))
     first, second = np.reshape(pairs, (2, -1))
-    return _table(
-        {"s1": first, "s2": second},
-        len(fitted.x),
-        lambda rows: fitted.yes(first[rows], second[rows]),
-    )
+    values = predictor.yes(first, second)
 
-
-def _table(
-    columns: NamedArrays, draws: int, predicted: Callable[[slice], FloatArray]
-) -> pd.DataFrame:
-    """The columns, (rows,) each, with mean and quantiles over draws of the predictions.
-
-    `predicted` has the predictions for a slice of the rows.
-    """
-    rows, size = len(next(iter(columns.values()))), max(1, _BLOCK // draws)
-    mean, quantiles = np.empty(rows), np.empty((len(QUANTILES), rows))
-    for i in range(0, rows, size):
-        block = slice(i, i + size)
-        values = predicted(block)
-        mean[block] = values.mean(axis=0)
-        quantiles[:, block] = np.quantile(values, list(QUANTILES.values()), axis=0)
-    return pd.DataFrame({**columns, "mean": mean, **dict(zip(QUANTILES, quantiles, strict=True))})
+    quantiles = np.quantile(values, list(QUANTILES.values()), axis=0)
+    columns = {"s1": first, "s2": second, "mean": values.mean(axis=0)}
+    return pd.DataFrame(columns | dict(zip(QUANTILES, quantiles, strict=True)))

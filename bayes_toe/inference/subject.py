@@ -7,7 +7,7 @@ They are a fitted mixture, chains, evidence and goodness of fit. `fitted_result`
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -33,7 +33,6 @@ from bayes_toe.inference.fitted import (
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, summarise_fit
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
-from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.posterior import SubjectPosterior, posterior_contraction
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.seeds import generator
@@ -74,10 +73,6 @@ class Settings:
     prior: Prior = DEFAULT
     sampler: SamplerSettings = field(default_factory=SamplerSettings)
     model: str = ""
-
-    def as_dict(self) -> dict[str, object]:
-        """The values that a file of results stores."""
-        return {"model": self.model, "prior": asdict(self.prior), "sampler": asdict(self.sampler)}
 
 
 @dataclass(frozen=True)
@@ -173,10 +168,7 @@ class SubjectDraws:
     subject: Subject
     # (chains, draws): the natural ones, from which all others follow
     quantities: NamedArrays
-    units: Mapping[str, str]
-    # of the unconstrained space in which `log_posterior`, (chains, draws), is a density
-    coordinates: tuple[str, ...]
-    log_posterior: FloatArray
+    log_posterior: FloatArray  # (chains, draws), of the unconstrained coordinates
     acceptance: FloatArray  # (chains,)
     # by column: convergence, effort, quality of the proposal and of the fit
     statistics: Mapping[str, float | int | str]
@@ -186,14 +178,14 @@ class SubjectDraws:
 def subject_draws(result: SubjectResult, *, summarised: bool = False) -> SubjectDraws:
     """The draws of a result with chains, with or without rows of a summary."""
     target, chains, fit = result.target, result.chains, result.fit
-    if chains is None:
+    if chains is None or fit is None:
         raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
     quantities = target.quantities(chains.x)
     natural = {name: quantities[name] for name in target.names.natural}
     ess, r_hat = float(chains.log_posterior.size), 1.0
     if chains.diagnostics:
         (_, ess), (_, r_hat) = worst(chains.diagnostics)
-    statistics: dict[str, float | int | str | None] = {
+    statistics: dict[str, float | int | str] = {
         "converged": int(chains.converged),
         "shortfall": chains.reason,
         "imprecise": chains.imprecise,
@@ -203,7 +195,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         "steps": chains.steps,
         "proposal_efficiency": result.efficiency,
         "pareto_k": result.pareto_k,
-        **{column: getattr(fit, column, None) for column in FIT_COLUMNS},
+        **{column: getattr(fit, column) for column in FIT_COLUMNS},
     }
     rows: tuple[SummaryRow, ...] = ()
     if summarised:
@@ -212,11 +204,9 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
     return SubjectDraws(
         result.subject,
         natural,
-        {name: QUANTITY_BY_NAME[name].unit for name in natural},
-        target.coordinates,
         chains.log_posterior,
         chains.acceptance,
-        {name: value for name, value in statistics.items() if value is not None},
+        statistics,
         rows,
     )
 
@@ -235,16 +225,9 @@ def summary_rows(
     by_name |= convergence_of(missing)
     errors, rows = errors_of(values), list[SummaryRow]()
     for name, draws in values.items():
-        located = location(draws)
-        narrowed = posterior_contraction(target, name, located[2], located[-1])
-        rows.append((target.subject.name, name, *located, *by_name[name], narrowed, *errors[name]))
+        location = float(draws.mean()), float(draws.std(ddof=1))
+        quantiles = np.quantile(draws, list(QUANTILES.values())).tolist()
+        narrowed = posterior_contraction(target, name, quantiles[0], quantiles[-1])
+        numbers = *location, *quantiles, *by_name[name], narrowed, *errors[name]
+        rows.append((target.subject.name, name, *numbers))
     return tuple(rows)
-
-
-def location(values: FloatArray) -> tuple[float, ...]:
-    """Mean, sd and :data:`QUANTILES` of draws, shape (chains, draws)."""
-    return (
-        float(values.mean()),
-        float(values.std(ddof=1)),
-        *np.quantile(values, list(QUANTILES.values())).tolist(),
-    )

@@ -16,7 +16,7 @@ X = np.array([[1.0, -0.5], [0.0, 1.2], [1.0, 0.3]])
 
 
 def posterior_of(study, x):
-    return group_posterior(study, study_scales(study), Hyperprior(), x)
+    return group_posterior(study, Hyperprior(), x)
 
 
 def log_likelihood(subject, scales, c, p, log_noise, lapse_score, slope):

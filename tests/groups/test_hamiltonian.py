@@ -7,7 +7,7 @@ from populations import simulated_group
 
 from bayes_toe.groups import group_sampler
 from bayes_toe.groups.group_sampler import GroupDraws, Hamiltonian, Metric, sample_group
-from bayes_toe.groups.population import group_posterior, study_scales
+from bayes_toe.groups.population import group_posterior
 from bayes_toe.model.prior import Hyperprior
 
 #: Two shared coordinates and two blocks of two, all correlated.
@@ -56,7 +56,7 @@ def test_a_cliff_makes_trajectories_diverge_and_none_crosses_it():
 
 def test_last_bits_do_not_change_the_draws_of_a_group():
     study = simulated_group(1, n_subjects=6)
-    posterior = group_posterior(study, study_scales(study), Hyperprior(), np.zeros((6, 0)))
+    posterior = group_posterior(study, Hyperprior(), np.zeros((6, 0)))
     rows = posterior.rows
 
     def warm_trace(relative_error):
@@ -87,8 +87,7 @@ def test_draws_that_are_not_reliable_say_why():
 
 def test_twice_the_draws_where_the_first_are_not_reliable(monkeypatch):
     study = simulated_group(1, n_subjects=3, n_each=20)
-    scales = study_scales(study)
-    posterior = group_posterior(study, scales, Hyperprior(), np.zeros((3, 0)))
+    posterior = group_posterior(study, Hyperprior(), np.zeros((3, 0)))
 
     def drawn():
         return sample_group(posterior, 40, default_rng(1))

@@ -44,7 +44,7 @@ def test_tables_have_what_the_draws_say(result):
     noise = 0.25 * np.exp(result.draws.mean[..., 2])
     jnd = np.median(100.0 * np.expm1(0.6744897501960817 * noise))
     assert table.loc[("jnd_percent", "mean"), "q50"] == pytest.approx(jnd)
-    subjects = result.subject_table.frame()
+    subjects = result.subject_table
     assert subjects["subject"].unique().tolist() == list(result.subjects)
     separate = {"lapse_rate", "noise_slope"}
     computed = {"pse_shift_percent", "jnd_percent"}
@@ -116,6 +116,11 @@ AGES = {"age": {"P000": 20.0, "P001": 30.0}}
         (simulated_group(1, 3), {"draws": 2.5}, "draws"),
         (simulated_group(1, 3), {"hyperprior": "none.toml"}, "none.toml: cannot be read "),
         (simulated_group(1, 3), {"hyperprior": 3}, "a Hyperprior, or the path of a TOML file"),
+        (
+            simulated_group(1, 3),
+            {"categorical": ["age"]},
+            "'age', allowed: none, without covariates",
+        ),
         (simulated_group(1, 1), {}, r"'?P000'? is one subject; allowed: 2 and more"),
         (two_conditions(1, 2), {"covariates": AGES}, "a condition and covariates are not"),
     ],

