@@ -23,7 +23,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT
-from bayes_toe.data.text_table import Column
+from bayes_toe.data.text_table import Column, repeated_columns
 from bayes_toe.data.validation import MISSING_WORDS
 from bayes_toe.errors import Remedy
 
@@ -340,10 +340,9 @@ def columns_to_read(
     finding, unit = _unit_by_name(names, options)
     if finding:
         return roles_read, [*problems, finding], _unit_remedies(unit)
-    missing, repeated = _missing_and_repeated(names, roles_read, options)
-    for name in repeated:
-        finding = f"found {names.count(name)} columns of this name"
-        problems.append(f"column {display_name(name)}: {finding}, allowed: one")
+    required = _required(names, roles_read, options)
+    problems += repeated_columns(names, required)
+    missing = [name for name in required if name not in names]
     if not missing:
         return roles_read, problems, []
     absent = join_words([f"no column {display_name(name)}" for name in missing])
@@ -390,17 +389,15 @@ def _unit_by_name(names: Sequence[str], options: ReadOptions) -> tuple[str, str]
     return "", ""
 
 
-def _missing_and_repeated(
+def _required(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
-) -> tuple[list[str], list[str]]:
-    """Columns that must be there once, and are not there or are there more than once."""
+) -> Iterable[str]:
+    """Columns that must be there once."""
     required = dict.fromkeys(options.where)
     for ours in (*COLUMNS, "correct", "standard_interval"):
         if ours in roles_read or (ours in options.columns and options.name(ours) not in names):
             required[options.name(ours)] = None
-    missing = [name for name in required if name not in names]
-    repeated = [name for name in required if names.count(name) > 1]
-    return missing, repeated
+    return required
 
 
 def _roles_read(names: Sequence[str], options: ReadOptions) -> list[str]:

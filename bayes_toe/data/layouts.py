@@ -31,7 +31,7 @@ from bayes_toe.data.column_roles import (
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
-from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.text_table import Column, TextTable, repeated_columns
 from bayes_toe.data.validation import (
     ambiguous_number,
     number,
@@ -293,8 +293,9 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
         column = _only_fitting(table, regex)
     columns, other_names = dict(table.columns), list(table.names)
     other_names.remove(column.name)
+    pairs = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
     for i, name in enumerate(map(options.name, options.stimuli), start=1):
-        texts = [_part_of_name(regex, text, i) for text in column.texts]
+        texts = [pair[i] for pair in pairs]
         columns[name] = Column.from_texts(name, texts, column.codes)
         other_names.append(name)
     where = f"names of {len(names)} columns" if names else f"column {display_name(column.name)}"
@@ -302,19 +303,11 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     return replace(table, names=other_names, columns=columns, notes=notes)
 
 
-def _part_of_name(regex: re.Pattern[str], text: str, part: int) -> str:
-    """A stimulus in a name or cell; the whole text where it does not fit, so that it is refused."""
-    match = regex.fullmatch(text)
-    return text if match is None else match[part]
-
-
 def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
     """A row for each of these columns, with its name and its cell."""
-    for name in names:
-        if names.count(name) > 1:
-            finding = f"found {names.count(name)} columns of this name"
-            location = f"{table.source}: column {display_name(name)}"
-            raise InputError(f"{location}: {finding}, allowed: one")
+    repeated = repeated_columns(names, dict.fromkeys(names))
+    if repeated:
+        table.require(repeated)
     columns = {}
     for name, column in table.columns.items():
         if name not in names:

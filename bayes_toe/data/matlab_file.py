@@ -39,7 +39,6 @@ _OBJECTS = {"__function_workspace__", "#subsystem#"}
 #: Seconds after which a file is refused; one of 10^6 trials takes some 10 s.
 _LONGEST = 120
 _MOST_MEMORY = 2**32  # bytes
-_PACKAGE_PARENT = Path(__file__).resolve().parents[2]
 _READER = (
     "import sys; sys.path.append(sys.argv[1]); "
     "from bayes_toe.data.matlab_file import write_texts; write_texts(sys.argv[2])"
@@ -58,7 +57,8 @@ def matlab_texts(source: str, data: bytes) -> dict[str, ColumnTexts]:
         If the file is damaged, or holds anything else.
     """
     # -P keeps the working folder off the search path.
-    command = [sys.executable, "-P", "-c", _READER, str(_PACKAGE_PARENT), source]
+    package_parent = str(Path(__file__).resolve().parents[2])
+    command = [sys.executable, "-P", "-c", _READER, package_parent, source]
     try:
         reader = subprocess.run(command, input=data, capture_output=True, timeout=_LONGEST)
     except subprocess.TimeoutExpired:
@@ -81,7 +81,11 @@ def matlab_texts(source: str, data: bytes) -> dict[str, ColumnTexts]:
 def write_texts(source: str) -> None:
     """Read a file from standard input and write its columns, or its problems, as JSON."""
     try:
-        _limit_memory()
+        if sys.platform != "win32":
+            import resource
+
+            with suppress(OSError, ValueError):  # where the system cannot
+                resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
         columns = _columns(source, _variables(source, sys.stdin.buffer.read()))
         texts = {}
         for name, cells in columns.items():
@@ -92,15 +96,6 @@ def write_texts(source: str) -> None:
     except MemoryError:
         problem = f"{source}: found more than fits into {_MOST_MEMORY:,} bytes of memory"
         json.dump({"problems": [f"{problem}, allowed: a smaller file"]}, sys.stdout)
-
-
-def _limit_memory() -> None:
-    """Limit the memory of this process, where the system can."""
-    if sys.platform != "win32":
-        import resource
-
-        with suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
 
 
 def _variables(source: str, data: bytes) -> Record:

@@ -10,7 +10,7 @@ import hashlib
 import re
 import shlex
 from base64 import b64encode
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,6 +62,17 @@ def join_names(items: Sequence[str], max_items: int = MAX_LINES) -> str:
     """The first items, and how many there are beyond them."""
     ending = [f"... and {len(items) - max_items:,} more"] if len(items) > max_items else []
     return ", ".join([*items[:max_items], *ending])
+
+
+def join_counts(counts: Mapping[str, int]) -> str:
+    """Names with their counts, without those that have none.
+
+    Examples
+    --------
+    >>> join_counts({"S01": 2, "S02": 0, "S03": 5})
+    'S01 2, S03 5'
+    """
+    return join_names([f"{display_name(name)} {n}" for name, n in counts.items() if n])
 
 
 def join_words(words: Sequence[str]) -> str:

@@ -171,6 +171,7 @@ class ReadOptions:
             entries = getattr(self, key)
             if isinstance(entries, str | int | float):
                 entries = [entries]
+            require_kind(key, entries, Iterable, "a text, or several in a list")
             object.__setattr__(self, key, tuple(map(_as_text, entries)))
 
     def _text_problems(self) -> Iterator[str]:

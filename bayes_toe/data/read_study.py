@@ -19,7 +19,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, StrPath, run_starts
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, StrPath
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
@@ -39,7 +39,7 @@ from bayes_toe.data.layouts import (
     stimulus_logs,
     with_pairs,
 )
-from bayes_toe.data.messages import display_name, join_names, plural, quoted
+from bayes_toe.data.messages import display_name, join_counts, join_names, plural, quoted
 from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
@@ -403,7 +403,7 @@ def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
         columns["subject"] = bare_names(table, columns["subject"])
     columns = with_units(table, columns, options.categorical)
     values = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
-    rounding = merge_rounded(values, columns["subject"].codes, options.stimulus_unit)
+    rounding = merge_rounded(values, columns["subject"], options.stimulus_unit)
     order = StandardOrder(table, columns.get("standard_interval"), options)
     keys = order.in_order(*values)
     return _Rows(table, columns, keys, options, values, order, rounding)
@@ -464,11 +464,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
 
     Answers are kept as they were given where rows are trials or have a block.
     """
-    owned = np.flatnonzero(n > 0)
-    owned = owned[np.argsort(rows.subject.codes[owned], kind="stable")]
-    parts = {}
-    for part in np.split(owned, run_starts(rows.subject.codes[owned])[1:]):
-        parts[rows.subject.text(part[0])] = part
+    parts = rows.subject.rows_by_text(np.flatnonzero(n > 0))
     is_trials = "n_trials" not in rows.columns
     missing, doubts = list[str](), list[str]()
     subjects = list[Subject]()
@@ -532,10 +528,10 @@ def _synthetic(columns: Mapping[str, Column]) -> tuple[bool, list[str]]:
 def _merged_note(parts: Mapping[str, IndexArray], subjects: Sequence[Subject]) -> list[str]:
     """How many rows of counts repeat a pair; `parts` are the rows of every subject."""
     merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
-    repeats = [f"{display_name(name)} {count}" for name, count in merged.items() if count]
-    if not repeats:
+    n_merged = sum(merged.values())
+    if not n_merged:
         return []
-    return [f"{plural(sum(merged.values()), 'repeated row')} merged: {join_names(repeats)}"]
+    return [f"{plural(n_merged, 'repeated row')} merged: {join_counts(merged)}"]
 
 
 def _percentage_doubts(n: IntArray) -> list[str]:
@@ -576,11 +572,8 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
     notes += _dropped_note(rows, unanswered, "without a response", [*missed, *signs])
     equal_stimuli = "with equal stimuli, of which no answer is right,"
     notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
-    n_answered = np.bincount(rows.subject.codes, answers.is_answered, len(rows.subject.texts))
-    silent = []
-    for text, count in zip(rows.subject.texts, n_answered, strict=True):
-        if text and not count:
-            silent.append(display_name(text))
+    heard = {"", *rows.subject.only(answers.is_answered).texts}
+    silent = [display_name(text) for text in rows.subject.texts if text not in heard]
     if silent:
         subjects = plural(len(silent), "subject")
         notes.append(f"{subjects} without any response left out: {join_names(silent)}")
@@ -600,14 +593,10 @@ def _dropped_note(
         return []
     trials = plural(int(is_dropped.sum()), "trial")
     finding = f" ({', '.join(cells)})" if cells else ""
-    return [f"{trials} {reason} dropped{finding}: {_listed_by_subject(rows, is_dropped)}"]
-
-
-def _listed_by_subject(rows: _Rows, chosen: BoolArray) -> str:
-    """How many of these rows each subject has."""
-    counts = np.bincount(rows.subject.codes[chosen], minlength=len(rows.subject.texts))
-    names = ["(no subject)" if text == "" else display_name(text) for text in rows.subject.texts]
-    return join_names([f"{names[code]} {counts[code]}" for code in np.flatnonzero(counts).tolist()])
+    subject = rows.subject.only(is_dropped)
+    names = [text or "(no subject)" for text in subject.texts]
+    counts = dict(zip(names, np.bincount(subject.codes).tolist(), strict=True))
+    return [f"{trials} {reason} dropped{finding}: {join_counts(counts)}"]
 
 
 # --- Counts ---------------------------------------------------------------------------------------
@@ -629,10 +618,8 @@ def _count_study(rows: _Rows) -> Study:
     rows.require_pairs(np.ones(len(n), np.bool_))
     name = display_name(trials.name)
     table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
-    first = np.unique(subject.codes, return_index=True)[1]
-    is_without_trials = np.bincount(subject.codes, n != 0) == 0
-    is_first_row = np.isin(np.arange(len(n)), first[is_without_trials]) & ~empty(subject)
-    table.fault(subject, is_first_row, "a subject with at least 1 trial in some row")
+    is_without_trials = (np.bincount(subject.codes, n != 0) == 0)[subject.codes] & ~empty(subject)
+    table.fault(subject, is_without_trials, "a subject with at least 1 trial in some row")
     table.problems.refuse()
     require_task(table, task, rows.columns.get("task"))
     notes = rows.layout("grouped", f"{k.sum()} of {n.sum()} trials answered '{task.yes}'")

@@ -78,7 +78,8 @@ def responses(
     """
     difference = keys[1] - keys[0]
     has_scores = options.correct is not None
-    task = options.task or _task_of_words(column)
+    tasks_named = [task for task in TASKS if _words_of(task, column)]
+    task = options.task or next(iter(tasks_named), SAME_DIFFERENT)
     names, words = (task.yes, task.no), _WORDS[task]
     if has_scores:
         names, words = ("right", "wrong"), _RIGHT_WRONG
@@ -111,14 +112,6 @@ def responses(
         is_yes = is_yes == (task.right(difference) > 0)
     is_answered &= ~is_unscorable
     return Responses(task, is_yes & is_answered, is_answered, is_unscorable, note)
-
-
-def _task_of_words(column: Column) -> Task:
-    """The task whose words are in a column; same-different where none is."""
-    for task in TASKS:
-        if _words_of(task, column):
-            return task
-    return SAME_DIFFERENT
 
 
 def _allowed_texts(
@@ -388,10 +381,6 @@ def _as_answered(column: Column, chosen: BoolArray, word: str) -> str:
     return f"{shown_texts} ({np.count_nonzero(chosen)})"
 
 
-#: z scores: of a study that nobody has by chance, and of a subject that shows the same or not.
-_STUDY_LIMIT, _SUBJECT_LIMIT, _OPPOSITE_LIMIT = 5.0, 1.0, -3.0
-
-
 def response_trend(subject: Subject, x: FloatArray) -> tuple[float, float]:
     """Covariance of the counted response with x, shape (pairs,), and its variance by chance."""
     centred = x - np.average(x, weights=subject.n_trials)
@@ -419,8 +408,8 @@ def direction(study: Study) -> int:
     z = np.array(covariances) / np.sqrt(variances)
     total = sum(covariances) / np.sqrt(sum(variances) or 1.0)
     for sign in (-1, 1):
-        is_shared = np.count_nonzero(sign * z > _SUBJECT_LIMIT) > 0.5 * len(z)
-        if sign * total > _STUDY_LIMIT and is_shared and (sign * z > _OPPOSITE_LIMIT).all():
+        is_shared = np.count_nonzero(sign * z > 1.0) > 0.5 * len(z)
+        if sign * total > 5.0 and is_shared and (sign * z > -3.0).all():
             return sign
     return 0
 

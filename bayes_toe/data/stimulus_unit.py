@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, run_starts
+from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.messages import join_names, quoted
+from bayes_toe.data.text_table import Column
 from bayes_toe.errors import InputError
 
 #: Units of logarithms, each with its natural logs.
@@ -242,14 +243,11 @@ class StimulusUnit:
         return f"{float(self.stimuli(log)):.4g} {self.of_stimuli}"
 
 
-def merge_rounded(stimuli: list[FloatArray], subjects: IndexArray, unit: StimulusUnit) -> list[str]:
+def merge_rounded(stimuli: list[FloatArray], subject: Column, unit: StimulusUnit) -> list[str]:
     """Make stimuli of a subject that differ by rounding only one stimulus; say it of the file."""
     levels, n_changed = set[float](), 0
     valid = np.flatnonzero(~np.isnan(stimuli).any(axis=0))
-    valid = valid[np.argsort(subjects[valid], kind="stable")]
-    for rows in np.split(valid, run_starts(subjects[valid])[1:]):
-        if not len(rows):
-            continue
+    for rows in subject.rows_by_text(valid).values():
         pairs = np.stack([values[rows] for values in stimuli])
         merged = np.stack(_without_rounding(*pairs))
         is_changed = merged != pairs

@@ -110,13 +110,11 @@ class Subject:
             values = np.array(values)
             values.setflags(write=False)
             object.__setattr__(self, name, values)
-        if self.answers is not None and not self._are_sums_of(self.answers):
-            object.__setattr__(self, "answers", None)
-
-    def _are_sums_of(self, answers: Answers) -> bool:
-        """Whether the counts are those of the answers; in a copy they may be others."""
-        counts = (self.n_yes, self.n_trials, self.s1, self.s2)
-        return all(map(np.array_equal, answers.sums, counts))
+        if self.answers is not None:
+            counts = (self.n_yes, self.n_trials, self.s1, self.s2)
+            # In a copy the counts may be others than those of the answers.
+            if not all(map(np.array_equal, self.answers.sums, counts)):
+                object.__setattr__(self, "answers", None)
 
     @classmethod
     def from_counts(

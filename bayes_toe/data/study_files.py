@@ -23,7 +23,7 @@ from bayes_toe.data.messages import (
     MAX_LINES,
     TWICE,
     display_name,
-    join_names,
+    join_counts,
     join_words,
     plural,
 )
@@ -140,17 +140,17 @@ def _together(studies: Sequence[Study]) -> Study:
     """One study of the subjects of several."""
     _require_alike(studies)
     doubts = list(chain.from_iterable(study.reading.doubts for study in studies))
-    subjects, several = list[Subject](), list[str]()
+    subjects, n_files = list[Subject](), dict[str, int]()
     for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
         files = [study for study in studies if name in study.names]
         subjects.append(_subject_of_files(name, files))
         doubts += _copies(name, files)
         if len(files) > 1:
-            several.append(f"{display_name(name)} {len(files)}")
+            n_files[name] = len(files)
     notes = [*_common_notes(studies)]
-    if several:
-        count = plural(len(several), "subject")
-        notes.append(f"{count} in several files, put together: {join_names(several)}")
+    if n_files:
+        subjects_in_words = plural(len(n_files), "subject")
+        notes.append(f"{subjects_in_words} in several files, put together: {join_counts(n_files)}")
     names = {}
     for key in ("read", "ignored", "pooled", "codes"):
         of_files = chain.from_iterable(getattr(study.reading, key) for study in studies)
@@ -210,18 +210,17 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
     next_place = 0
     for source, in_order in answers:
         first_block = len(block_names)
-        if in_order.block is None:
+        block, place = in_order.block, in_order.place
+        if block is None:
             block_names.append(source)
-            block_parts.append(np.full(len(in_order.n_trials), first_block))
+            block = np.zeros(len(in_order.n_trials), np.int64)
         else:
             block_names += [f"{source}: {name}" for name in in_order.blocks]
-            block_parts.append(first_block + in_order.block)
-        if in_order.place is None:
-            place_parts.append(None)
-        else:
-            place = in_order.place - in_order.place[0] + next_place
-            place_parts.append(place)
+        block_parts.append(first_block + block)
+        if place is not None:
+            place = place - place[0] + next_place
             next_place = place[-1] + 2  # the gap starts a session
+        place_parts.append(place)
     files = [in_order for _, in_order in answers]
     return Answers(
         keys=np.concatenate([file.keys for file in files]),

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import BoolArray, IntArray
+from bayes_toe.arrays import BoolArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.messages import MAX_LINES, display_name, one_line, plural, quoted
 from bayes_toe.errors import InputError, Remedy
 
@@ -93,6 +93,12 @@ class Column:
         is_used = np.bincount(codes, minlength=len(self.texts)) > 0
         new_codes = np.cumsum(is_used) - 1
         return Column(self.name, [*itertools.compress(self.texts, is_used)], new_codes[codes])
+
+    def rows_by_text(self, rows: IndexArray) -> dict[str, IndexArray]:
+        """These rows for each text that one of them has."""
+        rows = rows[np.argsort(self.codes[rows], kind="stable")]
+        parts = np.split(rows, run_starts(self.codes[rows])[1:])
+        return {self.text(part[0]): part for part in parts if len(part)}
 
     def text(self, index: int) -> str:
         """The text of one row."""
@@ -285,6 +291,16 @@ def require_size(source: str, n_columns: int, n_cells: int) -> None:
         finding = f"found {n_columns:,} columns with {n_cells:,} cells"
         rule = f"at most {_MOST_COLUMNS:,} columns and {_MOST_CELLS:,} cells"
         raise InputError(f"{source}: {finding}, allowed: {rule}")
+
+
+def repeated_columns(names: Sequence[str], wanted: Iterable[str]) -> list[str]:
+    """Problems of columns that are wanted and there more than once, a line each."""
+    problems = []
+    for name in wanted:
+        if names.count(name) > 1:
+            finding = f"found {names.count(name)} columns of this name"
+            problems.append(f"column {display_name(name)}: {finding}, allowed: one")
+    return problems
 
 
 def name_places(names: Sequence[str]) -> dict[str, int]:

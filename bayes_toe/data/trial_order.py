@@ -14,7 +14,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.messages import TWICE, display_name, join_names, plural
+from bayes_toe.data.messages import TWICE, display_name, join_counts, join_names, plural
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
 
@@ -127,10 +127,9 @@ def _order_notes(
         problem = f"column {display_name(columns['trial'].name)} does not order all trials"
         notes.append(f"{problem}, so the order of the file is used: {join_names(unordered)}")
     if n_missing:
-        missing = join_names([f"{display_name(name)} {count}" for name, count in n_missing.items()])
         notes.append(
-            f"trial numbers are missing ({missing}); keep trials without a response in the file, "
-            "with an empty response"
+            f"trial numbers are missing ({join_counts(n_missing)}); keep trials without a response "
+            "in the file, with an empty response"
         )
     if n_untimed:
         notes.append(
@@ -147,17 +146,12 @@ def _rows_with_a_pair(
 
     A unit has the rows of its subject in all conditions.
     """
-    subject_names = subject.texts
+    names = subject.texts
     if has_conditions:
-        subject_names = [text.partition(CONDITION_SEPARATOR)[0] for text in subject.texts]
-    places = {name: place for place, name in enumerate(subject_names)}
-    subject_of_row = np.array([places[name] for name in subject_names])[subject.codes]
-    rows = np.flatnonzero(~np.isnan(pairs).any(axis=1))
-    rows = rows[np.argsort(subject_of_row[rows], kind="stable")]
-    rows_of = {}
-    for part in np.split(rows, run_starts(subject_of_row[rows])[1:]):
-        rows_of[subject_names[subject_of_row[part[0]]]] = part
-    units = zip(subject.texts, subject_names, strict=True)
+        names = [text.partition(CONDITION_SEPARATOR)[0] for text in subject.texts]
+    owner = Column.from_texts(subject.name, names, subject.codes)
+    rows_of = owner.rows_by_text(np.flatnonzero(~np.isnan(pairs).any(axis=1)))
+    units = zip(subject.texts, names, strict=True)
     return {unit: rows_of[name] for unit, name in units if name in rows_of}
 
 

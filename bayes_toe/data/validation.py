@@ -15,7 +15,7 @@ import numpy as np
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, StrPath
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.read_table import read_table
-from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.text_table import Column, TextTable, repeated_columns
 
 #: Of the trials of a subject; of more, a log-likelihood is not exact in double precision.
 LARGEST_COUNT = 10**12
@@ -236,11 +236,23 @@ def read_numbers(
         )
     for name in keys:
         require_texts(table, table.columns[name], once=True)
-    columns = {
-        name: _numbers(table, name, name in counts, gaps) for name in table.columns if name != key
-    }
+    columns = {}
+    for name, column in table.columns.items():
+        if name == key:
+            continue
+        values = numbers(table, column)
+        bad, kind = np.isnan(values), "a finite number"
+        if name in counts:
+            bad, kind = ~((values >= 1) & (values % 1 == 0)), "a whole number of at least 1"
+        if gaps:
+            bad &= ~empty(column)
+        require_numbers(table, column, bad, kind)
+        columns[name] = values
     table.problems.refuse()
-    return [text for name in keys for text in _texts(table, name)], columns
+    if key is None:
+        return [], columns
+    texts = bare_names(table, table.columns[key]) if key == "subject" else table.columns[key]
+    return [texts.text(row) for row in range(len(table.rows))], columns
 
 
 def _with_columns(
@@ -249,33 +261,12 @@ def _with_columns(
     """The table with columns of these names, each of them once."""
     names = (*required, *optional)
     table = source if isinstance(source, TextTable) else read_table(source, lambda _: {*names})
-    problems = []
-    for name in names:
-        count = table.names.count(name)
-        finding = f"found {count} columns of this name, allowed: one"
-        if count == 0:
-            other_names = join_names([*map(quoted, table.names)])
+    problems = repeated_columns(table.names, names)
+    other_names = join_names([*map(quoted, table.names)])
+    for name in required:
+        if name not in table.names:
             finding = f"missing, found {other_names}, allowed: a column of this name"
-        if count > 1 or (count == 0 and name in required):
             problems.append(f"column {display_name(name)}: {finding}")
     table.require(problems)
     columns = {name: column for name, column in table.columns.items() if name in names}
     return replace(table, columns=columns)
-
-
-def _numbers(table: TextTable, name: str, count: bool = False, gaps: bool = False) -> FloatArray:
-    column = table.columns[name]
-    values = numbers(table, column)
-    bad = ~((values >= 1) & (values == np.floor(values))) if count else np.isnan(values)
-    require_numbers(
-        table,
-        column,
-        bad & ~empty(column) if gaps else bad,
-        "a whole number of at least 1" if count else "a finite number",
-    )
-    return values
-
-
-def _texts(table: TextTable, name: str) -> list[str]:
-    column = bare_names(table, table.columns[name]) if name == "subject" else table.columns[name]
-    return [column.texts[code] for code in column.codes.tolist()]

@@ -212,14 +212,6 @@ def test_one_code_of_the_responses_is_enough_with_a_standard(response, options):
     assert is_intended(table, standard_interval="standard_interval", **options)
 
 
-@pytest.mark.parametrize("missing", ["", "None", "NA", "timeout"])
-def test_missed_trials_are_no_third_code(missing):
-    table = with_order("standard_interval", "1", "2", coded("j", "f"))
-    extra = table.head(3).assign(response=missing)
-    options = {"standard_interval": "standard_interval", "second_code": "j"}
-    assert is_intended(pd.concat([table, extra]), **options)
-
-
 @pytest.mark.parametrize(
     "response, intended",
     [
@@ -300,6 +292,10 @@ REVERSED = [
 def test_the_advice_for_reversed_answers_works_when_it_is_typed(table, words, expected, tmp_path):
     result = checked(tmp_path, table, *words)
     assert (result.returncode, "found 'second' less often" in result.stderr) == (2, True)
+    if not words:  # in Python, too
+        use = r"use ReadOptions\(second_code='(first|s1)', first_code='(second|s2)'\) if "
+        with pytest.raises(bt.InputError, match=use):
+            bt.read_study(table)
     lines = typed_lines(result)
     assert lines == expected
     for line in lines:

@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 
 import bayes_toe as bt
 from bayes_toe.data.options import ReadOptions, parse_pairs
-from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.data.validation import number, whole_number
 from bayes_toe.errors import InputError, python_options
 
@@ -388,6 +387,7 @@ def test_of_several_files_the_first_problems_are_told(tmp_path):
         ),
         ({"standard_first_code": "c"}, "--standard-first-code: found alone"),
         ({"comparison_code": "c"}, "--comparison-code: found alone"),
+        ({"missed": None}, "missed: found NoneType, allowed: a text, or several in a list"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options, expected):
@@ -422,16 +422,6 @@ BOTH_ORDERS = "a 0.0 0.3 1 1, a 0.3 0.0 0 1"
 def test_two_columns_that_may_be_the_subject_are_none():
     with pytest.raises(InputError, match="no column subject"):
         read("participant,observer,s1,s2,response\na,b,0,0.3,second\n")
-
-
-def test_a_third_code_beside_that_of_second_is_refused():
-    with pytest.raises(InputError, match="found 'k'"):
-        read(f"{TRIALS}a,0,0.3,j\na,0.3,0,f\na,0,0.3,\na,0,0.3,k\n", second_code="j")
-
-
-@pytest.mark.parametrize("code", [1, True, 1.0])
-def test_codes_may_be_numbers_as_in_a_data_frame(code):
-    assert content(read(f"{TRIALS}a,0,0.3,1\na,0.3,0,0\n", second_code=code)) == BOTH_ORDERS
 
 
 def typed_remedies(data, **options):
@@ -590,19 +580,7 @@ def test_a_standard_and_a_comparison_need_their_order():
         read(STANDARDS, columns=columns)
 
 
-CODED = STANDARDS.replace("comparison\n", "c\n").replace("standard\n", "s\n")
-IN_WORDS = STANDARDS.replace("3,1,", "3,first,").replace("3,2,", "3,second,")
 ABSOLUTE = "subject,std,comp,order,response\na,0,0.3,2,first\na,0,0.3,1,second\n"
-
-
-@pytest.mark.parametrize(
-    "text, codes", [(STANDARDS, {}), (CODED, {"comparison_code": "c"}), (IN_WORDS, {})]
-)
-def test_responses_to_a_standard_and_a_comparison_follow_the_interval(text, codes):
-    """'comparison' is 'second' exactly when the comparison was second."""
-    study = read(text, standard_interval="interval", **codes)
-    assert study.task == WHICH_STRONGER
-    assert content(study) == "a -0.3 0.0 1 1, a 0.0 0.3 1 2, a 0.3 0.0 0 1"
 
 
 def test_first_and_second_name_intervals_whatever_was_presented_there():
@@ -614,7 +592,6 @@ def test_first_and_second_name_intervals_whatever_was_presented_there():
 @pytest.mark.parametrize(
     "earlier, after, expected",
     [
-        ("3,2,", "3,3,", "row 3, column interval: found '3', allowed: 1 or 2"),
         ("a,0,0.3,1", "a,x,0.3,1", "row 2, column standard: found 'x', allowed: a finite number"),
         ("comparison,interval", "level,interval", "row 1: there is no column comparison."),
     ],
@@ -747,7 +724,8 @@ COUNT_ROWS = {
     "a,0,0,2,2\na,0,1,6,5\n": ("row 3, column n_equal: found '6', allowed: 0 to n_trials = 5"),
     "a,0,0,2,2\na,0,1,1,0\n": ("row 3, column n_equal: found '1', allowed: 0 to n_trials = 0"),
     "a,0,0,1,2\nb,0,0,0,0\nb,0,1,0,0\nc,0,0,0,0\n": (
-        "row 3, column subject: found 'b', allowed: a subject with at least 1 trial in some row\n"
+        "column subject: found 'b' in 2 rows, the first is row 3, allowed: a subject with at least "
+        "1 trial in some row\n"
         "row 5, column subject: found 'c', allowed: a subject with at least 1 trial in some row"
     ),
 }
@@ -965,8 +943,9 @@ def test_a_hopeless_number_of_many_digits_is_none(sign):
 
 
 def test_options_take_numbers_as_the_cells_of_a_frame_have_them():
-    options = bt.ReadOptions(equal_code=1234568, different_code=1234567, where={"session": 1.0})
-    assert (options.equal_code, options.where) == ("1234568", {"session": "1"})
+    options = bt.ReadOptions(equal_code=1234568, different_code=True, where={"session": 1.0})
+    assert (options.equal_code, options.different_code) == ("1234568", "1")
+    assert options.where == {"session": "1"}
     with pytest.raises(bt.InputError, match="--intensity: found '1', allowed: a positive"):
         bt.ReadOptions(intensity="1")
 

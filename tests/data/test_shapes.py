@@ -215,6 +215,9 @@ NUMBERS = answered(IN_LOGS, 0, 1)
 #: Columns that mark practice, catch trials or instructions: texts of these and of other rows.
 PRACTICE_MARKS = [
     ("test_part", "practice", "test"),
+    ("phase", "practice", "main"),
+    ("task", "practice", "comparison"),
+    ("is_practice", 1, 0),
     ("Procedure", "PracProc", "TrialProc"),
     ("Running", "PracticeList", "TrialList"),
     ("training", 1, 0),
@@ -313,23 +316,8 @@ READ = {
         csv(with_rows(IN_LOGS, [["P03", 0, 0.3, word] for word in NO_RESPONSES.split("|")])),
         {},
     ),
-    "practice.csv": (
-        csv(with_rows(IN_LOGS, PRACTICE).assign(phase=["practice"] * 8 + ["main"] * 80)),
-        {},
-    ),
-    "practice_task.csv": (
-        csv(with_rows(IN_LOGS, PRACTICE).assign(task=["practice"] * 8 + ["comparison"] * 80)),
-        {},
-    ),
-    "practice_flag.csv": (
-        csv(with_rows(IN_LOGS, PRACTICE).assign(is_practice=[1] * 8 + [0] * 80)),
-        {},
-    ),
     "practice_counter.csv": (csv(IN_LOGS.assign(practice=range(80))), {}),
-    "where.csv": (
-        csv(with_rows(IN_LOGS, PRACTICE).assign(kind=["other"] * 8 + ["main"] * 80)),
-        {"where": {"kind": "main"}},
-    ),
+    "where.csv": (marked("kind", "other", "main"), {"where": {"kind": "main"}}),
     "instructions.csv": (csv(with_rows(IN_LOGS, [["P03", "", "", ""]] * 2)), {}),
     "standard.csv": (
         csv(STANDARD[["subject", "standard", "comparison", "interval", "response"]]),
@@ -526,6 +514,10 @@ REFUSED = {
     "data.sav": (b"$FL2", ["its copy as CSV"]),
     "study.toml": (b'files = ["a.csv"]', ["settings, allowed: a table of trials or counts"]),
     "cut_73.mat": (matlab_73(LISTS)[:2000], ["found a damaged MATLAB file"]),
+    "cut.mat": (
+        matlab(LISTS)[:200],
+        ["found a damaged MATLAB file (", "allowed: one that MATLAB has saved with '-v7'"],
+    ),
     "link_73.mat": (linked_73(), ["damaged MATLAB file (subject is a link)"]),
     "table_73.mat": (
         matlab_73({"#subsystem#": [1.0]}), ["a table or another object of MATLAB's own"],

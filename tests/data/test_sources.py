@@ -224,17 +224,6 @@ def test_without_pyarrow_one_line_says_what_to_install(tmp_path, monkeypatch):
     assert before_the_work == f"error: t.parquet: {message}\n"
 
 
-def test_a_damaged_matlab_file_is_one_line(tmp_path):
-    path = tmp_path / "trials.mat"
-    savemat(path, {"subject": "M1", "s1": [0.0, 0.3], "s2": [0.3, 0.0], "response": [1, 0]})
-    study = bt.read_study(path, bt.ReadOptions(equal_code="1"))
-    assert counts(study["M1"]) == [(0.0, 0.3, 1, 1), (0.3, 0.0, 0, 1)]
-    path.write_bytes(path.read_bytes()[:200])
-    (problem,) = problems(bt.read_study, path)
-    assert problem.startswith("trials.mat: found a damaged MATLAB file (")
-    assert problem.endswith("), allowed: one that MATLAB has saved with '-v7'")
-
-
 @pytest.mark.parametrize(
     "reader, observed",
     [

@@ -121,7 +121,6 @@ def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for(tmp_path):
 
 
 UNTOLD = "The program does not know what they mean."
-BACK = " ".join(f"a,{s1},{s2},{('second', 'first')[s2 > s1]}" for s1, s2 in GRID * 3)
 REFUSED = [
     (
         TRIALS,
@@ -226,12 +225,6 @@ REFUSED = [
         "--task 3afc",
         "--task: found '3afc', allowed: same/different, or 2afc (which is stronger)",
     ),
-    (
-        TRIALS,
-        BACK,
-        "",
-        "type:  --second-code first --first-code second  if first is 'second'",
-    ),
 ]
 
 
@@ -253,10 +246,10 @@ def test_several_files_are_of_one_task():
 # --- Doubts ---------------------------------------------------------------------------------------
 
 
-def answering(name, p, trials=12, pairs=GRID, task=WHICH_STRONGER, seed=1):
-    s1, s2 = np.transpose(pairs)
-    counts = np.random.default_rng(seed).binomial(trials, p(s2 - s1))
-    return bt.Subject(name, s1, s2, counts, [trials] * len(pairs), task=task)
+def answering(name, p):
+    s1, s2 = np.transpose(GRID)
+    counts = np.random.default_rng(1).binomial(12, p(s2 - s1))
+    return bt.Subject(name, s1, s2, counts, [12] * len(GRID), task=WHICH_STRONGER)
 
 
 def rising(difference):
@@ -291,14 +284,6 @@ def test_a_study_of_reversed_subjects_is_refused():
     joint = bt.Study((answering("b", falling), answering("c", falling)))
     with pytest.raises(bt.InputError, match=r"less often.*n_second counts those"):
         bt.read_study(joint.frame())
-    trials = pd.DataFrame(GRID * 3, columns=["s1", "s2"]).assign(subject="a")
-    trials["response"] = np.where(trials.s2 > trials.s1, "first", "second")
-    options = r"use ReadOptions\(second_code='first', first_code='second'\) if first is 'second'"
-    with pytest.raises(bt.InputError, match=options):
-        bt.read_study(trials)
-    for seed in range(20):  # one subject at chance is no reversed study
-        (frame,) = frames(answering("a", lambda d: 0 * d + 0.5, seed=seed))
-        bt.read_study(frame)
 
 
 def test_real_studies_are_read_as_they_were_asked(real_data):
