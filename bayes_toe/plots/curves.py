@@ -65,7 +65,7 @@ _SHIFT = 0.008
 # --- one subject, over the stimuli ----------------------------------------------------------------
 
 
-def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) -> Figure:
+def curves(source: Analysis | Draws, subject: str) -> Figure:
     """Draw the responses of one subject in both orders, with the fitted probabilities.
 
     The lines are posterior means with central 95 % bands: P('equal') in a panel for each weaker
@@ -80,8 +80,6 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
         The curves of an analysis are averaged over the four models; those of draws belong to the
         model of the draws.
     subject : str
-    title : str, optional
-        By default the subject and the model.
 
     Raises
     ------
@@ -93,12 +91,11 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
         model, draws = model_title(source.model), source
     else:
         fitted, model, draws = source.curve(subject), "average of the four models", source.draws
-    if title is None:
-        title = f"{plain(subject)}: {model}"
-        if draws.synthetic:
-            title += " (synthetic data)"
-        if isinstance(source, Draws) and subject in draws.not_converged:
-            title += "\nNOT CONVERGED"
+    title = f"{plain(subject)}: {model}"
+    if draws.synthetic:
+        title += " (synthetic data)"
+    if isinstance(source, Draws) and subject in draws.not_converged:
+        title += "\nNOT CONVERGED"
     return fitted_figure(fitted, title)
 
 
@@ -124,7 +121,7 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
         if len(groups) > 1:
             ax.set_title(_describe_group(counts, group, stimulus), loc="left", fontsize=SMALL)
     finish_panels(panels, n_columns)
-    legend_below(below_title, size=SMALL, side="upper")
+    legend_below(below_title, side="upper")
     figure.suptitle(title, fontsize=LETTERS + 1.0)
     return figure
 
