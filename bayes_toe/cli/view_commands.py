@@ -30,8 +30,6 @@ from bayes_toe.cli.run_context import WORKERS, RunContext
 from bayes_toe.data.messages import display_name, join_names, plural, quoted
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from bayes_toe.data.read_study import Truth
 
 
@@ -175,7 +173,7 @@ def _quantities(parameters: str, draws: bt.Draws) -> str | tuple[str, ...]:
     return names
 
 
-def _save_formats(draw: Callable[[], Figure], target: Path, endings: Sequence[str]) -> None:
+def _save_formats(draw: Callable[[], Any], target: Path, endings: Sequence[str]) -> None:
     """Draw a figure, and write it in every format."""
     from bayes_toe.plots.figure_files import figure_bytes
 
