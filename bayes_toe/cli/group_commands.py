@@ -115,7 +115,7 @@ def contrast(
 
     print_contrast(context.out, table, output.name)
     context.print_uninterpretable(read)
-    context.print_failed(table.failed)
+    context.out.reasons("No result", table.failed)
     context.out.answer([*table.sentences(), f"{written} Seed {table.seed}."])
     context.end(table.failed)
 

@@ -13,7 +13,6 @@ from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
     OUTPUT,
     Terminal,
-    format_table,
     names_to_show,
     notes_of,
     number,
@@ -54,7 +53,7 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.cli.results_folder import PRODUCTS, FigureChoice, write_results
+    from bayes_toe.cli.results_folder import PRODUCTS, require_figures, write_results
     from bayes_toe.explorer.page import require_bokeh, require_few
     from bayes_toe.groups.predictive_check import predictive_check
 
@@ -62,7 +61,7 @@ def run(
         require_bokeh()
     study, context = context.ask(study)
 
-    choice = FigureChoice(figures, study.truth(), explore)
+    require_figures(figures)
     context.require_folder(output, PRODUCTS)
     keep = context.partial_folder(output)
     read, prior = context.read_and_describe(study)
@@ -81,7 +80,9 @@ def run(
             analysis,
             output,
             check=check,
-            figures=choice,
+            figures=figures,
+            truths=study.truth() or None,
+            has_explorer=explore,
             workers=context.workers,
             progress=tick,
             overwrite=context.overwrite,
@@ -89,7 +90,7 @@ def run(
 
     failed = analysis.draws.failed
     context.finish(keep, failed)
-    context.print_failed(failed)
+    context.out.reasons("No result", failed)
     problems = _doubtful_draws(analysis)
     _print_conclusion(context.out, analysis, {**failed, **problems}, output)
     context.end(failed, problems)
@@ -180,7 +181,7 @@ def sample(
 
     print_draws(context.out, draws)
     context.finish(keep, draws.failed)
-    context.print_failed(draws.failed)
+    context.out.reasons("No result", draws.failed)
     context.print_written(f"Draws in {output}", draws.seed)
     context.end(draws.failed, draws.not_converged, draws.imprecise)
 
@@ -221,7 +222,7 @@ def evidence(
     frequencies = few_subjects_lines(table.answers) if read.conditions is None else []
     closing = without_decision(table.answers, table.failed)
     closing += [f"Table: {output}.", f"Seed {table.seed}."]
-    context.print_failed(table.failed)
+    context.out.reasons("No result", table.failed)
     print_answer(context.out, table.answers, read, frequencies, closing)
     context.end(table.failed)
 
@@ -265,11 +266,8 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
 
 def print_failed(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     """Subjects whose draws did not converge, or are too few."""
-    for text, reasons in (
-        ("The draws did not converge", draws.not_converged),
-        ("The draws are not precise enough", draws.imprecise),
-    ):
-        out.notes([(name, f"{text}: {reason}.", "") for name, reason in reasons.items()], file=file)
+    out.reasons("The draws did not converge", draws.not_converged, file=file)
+    out.reasons("The draws are not precise enough", draws.imprecise, file=file)
 
 
 def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT) -> None:
@@ -286,12 +284,11 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT
         cells.append("-" if factor is None else f"{factor:+.1f}")
         rows.append(cells)
 
-    out.line()
-    out.line("Log model evidence. * marks the largest of the four models.")
+    title = "Log model evidence. * marks the largest of the four models."
     if len(rows) < MANY_SUBJECTS:
-        out.lines(format_table(headings, rows, range(1, 8)))
+        out.table(headings, rows, range(1, 8), title)
     else:
-        out.line(f"All {len(rows):,} subjects: {file}")
+        out.lines(["", title, f"All {len(rows):,} subjects: {file}"])
     out.line()
     out.line(describe_h1(table))
     out.notes(notes_of(table), file=file)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -50,32 +48,10 @@ PRODUCTS = (
 _FIGURES = ("all", "flagged", "none")
 
 
-@dataclass(frozen=True)
-class FigureChoice:
-    """The subjects whose figures a results folder has.
-
-    Attributes
-    ----------
-    subjects : str
-        Subjects with corner plot and curves: "all", "none", or "flagged", those that need action.
-    truth : dict
-        True values by subject, marked in corner plots.
-    explorer : bool
-        Whether there is explorer.html.
-    """
-
-    subjects: str = "all"
-    truth: Truth = field(default_factory=dict)
-    explorer: bool = False
-
-    def __post_init__(self) -> None:
-        if self.subjects not in _FIGURES:
-            raise InputError(
-                f"--figures is {self.subjects!r}. It must be one of {', '.join(_FIGURES)}."
-            )
-
-
-DEFAULT_FIGURES = FigureChoice()
+def require_figures(subjects: str) -> None:
+    """Refuse an unknown choice of subjects that get figures."""
+    if subjects not in _FIGURES:
+        raise InputError(f"--figures is {subjects!r}. It must be one of {', '.join(_FIGURES)}.")
 
 
 def write_results(
@@ -83,7 +59,9 @@ def write_results(
     folder: str | Path,
     *,
     overwrite: bool = False,
-    figures: FigureChoice = DEFAULT_FIGURES,
+    figures: str = "all",
+    truths: Truth | None = None,
+    has_explorer: bool = False,
     workers: Workers = None,
     progress: Progress | None = None,
     check: PredictiveCheck | None = None,
@@ -92,14 +70,16 @@ def write_results(
 
     All are complete before the first one replaces a file. With `overwrite`, what an earlier
     analysis of these subjects has left and this one does not write is removed; other files of the
-    folder stay. `progress` is called with each subject whose figures are drawn, and `check` is the
-    one of the group, if it was made before.
+    folder stay. Corner plots and curves are those of all subjects, "flagged" ones, who need action,
+    or "none"; `truths` has known values that corner plots mark. `progress` is called with each
+    subject whose figures are drawn, and `check` is the one of the group, if it was made before.
     """
+    require_figures(figures)
     draws = analysis.draws
     if analysis.group is not None and check is None:
         check = predictive_check(analysis.group)
     marked = flagged(analysis.answers, draws.not_converged)
-    names = {"all": draws.names, "flagged": tuple(marked), "none": ()}[figures.subjects]
+    names = {"all": draws.names, "flagged": tuple(marked), "none": ()}[figures]
     stems = file_stems(draws.names)
     products = [*PRODUCTS]
     for stem in file_stems(analysis.study.names).values():
@@ -114,8 +94,8 @@ def write_results(
         _write_tables(analysis, target)
         _write_group(analysis, check, target)
         write_methods(analysis, target / "methods.md")
-        if figures.explorer:
-            explore(draws, truths=figures.truth or None).save(target / "explorer.html")
+        if has_explorer:
+            explore(draws, truths=truths).save(target / "explorer.html")
         if names:
             (target / "corner").mkdir()
         corners, curves = dict[str, Path](), dict[str, Path]()
@@ -125,11 +105,11 @@ def write_results(
         prior = analysis.settings.prior
         jobs = []
         for name in names:
-            of_subject = (figures.truth.get(name), analysis.curve(name))
             files = (corners[name], curves[name])
-            jobs.append(partial(_draw_subject, draws[name], prior, *of_subject, *files))
+            fitted = analysis.curve(name)
+            jobs.append(partial(_draw_subject, draws[name], prior, truths, fitted, *files))
         run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in names])
-        write_report(analysis, Facts(marked, check, curves, corners, figures.subjects), target)
+        write_report(analysis, Facts(marked, check, curves, corners, figures), target)
     return Path(folder)
 
 
@@ -158,13 +138,13 @@ def _write_group(analysis: Analysis, check: PredictiveCheck | None, folder: Path
 def _draw_subject(
     draws: Draws,
     prior: Prior,
-    truth: Mapping[str, float] | None,
+    truths: Truth | None,
     fitted: Predictor,
     corner_file: Path,
     curve_file: Path,
 ) -> None:
     """Draw the corner plot and the curves of the only subject of the draws."""
     [name] = draws.names
-    corner_file.write_bytes(png(corner(draws, name, truths=truth, prior=prior)))
+    corner_file.write_bytes(png(corner(draws, name, truths=truths, prior=prior)))
     title = "synthetic data" if draws.synthetic else ""
     curve_file.write_bytes(png(fitted_figure(fitted, title)))

@@ -214,10 +214,6 @@ class RunContext:
         self.out.line()
         self.out.line(f"{text}." if seed is None else f"{text}. Seed {seed}.")
 
-    def print_failed(self, failed: Mapping[str, str]) -> None:
-        """Subjects without a result, with the reason."""
-        self.out.notes((name, f"No result: {reason}.", "") for name, reason in failed.items())
-
     def end(self, *incomplete: Mapping[str, str]) -> None:
         """End with exit code 3 if subjects failed or draws did not converge."""
         if any(incomplete):

@@ -11,7 +11,7 @@ import math
 import re
 import shlex
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
@@ -84,7 +84,7 @@ class Terminal:
         """A table after an empty line, as :func:`format_table` has it."""
         self.lines(["", title] if title else [""], "bold")
         lines = format_table(headings, rows, numeric)
-        n_heading_lines = max(heading.count("\n") + 1 for heading in headings)
+        n_heading_lines = len(_heading_rows(headings))
         self.lines(lines[:n_heading_lines], "bold")
         self.lines(lines[n_heading_lines:])
 
@@ -103,6 +103,13 @@ class Terminal:
         n_more = len(merged) - MOST_NOTES
         if n_more > 0:
             self.line(f"... and {n_more:,} more in {file}")
+
+    def reasons(
+        self, text: str, reasons: Mapping[str, str], mark: str = "!", *, file: str = OUTPUT
+    ) -> None:
+        """Notes that give the reason of each subject after the same words."""
+        notes = [(name, f"{text}: {reason}.", "") for name, reason in reasons.items()]
+        self.notes(notes, mark, file=file)
 
     def answer(self, lines: Iterable[str]) -> None:
         """The answer, after an empty line and its heading."""
@@ -207,30 +214,33 @@ def format_table(
     """
     if not is_narrow(headings, rows):
         return _split_table(headings, rows, numeric)
-    widths, gap = _column_widths(headings, rows)
+    lines = [*_heading_rows(headings), *rows]
+    widths, gap = _column_widths(lines)
     widths[0] -= max(sum(widths) + gap * (len(widths) - 1) - WIDTH, 0)
-    n_lines = max(heading.count("\n") + 1 for heading in headings)
-    parts = [heading.split("\n") for heading in headings]
-    filled = [[""] * (n_lines - len(part)) + part for part in parts]
-    heading_rows = zip(*filled, strict=True)
-    return [_table_line(row, widths, gap, numeric) for row in (*heading_rows, *rows)]
+    return [_table_line(row, widths, gap, numeric) for row in lines]
 
 
 def is_narrow(headings: Sequence[str], rows: Sequence[Sequence[str]], first_width: int = 8) -> bool:
     """Whether a table fits into :data:`WIDTH` with at least `first_width` columns of names."""
-    widths, gap = _column_widths(headings, rows)
+    widths, gap = _column_widths([*_heading_rows(headings), *rows])
     return min(widths[0], first_width) + sum(widths[1:]) + gap * (len(widths) - 1) <= WIDTH
 
 
-def _column_widths(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[list[int], int]:
+def _heading_rows(headings: Sequence[str]) -> Sequence[Sequence[str]]:
+    """The lines of the headings, each a row; short headings stand in the last ones."""
+    upwards = [heading.split("\n")[::-1] for heading in headings]
+    return [*itertools.zip_longest(*upwards, fillvalue="")][::-1]
+
+
+def _column_widths(rows: Sequence[Sequence[str]]) -> tuple[list[int], int]:
     """The width that each column needs, and the gap between columns."""
-    last = len(headings) - 1
-    widths = [max(map(cell_width, heading.split("\n"))) for heading in headings]
+    n_columns = len(rows[0])
+    widths = [0] * n_columns
     for row in rows:
-        for i, cell in enumerate(row):
-            if i == last or i < len(row) - 1:
-                widths[i] = max(widths[i], cell_width(cell))
-    return widths, 2 if sum(widths) + 2 * last <= WIDTH else 1
+        cells = row if len(row) == n_columns else row[:-1]
+        for i, cell in enumerate(cells):
+            widths[i] = max(widths[i], cell_width(cell))
+    return widths, 2 if sum(widths) + 2 * (n_columns - 1) <= WIDTH else 1
 
 
 def _split_table(
@@ -252,20 +262,16 @@ def _table_line(
 ) -> str:
     """A row of a table; the last cell of a short row goes across the other columns."""
     line = ""
-    last = len(row) - 1
-    is_short = len(row) < len(widths)
     for i, cell in enumerate(row):
         width = widths[i]
-        is_spanning = is_short and i == last
+        is_spanning = i == len(row) - 1 < len(widths) - 1
         if is_spanning:
             width = WIDTH - cell_width(line)
         text = shorten(cell, width)
         padding = " " * (width - cell_width(text))
         if i in numeric and not is_spanning:
-            line += padding + text
-        else:
-            line += text + padding
-        line += " " * gap
+            text, padding = padding, text
+        line += text + padding + " " * gap
     return line.rstrip()
 
 

@@ -7,7 +7,7 @@ the web page that analyses studies.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import chain, product
 from math import isnan
@@ -20,12 +20,10 @@ import bayes_toe as bt
 from bayes_toe.cli.options import (
     NUMBER,
     SavedDraws,
-    Text,
     Texts,
     TrueValues,
     flag,
     option,
-    rare,
     writes,
 )
 from bayes_toe.cli.run_context import WORKERS, RunContext
@@ -102,10 +100,10 @@ def corner(
         Texts,
         option("--subject", "NAME", "Only this subject; repeatable, 2 to 4 in one figure."),
     ] = None,
-    parameters: Annotated[Text, option("--parameters", "gain,mu1", "Parameters to show.")] = None,
-    coordinates: Annotated[
-        Text, rare("--coordinates", "NAME", "Coordinates: natural (default) or identified.")
-    ] = None,
+    parameters: Annotated[
+        str,
+        option("--parameters", "gain,mu1", "Parameters: natural, identified, or their names."),
+    ] = "natural",
     show_prior: Annotated[bool, flag("--show-prior", "Show the prior in grey.")] = False,
     truth: TrueValues = None,
     formats: Annotated[
@@ -117,6 +115,7 @@ def corner(
 
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
     """
+    from bayes_toe.data.tables import file_stems
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.inference.draws import load_draws
     from bayes_toe.plots.figure_files import require_formats
@@ -129,11 +128,14 @@ def corner(
         draws.subject(name)  # raises for an unknown subject
     truths = {} if truth is None else read_truth(truth, [draws], names)
 
-    options = {
-        "coordinates": _quantities(coordinates, parameters, draws),
+    options: dict[str, Any] = {
+        "coordinates": _quantities(parameters, draws),
         "prior": draws.prior if show_prior else None,
+        "truths": truths,
     }
-    figures = _figure_options(draws, names, truths, is_joint=subject is not None)
+    stems = file_stems(draws.names)
+    groups = [names] if subject else [(name,) for name in names]
+    figures = {"+".join(map(stems.__getitem__, group)): group for group in groups}
     files = [f"{stem}.{ending}" for stem, ending in product(figures, endings)]
     context.require_folder(output, files)
 
@@ -144,43 +146,22 @@ def corner(
         # Absolute, since a worker may be in another folder than this process.
         target = folder.absolute()
         jobs = []
-        for stem, subjects in figures.items():
-            arguments = {**subjects, **options}
-            jobs.append(partial(_draw_corner, arguments, target / stem, endings))
+        for stem, group in figures.items():
+            # A process gets the draws of one subject.
+            drawn = draws[group[0]] if len(group) == 1 else draws
+            figure = partial(bt.plots.corner, drawn, group, **options)
+            jobs.append(partial(_save_formats, figure, target / stem, endings))
         run_in_order(jobs, of_this_machine(context.workers), tick, [(stem,) for stem in figures])
 
     context.print_written(f"{plural(len(figures), 'corner plot')} in {output}")
 
 
-def _figure_options(
-    draws: bt.Draws, names: Sequence[str], truths: Truth, *, is_joint: bool
-) -> dict[str, dict[str, Any]]:
-    """Draws, subjects and true values of each figure, by the stem of its files."""
-    from bayes_toe.data.tables import file_stems
+def _quantities(parameters: str, draws: bt.Draws) -> str | tuple[str, ...]:
+    """The quantities to draw: one of the choices, or names."""
+    from bayes_toe.plots.corner import COORDINATES
 
-    stems = file_stems(draws.names)
-    if is_joint and len(names) > 1:
-        joint = {name: truths[name] for name in names if name in truths}
-        stem = "+".join(map(stems.__getitem__, names))
-        return {stem: {"draws": draws, "subject": names, "truths": joint}}
-    figures = {}
-    for name in names:
-        # A process gets the draws of one subject.
-        parts = {"draws": draws[name], "subject": name, "truths": truths.get(name)}
-        figures[stems[name]] = parts
-    return figures
-
-
-def _quantities(
-    coordinates: str | None, parameters: str | None, draws: bt.Draws
-) -> str | tuple[str, ...]:
-    """The quantities to draw, from --coordinates or --parameters."""
-    if parameters is None:
-        return coordinates or "natural"
-    if coordinates is not None:
-        raise bt.InputError(
-            f"--parameters {parameters} and --coordinates {coordinates} exclude each other."
-        )
+    if parameters in COORDINATES:
+        return parameters
     names = tuple(name.strip() for name in parameters.split(","))
     all_names = draws.posterior(draws.names[0]).names.all
     for name in names:
@@ -192,11 +173,11 @@ def _quantities(
     return names
 
 
-def _draw_corner(options: Mapping[str, Any], target: Path, endings: Sequence[str]) -> None:
-    """Draw a corner plot of a subject, or of several, in every format."""
+def _save_formats(draw: Callable[[], Any], target: Path, endings: Sequence[str]) -> None:
+    """Draw a figure, and write it in every format."""
     from bayes_toe.plots.figure_files import figure_bytes
 
-    figure = bt.plots.corner(**options)
+    figure = draw()
     for ending in endings:
         content = figure_bytes(figure, ending, dpi=150 if ending == "png" else 300)
         target.with_name(f"{target.name}.{ending}").write_bytes(content)

@@ -31,11 +31,8 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
         out.line("BF and word refer to a difference between any two conditions.")
     if any(row.robust == "no" for row in table):
         out.line("? The word changes if the lapse rate may differ between conditions.")
-    notes = []
-    for name, reason in table.left_out.items():
-        if name not in table.failed:
-            notes.append((name, f"Not compared: {reason}.", ""))
-    out.notes(notes, "-", file=file)
+    left_out = {name: why for name, why in table.left_out.items() if name not in table.failed}
+    out.reasons("Not compared", left_out, "-", file=file)
 
 
 def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
@@ -69,14 +66,14 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
 
 def print_history(out: Terminal, table: SerialDependence, file: str = OUTPUT) -> None:
     """Print both effects of every subject, and the meaning of their sizes."""
-    rows, notes = [], []
+    rows, failed = [], {}
     for row in table:
         if row.has_result:
             carry_over, previous = row.word("carry_over"), row.word("previous_response")
             sizes = _size(carry_over, row.rho), _size(previous, row.kappa)
             rows.append([row.subject, carry_over, sizes[0], previous, sizes[1]])
         else:
-            notes.append((row.subject, f"No result: {row.note}.", ""))
+            failed[row.subject] = row.note
 
     headings = ["subject", "carry-over", "rho [95 %]", "previous\nresponse", "kappa [95 %]"]
     if len(rows) >= MANY_SUBJECTS:
@@ -88,7 +85,7 @@ def print_history(out: Terminal, table: SerialDependence, file: str = OUTPUT) ->
             "rho is the share of a stimulus that is carried over to the next trial. If kappa is "
             "above 0, a subject repeats responses. If kappa is below 0, a subject alternates."
         )
-    out.notes(notes, file=file)
+    out.reasons("No result", failed, file=file)
 
 
 def _size(word: str, quantiles: tuple[float, ...]) -> str:

@@ -32,7 +32,7 @@ from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, pre
 from bayes_toe.data.messages import visible
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import WHICH_STRONGER, Task
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.engine import Precision
 from bayes_toe.inference.order_evidence import (
@@ -274,14 +274,14 @@ class Entry:
             plane = _packed_scale(stimulus_scale("first stimulus", counts.unit, 0.0, ends), ends)
 
         fitted, panels = Predictor(target, x), slices(counts)
-        has_several = len(panels) > 1
+        has_titles = len(panels) > 1
         return {
             "pairs": {
                 **{key: values.tolist() for key, values in pairs.items()},
                 "stimuli": [text.replace("-", "−") for text in described],
             },
             "plane": plane,
-            "slices": [panel.packed(fitted, panel.title(has_several)) for panel in panels],
+            "slices": [panel.packed(fitted, has_title=has_titles) for panel in panels],
             "undrawn": len(slice_keys(counts)) - len(panels),
             "ends": ends,
             "axis": text_of(axis(self.quantities, target.sbar, ends)[:, index]),
@@ -418,8 +418,7 @@ class Slice:
 
     Attributes
     ----------
-    task : Task
-    unit : StimulusUnit
+    counts : Subject
     weaker : float
         The first stimulus in 'which is stronger'.
     pairs : ndarray
@@ -431,24 +430,21 @@ class Slice:
         intensities, and the only curve of 'which is stronger'.
     """
 
-    task: Task
-    unit: StimulusUnit
+    counts: Subject
     weaker: float
     pairs: IndexArray
     x: FloatArray
     orders: tuple[int, ...]
 
-    def title(self, has_stimulus: bool) -> str:
-        """Its stimulus, where there are several slices."""
-        if not has_stimulus:
-            return ""
-        stimulus = self.unit.describe(self.weaker).replace("-", "−")
-        return f"{self.task.slice_stimulus} stimulus {stimulus}"
+    def title(self) -> str:
+        """Its stimulus, which stands above its panel."""
+        stimulus = self.counts.unit.describe(self.weaker).replace("-", "−")
+        return f"{self.counts.task.slice_stimulus} stimulus {stimulus}"
 
-    def packed(self, fitted: Predictor, title: str) -> Record:
+    def packed(self, fitted: Predictor, *, has_title: bool) -> Record:
         """The slice as the page stores it."""
         return {
-            "title": title,
+            "title": self.title() if has_title else "",
             "pairs": self.pairs.tolist(),
             "x": self.x.tolist(),
             "scale": self._scale(),
@@ -458,18 +454,19 @@ class Slice:
 
     def _scale(self) -> Record | None:
         """Label and ticks of the axis along the curves in a known unit."""
-        if not self.unit.of_stimuli:
+        unit = self.counts.unit
+        if not unit.of_stimuli:
             return None
         ends = [float(self.x[0]), float(self.x[-1])]
-        if self.task == WHICH_STRONGER:
-            return _packed_scale(difference_scale(self.unit, ends), ends)
-        return _packed_scale(stimulus_scale("stronger stimulus", self.unit, 0.0, ends), ends)
+        if self.counts.task == WHICH_STRONGER:
+            return _packed_scale(difference_scale(unit, ends), ends)
+        return _packed_scale(stimulus_scale("stronger stimulus", unit, 0.0, ends), ends)
 
     def yes(self, fitted: Predictor) -> FloatArray:
         """P of the counted answer at every draw, shape (orders, POINTS, draws)."""
         fixed = np.full_like(self.x, self.weaker)
         presented = {-1: (fixed, self.x), 1: (self.x, fixed), 0: (self.x, self.x)}
-        if self.task == WHICH_STRONGER:
+        if self.counts.task == WHICH_STRONGER:
             presented = {0: (fixed, fixed + self.x)}
         return np.stack([fitted.yes(*presented[order]).T for order in self.orders])
 
@@ -535,7 +532,7 @@ def _slice(counts: Subject, fixed: float) -> Slice:
         end = float(position[is_member].max())
         x = np.linspace(fixed, end + _BEYOND * max(end - fixed, 1e-9), POINTS)
     index = np.flatnonzero(is_member)
-    return Slice(counts.task, counts.unit, fixed, index, x, tuple(orders))
+    return Slice(counts, fixed, index, x, tuple(orders))
 
 
 def axis(quantities: NamedArrays, sbar: float, ends: Sequence[float]) -> FloatArray:

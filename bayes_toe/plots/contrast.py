@@ -90,7 +90,7 @@ def contrast(
     words = {row.word for row in table}
     for face, colour, label in dict.fromkeys(_MARKS[word] for word in _MARKS if word in words):
         panels[0, 0].plot([], [], "o", ms=3.4, mfc=face, mec=colour, mew=0.7, label=label)
-    legend_below(figure, size=SMALL, columns=len(_MARKS))
+    legend_below(figure, columns=len(_MARKS))
     return figure
 
 

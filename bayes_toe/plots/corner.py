@@ -17,7 +17,7 @@ from dataclasses import replace
 from itertools import combinations
 from numbers import Real
 from textwrap import fill
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -80,7 +80,7 @@ def corner(
     subject: str | int | Sequence[str | int],
     *,
     coordinates: str | Sequence[str] = "natural",
-    truths: Values | Mapping[str, Values] | None = None,
+    truths: Mapping[str, Values] | None = None,
     prior: Prior | None = None,
     fig: Figure | None = None,
 ) -> Figure:
@@ -94,15 +94,15 @@ def corner(
     ----------
     draws : Draws
     subject : str or sequence of str
-        One, or two to four in the same panels, distinguished by colours and lines; upright lines
+        One, or up to four in the same panels, distinguished by colours and lines; upright lines
         are then their medians.
     coordinates : {"natural", "identified"} or sequence of str
         Which quantities. "natural" has the parameters of the paper's model (H1). For the four
         models it has constant error, contraction and JND, if the model has them. "identified" has
         the quantities that the answers depend on. A sequence names quantities, such as `gain`.
-    truths : mapping of str to float, optional
-        Known values of a synthetic subject; of several subjects, such a mapping by name. What
-        follows from them is drawn too: natural parameters are enough for any quantity.
+    truths : mapping of str to (mapping of str to float), optional
+        Known values of synthetic subjects, by subject. What follows from them is drawn too:
+        natural parameters are enough for any quantity.
     prior : Prior, optional
         Its marginals are drawn in grey on the diagonal;
         `draws.prior` is the one that the draws were made under.
@@ -116,17 +116,23 @@ def corner(
         for more than four subjects.
     """
     require_draws(draws)
-    names_asked = _subject_names(subject)
-    is_single = len(names_asked) == 1
-    truth_of = _truths_by_subject(truths, names_asked)
-    unit = _shown_unit(draws, names_asked, coordinates)
+    truth_of = _require_by_subject(truths or {})
+    subject_names = _subject_names(subject)
+    is_single = len(subject_names) == 1
+    targets = [draws.posterior(name) for name in subject_names]
+    names = _quantity_names(targets[0], coordinates)
+    quantities_of_subjects = []
+    for name in subject_names:
+        quantities_of_subjects.append({key: draws.values(name, key).ravel() for key in names})
+    unit = shown_unit(targets[0].subject.unit, quantities_of_subjects)
+
     subjects, limits = [], []
-    for name, (colour, line) in zip(names_asked, OVERLAID, strict=False):
-        target = draws.posterior(name)
-        names = _quantity_names(target, coordinates)
+    for target, values, (colour, line) in zip(
+        targets, quantities_of_subjects, OVERLAID, strict=False
+    ):
         target = in_unit(target, unit)
-        columns = [axis_values(key, draws.values(name, key).ravel(), unit) for key in names]
-        true_values = all_true_values(truth_of.get(name, {}), target)
+        columns = [axis_values(key, values[key], unit) for key in names]
+        true_values = all_true_values(truth_of.get(target.subject.name, {}), target)
         limits.append(axis_limits(columns, names, target, true_values))
         truth = [true_values.get(key, np.nan) for key in names]
         subjects.append(_SubjectDraws(target, names, np.stack(columns), truth, colour, line))
@@ -149,33 +155,25 @@ def corner(
 
 
 def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
-    """The subjects of a plot: one, or two to four."""
+    """The subjects of a plot, one to four."""
     if isinstance(subject, str | int | np.integer):
         return [name_from_key(subject)]
     names = [*map(name_from_key, subject)]
-    if not 2 <= len(set(names)) == len(names) <= len(OVERLAID):
+    if not 1 <= len(set(names)) == len(names) <= len(OVERLAID):
         raise InputError(
             f"subjects in one corner plot: found {join_names([*map(repr, names)])}; "
-            f"allowed: 2 to {len(OVERLAID)}, each once"
+            f"allowed: 1 to {len(OVERLAID)}, each once"
         )
     return names
 
 
-def _truths_by_subject(
-    truths: Values | Mapping[str, Values] | None, names: Sequence[str]
-) -> Mapping[str, Values]:
-    """True values by subject, of one or of several."""
-    if truths is None:
-        return {}
-    if len(names) == 1:
-        return {names[0]: cast("Values", truths)}
+def _require_by_subject(truths: Mapping[str, Values]) -> Mapping[str, Values]:
+    """True values by subject; numbers without a subject are refused."""
     if not all(isinstance(values, Mapping) for values in truths.values()):
         raise InputError(
-            "truths: found numbers, allowed for several subjects: "
-            "a mapping of each one's values by its name"
+            "truths: found numbers, allowed: a mapping of each subject's values by its name"
         )
-    by_subject = cast("Mapping[str, Values]", truths)
-    return {name_from_key(name): values for name, values in by_subject.items()}
+    return truths
 
 
 # --- quantities -----------------------------------------------------------------------------------
@@ -214,18 +212,6 @@ def _quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) 
     if isinstance(target, ObserverPosterior):
         return tuple(name for name in _ORDER_QUANTITIES if name in target.names.all)
     return target.names.natural
-
-
-def _shown_unit(
-    draws: Draws, subjects: Sequence[str], coordinates: str | Sequence[str]
-) -> StimulusUnit:
-    """The unit in which panels show the quantities of these subjects."""
-    columns = []
-    for subject in subjects:
-        target = draws.posterior(subject)
-        names = _quantity_names(target, coordinates)
-        columns.append({name: draws.values(subject, name) for name in names})
-    return shown_unit(target.subject.unit, columns)
 
 
 def shown_unit(unit: StimulusUnit, columns: Iterable[NamedArrays]) -> StimulusUnit:

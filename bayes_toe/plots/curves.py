@@ -65,7 +65,7 @@ _SHIFT = 0.008
 # --- one subject, over the stimuli ----------------------------------------------------------------
 
 
-def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) -> Figure:
+def curves(source: Analysis | Draws, subject: str) -> Figure:
     """Draw the responses of one subject in both orders, with the fitted probabilities.
 
     The lines are posterior means with central 95 % bands: P('equal') in a panel for each weaker
@@ -80,8 +80,6 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
         The curves of an analysis are averaged over the four models; those of draws belong to the
         model of the draws.
     subject : str
-    title : str, optional
-        By default the subject and the model.
 
     Raises
     ------
@@ -93,12 +91,11 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
         model, draws = model_title(source.model), source
     else:
         fitted, model, draws = source.curve(subject), "average of the four models", source.draws
-    if title is None:
-        title = f"{plain(subject)}: {model}"
-        if draws.synthetic:
-            title += " (synthetic data)"
-        if isinstance(source, Draws) and subject in draws.not_converged:
-            title += "\nNOT CONVERGED"
+    title = f"{plain(subject)}: {model}"
+    if draws.synthetic:
+        title += " (synthetic data)"
+    if isinstance(source, Draws) and subject in draws.not_converged:
+        title += "\nNOT CONVERGED"
     return fitted_figure(fitted, title)
 
 
@@ -124,7 +121,7 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
         if len(groups) > 1:
             ax.set_title(_describe_group(counts, group, stimulus), loc="left", fontsize=SMALL)
     finish_panels(panels, n_columns)
-    legend_below(below_title, size=SMALL, side="upper")
+    legend_below(below_title, side="upper")
     figure.suptitle(title, fontsize=LETTERS + 1.0)
     return figure
 
@@ -221,38 +218,31 @@ def correct_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
 
     Pairs with neighbouring middles are pooled where there are more than six middles.
     """
-    middle = 0.5 * (counts.s1 + counts.s2)
-    groups = np.array_split(np.unique(middle[counts.s1 != counts.s2]), MOST_PANELS)
-    for mark, has_order in rows_by_order(presentation_order(counts)):
-        if mark is not ORDERS[0]:
-            pools = [has_order & np.isin(middle, group) for group in groups]
-            _draw_correct(ax, counts, curve, mark, [rows for rows in pools if rows.any()])
+    middle, order = 0.5 * (counts.s1 + counts.s2), presentation_order(counts)
+    p_yes, is_yes_correct = curve(counts.s1, counts.s2), order < 0
+    p_correct = np.where(is_yes_correct, p_yes, 1.0 - p_yes)
+    n_correct = np.where(is_yes_correct, counts.n_yes, counts.n_trials - counts.n_yes)
+
+    groups = np.array_split(np.unique(middle[order != 0]), MOST_PANELS)
+    for sign in (-1, 1):
+        positions, expected, totals = [], [], []
+        for group in groups:
+            rows = (order == sign) & np.isin(middle, group)
+            n_trials = counts.n_trials[rows]
+            if rows.any():
+                positions.append(np.average(middle[rows], weights=n_trials))
+                expected.append(np.average(p_correct[:, rows], axis=1, weights=n_trials))
+                totals.append((n_correct[rows].sum(), n_trials.sum()))
+        if positions:
+            x = np.array(positions)
+            draw_band(ax, x, np.stack(expected, axis=1), ORDERS[sign].colour)
+            shift = sign * _SHIFT * np.ptp(middle)
+            n_pooled, n_trials = np.transpose(totals)
+            draw_shares(ax, x + shift, n_pooled, n_trials, ORDERS[sign])
+
     _draw_half(ax, "chance")
     stimulus_axis(ax, "middle of the pair", counts.unit, mean_first(counts))
     ax.set_ylabel("proportion correct")
-
-
-def _draw_correct(
-    ax: Axes, counts: Subject, curve: Curve, mark: Mark, pools: Sequence[BoolArray]
-) -> None:
-    """Proportions correct in one order, observed and expected in the pairs of each pool."""
-    middle = 0.5 * (counts.s1 + counts.s2)
-    is_weaker_first = mark is ORDERS[-1]
-    positions, expected, totals = [], [], []
-    for rows in pools:
-        n_trials, n_correct = counts.n_trials[rows], counts.n_yes[rows]
-        p_correct = curve(counts.s1[rows], counts.s2[rows])
-        if not is_weaker_first:
-            n_correct, p_correct = n_trials - n_correct, 1.0 - p_correct
-        positions.append(np.average(middle[rows], weights=n_trials))
-        expected.append(np.average(p_correct, axis=1, weights=n_trials))
-        totals.append((n_correct.sum(), n_trials.sum()))
-
-    x = np.array(positions)
-    draw_band(ax, x, np.stack(expected, axis=1), mark.colour)
-    shift = _SHIFT * np.ptp(middle) * (-1.0 if is_weaker_first else 1.0)
-    n_pooled, n_trials = np.transpose(totals)
-    draw_shares(ax, x + shift, n_pooled, n_trials, mark)
 
 
 def _draw_half(ax: Axes, label: str) -> None:

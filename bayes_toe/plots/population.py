@@ -104,12 +104,12 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
             ax.tick_params(labelleft=False)
         elif is_crowded:
             ax.set_ylabel(f"{n_subjects:,} subjects, sorted in each panel", fontsize=LETTERS)
-    legend_below(parts[0], size=SMALL, columns=3, side="upper")
+    legend_below(parts[0], columns=3, side="upper")
 
     panels = parts[1].subplots(1, len(names), squeeze=False)[0]
     for name, ax in zip(names, panels, strict=True):
         prior_panel(ax, result, name)
-    legend_below(parts[1], size=SMALL, side="upper")
+    legend_below(parts[1], side="upper")
     check_panel(parts[2].subplots(), predictive_check(result) if check is None else check)
     if effects:
         title = "effects of covariates on the group means, 95 % intervals"

@@ -60,7 +60,7 @@ def power(table: PowerTable) -> Figure:
         [], [], "o", mec=EQUAL, mfc="white", ms=3.6, label="hollow: without this effect"
     )
     axes[0, 0].plot([], [], "|", color=EQUAL, ms=9.0, label="95 % interval")
-    legend_below(figure, size=LETTERS, columns=4, side="upper")
+    legend_below(figure, columns=4, side="upper")
     return figure
 
 

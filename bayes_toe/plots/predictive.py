@@ -21,7 +21,6 @@ from bayes_toe.plots.style import (
     LETTERS,
     MARKED,
     PAGE,
-    SMALL,
     Style,
     grid_panels,
     label_outer,
@@ -83,7 +82,7 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
         if has_room and _PAIR * counts.n_pairs <= height:
             _label_pairs(ax, counts)
     label_outer(panels, n_columns)
-    legend_below(below_title, size=SMALL, columns=2 if n_columns == 1 else 5, side="upper")
+    legend_below(below_title, columns=2 if n_columns == 1 else 5, side="upper")
     mark_synthetic(figure, analysis.study.synthetic)
     return figure
 

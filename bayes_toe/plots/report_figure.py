@@ -20,7 +20,6 @@ from bayes_toe.plots.figure_files import figure_bytes
 from bayes_toe.plots.order_effect import forest_height, forests
 from bayes_toe.plots.style import (
     LETTERS,
-    SMALL,
     grid_panels,
     legend_below,
     n_rows,
@@ -57,7 +56,7 @@ def responses_figure(analysis: Analysis, height: float) -> Figure:
         responses_panel(ax, analysis.study[name], analysis.curve(name).yes)
         ax.set_title(plain(name, 24), loc="left", fontsize=LETTERS)
     finish_panels(panels, n_columns)
-    legend_below(figure, size=SMALL, side="upper")
+    legend_below(figure, side="upper")
     return figure
 
 

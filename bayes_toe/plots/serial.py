@@ -76,7 +76,7 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     if notes:
         figure.suptitle("; ".join(notes), fontsize=SMALL)
     explain_curves(axes[0, 0], "best of the four models", POSTERIOR)
-    legend_below(figure, size=SMALL, columns=2)
+    legend_below(figure, columns=2)
     return figure
 
 

@@ -336,26 +336,28 @@ def draw_intervals(
 
 # --- legends --------------------------------------------------------------------------------------
 
+_LEGEND: Style = {
+    "fontsize": SMALL,
+    "handletextpad": 0.3,
+    "borderaxespad": 0.2,
+    "frameon": False,
+}
+_EDGES = {"left": 0.0, "center": 0.5}  # of a panel
+
 
 def legend_below(
     figure: Figure | SubFigure,
     *,
-    size: float = 10.0,
     columns: int = 3,
     side: Literal["lower", "upper"] = "lower",
 ) -> None:
-    """Put one legend outside the panels, below or above them.
-
-    Points may be anywhere in the panels. `size` is that of the letters in points.
-    """
+    """Put one legend in small letters outside the panels, since points may be anywhere in them."""
     handles = {}
     for ax in figure.axes:
         for handle, label in _main_first(ax):
             handles[label] = handle
-    style: Style = {"loc": f"outside {side} center", "ncols": columns, "frameon": False}
-    if size <= LETTERS:
-        style |= {"handletextpad": 0.3, "columnspacing": 1.2, "borderaxespad": 0.2}
-    figure.legend(handles.values(), handles.keys(), fontsize=size, **style)
+    style: Style = {"loc": f"outside {side} center", "ncols": columns, "columnspacing": 1.2}
+    figure.legend(handles.values(), handles.keys(), **style, **_LEGEND)
 
 
 def legend_above(
@@ -368,18 +370,9 @@ def legend_above(
     entries = _main_first(ax)
     handles = [handle for handle, _ in entries]
     labels = [label for _, label in entries]
-    style: Style = {
-        "loc": f"lower {side}",
-        "bbox_to_anchor": ({"left": 0.0, "center": 0.5, "right": 1.0}[side], 1.0),
-        "borderaxespad": 0.2,
-        "handletextpad": 0.3,
-        "columnspacing": 1.0,
-        "labelspacing": 0.25,
-        "frameon": False,
-    }
-    ax.legend(
-        handles, labels, ncols=columns, title=title, fontsize=SMALL, title_fontsize=SMALL, **style
-    )
+    place: Style = {"loc": f"lower {side}", "bbox_to_anchor": (_EDGES[side], 1.0)}
+    words: Style = {"title": title, "title_fontsize": SMALL, "labelspacing": 0.25}
+    ax.legend(handles, labels, ncols=columns, **place, **words, **_LEGEND, columnspacing=1.0)
 
 
 def _main_first(ax: Axes) -> list[tuple[Any, str]]:

@@ -154,7 +154,7 @@ def test_fit_writes_its_table_and_states_its_level(folder):
 def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities(folder, out):
     (folder / "truth.csv").write_text("subject,mu1,gain,q0\nA,-0.7,0.8,\nZ,1,0.5,0.9\n")
     corner = "corner out/posterior.nc --subject B"
-    good(f"{corner} -o single --coordinates identified", cwd=folder)
+    good(f"{corner} -o single --parameters identified", cwd=folder)
     assert [path.name for path in (folder / "single").glob("*.png")] == ["B.png"]
 
     request = "--subject A --parameters 'gain, offset' --show-prior --truth truth.csv"
@@ -169,7 +169,6 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
 REFUSED = """
     corner out/posterior.nc --parameters gain,mu_1 | 'mu_1' is unknown or named twice. The para
     corner out/posterior.nc --parameters gain,gain | 'gain' is unknown or named twice
-    corner out/posterior.nc --parameters gain --coordinates natural | exclude each other
     corner out/posterior.nc --format gif | format 'gif': allowed: pdf, png, svg
     corner out/posterior.nc --subject A --subject Z | no subject 'Z'
     corner out/posterior.nc --truth study.csv | 'n_trials', allowed: subject and some of mu1

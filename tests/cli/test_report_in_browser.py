@@ -9,7 +9,7 @@ import math
 import pytest
 from browsers import Opened
 
-from bayes_toe.cli.results_folder import FigureChoice, write_results
+from bayes_toe.cli.results_folder import write_results
 
 SCREEN = 900  # pixels
 A4 = 680  # pixels less the margins: narrower than a page that is not printed may be
@@ -18,7 +18,7 @@ A4 = 680  # pixels less the margins: narrower than a page that is not printed ma
 @pytest.fixture(scope="module")
 def path(marked, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "out"
-    write_results(marked, folder, figures=FigureChoice("flagged"), workers=1)
+    write_results(marked, folder, figures="flagged", workers=1)
     return folder / "report.html"
 
 

@@ -11,13 +11,13 @@ from populations import made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
 from bayes_toe.cli import report, results_folder
-from bayes_toe.cli.results_folder import FigureChoice, write_results
+from bayes_toe.cli.results_folder import write_results
 from bayes_toe.explorer.page import Explorer
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor, Regressors
 
 pytestmark = pytest.mark.usefixtures("blank_pictures")
-NO_FIGURES = {"figures": FigureChoice("none"), "workers": 1}
+NO_FIGURES = {"figures": "none", "workers": 1}
 
 
 def page(folder, name="report.html"):
@@ -35,7 +35,7 @@ def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
     marked, tmp_path, choice, drawn, note
 ):
     names = []
-    options = {"figures": FigureChoice(choice), "workers": 1, "progress": names.append}
+    options = {"figures": choice, "workers": 1, "progress": names.append}
     out = write_results(marked, tmp_path / "out", **options)
     assert sorted(file.stem for file in out.glob("corner/*")) == names == list(drawn)
     assert (out / "corner").exists() == bool(drawn)
@@ -56,7 +56,7 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     marked, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(report, "MAX_SUBJECTS", 2)
-    out = write_results(marked, tmp_path / "out", figures=FigureChoice("flagged"), workers=1)
+    out = write_results(marked, tmp_path / "out", figures="flagged", workers=1)
     index = page(out)
     links = re.findall(r'href="subjects/([^"]+).html"', index)
     assert links[:3] == ["A", "C", "B"]  # flagged ones first
@@ -114,8 +114,7 @@ def test_an_explorer_stands_beside_the_report_if_asked_for(marked, tmp_path, mon
         return Explorer("explored")
 
     monkeypatch.setattr(results_folder, "explore", explore)
-    choice = FigureChoice("none", explorer=True)
-    out = write_results(marked, tmp_path / "out", figures=choice, workers=1)
+    out = write_results(marked, tmp_path / "out", has_explorer=True, **NO_FIGURES)
     assert page(out, "explorer.html") == "explored"
     assert explored == [(marked.draws, None)]
     assert page(out).count('href="explorer.html"') == 2

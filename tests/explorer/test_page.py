@@ -172,7 +172,7 @@ def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimul
     assert [element.orders for element in observed] == [(0,)] * 6
     middle = observed[1]
     assert {subject.s1[pair] for pair in middle.pairs} == {middle.weaker}
-    assert middle.title(True) == f"first stimulus {middle.weaker:.3g}"
+    assert middle.title() == f"first stimulus {middle.weaker:.3g}"
     [curve] = middle.yes(fitted)
     first = np.full_like(middle.x, middle.weaker)
     np.testing.assert_allclose(curve.T, fitted.yes(first, first + middle.x))

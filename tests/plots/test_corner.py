@@ -40,7 +40,7 @@ def marked(ax):
 
 
 def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
-    figure = bt.plots.corner(analysis.draws, "A", truths=TRUE, prior=bt.Prior())
+    figure = bt.plots.corner(analysis.draws, "A", truths={"A": TRUE}, prior=bt.Prior())
     axes = np.array(figure.axes).reshape(4, 4)
     for ax, name in zip(axes[-1], TRUE, strict=True):
         assert ax.get_xlabel().startswith(QUANTITY_BY_NAME[name].symbol)
@@ -97,16 +97,16 @@ def test_contours_hold_their_shares_of_the_draws(draw, n):
         ({"coordinates": "polar"}, "must be one of"),
         ({"coordinates": ["gain", "x"]}, "unknown parameter"),
         ({"coordinates": []}, "found none, allowed: natural"),
-        ({"truths": {"mu_1": 0.0}}, "unknown quantity 'mu_1'"),
-        ({"truths": {"mu1": float("nan")}}, "mu1=nan"),
-        ({"truths": {"sigma_p": 0.0}}, "a positive finite number"),
-        ({"truths": {"q0": 2.0}}, "q0=2.0, allowed: a finite number from 0 to 1"),
-        ({"truths": {"jnd": 800.0}}, "jnd=800.0, allowed: a finite number from 0 to inf"),
-        ({"truths": {"jnd": "a"}}, "truths: jnd: found 'a', allowed: a finite number"),
-        ({"truths": {"A": TRUE}}, "unknown quantity 'A'"),
-        ({"subject": ["A"]}, "allowed: 2 to 4, each once"),
+        ({"truths": {"A": {"mu_1": 0.0}}}, "unknown quantity 'mu_1'"),
+        ({"truths": {"A": {"mu1": float("nan")}}}, "mu1=nan"),
+        ({"truths": {"A": {"sigma_p": 0.0}}}, "a positive finite number"),
+        ({"truths": {"A": {"q0": 2.0}}}, "q0=2.0, allowed: a finite number from 0 to 1"),
+        ({"truths": {"A": {"jnd": 800.0}}}, "jnd=800.0, allowed: a finite number from 0 to inf"),
+        ({"truths": {"A": {"jnd": "a"}}}, "truths: jnd: found 'a', allowed: a finite number"),
+        ({"truths": {"A": {"A": TRUE}}}, "unknown quantity 'A'"),
+        ({"subject": []}, "allowed: 1 to 4, each once"),
         ({"subject": ["A", "A"]}, "found 'A', 'A'; allowed"),
-        ({"subject": ["A", "B"], "truths": TRUE}, "a mapping of each one's values by its name"),
+        ({"truths": TRUE}, "a mapping of each subject's values by its name"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(analysis, options, message):
@@ -120,7 +120,9 @@ def test_what_cannot_be_drawn_is_refused(analysis, options, message):
 )
 def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, text):
     names = text.split()
-    figure = bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE, prior=bt.Prior())
+    figure = bt.plots.corner(
+        analysis.draws, "A", coordinates=names, truths={"A": TRUE}, prior=bt.Prior()
+    )
     require_legible(figure)
     axes = np.array(figure.axes).reshape(len(names), len(names))
     key = figure.legends[0].get_window_extent()
@@ -130,12 +132,14 @@ def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, tex
 
 
 def test_true_values_that_are_known_are_shown_wherever_they_lie(analysis):
-    figure = bt.plots.corner(analysis.draws, "A", coordinates=["mu1", "gain"], truths={"mu1": -0.7})
+    figure = bt.plots.corner(
+        analysis.draws, "A", coordinates=["mu1", "gain"], truths={"A": {"mu1": -0.7}}
+    )
     assert marked(figure.axes[0]) == ([-0.7], [])
     # The gain follows from sigma_p and sigma_l, not from mu1.
     assert marked(figure.axes[3])[0] == []
     assert "true value" in words(figure)
-    figure = bt.plots.corner(analysis.draws, "A", coordinates=["q0"], truths={"q0": 0.001})
+    figure = bt.plots.corner(analysis.draws, "A", coordinates=["q0"], truths={"A": {"q0": 0.001}})
     assert figure.axes[0].get_xlim()[0] < 0.001
     assert "true value" not in words(bt.plots.corner(analysis.draws, "A", coordinates=["q0"]))
 
@@ -191,7 +195,7 @@ def joint(small_study):
 
 
 def test_the_four_models_show_constant_error_contraction_and_jnd(joint):
-    figure = bt.plots.corner(joint, "A", prior=bt.Prior(), truths={"contraction": 0.1})
+    figure = bt.plots.corner(joint, "A", prior=bt.Prior(), truths={"A": {"contraction": 0.1}})
     require_legible(figure)
     labels = [ax.get_xlabel() for ax in figure.axes[-3:]]
     assert labels == ["constant error $c$, %", "contraction, %", "JND, %"]
