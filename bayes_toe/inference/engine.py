@@ -13,11 +13,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, Self
 
 import numpy as np
 
-from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, IndexArray, Rng
+from bayes_toe.arrays import AnyRng, BoolArray, FloatArray, IndexArray, Rng
 from bayes_toe.inference.maxima import Ascent
 from bayes_toe.inference.mixture import (
     StudentMixture,
@@ -25,6 +24,8 @@ from bayes_toe.inference.mixture import (
     joined_draws,
     tempered,
 )
+from bayes_toe.model.funnel import FunnelArray
+from bayes_toe.model.posterior_array import PosteriorArray
 
 # --- Mixture ---
 _LEAST_WEIGHT = 0.05  # of a component, beside the root of its Laplace evidence
@@ -123,33 +124,8 @@ SHARP = Precision(
 )
 
 
-class EngineArray(Protocol):
-    """Posteriors in the coordinates w of their mixtures, (posteriors, points, d)."""
-
-    def __len__(self) -> int: ...
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the d coordinates."""
-
-    @property
-    def is_free(self) -> BoolArray:
-        """The coordinates that each posterior has, (posteriors, d)."""
-
-    def part(self, index: IndexArray) -> Self:
-        """Some posteriors, in this order; one may come more than once."""
-
-    def prior_points(self, probability: FloatArray) -> FloatArray:
-        """Points of the prior by the quantiles of its coordinates."""
-
-    def densities(self, w: FloatArray) -> ArrayPair:
-        """Log prior and log posterior density, (posteriors, points)."""
-
-    def log_prior(self, w: FloatArray) -> FloatArray:
-        """Log prior density, (posteriors, points)."""
-
-    def original(self, w: FloatArray) -> ArrayPair:
-        """Points u of the posteriors, and log |dw/du| there."""
+#: Posteriors in the coordinates w of their mixtures, (posteriors, points, d).
+EngineArray = PosteriorArray | FunnelArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,16 +18,14 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, log_expit, log_ndtr, ndtr
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.model.answer_curves import (
     AnswerRows,
     LogAnswers,
-    Slopes,
     pair_arrays,
     second_answers,
-    second_slopes,
 )
 from bayes_toe.model.densities import (
     PriorDensity,
@@ -36,6 +34,7 @@ from bayes_toe.model.densities import (
     half_normal_score,
     log_half_normal,
     log_half_normal_slope,
+    log_normal,
     logit_of_probit,
     logit_rise,
     normal_hazard,
@@ -243,15 +242,17 @@ def bell_answers(z: FloatArray, logit_q0: FloatArray) -> LogAnswers:
         return LogAnswers(log_equal(z, log_expit(logit_q0)), log_different(z, logit_q0))
 
 
-def bell_slopes(z: FloatArray, logit_q0: FloatArray, answers: LogAnswers) -> tuple[Slopes, Slopes]:
-    """Slopes of :func:`bell_answers` in z and in the logit of q0.
+def bell_slopes(
+    z: FloatArray, logit_q0: FloatArray, answers: LogAnswers
+) -> tuple[ArrayPair, ArrayPair]:
+    """Slopes of :func:`bell_answers` in z and in the logit of q0, of both answers each.
 
     With the odds r = q/(1 - q), those of log(1 - q) are 2 ln2 r z and -r (1 - q0).
     """
     lapse = expit(-logit_q0)
     with np.errstate(over="ignore", invalid="ignore"):
         odds = np.exp(answers.yes - answers.no)
-        return Slopes(-2.0 * LN2 * z, 2.0 * LN2 * odds * z), Slopes(lapse, -odds * lapse)
+        return (-2.0 * LN2 * z, 2.0 * LN2 * odds * z), (lapse, -odds * lapse)
 
 
 def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:
@@ -273,19 +274,17 @@ def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:
 
 def guessing_slopes(
     z: FloatArray, logit_rate: FloatArray, answers: LogAnswers
-) -> tuple[Slopes, Slopes]:
-    """Slopes of :func:`guessing_answers` in z and in the logit of lambda."""
-    curve = second_answers(z)
-    log_guessed, log_attended = _guessing_parts(curve, logit_rate)
-    in_z, in_rate = [], []
-    sides = zip(log_attended, answers, second_slopes(z), strict=True)
-    for log_part, log_p, slope in sides:
-        with np.errstate(over="ignore", invalid="ignore"):
-            guessed, attended = np.exp(log_guessed - log_p), np.exp(log_part - log_p)
-            # Far out nothing of the curve is left, and its slope may be infinite.
-            in_z.append(np.where(attended > 0.0, attended * slope, 0.0))
-            in_rate.append(guessed * expit(-logit_rate) - attended * expit(logit_rate))
-    return Slopes(*in_z), Slopes(*in_rate)
+) -> tuple[ArrayPair, ArrayPair]:
+    """Slopes of :func:`guessing_answers` in z and in the logit of lambda, of both answers each."""
+    log_guessed, log_attended = _guessing_parts(second_answers(z), logit_rate)
+    log_density = log_expit(-logit_rate) + log_normal(z)
+    yes_in_z, no_in_z = np.exp(log_density - answers.yes), -np.exp(log_density - answers.no)
+    in_rate = []
+    for log_part, log_p in zip(log_attended, answers, strict=True):
+        guessed, attended = np.exp(log_guessed - log_p), np.exp(log_part - log_p)
+        in_rate.append(guessed * expit(-logit_rate) - attended * expit(logit_rate))
+    yes_in_rate, no_in_rate = in_rate
+    return (yes_in_z, no_in_z), (yes_in_rate, no_in_rate)
 
 
 def _guessing_parts(curve: LogAnswers, logit_rate: FloatArray) -> tuple[FloatArray, LogAnswers]:
