@@ -14,7 +14,7 @@ from scipy.special import logit, ndtri
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.inference.maxima import Ascent, ascend_from
-from bayes_toe.model.densities import half_normal_score, probit_of_logit
+from bayes_toe.model.densities import probit_of_logit
 from bayes_toe.model.funnel import Funnel
 from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.paper_rows import PaperRows, pull_at
@@ -159,11 +159,7 @@ def _starts(row: PaperRows) -> FloatArray:
     offset, gamma, log_width, logit_share = np.reshape(axes, (4, -1))
     pull, width = pull_at(gamma), step * np.exp(log_width)
     mu1 = _mean_first(row) + offset * step / pull
-    if row.prior.spread == "width":
-        spread = np.log(width / row.spread_scale[0]) / row.prior.width_sd
-    else:
-        sigma_p = width * (1.0 - pull) ** row.power
-        spread = half_normal_score(sigma_p / row.spread_scale[0])
+    spread = row.spread_score(np.log(width), pull)[0]
     probits = ndtri(gamma), probit_of_logit(logit_share)
     return np.stack([(mu1 - row.mu1_mean[0]) / row.mu1_sd[0], spread, *probits], -1)
 

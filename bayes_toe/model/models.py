@@ -103,8 +103,8 @@ class ObserverPosterior(SubjectPosterior):
     --------
     >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> posterior = OrderModel("both").posterior(subject)
-    >>> posterior.coordinates[-2:]
-    ('constant_error', 'contraction')
+    >>> "contraction" in posterior.coordinates
+    True
     >>> posterior.log_density(np.zeros((3, len(posterior.coordinates)))).shape
     (3,)
     """
@@ -267,8 +267,8 @@ def observer_posterior(
     Examples
     --------
     >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
-    >>> observer_posterior(subject).coordinates[-2:]
-    ('constant_error', 'contraction')
+    >>> "contraction" in observer_posterior(subject).coordinates
+    True
     """
     order_model = require_model(model, subject.task)
     if isinstance(order_model, PaperModel):

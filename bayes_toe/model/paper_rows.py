@@ -135,21 +135,37 @@ class PaperRows(AnswerRows):
         log_divisor = np.log(1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
         return LN2 + log_ndtr(u[..., 2]) - log_divisor
 
+    def _log_spread_share(self, pull: FloatArray) -> FloatArray:
+        """Log of what has a prior, sigma_p or the width, over the width."""
+        if self.prior.spread == "width":
+            return np.zeros_like(pull)
+        return self.power * np.log1p(-pull)
+
     def log_width(self, u: FloatArray) -> FloatArray:
         """Log of the width w, (rows, points)."""
-        if self.prior.spread == "width":
-            return np.log(self.spread_scale) + self.prior.width_sd * u[..., 1]
-        log_gain = np.log1p(-self.pull(u))
-        log_sigma_p = np.log(self.spread_scale) + log_half_normal(u[..., 1])
-        return log_sigma_p - self.power * log_gain
+        score, sd = u[..., 1], self.prior.spread_sd
+        log_ratio = log_half_normal(score) if sd is None else sd * score
+        return np.log(self.spread_scale) + log_ratio - self._log_spread_share(self.pull(u))
+
+    def spread_score(self, log_width: FloatArray, pull: FloatArray) -> FloatArray:
+        """The second coordinate, from the log width and the pull."""
+        log_ratio = log_width + self._log_spread_share(pull) - np.log(self.spread_scale)
+        if self.prior.spread_sd is None:
+            return half_normal_score(np.exp(log_ratio))
+        return log_ratio / self.prior.spread_sd
+
+    def _spread_slope(self, u: FloatArray) -> FloatArray:
+        """Slope of the log width in the second coordinate, (rows, points)."""
+        if self.prior.spread_sd is None:
+            return log_half_normal_slope(u[..., 1])
+        return np.full(u.shape[:-1], self.prior.spread_sd)
 
     def _log_width_slopes(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Slopes of the log width in the second and in the third coordinate, (rows, points)."""
-        if self.prior.spread == "width":
-            return np.full(u.shape[:-1], self.prior.width_sd), np.zeros(u.shape[:-1])
-        p = self.pull(u)
-        by_gamma = self.power * self._pull_slope(u) / (1.0 - p)
-        return log_half_normal_slope(u[..., 1]), by_gamma
+        by_gamma = np.zeros(u.shape[:-1])
+        if self.prior.spread != "width":
+            by_gamma = self.power * self._pull_slope(u) / (1.0 - self.pull(u))
+        return self._spread_slope(u), by_gamma
 
     def with_log_width(self, u: FloatArray) -> FloatArray:
         """Points with the log width in the place of the score of sigma_p."""
@@ -162,15 +178,13 @@ class PaperRows(AnswerRows):
         """Log of the change of volume by :meth:`with_log_width`, (rows, points)."""
         if self.prior.spread == "width":
             return np.zeros(u.shape[:-1])
-        return np.log(log_half_normal_slope(u[..., 1]))
+        return np.log(self._spread_slope(u))
 
     def without_log_width(self, changed: FloatArray) -> FloatArray:
         """Inverse of :meth:`with_log_width`."""
         u = changed.copy()
         if self.prior.spread != "width":
-            log_gain = np.log1p(-self.pull(u))
-            sigma_p = np.exp(changed[..., 1] + self.power * log_gain)
-            u[..., 1] = half_normal_score(sigma_p / self.spread_scale)
+            u[..., 1] = self.spread_score(changed[..., 1], self.pull(u))
         return u
 
     def distance(self, u: FloatArray) -> FloatArray:
@@ -272,6 +286,7 @@ def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:
     return LogAnswers(np.where(is_rare, yes, other), np.where(is_rare, other, no))
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def guessing_slopes(
     z: FloatArray, logit_rate: FloatArray, answers: LogAnswers
 ) -> tuple[ArrayPair, ArrayPair]:
