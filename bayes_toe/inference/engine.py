@@ -13,11 +13,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, Self
 
 import numpy as np
 
-from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, IndexArray, Rng
+from bayes_toe.arrays import AnyRng, BoolArray, FloatArray, IndexArray, Rng
 from bayes_toe.inference.maxima import Ascent
 from bayes_toe.inference.mixture import (
     StudentMixture,
@@ -25,26 +24,17 @@ from bayes_toe.inference.mixture import (
     joined_draws,
     tempered,
 )
+from bayes_toe.model.funnel import FunnelArray
+from bayes_toe.model.posterior_array import PosteriorArray
 
 # --- Mixture ---
-_LEAST_WEIGHT = 0.05  # of a component, beside the root of its Laplace evidence
 _COMPONENTS = 12  # about, of a mixture of clouds
 _PRIOR_DRAWS, _PRIOR_EFFECTIVE = 2000, 200.0
-_CLOUD_DF = 8
 _CLOUD = 400  # points of the normal about a maximum
-_SHRINKAGE = 0.7  # of components in a cloud, toward its mean
-_LEAST_CURVATURE = 0.2  # flatter than this is a ridge that only the prior ends
-_NEIGHBOURS = 120  # draws that give a component its shape where one is added at a heavy draw
-
-# The cover of a mixture: components, share, floor and EM steps of a round.
-_COVER_COMPONENTS, _COVER_SHARE, _COVER_FLOOR, _COVER_EM_STEPS = 6, 0.1, 0.4, 2
-_FLAT = 0.3  # the power by which the posterior is flattened for it
 
 # --- Draws ---
 _FAR = 8.0  # nats below the best of its family at which a posterior needs no further draws
 _FEWEST_ASSESSED = 1000
-_POOR = 0.25  # efficiency that sends a posterior back, twice at most
-_MOST_POOR_RETURNS = 2
 
 
 @dataclass(frozen=True)
@@ -123,33 +113,8 @@ SHARP = Precision(
 )
 
 
-class EngineArray(Protocol):
-    """Posteriors in the coordinates w of their mixtures, (posteriors, points, d)."""
-
-    def __len__(self) -> int: ...
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the d coordinates."""
-
-    @property
-    def is_free(self) -> BoolArray:
-        """The coordinates that each posterior has, (posteriors, d)."""
-
-    def part(self, index: IndexArray) -> Self:
-        """Some posteriors, in this order; one may come more than once."""
-
-    def prior_points(self, probability: FloatArray) -> FloatArray:
-        """Points of the prior by the quantiles of its coordinates."""
-
-    def densities(self, w: FloatArray) -> ArrayPair:
-        """Log prior and log posterior density, (posteriors, points)."""
-
-    def log_prior(self, w: FloatArray) -> FloatArray:
-        """Log prior density, (posteriors, points)."""
-
-    def original(self, w: FloatArray) -> ArrayPair:
-        """Points u of the posteriors, and log |dw/du| there."""
+#: Posteriors in the coordinates w of their mixtures, (posteriors, points, d).
+EngineArray = PosteriorArray | FunnelArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,10 +133,10 @@ class PriorMixture:
 
     @cached_property
     def student(self) -> StudentMixture:
-        """The core, and the cover with its share."""
+        """The core, and the cover with a tenth of the whole."""
         if self.cover is None:
             return self.core
-        return self.core.joined([self.cover], _COVER_SHARE)
+        return self.core.joined([self.cover], 0.1)
 
     def log_density(self, points: FloatArray, log_prior: FloatArray) -> FloatArray:
         """Log density at points, (n, d) -> (n,)."""
@@ -189,11 +154,12 @@ class PriorMixture:
         if not precision.has_cover:
             return replace(self, core=core)
 
-        flat_log_weights = _FLAT * draws.log_posterior - draws.log_proposal
+        flattening_power = 0.3
+        flat_log_weights = flattening_power * draws.log_posterior - draws.log_proposal
         flat_weights = tempered(flat_log_weights, precision.tempered)
-        cover = self.cover or _components(points, flat_weights, _COVER_COMPONENTS, core.df)
-        for _ in range(_COVER_EM_STEPS):
-            cover = cover.drawn_toward(points, flat_weights, _COVER_FLOOR, inertia)
+        cover = self.cover or _components(points, flat_weights, 6, core.df)
+        for _ in range(2):
+            cover = cover.drawn_toward(points, flat_weights, 0.4, inertia)
         return replace(self, core=core, cover=cover)
 
     def sample(self, rng: AnyRng, size: int) -> tuple[FloatArray, BoolArray]:
@@ -206,14 +172,16 @@ class PriorMixture:
         return points, rng.uniform(size=size) < self.prior_share
 
 
-def _components(points: FloatArray, weights: FloatArray, n: int, df: int) -> StudentMixture:
+def _components(
+    points: FloatArray, weights: FloatArray, n: int, df: int, shrinkage: float = 0.7
+) -> StudentMixture:
     """Components at points in random order, (points, d), chosen by weights that sum to 1.
 
-    All have the shape of the points, and lie a little toward their mean.
+    All have the shape of the points. The factor `shrinkage` takes them toward their mean.
     """
     centre = weights @ points
     chosen = np.searchsorted(np.cumsum(weights), (np.arange(n) + 0.5) / n)
-    means = centre + _SHRINKAGE * (points[chosen] - centre)
+    means = centre + shrinkage * (points[chosen] - centre)
     scale = np.atleast_2d(np.cov(points.T, aweights=weights))
     return StudentMixture(np.full(n, 1.0 / n), means, np.repeat(scale[None], n, axis=0), df)
 
@@ -231,7 +199,7 @@ def mixture_of_clouds(
 ) -> PriorMixture:
     """Several components in a cloud of points about every maximum, (n, d) each."""
     n_each = _COMPONENTS // len(clouds) + 1
-    df = _CLOUD_DF + int(is_free.sum()) % 2  # because its sum with the dimension is even
+    df = 8 + int(is_free.sum()) % 2  # because its sum with the dimension is even
     even = np.full(_CLOUD, 1.0 / _CLOUD)
     parts = [_components(cloud[:, is_free], even, n_each, df) for cloud in clouds]
     weights = np.repeat(_laplace_weights(maxima), n_each) / n_each
@@ -245,7 +213,8 @@ def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:
     clouds = []
     for x, curvature in zip(maxima.x, maxima.curvature, strict=True):
         values, axes = np.linalg.eigh(curvature)
-        sds = 1.0 / np.sqrt(np.maximum(values, _LEAST_CURVATURE))
+        # What is flatter than 0.2 is a ridge that only the prior ends.
+        sds = 1.0 / np.sqrt(np.maximum(values, 0.2))
         clouds.append(x + (rng.standard_normal((_CLOUD, len(x))) * sds) @ axes.T)
     return clouds
 
@@ -276,7 +245,8 @@ def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
 def _laplace_weights(maxima: Ascent) -> FloatArray:
     """Weights of maxima by the root of their Laplace evidence, (maxima,)."""
     log_mass = maxima.value - 0.5 * np.linalg.slogdet(maxima.curvature)[1]
-    weights = np.exp(0.5 * (log_mass - log_mass.max())) + _LEAST_WEIGHT
+    least_weight = 0.05
+    weights = np.exp(0.5 * (log_mass - log_mass.max())) + least_weight
     return np.asarray(weights / weights.sum())
 
 
@@ -439,7 +409,8 @@ def _must_return(fresh: _Fresh, precision: Precision) -> bool:
         return False
     largest = float(draws.shares.max())
     is_heavy = largest > precision.largest_share or largest * n_draws > precision.largest_weight
-    is_poor = draws.effective_number < _POOR * n_draws and fresh.poor_returns < _MOST_POOR_RETURNS
+    # A poor efficiency sends a posterior back, twice at most.
+    is_poor = draws.effective_number < 0.25 * n_draws and fresh.poor_returns < 2
     has_tail = precision.largest_k < np.inf and _pareto_k(draws) > precision.largest_k
     if not (is_heavy or is_poor or has_tail):
         return False
@@ -465,13 +436,14 @@ def _refitted(
     pool.join(mixture, draws)
     fresh.draws = draws.part(slice(0))  # because the mixture changes
     points = pool.draws.x[:, mixture.is_free]
+    n_near = 120  # draws that give a component its shape
     sds = points.std(axis=0)
     scales = []
     for centre in heaviest:
         offsets = points - centre
         distance = np.square(offsets / sds).sum(axis=1)
-        near = np.argpartition(distance, _NEIGHBOURS)[:_NEIGHBOURS]
-        scales.append(offsets[near].T @ offsets[near] / _NEIGHBOURS)
+        near = np.argpartition(distance, n_near)[:n_near]
+        scales.append(offsets[near].T @ offsets[near] / n_near)
     weights, core = np.full(n_added, 1.0 / n_added), mixture.core
     added = StudentMixture(weights, heaviest, np.array(scales), core.df)
     widened = replace(mixture, core=core.joined([added], precision.added_share))

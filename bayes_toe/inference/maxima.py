@@ -24,10 +24,8 @@ _LIGHT, _HEAVY = 1e-2, 1e12  # damping of a search that converges, and of one th
 _FIRST, _LEAST = 1e-3, 1e-12  # damping to begin with, and the smallest
 _TINY = 1e-300
 # --- Of posteriors ---
-_GAIN = 0.03  # nats of predicted gain below which a search ends
 _LARGEST_STEP = 2.0
-_MOST_STEPS = 12
-POLISH_GAIN = 1e-8  # the same for a maximum that is exact
+POLISH_GAIN = 1e-8  # nats of predicted gain below which a search for an exact maximum ends
 _APART = 0.5  # standard deviations, in every coordinate, within which two ends are one maximum
 _FAR = 8.0  # nats below the highest at which a maximum does not matter
 
@@ -211,7 +209,7 @@ def ascend_from(
     owners: IndexArray,
     starts: FloatArray,
     is_held: BoolArray | bool = False,
-    least_gain: float = _GAIN,
+    least_gain: float = 0.03,
 ) -> Ascent:
     """Fisher scoring from many starts at once.
 
@@ -232,7 +230,7 @@ def ascend_from(
         is_held=~array.is_free[owners] | is_held,
         least_gain=least_gain,
         largest_step=_LARGEST_STEP,
-        most_steps=_MOST_STEPS,
+        most_steps=12,
         retry_damping=0.0,
     )
 

@@ -14,20 +14,12 @@ from scipy.special import logit, ndtri
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.inference.maxima import Ascent, ascend_from
-from bayes_toe.model.densities import half_normal_score, probit_of_logit
+from bayes_toe.model.densities import probit_of_logit
 from bayes_toe.model.funnel import Funnel
 from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.paper_rows import PaperRows, pull_at
 from bayes_toe.model.parameters import CONSTANT_ERROR, LAPSE_RATE
 from bayes_toe.model.posterior_array import PosteriorArray
-
-#: Constant errors, in D, at which the other coordinates are maximised.
-_CONSTANT_ERRORS = (0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0)
-#: Normal scores of the lapse rate at which the other coordinates are maximised.
-_LAPSE_SCORES = (-1.0, 0.6, 1.8)
-_START_PEAK = 2.0  # logit of q0 where a search begins
-_START_NOISE = -0.5  # score of the noise there; a steep curve shows more than a flat one
-_FLAT_NOISE = 2.0  # score of the noise of a flat curve
 
 
 def observer_maxima(array: PosteriorArray) -> list[Ascent]:
@@ -44,22 +36,24 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
 
 
 def _start(array: PosteriorArray, noise: float) -> FloatArray:
-    """A point from which to search, (d,)."""
-    values = {"noise": noise, "q0": _START_PEAK}
+    """A point from which to search, (d,), from the score of the noise."""
+    values = {"noise": noise, "q0": 2.0}
     return np.array([values.get(name, 0.0) for name in array.names])
 
 
 def _profile(array: PosteriorArray) -> tuple[Ascent, IndexArray, FloatArray]:
     """Maxima along the constant error, and one from a flat curve for every posterior."""
     rows = cast(ObserverRows, array.likelihood.rows)
-    error, n_values = array.names.index(CONSTANT_ERROR.name), len(_CONSTANT_ERRORS)
+    error = array.names.index(CONSTANT_ERROR.name)
+    errors_in_d = (0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0)
     with_error = np.flatnonzero(array.is_free[:, error])
-    held_owners = np.repeat(with_error, n_values)
-    values = np.tile(_CONSTANT_ERRORS, len(with_error))
-    starts = np.tile(_start(array, _START_NOISE), (len(held_owners), 1))
+    held_owners = np.repeat(with_error, len(errors_in_d))
+    values = np.tile(errors_in_d, len(with_error))
+    # A steep curve shows more than a flat one.
+    starts = np.tile(_start(array, noise=-0.5), (len(held_owners), 1))
     starts[:, error] = values / rows.prior.constant_error_scale
 
-    flat = np.tile(_start(array, _FLAT_NOISE), (len(array), 1))
+    flat = np.tile(_start(array, noise=2.0), (len(array), 1))
     is_held = np.zeros((len(starts) + len(flat), len(array.names)), np.bool_)
     is_held[: len(starts), error] = True
     owners = np.concatenate([held_owners, np.arange(len(array))])
@@ -68,7 +62,11 @@ def _profile(array: PosteriorArray) -> tuple[Ascent, IndexArray, FloatArray]:
 
 
 def _second_starts(
-    array: PosteriorArray, profile: Ascent, owners: IndexArray, values: FloatArray
+    array: PosteriorArray,
+    profile: Ascent,
+    owners: IndexArray,
+    values: FloatArray,
+    lapse_scores: tuple[float, ...] = (-1.0, 0.6, 1.8),
 ) -> tuple[FloatArray, IndexArray, BoolArray]:
     """Starts of free maxima, and of those with lapse rates held."""
     n_held = len(values)  # the searches after these start from a flat curve
@@ -81,8 +79,8 @@ def _second_starts(
         flat = n_held + i
         best = flat if profile.value[flat] > profile.value[candidates[0]] else candidates[0]
         free = profile.x[candidates]
-        with_lapse = np.tile(profile.x[best], (len(_LAPSE_SCORES), 1))
-        with_lapse[:, lapse] = _LAPSE_SCORES
+        with_lapse = np.tile(profile.x[best], (len(lapse_scores), 1))
+        with_lapse[:, lapse] = lapse_scores
         starts += [*free, *with_lapse]
         start_owners += [i] * (len(free) + len(with_lapse))
         lapse_is_held += [False] * len(free) + [True] * len(with_lapse)
@@ -120,15 +118,6 @@ def _two_best_local(values: FloatArray, heights: FloatArray) -> IndexArray:
 
 # --- The paper's model ---------------------------------------------------------------------------
 
-# Where searches begin. Offsets, in D, are off the round numbers at which a distance may be 0.
-_OFFSETS = (-0.93, 0.07, 1.01)
-_NOISE_RATIOS = (0.12, 0.88)
-_LOG_WIDTHS = (-1.0, 0.0, 1.0)  # over D
-_LOGITS_OF_LAPSE_RATE = (-3.0, -0.5)
-_STEP_OF_EQUAL_PAIRS = 0.3  # stands for D where no pair has different stimuli
-#: Nats below the highest at which a maximum says nothing of the funnel.
-_LOW = 3.0
-
 
 def paper_maxima(array: PosteriorArray) -> list[Ascent]:
     """The ends of searches of every posterior, from a grid on the scale of its stimuli."""
@@ -147,23 +136,22 @@ def _starts(row: PaperRows) -> FloatArray:
     n_yes, n_trials = row.n_yes[0, 0], (row.n_yes + row.n_no)[0, 0]
     has_trials = n_trials > 0.0
     steps = np.abs(row.difference[0, 0, has_trials])
-    step = _STEP_OF_EQUAL_PAIRS
+    step = 0.3  # stands for D where no pair has different stimuli
     if steps.any():
         step = float(np.sqrt(np.mean(np.square(steps[steps > 0.0]))))
-    shares: tuple[float, ...] = _LOGITS_OF_LAPSE_RATE
+    shares: tuple[float, ...] = (-3.0, -0.5)  # logits of the lapse rate
     if row.task.lapses == "q0":
         largest_share = ((n_yes + 1.0) / (n_trials + 2.0))[has_trials].max()
         shares = (float(logit(largest_share)),)
 
-    axes = np.meshgrid(_OFFSETS, _NOISE_RATIOS, _LOG_WIDTHS, shares)
+    # Offsets, in D, are off the round numbers at which a distance may be 0.
+    offsets, noise_ratios = (-0.93, 0.07, 1.01), (0.12, 0.88)
+    log_widths = (-1.0, 0.0, 1.0)  # over D
+    axes = np.meshgrid(offsets, noise_ratios, log_widths, shares)
     offset, gamma, log_width, logit_share = np.reshape(axes, (4, -1))
     pull, width = pull_at(gamma), step * np.exp(log_width)
     mu1 = _mean_first(row) + offset * step / pull
-    if row.prior.spread == "width":
-        spread = np.log(width / row.spread_scale[0]) / row.prior.width_sd
-    else:
-        sigma_p = width * (1.0 - pull) ** row.power
-        spread = half_normal_score(sigma_p / row.spread_scale[0])
+    spread = row.spread_score(np.log(width), pull)[0]
     probits = ndtri(gamma), probit_of_logit(logit_share)
     return np.stack([(mu1 - row.mu1_mean[0]) / row.mu1_sd[0], spread, *probits], -1)
 
@@ -178,7 +166,8 @@ def funnel_of_maxima(array: PosteriorArray, maxima: Sequence[Ascent]) -> Funnel:
     rows = cast(PaperRows, array.likelihood.rows)
     columns = np.empty((5, len(array), 1))
     for i, ends in enumerate(maxima):
-        near = ends.part(ends.value > ends.value[0] - _LOW)
+        # A maximum that is 3 nats lower says nothing of the funnel.
+        near = ends.part(ends.value > ends.value[0] - 3.0)
         columns[:, i, 0] = _funnel_numbers(rows.part(np.array([i])), near.x[None])
     return Funnel(rows, *columns)
 

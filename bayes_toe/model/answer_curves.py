@@ -18,7 +18,7 @@ from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import erfcx, expit, log_expit, log_ndtr
+from scipy.special import expit, log_expit, log_ndtr
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, IntArray
 from bayes_toe.data.study import Subject
@@ -32,13 +32,6 @@ _NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 
 class LogAnswers(NamedTuple):
     """Log probabilities of the answer that the task counts, and of the other one."""
-
-    yes: FloatArray
-    no: FloatArray
-
-
-class Slopes(NamedTuple):
-    """Derivatives of both log probabilities in one quantity."""
 
     yes: FloatArray
     no: FloatArray
@@ -80,14 +73,6 @@ def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
 def second_answers(z: FloatArray) -> LogAnswers:
     """Log of Phi(z), 'second', and of Phi(-z), 'first'."""
     return LogAnswers(log_ndtr(z), log_ndtr(-z))
-
-
-def second_slopes(z: FloatArray) -> Slopes:
-    """Slopes of :func:`second_answers` in z: Mills' ratios, by which nothing cancels far out."""
-    root = np.sqrt(2.0 / np.pi)
-    with np.errstate(divide="ignore"):  # a slope beyond the largest float is infinite
-        rise, fall = root / erfcx(-z * np.sqrt(0.5)), root / erfcx(z * np.sqrt(0.5))
-    return Slopes(rise, -fall)
 
 
 # --- Same or different ---------------------------------------------------------------------------
@@ -132,41 +117,6 @@ def equal_answers(z: FloatArray, k: FloatArray) -> LogAnswers:
     yes = np.where(outside_is_small & ~inside_is_small, from_outside, inside)
     no = np.where(inside_is_small, from_inside, outside)
     return LogAnswers(yes, no)
-
-
-def equal_slopes(z: FloatArray, k: FloatArray, answers: LogAnswers) -> tuple[Slopes, Slopes]:
-    """Slopes of :func:`equal_answers` in z and in k.
-
-    With d = abs(z) - k, P has the slope phi(d) (exp(-2 abs(z) k) - 1) in abs(z) and
-    phi(d) (1 + exp(-2 abs(z) k)) in k.
-    """
-    distance, k = np.broadcast_arrays(np.abs(z), k)
-    with np.errstate(over="ignore", invalid="ignore"):
-        near = near_edge(distance, k)
-        log_density = log_normal(near)
-        over_yes = _density_over_inside(distance, k, log_density, answers.yes)
-        over_no = np.exp(log_density - answers.no)
-        # Slopes of P over the density at the near edge.
-        in_z = np.sign(z) * np.expm1(-2.0 * distance * k)
-        in_k = 1.0 + np.exp(-2.0 * distance * k)
-    return Slopes(over_yes * in_z, -over_no * in_z), Slopes(over_yes * in_k, -over_no * in_k)
-
-
-def _density_over_inside(
-    distance: FloatArray, k: FloatArray, log_density: FloatArray, log_inside: FloatArray
-) -> FloatArray:
-    """The density at the near edge over the probability inside the window."""
-    ratio = np.asarray(np.exp(log_density - log_inside))
-    is_narrow = _is_narrow(distance, k)
-    # Far out both are too small for their ratio.
-    near = near_edge(distance, k)
-    is_far = (near < -2.0) & ~is_narrow
-    far_share = np.exp(-2.0 * distance * k)
-    edges = erfcx(-near * np.sqrt(0.5)) - far_share * erfcx((distance + k) * np.sqrt(0.5))
-    ratio[is_far] = 1.0 / (np.sqrt(0.5 * np.pi) * edges[is_far])
-    d, half = distance[is_narrow], k[is_narrow]
-    ratio[is_narrow] = np.exp(half * (d - 0.5 * half) - _log_window(d, half))
-    return ratio
 
 
 def near_edge(distance: FloatArray, k: FloatArray) -> FloatArray:

@@ -31,7 +31,6 @@ LOG_2PI = float(np.log(2.0 * np.pi))
 _LN2 = float(np.log(2.0))
 #: A half-normal quantile of a lower score is proportional to its probability.
 _LOWEST_SCORE = -20.0
-_STUDENT_LOG_NORM = float(np.log(2.0 / (np.pi * np.sqrt(3.0))))
 
 
 class PriorDensity(Protocol):
@@ -82,7 +81,8 @@ class StandardStudent:
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """ln(2 / (pi sqrt 3)) - 2 ln(1 + u^2 / 3)."""
-        return _STUDENT_LOG_NORM - 2.0 * np.log1p(np.square(u) / 3.0)
+        log_norm = np.log(2.0 / (np.pi * np.sqrt(3.0)))
+        return log_norm - 2.0 * np.log1p(np.square(u) / 3.0)
 
     def slope(self, u: FloatArray) -> FloatArray:
         """-4 u / (3 + u^2)."""

@@ -110,11 +110,6 @@ class FunnelArray:
         """Points of the prior by the quantiles of its coordinates, (posteriors, points, 4)."""
         return self.funnel.forward(self.array.prior_points(probability))[0]
 
-    def log_prior(self, y: FloatArray) -> FloatArray:
-        """Log prior density, (posteriors, points)."""
-        u, log_volume = self.funnel.inverse(y)
-        return self.array.log_prior(u) - log_volume
-
     def densities(self, y: FloatArray) -> ArrayPair:
         """Log prior and log posterior density, (posteriors, points)."""
         u, log_volume = self.funnel.inverse(y)

@@ -30,15 +30,12 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.answer_curves import (
     AnswerRows,
     LogAnswers,
-    Slopes,
     criterion,
     criterion_slope,
     equal_answers,
-    equal_slopes,
     near_edge,
     pair_arrays,
     second_answers,
-    second_slopes,
 )
 from bayes_toe.model.densities import (
     CutNormal,
@@ -56,7 +53,6 @@ DEFAULT_PRIOR = ObserverPrior()
 JND_OVER_NOISE = 0.6744897501960817
 #: Responses of an observer who ignores the stimuli and is asked which one is stronger.
 _GUESS = LogAnswers(np.array(-LN2), np.array(-LN2))
-_NO_SLOPES = Slopes(np.zeros(1), np.zeros(1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,33 +249,33 @@ class ObserverRows(AnswerRows):
         ]
         return value, np.stack(sums, axis=-1) * self._slope_units(values, lapse_rise)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
         """Log answers, and the slopes of both in every coordinate, (rows, points, k, pairs)."""
         values = self.quantities(u)
         log_lapse, log_attend = self._lapse_logs(values)
         z, k = self.distance_at(values), self.criterion_at(values)
-        if k is None:
-            attending, blind = second_answers(z), _GUESS
-            in_z, in_k, blind_in_k = second_slopes(z), _NO_SLOPES, _NO_SLOPES
-        else:
-            attending, blind = equal_answers(z, k), equal_answers(np.zeros(1), k)
-            in_z, in_k = equal_slopes(z, k, attending)
-            _, blind_in_k = equal_slopes(np.zeros(1), k, blind)
-        answers = self._with_lapses(values, attending, blind)
+        answers = self._answers_at(values, z, k)
         # d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u)))
-        log_rise = _log_hazard(values["lapse_score"]) - np.log(self.prior.lapse_rate_b)
+        log_rise = (_log_hazard(values["lapse_score"]) - np.log(self.prior.lapse_rate_b))[..., None]
+        if k is None:
+            near, blind, rise_in_z = z, _GUESS, np.ones(1)
+        else:
+            distance = np.abs(z)
+            near, blind = near_edge(distance, k), equal_answers(np.zeros(1), k)
+            rise_in_z = np.sign(z) * np.expm1(-2.0 * distance * k)
+            rise_in_k = 1.0 + np.exp(-2.0 * distance * k)
         units = self._slope_units(values, np.ones(1))[..., None]
         in_log_k = None
         slopes = []
-        sides = zip(answers, attending, blind, in_z, in_k, blind_in_k, strict=True)
-        for log_p, log_attending, log_blind, z_slope, k_slope, blind_k_slope in sides:
-            attended = np.exp(log_attend + log_attending - log_p)
+        for log_p, log_blind, sign in zip(answers, blind, (1.0, -1.0), strict=True):
+            # The density at the near edge over P, with the sign of the answer.
+            edge = sign * np.exp(log_attend + log_normal(near) - log_p)
             if k is not None:
-                lapsed = np.exp(log_lapse + log_blind - log_p)
-                in_log_k = (attended * k_slope + lapsed * blind_k_slope) * k
-            log_rate = log_rise[..., None] + log_attend - log_p
-            in_lapse = np.exp(log_rate + log_blind) - np.exp(log_rate + log_attending)
-            terms = self._slope_terms(values, z, attended * z_slope, in_log_k, in_lapse)
+                blind_edge = sign * 2.0 * np.exp(log_lapse + log_normal(k) - log_p)
+                in_log_k = (edge * rise_in_k + blind_edge) * k
+            in_lapse = np.exp(log_rise + log_blind - log_p) - np.exp(log_rise)
+            terms = self._slope_terms(values, z, edge * rise_in_z, in_log_k, in_lapse)
             slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2) * units)
         yes_slopes, no_slopes = slopes
         return answers, yes_slopes, no_slopes

@@ -22,7 +22,7 @@ from scipy.special import ndtr, ndtri
 from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.model.densities import half_normal_score, probit_of_logit
+from bayes_toe.model.densities import probit_of_logit
 from bayes_toe.model.observer import JND_OVER_NOISE
 from bayes_toe.model.paper_equations import (
     NATURAL,
@@ -184,13 +184,9 @@ class PaperPosterior(SubjectPosterior):
             np.asarray(quantities[name], np.float64) for name in self.names.natural
         )
         rows = self.rows
-        scale = rows.spread_scale[0, 0]
-        if self.prior.spread == "width":
-            ratio = variance_ratio(noise_ratio(sigma_p, sigma_l))
-            log_width = np.log(sigma_p) + rows.power * np.log(ratio)
-            spread = (log_width - np.log(scale)) / self.prior.width_sd
-        else:
-            spread = half_normal_score(sigma_p / scale)
+        ratio = variance_ratio(noise_ratio(sigma_p, sigma_l))
+        log_width = np.log(sigma_p) + rows.power * np.log(ratio)
+        spread = rows.spread_score(log_width, 1.0 - 1.0 / ratio)[0]
         with np.errstate(divide="ignore"):
             columns = (
                 (mu1 - rows.mu1_mean[0, 0]) / rows.mu1_sd[0, 0],

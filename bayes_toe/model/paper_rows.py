@@ -18,16 +18,14 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, log_expit, log_ndtr, ndtr
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.model.answer_curves import (
     AnswerRows,
     LogAnswers,
-    Slopes,
     pair_arrays,
     second_answers,
-    second_slopes,
 )
 from bayes_toe.model.densities import (
     PriorDensity,
@@ -36,6 +34,7 @@ from bayes_toe.model.densities import (
     half_normal_score,
     log_half_normal,
     log_half_normal_slope,
+    log_normal,
     logit_of_probit,
     logit_rise,
     normal_hazard,
@@ -136,21 +135,37 @@ class PaperRows(AnswerRows):
         log_divisor = np.log(1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
         return LN2 + log_ndtr(u[..., 2]) - log_divisor
 
+    def _log_spread_share(self, pull: FloatArray) -> FloatArray:
+        """Log of what has a prior, sigma_p or the width, over the width."""
+        if self.prior.spread == "width":
+            return np.zeros_like(pull)
+        return self.power * np.log1p(-pull)
+
     def log_width(self, u: FloatArray) -> FloatArray:
         """Log of the width w, (rows, points)."""
-        if self.prior.spread == "width":
-            return np.log(self.spread_scale) + self.prior.width_sd * u[..., 1]
-        log_gain = np.log1p(-self.pull(u))
-        log_sigma_p = np.log(self.spread_scale) + log_half_normal(u[..., 1])
-        return log_sigma_p - self.power * log_gain
+        score, sd = u[..., 1], self.prior.spread_sd
+        log_ratio = log_half_normal(score) if sd is None else sd * score
+        return np.log(self.spread_scale) + log_ratio - self._log_spread_share(self.pull(u))
+
+    def spread_score(self, log_width: FloatArray, pull: FloatArray) -> FloatArray:
+        """The second coordinate, from the log width and the pull."""
+        log_ratio = log_width + self._log_spread_share(pull) - np.log(self.spread_scale)
+        if self.prior.spread_sd is None:
+            return half_normal_score(np.exp(log_ratio))
+        return log_ratio / self.prior.spread_sd
+
+    def _spread_slope(self, u: FloatArray) -> FloatArray:
+        """Slope of the log width in the second coordinate, (rows, points)."""
+        if self.prior.spread_sd is None:
+            return log_half_normal_slope(u[..., 1])
+        return np.full(u.shape[:-1], self.prior.spread_sd)
 
     def _log_width_slopes(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Slopes of the log width in the second and in the third coordinate, (rows, points)."""
-        if self.prior.spread == "width":
-            return np.full(u.shape[:-1], self.prior.width_sd), np.zeros(u.shape[:-1])
-        p = self.pull(u)
-        by_gamma = self.power * self._pull_slope(u) / (1.0 - p)
-        return log_half_normal_slope(u[..., 1]), by_gamma
+        by_gamma = np.zeros(u.shape[:-1])
+        if self.prior.spread != "width":
+            by_gamma = self.power * self._pull_slope(u) / (1.0 - self.pull(u))
+        return self._spread_slope(u), by_gamma
 
     def with_log_width(self, u: FloatArray) -> FloatArray:
         """Points with the log width in the place of the score of sigma_p."""
@@ -163,15 +178,13 @@ class PaperRows(AnswerRows):
         """Log of the change of volume by :meth:`with_log_width`, (rows, points)."""
         if self.prior.spread == "width":
             return np.zeros(u.shape[:-1])
-        return np.log(log_half_normal_slope(u[..., 1]))
+        return np.log(self._spread_slope(u))
 
     def without_log_width(self, changed: FloatArray) -> FloatArray:
         """Inverse of :meth:`with_log_width`."""
         u = changed.copy()
         if self.prior.spread != "width":
-            log_gain = np.log1p(-self.pull(u))
-            sigma_p = np.exp(changed[..., 1] + self.power * log_gain)
-            u[..., 1] = half_normal_score(sigma_p / self.spread_scale)
+            u[..., 1] = self.spread_score(changed[..., 1], self.pull(u))
         return u
 
     def distance(self, u: FloatArray) -> FloatArray:
@@ -240,15 +253,17 @@ def bell_answers(z: FloatArray, logit_q0: FloatArray) -> LogAnswers:
         return LogAnswers(log_equal(z, log_expit(logit_q0)), log_different(z, logit_q0))
 
 
-def bell_slopes(z: FloatArray, logit_q0: FloatArray, answers: LogAnswers) -> tuple[Slopes, Slopes]:
-    """Slopes of :func:`bell_answers` in z and in the logit of q0.
+def bell_slopes(
+    z: FloatArray, logit_q0: FloatArray, answers: LogAnswers
+) -> tuple[ArrayPair, ArrayPair]:
+    """Slopes of :func:`bell_answers` in z and in the logit of q0, of both answers each.
 
     With the odds r = q/(1 - q), those of log(1 - q) are 2 ln2 r z and -r (1 - q0).
     """
     lapse = expit(-logit_q0)
     with np.errstate(over="ignore", invalid="ignore"):
         odds = np.exp(answers.yes - answers.no)
-        return Slopes(-2.0 * LN2 * z, 2.0 * LN2 * odds * z), Slopes(lapse, -odds * lapse)
+        return (-2.0 * LN2 * z, 2.0 * LN2 * odds * z), (lapse, -odds * lapse)
 
 
 def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:
@@ -268,21 +283,20 @@ def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:
     return LogAnswers(np.where(is_rare, yes, other), np.where(is_rare, other, no))
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def guessing_slopes(
     z: FloatArray, logit_rate: FloatArray, answers: LogAnswers
-) -> tuple[Slopes, Slopes]:
-    """Slopes of :func:`guessing_answers` in z and in the logit of lambda."""
-    curve = second_answers(z)
-    log_guessed, log_attended = _guessing_parts(curve, logit_rate)
-    in_z, in_rate = [], []
-    sides = zip(log_attended, answers, second_slopes(z), strict=True)
-    for log_part, log_p, slope in sides:
-        with np.errstate(over="ignore", invalid="ignore"):
-            guessed, attended = np.exp(log_guessed - log_p), np.exp(log_part - log_p)
-            # Far out nothing of the curve is left, and its slope may be infinite.
-            in_z.append(np.where(attended > 0.0, attended * slope, 0.0))
-            in_rate.append(guessed * expit(-logit_rate) - attended * expit(logit_rate))
-    return Slopes(*in_z), Slopes(*in_rate)
+) -> tuple[ArrayPair, ArrayPair]:
+    """Slopes of :func:`guessing_answers` in z and in the logit of lambda, of both answers each."""
+    log_guessed, log_attended = _guessing_parts(second_answers(z), logit_rate)
+    log_density = log_expit(-logit_rate) + log_normal(z)
+    yes_in_z, no_in_z = np.exp(log_density - answers.yes), -np.exp(log_density - answers.no)
+    in_rate = []
+    for log_part, log_p in zip(log_attended, answers, strict=True):
+        guessed, attended = np.exp(log_guessed - log_p), np.exp(log_part - log_p)
+        in_rate.append(guessed * expit(-logit_rate) - attended * expit(logit_rate))
+    yes_in_rate, no_in_rate = in_rate
+    return (yes_in_z, no_in_z), (yes_in_rate, no_in_rate)
 
 
 def _guessing_parts(curve: LogAnswers, logit_rate: FloatArray) -> tuple[FloatArray, LogAnswers]:

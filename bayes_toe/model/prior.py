@@ -230,6 +230,11 @@ class Prior(PriorNumbers):
         return cast(float, scale)
 
     @property
+    def spread_sd(self) -> float | None:
+        """Standard deviation of the log of that parameter; None where it is half-normal."""
+        return None if self.width_median is None else self.width_sd
+
+    @property
     def mu1_normal(self) -> tuple[float, float]:
         """Mean and standard deviation of mu1, which are the penalty of a maximum-likelihood fit."""
         return cast(float, self.mu1_mean), cast(float, self.mu1_sd)
@@ -240,8 +245,8 @@ class Prior(PriorNumbers):
 
         scale = self.spread_scale
         density = stats.halfnorm(scale=scale)
-        if self.spread == "width":
-            density = stats.lognorm(self.width_sd, scale=scale)
+        if self.spread_sd is not None:
+            density = stats.lognorm(self.spread_sd, scale=scale)
         return float(density.cdf(high) - density.cdf(low))
 
     # --- Numbers of the stimuli -------------------------------------------------------------------

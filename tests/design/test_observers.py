@@ -29,7 +29,7 @@ def test_observers_answer_as_the_model_both_predicts(task):
     pairs = [0.0, 0.0, 0.4, 0.4, 0.7], [0.0, 0.4, 0.0, 0.7, 0.4]
     design = StudyDesign(*pairs, [9, 3, 4, 5, 7], task=task)
     posterior = OrderModel("both").posterior(design.unanswered)
-    parameters = {name: PARAMETERS[name] for name in posterior.coordinates}
+    parameters = {name: PARAMETERS.get(name, 0.1) for name in posterior.coordinates}
     observer = make_observer("O", "k", parameters, task)
     x = posterior.points({name: np.array([value]) for name, value in parameters.items()})
     expected = np.exp(posterior.log_answers(x).yes[0])

@@ -7,8 +7,10 @@ import pytest
 from populations import made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.errors import InputError
 from bayes_toe.groups.predictive_check import CONTRADICTED, predictive_check
+from bayes_toe.model.parameters import task_parameters
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +48,7 @@ def test_tables_have_what_the_draws_say(result):
     assert table.loc[("jnd_percent", "mean"), "q50"] == pytest.approx(jnd)
     subjects = result.subject_table
     assert subjects["subject"].unique().tolist() == list(result.subjects)
-    separate = {"lapse_rate", "noise_slope"}
+    separate = {parameter.name for parameter in task_parameters(WHICH_STRONGER)}
     computed = {"pse_shift_percent", "jnd_percent"}
     assert set(subjects["parameter"]) == {*result.names, *computed, *separate}
     new = table.loc[("constant_error", "new_subject")]
