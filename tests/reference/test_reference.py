@@ -1,6 +1,6 @@
 """Evidences and moments against deterministic integration and tempering.
 
-scripts/make_reference.py made the stored numbers.
+README.md says what made the stored numbers.
 """
 
 import hashlib
@@ -12,6 +12,7 @@ import pytest
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from reference.order_cases import order_cases
+from reference.paper_density import PaperScores
 from reference.tempering import (
     CONSTANT_ERROR_SCALE,
     CONTRACTION_SD,
@@ -24,6 +25,8 @@ from reference.tempering import (
     SLOPE_SCALE,
     answer_probabilities,
     describe_prior,
+    tempered_evidence,
+    tempered_points,
 )
 from scipy import stats
 from scipy.special import xlogy
@@ -63,6 +66,20 @@ def test_stored_cases_belong_to_todays_counts_prior_and_method():
         best = max(ORDER["cases"][f"{name}: {model}"]["log_evidence"] for model in MODELS)
         is_likely = case["log_evidence"] > best - 6.0
         assert case["log_evidence_error"] < 0.2 - 0.18 * is_likely
+
+
+@pytest.mark.parametrize("name", ["S01", "funnel", "single pair"])
+def test_tempering_confirms_the_integration(name):
+    points, log_weights = tempered_points(PaperScores(SUBJECTS[name], bt.Prior()), 4, size=4000)
+    value, error = tempered_evidence(log_weights)
+    case = STORED["cases"][name]
+    assert value == pytest.approx(case["log_evidence"], abs=4 * error)
+    assert error < 0.03
+
+    theta = PaperScores(SUBJECTS[name], bt.Prior()).natural(points.reshape(-1, 4))
+    weights = np.exp(log_weights - log_weights.max()).ravel()
+    for values, mean, sd in zip(theta, case["means"], case["sds"], strict=False):
+        assert np.average(values, weights=weights) == pytest.approx(mean, abs=0.1 * sd)
 
 
 @pytest.mark.parametrize("name, fits", [("S01", 5), ("one order missing", 5)])

@@ -60,7 +60,7 @@ def planned(folder):
 
 
 def test_the_document_is_as_declared():
-    """Otherwise: python scripts/data_dictionary.py --overwrite."""
+    """Otherwise: python scripts/data_dictionary.py."""
     assert data_dictionary.updated(DOCUMENT) == DOCUMENT
 
 
