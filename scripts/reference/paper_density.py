@@ -103,7 +103,8 @@ class PaperScores:
 
     def natural(self, scores: FloatArray) -> Natural:
         """Natural parameters, (points, 4) -> (points,) each."""
-        return natural(self._coordinates(scores), self.counts.sbar)
+        with np.errstate(over="ignore"):
+            return natural(self._coordinates(scores), self.counts.sbar)
 
     def __call__(self, scores: FloatArray) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, 4) -> (points,)."""

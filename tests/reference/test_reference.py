@@ -68,6 +68,14 @@ def test_stored_cases_belong_to_todays_counts_prior_and_method():
         assert case["log_evidence_error"] < 0.2 - 0.18 * is_likely
 
 
+@pytest.mark.parametrize("name", hard_cases())
+def test_the_likelihood_of_the_paper_in_separate_code(name):
+    scores = 4.0 * default_rng(1).standard_normal((500, 4))
+    value = PaperScores(SUBJECTS[name], bt.Prior())(scores)
+    expected = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()).log_likelihood(scores)
+    np.testing.assert_allclose(value, expected, rtol=1e-11)
+
+
 @pytest.mark.parametrize("name", ["S02", "one batch", "single pair"])
 def test_tempering_confirms_the_integration(name):
     scores = PaperScores(SUBJECTS[name], bt.Prior())
