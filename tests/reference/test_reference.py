@@ -73,7 +73,7 @@ def test_the_likelihood_of_the_paper_in_separate_code(name):
     scores = 4.0 * default_rng(1).standard_normal((500, 4))
     value = PaperScores(SUBJECTS[name], bt.Prior())(scores)
     expected = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()).log_likelihood(scores)
-    np.testing.assert_allclose(value, expected, rtol=1e-11)
+    np.testing.assert_allclose(value, expected, rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.parametrize("name", ["S02", "one batch", "single pair"])
