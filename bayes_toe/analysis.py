@@ -412,6 +412,9 @@ def _survivors(
     The result has the subjects that did not fail, their results, and the reasons of the others by
     name. A WorkerError is raised if all failed.
     """
+    batch = 1
+    if request.evidence_draws > 0:
+        batch = BATCH  # because the evidences of a batch are one array
     results = run_stored(
         partial(work, settings=settings, request=request),
         jobs,
@@ -420,7 +423,7 @@ def _survivors(
         folder=keep,
         workers=workers,
         progress=progress,
-        batch=BATCH,
+        batch=batch,
     )
     analysed, failed = without_failed(study.names, results)
     if failed:

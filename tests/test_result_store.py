@@ -51,6 +51,8 @@ def test_an_interrupted_call_goes_on_to_the_same_bits_and_another_call_does_not(
     # With the seed that is stored there.
     resumed = bt.run(few, keep=tmp_path, progress=names.append, **quick)
     assert sorted(names) == ["A", "B"]
+    for analysis in (resumed, calm):
+        del analysis.draws.tree.attrs["created_at"]
     xr.testing.assert_identical(resumed.draws.tree, calm.draws.tree)
     assert resumed.evidence.frame(full=True).equals(calm.evidence.frame(full=True))
     assert resumed.summary().equals(calm.summary())
@@ -71,7 +73,7 @@ def n_computed(monkeypatch, study, **options):
     counts = []
 
     def counted(jobs, workers):
-        counts.append(len(jobs))
+        counts.append(sum(len(job.args[-1]) for job in jobs))
         raise KeyboardInterrupt
         yield
 

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tasks import Task
@@ -251,6 +250,8 @@ def p_counted(task: Task, s1: npt.ArrayLike, s2: npt.ArrayLike, natural: Natural
     >>> round(float(p_counted(WHICH_STRONGER, 0.0, 9.0, observer)), 12)
     0.95
     """
+    from scipy.special import ndtr
+
     if task.lapses == "q0":
         return equal_probability(s1, s2, *natural)
     distance = np.asarray(s2, np.float64) - evolved_mean(s1, natural.mu1, natural.gamma)

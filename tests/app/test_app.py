@@ -456,7 +456,7 @@ def test_a_run_ends_with_the_program_and_with_no_second_one(tmp_path, file):
     with serving(tmp_path) as server:
         job = server.add_trials(file)
         server.state(f"/api/jobs/{job}/run", "")
-        one_line(inside("app --folder", tmp_path, "--port 0"), "in use by another bayes-toe app")
+        one_line(inside("app --folder", tmp_path, "--port", "0"), "in use by another bayes-toe app")
         assert server.state(f"/api/jobs/{job}")["run"] == "running"
         _, group = running(tmp_path)
         assert server.end() == (128 + signal.SIGINT, "")

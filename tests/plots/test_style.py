@@ -37,6 +37,7 @@ def test_names_are_drawn_as_text_not_as_mathematics_and_shortened_to_what_tells_
 def test_figures_of_a_subject_say_that_its_draws_did_not_converge(analysis):
     tree = analysis.draws.tree.copy(deep=True)
     tree["sample_stats"]["converged"][0] = 0
+    tree["sample_stats"]["shortfall"][0] = "too few"
     doubtful = bt.Draws(tree)
     assert "NOT CONVERGED" in bt.plots.curves(doubtful, "A").get_suptitle()
     assert "NOT CONVERGED" not in bt.plots.curves(doubtful, "B").get_suptitle()
