@@ -37,7 +37,7 @@ def held(folder, table, study, subjects, commands):
         "".join([lines[head], *(line for line in lines[head:] if line.split(",")[0] in subjects)]),
         encoding="utf-8",
     )
-    frozen.run(folder / "made" / f"{name}-7", chosen, 7, commands, ())
+    frozen.run(folder / "made" / f"{name}-7", chosen, 7, commands)
     numbers, outside = frozen.check(folder / "made", table)
     is_selected = table["row"].str.split(" / ").str[0].isin(subjects) & (table["study"] == name)
     assert numbers == is_selected.sum() >= 60 * len(subjects)
