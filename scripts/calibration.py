@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from calibration_figures import differences_figure, ranks_figure, reliability_figure
+from calibration_figures import ranks_figure, reliability_figure
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from reference.calibration import (
     ABOUT,
@@ -33,43 +33,32 @@ from bayes_toe.libraries import library_versions
 
 #: What the folder of a calibration may hold.
 PRODUCTS = (
-    *(
-        "calibration.md",
-        "calibration.csv",
-        "calibration_ranks.csv",
-        "evidence_calibration.csv",
-        "evidence_data_sets.csv",
-    ),
-    *(
-        f"{what}.{suffix}"
-        for what in ("calibration_ranks", "evidence_reliability", "evidence_differences")
-        for suffix in ("png", "pdf")
-    ),
+    "calibration.md",
+    "calibration.csv",
+    "calibration_ranks.csv",
+    "calibration_ranks.png",
+    "evidence_calibration.csv",
+    "evidence_data_sets.csv",
+    "evidence_reliability.png",
 )
 
 
 def write_calibration(found: Calibration, folder: str | Path, *, overwrite: bool = False) -> None:
-    """Write tables, figures (PNG and PDF) and calibration.md into `folder`."""
+    """Write tables, figures and calibration.md into `folder`."""
     tables, figures = {}, {}
     if len(found.ranks):
         tables |= {"calibration": found.rank_verdicts, "calibration_ranks": found.ranks}
         figures["calibration_ranks"] = ranks_figure(found)
     if len(found.data_sets):
-        tables |= {
-            "evidence_calibration": found.evidence_verdicts,
-            "evidence_data_sets": found.data_sets,
-        }
-        figures |= {
-            "evidence_reliability": reliability_figure(found),
-            "evidence_differences": differences_figure(found),
-        }
+        tables["evidence_calibration"] = found.evidence_verdicts
+        tables["evidence_data_sets"] = found.data_sets
+        figures["evidence_reliability"] = reliability_figure(found)
     with whole_folder(folder, PRODUCTS, overwrite=overwrite) as target:
         (target / "calibration.md").write_text(_text(found) + "\n", encoding="utf-8")
         for stem, table in tables.items():
             write_table(table, target / f"{stem}.csv")
         for stem, figure in figures.items():
-            for suffix in ("png", "pdf"):
-                bt.plots.save_figure(figure, target / f"{stem}.{suffix}")
+            bt.plots.save_figure(figure, target / f"{stem}.png")
 
 
 def _text(found: Calibration) -> str:

@@ -1,11 +1,10 @@
-"""Figures of a calibration run: ranks with bands, reliability of probabilities, errors."""
+"""Figures of a calibration run: ranks with bands, and reliability of probabilities."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from reference.calibration import (
@@ -35,7 +34,6 @@ from bayes_toe.plots.style import (
 #: Colour, line and marker of each design: two that colour-blind readers can tell apart.
 STYLE = {"paper": (STRONGER_FIRST, "-", "o"), "sparse": (WEAKER_FIRST, (0, (3, 1.2)), "s")}
 _ENDS = np.concatenate([[0.0], POINTS, [1.0]])  # with 0 and 1, where every difference is 0
-_TICKS = (-100, -30, -10, -3, -1, 0, 1, 3, 10, 30, 100)
 
 
 def ranks_figure(table: Calibration) -> Figure:
@@ -124,30 +122,6 @@ def reliability_figure(table: Calibration) -> Figure:
     return _two_rows(5.7, list(ESTIMATORS), draw, "stated P(H1 | data)", "share that came from H1")
 
 
-def differences_figure(table: Calibration) -> Figure:
-    """Differences of estimators from the default log Bayes factor, and numbers of missing ones."""
-    figure = new_figure(PAGE, 2.7)
-    ax = figure.subplots()
-    others = [name for name in ESTIMATORS if name != DEFAULT]
-    designs = list(table.data_sets.groupby("design", sort=False))
-    for line, estimator in enumerate(others):
-        for step, (design, found) in enumerate(designs):
-            _draw_shifts(
-                ax, found, estimator, design, -line + 0.3 * (0.5 * (len(designs) - 1) - step)
-            )
-    ax.axvline(0.0, color="black", lw=0.5)
-    ax.set_xscale("symlog", linthresh=1.0, linscale=1.0)
-    low, high = ax.get_xlim()
-    shown = [tick for tick in _TICKS if low <= tick <= high]
-    ax.set_xticks(shown, [f"{tick:+d}".replace("-", "−") if tick else "0" for tick in shown])
-    ax.set_xticks([], minor=True)
-    ax.set_xlabel("log Bayes factor minus the default estimator's (nats; linear between -1 and 1)")
-    ax.set_yticks([-float(i) for i in range(len(others))], others)
-    style_axes(ax).tick_params(axis="y", labelsize=LETTERS)
-    legend_below(figure, size=SMALL)
-    return figure
-
-
 def _two_rows(
     high: float, kinds: Sequence[str], draw: Callable[[str, Axes], None], across: str, up: str
 ) -> Figure:
@@ -165,45 +139,6 @@ def _two_rows(
         above.tick_params(labelbottom=True)
     legend_below(figure, size=SMALL)
     return figure
-
-
-def _draw_shifts(ax: Axes, found: pd.DataFrame, estimator: str, design: str, height: float) -> None:
-    """Median, and the ranges that hold half, 90 % and all of the data sets."""
-    shifts = (found[estimator] - found[DEFAULT]).dropna()
-    colour, _, marker = STYLE[design]
-    note = _none(found[estimator].isna().sum(), len(found))
-    ax.annotate(
-        note,
-        (1.01, height),
-        xycoords=("axes fraction", "data"),
-        fontsize=SMALL,
-        color=colour,
-        va="center",
-        annotation_clip=False,
-    )
-    if len(shifts):
-        least, low, lower, middle, upper, high, most = np.quantile(
-            shifts, [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0]
-        )
-        ax.plot([least, most], [height, height], color=colour, lw=0.5)
-        ax.plot([low, high], [height, height], color=colour, lw=1.6, solid_capstyle="butt")
-        ax.plot(
-            [lower, upper],
-            [height, height],
-            color=colour,
-            lw=4.5,
-            alpha=0.45,
-            solid_capstyle="butt",
-        )
-        ax.plot(
-            [middle],
-            [height],
-            color=colour,
-            marker=marker,
-            ms=4.0,
-            ls="",
-            label=_sets(design, len(found)),
-        )
 
 
 def _sets(design: str, size: int) -> str:

@@ -1,6 +1,6 @@
 """Conditions within subjects: the numbers of docs/validation.md.
 
-    python scripts/conditions.py simulated --number 24 --seed 1
+    python scripts/conditions.py --number 24 --seed 1
 
 In simulated subjects nothing or one quantity differs. A line is printed as soon as it is known.
 """
@@ -85,10 +85,7 @@ def print_counts(label: str, table: ContrastTable) -> None:
 
 def main() -> None:
     """Simulate subjects, compare their conditions, print the counts."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("what", choices=["simulated"])
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--number", type=int, default=30, help="simulated subjects a line")
     parser.add_argument("--trials", type=int, default=600, help="of a simulated condition")
     parser.add_argument("--seed", type=int, default=1)

@@ -3,11 +3,11 @@
 A row for every declared column, in the words of a docstring or a comment beside the field.
 
 What no docstring says stands in the document alone. A column that is new and has no words is named:
-write its row there. Example: python scripts/data_dictionary.py -o docs/data_dictionary.md
---overwrite
+write its row there.
+
+Example: python scripts/data_dictionary.py
 """
 
-import argparse
 import inspect
 import re
 from collections.abc import Sequence
@@ -21,7 +21,6 @@ from bayes_toe.answers.serial_dependence import HISTORY_COLUMNS
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, SubjectAsymmetry
 from bayes_toe.classical.fit import SubjectFit, fit_columns
 from bayes_toe.data.tasks import SAME_DIFFERENT
-from bayes_toe.data.whole_files import whole_file
 from bayes_toe.design.power import DATA_SET_COLUMNS, GROUP_COLUMNS, POWER_COLUMNS
 from bayes_toe.design.study_design import DESIGN_COLUMNS
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
@@ -129,14 +128,7 @@ def updated(document: str) -> str:
 
 def main() -> None:
     """Write the document."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("-o", "--output", default=OUTPUT)
-    parser.add_argument("--overwrite", action="store_true")
-    given = parser.parse_args()
-    with whole_file(given.output, overwrite=given.overwrite) as path:
-        path.write_text(updated(OUTPUT.read_text(encoding="utf-8")), encoding="utf-8")
+    OUTPUT.write_text(updated(OUTPUT.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -11,11 +11,8 @@ one are left out, because they get few draws on purpose.
 Example: python scripts/error_bars.py -o docs --seeds 100 --overwrite
 """
 
-import argparse
 import json
-import platform
 import sys
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -23,10 +20,9 @@ import numpy as np
 import pandas as pd
 from reference.hard_cases import hard_cases
 from reference.order_cases import order_cases
+from reference.pages import page_parser, versions, write_page
 
 import bayes_toe as bt
-from bayes_toe.data.tables import write_table
-from bayes_toe.data.whole_files import require_writable, whole_file
 from bayes_toe.inference.fitted import fit_posterior, importance_evidence
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.workers import run_in_order
@@ -54,30 +50,9 @@ ROW = (
 )
 
 
-@dataclass(frozen=True)
-class Estimates:
-    """Log evidences of one case with every seed; NaN where none is reported.
-
-    `quality` is the largest k-hat, or of the four models the least number of effective draws.
-    """
-
-    values: np.ndarray
-    errors: np.ndarray
-    quality: float
-
-
 def main() -> int:
     """Estimate, compare, write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        required=True,
-        help="folder to write to; the committed run is in docs",
-    )
+    parser = page_parser(__doc__)
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--subjects", nargs="+", metavar="NAME", help="by default all")
     parser.add_argument(
@@ -85,30 +60,21 @@ def main() -> int:
         action="store_true",
         help="the four models of the observer; writes error_bars_order.csv and .md",
     )
-    parser.add_argument("--workers", type=int, help="processes; by default one per processor")
-    parser.add_argument("--overwrite", action="store_true")
     options = parser.parse_args()
-    stem = "error_bars_order" if options.order else "error_bars"
-    written = [options.output / f"{stem}.csv", options.output / f"{stem}.md"]
     jobs = order_jobs(options.seeds) if options.order else paper_jobs(options.seeds)
     names = list(jobs) if options.subjects is None else options.subjects
     for name in names:
         if name not in jobs:
             parser.error(f"--subjects: no subject named {name!r}; there are {'; '.join(jobs)}")
-    try:
-        for path in written:
-            require_writable(path, overwrite=options.overwrite)
-        tables = run_in_order(
-            [jobs[name] for name in names], options.workers, print, [(name,) for name in names]
-        )
+    stem = "error_bars_order" if options.order else "error_bars"
+
+    def work() -> tuple[pd.DataFrame, str]:
+        chosen = [jobs[name] for name in names]
+        tables = run_in_order(chosen, options.workers, print, [(name,) for name in names])
         table = pd.DataFrame([row for rows in tables for row in rows])
-        write_table(table, written[0], overwrite=options.overwrite)
-        with whole_file(written[1], overwrite=options.overwrite) as temporary:
-            temporary.write_text(page(table, written[0].name, options.order), encoding="utf-8")
-    except bt.BayesToeError as error:
-        print(error, file=sys.stderr)
-        return 2
-    return 0 if table["honest"].all() else 3
+        return table, page(table, f"{stem}.csv", options.order)
+
+    return 0 if write_page(options, stem, work)["honest"].all() else 3
 
 
 def _references(file: str) -> dict[str, dict[str, float]]:
@@ -147,15 +113,15 @@ def order_jobs(seeds: int) -> dict[str, partial]:
 def paper_rows(subject: bt.Subject, reference: float, seeds: int) -> list[dict[str, object]]:
     """The row of the paper's model."""
     posterior = bt.model.paper_posterior(subject, bt.Prior())
-    values, errors, pareto_k = [], [], []
+    evidences = []
     for seed in range(seeds):
         rng = np.random.default_rng([seed, 7])
-        evidence = importance_evidence(fit_posterior(posterior, rng).fresh(rng, 20_000))
-        values.append(np.nan if evidence.value is None else evidence.value)
-        errors.append(np.nan if evidence.se is None else evidence.se)
-        pareto_k.append(evidence.pareto_k)
-    estimates = Estimates(np.array(values), np.array(errors), max(pareto_k))
-    return [row(subject.name, estimates, reference, "largest_pareto_k")]
+        evidences.append(importance_evidence(fit_posterior(posterior, rng).fresh(rng, 20_000)))
+    # NaN where an evidence is not reported.
+    values = np.array([evidence.value for evidence in evidences], np.float64)
+    errors = np.array([evidence.se for evidence in evidences], np.float64)
+    largest = max(evidence.pareto_k for evidence in evidences)
+    return [row(subject.name, values - reference, errors, largest_pareto_k=largest)]
 
 
 def order_rows(
@@ -169,31 +135,30 @@ def order_rows(
     rows = []
     for model, reference in references.items():
         i = MODEL_NAMES.index(model)
-        estimates = Estimates(values[:, i], errors[:, i], float(effective[:, i].min()))
+        differences, least = values[:, i] - reference, float(effective[:, i].min())
         name = f"{subject.name}: {model}"
-        rows.append(row(name, estimates, reference, "least_effective_draws"))
+        rows.append(row(name, differences, errors[:, i], least_effective_draws=least))
     return rows
 
 
-def row(name: str, estimates: Estimates, reference: float, quality: str) -> dict[str, object]:
-    """The row of one case."""
-    seeds = len(estimates.values)
-    reported = ~np.isnan(estimates.values)
-    errors = estimates.errors[reported]
-    z = pd.Series((estimates.values[reported] - reference) / errors)
-    entries: dict[str, object] = {"case": name, "seeds": seeds, "withheld": seeds - len(z)}
-    if len(z) > 1:
-        entries |= {
-            "mean_z": z.mean(),
-            "sd_z": z.std(),
-            "largest_z": z.abs().max(),
-            "median_se": np.median(errors),
-            "largest_se": errors.max(),
-        }
-    else:
-        entries |= dict.fromkeys(("mean_z", "sd_z", "largest_z", "median_se", "largest_se"), np.nan)
-    honest = len(z) == 0 or bool(BAND[0] < z.std() < BAND[1])
-    return {**entries, quality: estimates.quality, "honest": honest}
+def row(
+    name: str, differences: np.ndarray, errors: np.ndarray, **quality: float
+) -> dict[str, object]:
+    """The row of one case: differences from the reference, NaN where none is reported."""
+    is_reported = ~np.isnan(differences)
+    z = pd.Series(differences[is_reported] / errors[is_reported])
+    return {
+        "case": name,
+        "seeds": len(differences),
+        "withheld": len(differences) - len(z),
+        "mean_z": z.mean(),
+        "sd_z": z.std(),
+        "largest_z": z.abs().max(),
+        "median_se": pd.Series(errors[is_reported]).median(),
+        "largest_se": pd.Series(errors[is_reported]).max(),
+        **quality,
+        "honest": len(z) == 0 or bool(BAND[0] < z.std() < BAND[1]),
+    }
 
 
 def page(table: pd.DataFrame, file: str, is_order: bool) -> str:
@@ -223,9 +188,7 @@ def page(table: pd.DataFrame, file: str, is_order: bool) -> str:
         conclusion=conclusion,
         far=far_line,
         quality="least effective draws" if is_order else "largest k-hat",
-        version=bt.__version__,
-        python=platform.python_version(),
-        numpy=np.__version__,
+        **versions(),
     )
     rows = []
     for entries in table.itertuples():

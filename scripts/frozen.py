@@ -5,10 +5,10 @@ Differences must be within Monte Carlo error.
 Three words: `run` makes the tables, a folder a study and seed; `freeze` takes centre and tolerance
 of every number; `check` says what lies outside, exit code 3 where that is more than chance.
 
-    python scripts/frozen.py run made --study
-    bundled=bayes_toe/data/example_same_different_study.csv --seeds 1 2 3 python scripts/frozen.py
-    freeze made tests/reference/frozen.csv.gz python scripts/frozen.py check made
-    tests/reference/frozen.csv.gz
+    STUDY=bundled=bayes_toe/data/example_same_different_study.csv
+    python scripts/frozen.py run made --study $STUDY --seeds 1 2 3
+    python scripts/frozen.py freeze made tests/reference/frozen.csv.gz
+    python scripts/frozen.py check made tests/reference/frozen.csv.gz
 
 A number's tolerance is six times the root sum of squares of its standard deviation over the seeds,
 the median one of its column, and the Monte Carlo error that its own table states; and a millionth,
@@ -60,12 +60,11 @@ def main() -> int:
         "--study", action="append", default=[], help="NAME=FILE.csv; repeat for more"
     )
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
-    parser.add_argument("--only", nargs="+", choices=COMMANDS, default=list(COMMANDS))
     options = parser.parse_args()
     if options.what == "run":
         for name, file in (study.split("=", 1) for study in options.study):
             for seed in options.seeds:
-                run(options.folder / f"{name}-{seed}", Path(file).resolve(), seed, options.only)
+                run(options.folder / f"{name}-{seed}", Path(file).resolve(), seed)
         return 0
     if options.what == "freeze":
         frozen(options.folder).to_csv(options.table, index=False, float_format="%.9g")
@@ -83,14 +82,13 @@ def run(
     study: Path,
     seed: int,
     commands: Sequence[str] = tuple(COMMANDS),
-    reading: Sequence[str] = (),
 ) -> None:
     """All commands on one study."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "prior.toml").write_text(PRIOR, encoding="utf-8")
     for command in commands:
         seeded = ["--seed", str(seed), "--workers", "1"]
-        words = [command, str(study), *reading, *COMMANDS[command][0], *seeded, "--overwrite"]
+        words = [command, str(study), *COMMANDS[command][0], *seeded, "--overwrite"]
         done = call(*words, cwd=folder)
         if done.returncode not in (0, 3):
             raise SystemExit(f"{' '.join(words)}: exit code {done.returncode}: {done.stderr}")

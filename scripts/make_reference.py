@@ -1,9 +1,8 @@
-"""Evidences and moments by routes of their own, for the tests to compare with.
+"""Evidences and moments by tempering, for the tests to compare with.
 
-By default: H1 for the bundled study and the hard cases by deterministic integration, into
-reference.json. With --order: the four models of the observer for the cases of
-scripts/reference/order_cases.py by tempering, into order_models.json. A case that is stored
-already, for the same counts, prior and method, stays.
+By default: H1 for the bundled study and the hard cases, into reference.json. With --order: the
+four models of the observer for the cases of scripts/reference/order_cases.py, into
+order_models.json. A case that is stored already, for the same counts and prior, stays.
 
 Example: python scripts/make_reference.py -o tests/reference --order
 """
@@ -18,38 +17,63 @@ from pathlib import Path
 import numpy as np
 import scipy
 from reference.hard_cases import hard_cases
-from reference.lattice_quantiles import LEVELS
 from reference.order_cases import order_cases
-from reference.paper_density import PaperDensity
-from reference.quadrature import METHOD, QUANTITIES, integrate
-from reference.tempering import METHOD as TEMPERING
-from reference.tempering import MODELS, describe_prior, tempered_evidence
+from reference.paper_density import PaperScores
+from reference.tempering import (
+    METHOD,
+    MODELS,
+    Observer,
+    describe_prior,
+    tempered_evidence,
+    tempered_points,
+)
 
 import bayes_toe as bt
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.whole_files import whole_file
+
+LEVELS = (0.05, 0.5, 0.95)
 
 
 def belongs(subject: bt.Subject, model: str | None) -> dict[str, str]:
-    """Counts, prior and method of a stored case; by these a stale case is noticed."""
+    """Counts and prior of a stored case; by these a stale case is noticed."""
     counts = np.column_stack(
         (subject.s1, subject.s2, subject.n_yes.astype(float), subject.n_trials.astype(float))
     )
     return {
         "counts": hashlib.sha256(counts.tobytes()).hexdigest(),
         "prior": bt.Prior().describe() if model is None else describe_prior(),
-        "method": METHOD if model is None else TEMPERING,
     }
 
 
 def case(subject: bt.Subject, model: str | None) -> dict[str, object]:
     """One reference as plain numbers; of the four models it is the evidence alone."""
-    if model is not None:
-        value, error = tempered_evidence(subject, model)
-        return {"log_evidence": value, "log_evidence_error": error}
-    numbers = vars(integrate(PaperDensity(subject, bt.Prior())))
+    if model is None:
+        scores = PaperScores(subject, bt.Prior())
+        points, log_weights = tempered_points(scores, 4, particles=4000, size=100_000)
+        theta = np.stack(scores.natural(points.reshape(-1, 4)))
+        moments = weighted_moments(theta, np.exp(log_weights.ravel() - log_weights.max()))
+    else:
+        observer = Observer(subject, model)
+        _, log_weights = tempered_points(observer, len(observer.parameters), size=10_000)
+        moments = {}
+    value, error = tempered_evidence(log_weights)
+    return {"method": METHOD, "log_evidence": value, "log_evidence_error": error, **moments}
+
+
+def weighted_moments(theta: FloatArray, weights: FloatArray) -> dict[str, object]:
+    """Means, standard deviations and quantiles of parameters, (parameters, points)."""
+    means = np.average(theta, axis=1, weights=weights)
+    variances = np.average(np.square(theta - means[:, None]), axis=1, weights=weights)
+    quantiles = []
+    for values in theta:
+        order = np.argsort(values)
+        cumulative = np.cumsum(weights[order]) / weights.sum()
+        quantiles.append(np.interp(LEVELS, cumulative, values[order]).tolist())
     return {
-        key: value.tolist() if isinstance(value, np.ndarray) else value
-        for key, value in numbers.items()
+        "means": means.tolist(),
+        "sds": np.sqrt(variances).tolist(),
+        "quantiles": quantiles,
     }
 
 
@@ -60,7 +84,6 @@ def main() -> None:
     )
     parser.add_argument("-o", "--output", type=Path, default=Path("tests/reference"))
     parser.add_argument("--order", action="store_true", help="the four models of the observer")
-    parser.add_argument("--only", help="one case by name")
     options = parser.parse_args()
     cases: dict[str, tuple[bt.Subject, str | None]]
     if options.order:
@@ -75,7 +98,7 @@ def main() -> None:
             **hard_cases(),
             **{subject.name: subject for subject in bt.example_study("same/different")},
         }
-        path, head = options.output / "reference.json", {"quantities": QUANTITIES, "levels": LEVELS}
+        path, head = options.output / "reference.json", {"levels": LEVELS}
         cases = {name: (subject, None) for name, subject in subjects.items()}
     head["versions"] = {
         "numpy": np.__version__,
@@ -85,7 +108,7 @@ def main() -> None:
     stored = json.loads(path.read_text(encoding="utf-8"))["cases"] if path.exists() else {}
     for name, (subject, model) in cases.items():
         key = belongs(subject, model)
-        if options.only not in (None, name) or key.items() <= stored.get(name, {}).items():
+        if key.items() <= stored.get(name, {}).items():
             continue
         began = time.perf_counter()
         made = stored[name] = {**key, **case(subject, model)}

@@ -22,8 +22,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 LONGEST_LINE = 100
 HIGHEST_COMPLEXITY = 15
-#: Highest allowed values of the package and of its tests. They may be lowered, never raised: only
-#: the nodes of the package were raised once, for what a stranger's file needs to be read.
+#: Highest allowed values of the package, its tests and the scripts. They may be lowered, never
+#: raised: only the nodes of the package were raised once, for what a stranger's file needs.
 #: Goals: 115 files, 180,000 nodes in the package and 110,000 in the tests, of names 1 % filler, of
 #: 1000 nodes 4 comprehensions and 2 conditional expressions, 20 nested comprehensions, no others.
 LIMITS = {
@@ -49,6 +49,7 @@ LIMITS = {
         "filler names": 0.0,
         "import circles": 0,
     },
+    "scripts": {"nodes": 42_120},
 }
 
 COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
@@ -208,7 +209,7 @@ def over_limits(measurement: Measurement, limits: dict[str, float]) -> list[str]
 
 
 def main() -> int:
-    """Measure package and tests; 1 where a measure is over its limit."""
+    """Measure package, tests and scripts; 1 where a measure is over its limit."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--list", choices=LIMITS["bayes_toe"], metavar="MEASURE")
     options = parser.parse_args()

@@ -9,24 +9,21 @@ calibration_order.csv and calibration_order.md; exit code 3 where something is n
 Example: python scripts/order_calibration.py -o docs --observers 500 --seed 1 --overwrite
 """
 
-import argparse
-import platform
 import sys
+from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from order_effect import DESIGNS, Design
-from reference.calibration_statistics import ecdf_difference, place, reliability, uniformity
-from reference.tempering import MODELS, Observer, answer_probabilities
+from order_effect import DESIGNS, Design, has_effect
+from reference.calibration_statistics import place, rank_verdict, reliability
+from reference.pages import page_parser, versions, write_page
+from reference.tempering import Observer, answer_probabilities
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import QUESTIONS
-from bayes_toe.data.tables import write_table
-from bayes_toe.data.whole_files import require_writable, whole_file
 from bayes_toe.inference.order_evidence import (
     EVERY_MODEL,
     HAS_CONTRACTION,
@@ -80,10 +77,9 @@ uniform distribution. Ranks count as uniform if p is at least {least_p:g}.
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """An observer: responses, model, and the true value of each quantity."""
+    """An observer: responses, and the true value of each quantity."""
 
     subject: bt.Subject
-    model: str
     truth: dict[str, float]
 
 
@@ -103,11 +99,11 @@ def simulate(design: Design, name: str, seed: list[int]) -> Simulated:
     if "p" in values:
         truth["contraction"] = values["p"].item()
     counts = rng.binomial(asked.n_trials, yes[0])
-    return Simulated(replace(asked, n_yes=counts), model, truth)
+    return Simulated(replace(asked, n_yes=counts), truth)
 
 
 def answered(design: Design, numbers: range, seed: int) -> list[dict[str, object]]:
-    """A row for each of some observers: model, log odds of the questions, ranks."""
+    """A row for each of some observers: effects, log odds of the questions, ranks."""
     at = DESIGNS.index(design)
     made = [simulate(design, f"{design.name} {i}", [seed, at, i]) for i in numbers]
     evidences = order_evidence([observer.subject for observer in made], seed)
@@ -120,8 +116,12 @@ def answered(design: Design, numbers: range, seed: int) -> list[dict[str, object
 def row(
     design: Design, observer: Simulated, evidence: OrderEvidence, rng: np.random.Generator
 ) -> dict[str, object]:
-    """Log odds of the three questions, and the rank of every true value."""
-    entries: dict[str, object] = {"design": design.name, "model": observer.model}
+    """The true effects, log odds of the three questions, and the rank of every true value."""
+    entries: dict[str, object] = {
+        "design": design.name,
+        "c": observer.truth.get("constant_error", 0.0),
+        "p": observer.truth.get("contraction", 0.0),
+    }
     for question, has in QUESTIONS.items():
         entries[f"log_odds_{question}"] = evidence.log_odds(has)
     models = {"constant_error": HAS_ERROR, "contraction": HAS_CONTRACTION, "jnd": EVERY_MODEL}
@@ -135,21 +135,13 @@ def row(
     return entries
 
 
-def has_effect(table: pd.DataFrame, question: str) -> np.ndarray:
-    """Which observers have the effect that a question asks for."""
-    wanted = {"constant_error": ("c",), "contraction": ("p",), "order_effect": ("c", "p")}
-    return np.array(
-        [bool({*wanted[question]}.intersection(MODELS[model])) for model in table["model"]]
-    )
-
-
 def judged_probabilities(table: pd.DataFrame, seed: int) -> Iterator[dict[str, object]]:
     """Whether the probabilities of a question are calibrated, by design and of all together."""
     groups = [*table.groupby("design", sort=False), ("all", table)]
     for design, group in groups:
         for question in QUESTIONS:
             log_odds = group[f"log_odds_{question}"].to_numpy(np.float64)
-            is_there = has_effect(group, question)
+            is_there = has_effect(group, question).to_numpy()
             result = reliability(log_odds, is_there, np.random.default_rng(seed))
             yield {
                 "design": design,
@@ -172,20 +164,17 @@ def judged_ranks(table: pd.DataFrame) -> Iterator[dict[str, object]]:
             ranks = group[f"rank_{quantity}"].dropna()
             if ranks.empty:  # few observers, and none has the effect
                 continue
-            difference, p_value = ecdf_difference(ranks), uniformity(ranks)
-            farthest = int(np.abs(difference).argmax())
+            verdict = rank_verdict(ranks)
             yield {
                 "design": design,
                 "what": quantity,
                 "observers": len(ranks),
-                "largest_difference": float(difference[farthest]),
-                "at": (farthest + 1) / 100,
-                "p_value": p_value,
-                "calibrated": p_value >= LEAST_P,
+                **verdict,
+                "calibrated": verdict["p_value"] >= LEAST_P,
             }
 
 
-def page(table: pd.DataFrame, observers: int, seed: int, file: str) -> str:
+def page(table: pd.DataFrame, observers: int, seed: int) -> str:
     """The judgements as Markdown."""
     probabilities, ranks = [], []
     for entry in table.itertuples():
@@ -205,15 +194,13 @@ def page(table: pd.DataFrame, observers: int, seed: int, file: str) -> str:
     return PAGE.format(
         observers=observers,
         seed=seed,
-        table=file,
+        table="calibration_order.csv",
         conclusion="\n".join(f"* {line}" for line in conclusion(table)),
         draws=_DRAWS,
         least_p=LEAST_P,
         probabilities="".join(probabilities),
         ranks="".join(ranks),
-        version=bt.__version__,
-        python=platform.python_version(),
-        numpy=np.__version__,
+        **versions(),
     )
 
 
@@ -232,43 +219,32 @@ def conclusion(table: pd.DataFrame) -> list[str]:
     return lines
 
 
+def judged(options: Namespace) -> tuple[pd.DataFrame, str]:
+    """The table of all judgements, and the page."""
+    jobs, names = [], []
+    for design in DESIGNS:
+        for start in range(0, options.observers, _CHUNK):
+            numbers = range(start, min(start + _CHUNK, options.observers))
+            jobs.append(partial(answered, design, numbers, options.seed))
+            names.append((f"{design.name} {start}",))
+    parts = run_in_order(jobs, options.workers, None, names)
+    observers = pd.DataFrame([entries for rows in parts for entries in rows])
+
+    probabilities = pd.DataFrame(judged_probabilities(observers, options.seed))
+    ranks = pd.DataFrame(judged_ranks(observers))
+    table = pd.concat(
+        [probabilities.assign(part="probability"), ranks.assign(part="rank")], ignore_index=True
+    )
+    return table, page(table, options.observers, options.seed)
+
+
 def main() -> int:
     """Simulate, answer, judge, write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder")
+    parser = page_parser(__doc__)
     parser.add_argument("--observers", type=int, default=500, help="of each design")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, help="processes; by default one per processor")
-    parser.add_argument("--overwrite", action="store_true")
     options = parser.parse_args()
-    stem = options.output / "calibration_order"
-    written = [stem.with_suffix(".csv"), stem.with_suffix(".md")]
-    try:
-        for path in written:
-            require_writable(path, overwrite=options.overwrite)
-        jobs, names = [], []
-        for design in DESIGNS:
-            for start in range(0, options.observers, _CHUNK):
-                numbers = range(start, min(start + _CHUNK, options.observers))
-                jobs.append(partial(answered, design, numbers, options.seed))
-                names.append((f"{design.name} {start}",))
-        parts = run_in_order(jobs, options.workers, None, names)
-        observers = pd.DataFrame([entries for rows in parts for entries in rows])
-        probabilities = pd.DataFrame(judged_probabilities(observers, options.seed))
-        ranks = pd.DataFrame(judged_ranks(observers))
-        table = pd.concat(
-            [probabilities.assign(part="probability"), ranks.assign(part="rank")],
-            ignore_index=True,
-        )
-        write_table(table, written[0], overwrite=options.overwrite)
-        text = page(table, options.observers, options.seed, written[0].name)
-        with whole_file(written[1], overwrite=options.overwrite) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    except bt.BayesToeError as error:
-        print(error, file=sys.stderr)
-        return 2
+    table = write_page(options, "calibration_order", partial(judged, options))
     print("\n".join(conclusion(table)))
     return 0 if table["calibrated"].astype(bool).all() else 3
 

@@ -1,8 +1,6 @@
-"""Checks of the group's analysis by simulated studies.
+"""Is the Bayes factor of a group's mean calibrated? Simulated studies, half of the means being 0.
 
-    python scripts/population_checks.py null --studies 40         # a true mean of 0 is excluded
-    python scripts/population_checks.py coverage --studies 40     # 95 % intervals hold the truth
-    python scripts/population_checks.py calibration --studies 80  # of the Bayes factor
+    python scripts/population_checks.py --studies 80
 
 A simulated study has ten subjects who answer which of two stimuli is stronger: ten ordered pairs of
 neighbours of six levels 0.25 apart, 40 or 200 trials a subject. sigma_d is 0.8 D exp(Normal(0,
@@ -14,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import warnings
-from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -69,47 +66,6 @@ def analysed(study: bt.Study, seed: int) -> PopulationResult:
     return result
 
 
-def null(studies: range) -> None:
-    """How often the interval of a mean excludes 0, where nobody differs, 40 trials a subject."""
-    rows = {
-        "c = .5 D, p = 0": Truth(0.5, 0.0, 0.0, 0.0),
-        "c = 0, p = .2": Truth(0.0, 0.0, 0.2, 0.0),
-        "no effect": Truth(0.0, 0.0, 0.0, 0.0),
-    }
-    for number, (label, truth) in enumerate(rows.items()):
-        excluded = Counter[str]()
-        n_unreliable = 0
-        for i in studies:
-            study = simulated_study(truth, 40, np.random.default_rng([1, number, i]))
-            result = analysed(study, i)
-            n_unreliable += not result.is_reliable
-            for name in ("constant_error", "contraction"):
-                low, _, high = result.effect(name).mean
-                excluded[name] += not low <= 0.0 <= high
-        counts = f"c {excluded['constant_error']}, p {excluded['contraction']}"
-        print(f"{label}: 0 excluded in {counts} of {len(studies)}; not reliable {n_unreliable}")
-
-
-def coverage(studies: range, n_trials: int, scatter: str) -> None:
-    """How often 95 % intervals hold the truth."""
-    sd_c, sd_p = {"small": (0.1, 0.05), "large": (0.5, 0.15)}[scatter]
-    covered = Counter[str]()
-    n_unreliable = 0
-    for i in studies:
-        rng = np.random.default_rng([2, n_trials, i])
-        truth = Truth(rng.uniform(-1.0, 1.0), sd_c, rng.uniform(-0.3, 0.3), sd_p)
-        result = analysed(simulated_study(truth, n_trials, rng), i)
-        n_unreliable += not result.is_reliable
-        effects = result.effect("constant_error"), result.effect("contraction")
-        values = ((truth.mean_c, truth.sd_c), (truth.mean_p, truth.sd_p))
-        for name, effect, (mean, sd) in zip("cp", effects, values, strict=True):
-            covered[name] += effect.mean.low <= mean <= effect.mean.high
-            covered[f"sd of {name}"] += effect.sd.low <= sd <= effect.sd.high
-    counts = ", ".join(f"{name} {covered[name]}" for name in ("c", "p", "sd of c", "sd of p"))
-    label = f"{N_SUBJECTS} subjects, {n_trials} trials, {scatter} sd"
-    print(f"{label}: covered {counts} of {len(studies)}; not reliable {n_unreliable}")
-
-
 def calibration(studies: range) -> None:
     """How often a mean is 0 where the Bayes factor says so, half of the means being 0."""
     limits = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
@@ -136,24 +92,12 @@ def calibration(studies: range) -> None:
 
 
 def main() -> None:
-    """The check that was asked for."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    checks = ["null", "coverage", "calibration"]
-    parser.add_argument("check", choices=checks)
-    parser.add_argument("--studies", type=int, default=40)
+    """Simulate studies and compare."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--studies", type=int, default=80)
     parser.add_argument("--first", type=int, default=0, help="number of the first study")
-    parser.add_argument("--trials", type=int, default=200, help="of a subject, for coverage")
-    parser.add_argument("--scatter", choices=["small", "large"], default="large")
     asked = parser.parse_args()
-    studies = range(asked.first, asked.first + asked.studies)
-    if asked.check == "null":
-        null(studies)
-    elif asked.check == "coverage":
-        coverage(studies, asked.trials, asked.scatter)
-    else:
-        calibration(studies)
+    calibration(range(asked.first, asked.first + asked.studies))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Deterministic integration and hard cases: what inference is checked against.
+"""Tempering and hard cases: what inference is checked against.
 
 No module of the package uses them.
 """

@@ -52,14 +52,7 @@ from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Workers, run_in_order
-from reference.calibration_statistics import (
-    POINTS,
-    ecdf_difference,
-    log_score,
-    place,
-    reliability,
-    uniformity,
-)
+from reference.calibration_statistics import log_score, place, rank_verdict, reliability
 
 #: Batches of the paper's 13 pairs that each design has.
 DESIGNS = {"paper": PAPER_BATCHES, "sparse": 5}
@@ -376,23 +369,17 @@ def judged(plan: Plan, ranks: list[Row], data_sets: list[Row]) -> Calibration:
 
 def _rank_row(found: pd.DataFrame, quantity: str, threshold: float) -> Row:
     """Verdict on the ranks of one quantity in one design, by a least p-value (Bonferroni)."""
-    difference, p_value, design = (
-        ecdf_difference(found[quantity]),
-        uniformity(found[quantity]),
-        found["design"].iloc[0],
-    )
-    far = int(np.abs(difference).argmax())
+    verdict = rank_verdict(found[quantity])
+    design = found["design"].iloc[0]
     return {
         "design": design,
         "batches": DESIGNS[design],
         "quantity": quantity,
         "studies": len(found),
         "not_converged": int((found["shortfall"] != "").sum()),  # ranked like the others
-        "largest_difference": float(difference[far]),
-        "at": float(POINTS[far]),
-        "p_value": p_value,
+        **verdict,
         "threshold": threshold,
-        "verdict": "inside" if p_value >= threshold else "outside",
+        "verdict": "inside" if verdict["p_value"] >= threshold else "outside",
     }
 
 

@@ -114,6 +114,17 @@ def uniformity(values: npt.ArrayLike) -> float:
     return max(0.0, 1.0 - _cut(size, min(0.0, rarest + 1e-9)).probability)
 
 
+def rank_verdict(values: npt.ArrayLike) -> dict[str, float]:
+    """Largest difference of ranks from uniform numbers, the point where it is, and its p-value."""
+    difference = ecdf_difference(values)
+    farthest = int(np.abs(difference).argmax())
+    return {
+        "largest_difference": float(difference[farthest]),
+        "at": float(POINTS[farthest]),
+        "p_value": uniformity(values),
+    }
+
+
 def _cut(size: int, log_tail: float) -> Band:
     """The band that leaves half of the tail probability on either side of every point."""
     half = 0.5 * np.exp(log_tail)

@@ -1,8 +1,19 @@
-"""Tables of the pages that scripts write."""
+"""Pages that scripts write: options, tables and files."""
 
 from __future__ import annotations
 
+import platform
+import sys
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
 import pandas as pd
+
+import bayes_toe as bt
+from bayes_toe.data.tables import write_table
+from bayes_toe.data.whole_files import require_writable, whole_file
 
 
 def markdown(table: pd.DataFrame) -> str:
@@ -20,3 +31,39 @@ def markdown(table: pd.DataFrame) -> str:
     for row in table.itertuples(index=False):
         lines.append("| " + " | ".join(map(str, row)) + " |")
     return "\n".join(lines)
+
+
+def page_parser(description: str) -> ArgumentParser:
+    """A parser with the options of all scripts that write a table and a page."""
+    parser = ArgumentParser(description=description, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder")
+    parser.add_argument("--workers", type=int, help="processes; by default one per processor")
+    parser.add_argument("--overwrite", action="store_true")
+    return parser
+
+
+def versions() -> dict[str, str]:
+    """The versions that a page states, as arguments of its text."""
+    return {
+        "version": bt.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
+
+
+def write_page(
+    options: Namespace, stem: str, work: Callable[[], tuple[pd.DataFrame, str]]
+) -> pd.DataFrame:
+    """Write the table and the page that the work returns; stop before it where files exist."""
+    table_file, page_file = options.output / f"{stem}.csv", options.output / f"{stem}.md"
+    try:
+        for path in (table_file, page_file):
+            require_writable(path, overwrite=options.overwrite)
+        table, text = work()
+        write_table(table, table_file, overwrite=options.overwrite)
+        with whole_file(page_file, overwrite=options.overwrite) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    except bt.BayesToeError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
+    return table

@@ -1,4 +1,4 @@
-"""The posterior of H1 in the coordinates of the quadrature, written from the definitions.
+"""The posterior of H1, written from the definitions.
 
     x = (c, a, b, l),   p = p_max / (1 + e^-a),   w = e^b,   q0 = 1 / (1 + e^-l)
     mu1 = sbar + c/p,   gamma = p/(1 - p)^2,      sigma_p = w (1 - p)^(3/2)
@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import betaln
+from scipy.special import betaln, erfinv, log_ndtr, ndtr, ndtri
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
@@ -73,6 +73,48 @@ class PaperDensity:
             x = xp.stack(columns, axis=-1)
             return log_posterior(x, counts, self.prior, xp) + log_volume
         return log_posterior(points, counts, self.prior, xp)
+
+
+class PaperScores:
+    """The log likelihood of a subject at normal scores of the paper's parameters.
+
+    The scores of mu1, sigma_p, gamma and q0 are independent under the paper's prior: mu1 is
+    normal, sigma_p half-normal, gamma and q0 are uniform.
+    """
+
+    def __init__(self, subject: Subject, prior: Prior) -> None:
+        self.prior, self.counts = prior.for_subjects(subject), Counts.of_subject(subject)
+
+    def _coordinates(self, scores: FloatArray) -> FloatArray:
+        """The coordinates x at scores, (points, 4) each."""
+        mu1, spread, gamma, q0 = scores.T
+        mean, sd = self.prior.mu1_normal
+        with np.errstate(divide="ignore"):
+            from_below = np.log(np.sqrt(2.0) * erfinv(ndtr(spread)))
+            from_above = np.log(-ndtri(0.5 * ndtr(-spread)))
+        log_sigma_p = np.where(spread < 0.0, from_below, from_above)
+        columns = [
+            mean + sd * mu1,
+            np.log(self.prior.spread_scale) + log_sigma_p,
+            log_ndtr(gamma) - log_ndtr(-gamma),
+            log_ndtr(q0) - log_ndtr(-q0),
+        ]
+        return np.stack(identified(np.column_stack(columns), self.counts.sbar)[0], axis=-1)
+
+    def natural(self, scores: FloatArray) -> Natural:
+        """Natural parameters, (points, 4) -> (points,) each."""
+        with np.errstate(over="ignore"):
+            return natural(self._coordinates(scores), self.counts.sbar)
+
+    def __call__(self, scores: FloatArray) -> FloatArray:
+        """Log likelihood without binomial coefficients, (points, 4) -> (points,)."""
+        # Beyond 20 standard deviations there is less than 1e-88 of the prior.
+        is_near = (np.abs(scores) < 20.0).all(axis=1)
+        value = np.full(len(scores), -np.inf)
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            x = self._coordinates(scores[is_near])
+            value[is_near] = _log_likelihood(x, self.counts, np)
+        return value
 
 
 def identified(y: Any, sbar: Any, xp: Any = np) -> tuple[list[Any], Any]:

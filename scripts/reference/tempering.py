@@ -50,6 +50,7 @@ _COUNTING = 0.66  # share of the particles that count after a step of the power
 _MOVES = 8  # moves of each particle between two powers
 #: Kernels of the refinement, and their width over that of the whole cloud.
 _KERNELS, _NARROW = 200, 0.4
+_BATCH = 20_000  # points whose weights are computed together
 LogLikelihood = Callable[[FloatArray], FloatArray]
 Parameters = Mapping[str, FloatArray | float]
 
@@ -210,10 +211,10 @@ def tempered(
     return x, total
 
 
-def refined(
+def weighted_points(
     log_likelihood: LogLikelihood, x: FloatArray, rng: np.random.Generator, size: int
-) -> tuple[float, float]:
-    """The same mean by importance sampling about particles of the posterior, and its error.
+) -> tuple[FloatArray, FloatArray]:
+    """Points about particles of the posterior, (size, k), and the logs of their weights, (size,).
 
     Half of the points have a Student-t kernel (4 degrees of freedom) about one of some particles,
     a quarter have one about the mean of all, a quarter are from the prior.
@@ -222,21 +223,36 @@ def refined(
     factor = np.linalg.cholesky(np.cov(x.T).reshape(k, k) + 1e-9 * np.eye(k))
     whole: FloatArray = np.asarray(1.5 * factor, np.float64)
     narrow: FloatArray = np.asarray(_NARROW * factor, np.float64)
+
     n_near, n_whole, n_prior = rng.multinomial(size, [0.5, 0.25, 0.25])
     near = centres[rng.integers(_KERNELS, size=n_near)] + _draw_t(rng, n_near, narrow)
     around = x.mean(axis=0) + _draw_t(rng, n_whole, whole)
     points = np.concatenate([near, around, rng.standard_normal((n_prior, k))])
-    log_prior = -0.5 * (np.square(points).sum(axis=1) + k * np.log(2.0 * np.pi))
-    log_near = np.concatenate(
-        [logsumexp(_log_t(part, centres, narrow), axis=1) for part in np.array_split(points, 20)]
-    )
-    log_around = _log_t(points, x.mean(axis=0)[None], whole)[:, 0]
-    log_proposal = np.logaddexp(np.log(0.5 / _KERNELS) + log_near, np.log(0.25) + log_around)
-    log_proposal = np.logaddexp(log_proposal, np.log(0.25) + log_prior)
-    log_weights = log_likelihood(points) + log_prior - log_proposal
+
+    log_weights = []
+    for part in np.array_split(points, 1 + size // _BATCH):
+        log_prior = -0.5 * (np.square(part).sum(axis=1) + k * np.log(2.0 * np.pi))
+        log_near = logsumexp(_log_t(part, centres, narrow), axis=1) + np.log(0.5 / _KERNELS)
+        log_around = _log_t(part, x.mean(axis=0)[None], whole)[:, 0] + np.log(0.25)
+        log_proposal = np.logaddexp(log_near, log_around)
+        log_proposal = np.logaddexp(log_proposal, np.log(0.25) + log_prior)
+        log_weights.append(log_likelihood(part) + log_prior - log_proposal)
+    return points, np.concatenate(log_weights)
+
+
+def log_mean(log_weights: FloatArray) -> tuple[float, float]:
+    """Log of the mean weight, and its standard error."""
+    size = len(log_weights)
     log_total = float(logsumexp(log_weights))
     error = np.sqrt(np.exp(logsumexp(2.0 * log_weights) - 2.0 * log_total) - 1.0 / size)
     return log_total - float(np.log(size)), float(error)
+
+
+def refined(
+    log_likelihood: LogLikelihood, x: FloatArray, rng: np.random.Generator, size: int
+) -> tuple[float, float]:
+    """The same mean by importance sampling about particles of the posterior, and its error."""
+    return log_mean(weighted_points(log_likelihood, x, rng, size)[1])
 
 
 def _draw_t(rng: np.random.Generator, n: int, factor: FloatArray) -> FloatArray:
@@ -316,18 +332,24 @@ def describe_prior() -> str:
     )
 
 
-def tempered_evidence(
-    subject: Subject, model: str, *, runs: int = 6, particles: int = 1000, size: int = 10_000
-) -> tuple[float, float]:
-    """Log evidence of a model and its standard error, the larger one of weights and of runs."""
-    observer = Observer(subject, model)
-    results = []
+def tempered_points(
+    log_likelihood: LogLikelihood, k: int, *, runs: int = 6, particles: int = 1000, size: int
+) -> tuple[FloatArray, FloatArray]:
+    """Points of some runs, (runs, size, k), and the logs of their weights, (runs, size)."""
+    points, log_weights = [], []
     for run in range(runs):
         rng = np.random.default_rng([run, 2611])
-        points, _ = tempered(observer, len(observer.parameters), rng, particles)
-        results.append(refined(observer, points, rng, size))
-    values, errors = np.array(results).T
+        x, _ = tempered(log_likelihood, k, rng, particles)
+        of_run = weighted_points(log_likelihood, x, rng, size)
+        points.append(of_run[0])
+        log_weights.append(of_run[1])
+    return np.stack(points), np.stack(log_weights)
+
+
+def tempered_evidence(log_weights: FloatArray) -> tuple[float, float]:
+    """Log evidence and its standard error, the larger one of weights and of runs."""
+    values, errors = np.array([log_mean(of_run) for of_run in log_weights]).T
     relative = np.exp(values - values.max())
-    between = relative.std(ddof=1) / relative.mean() / np.sqrt(runs)
+    between = relative.std(ddof=1) / relative.mean() / np.sqrt(len(values))
     within = float(np.sqrt(np.square(relative * errors).sum()) / relative.sum())
     return float(values.max() + np.log(relative.mean())), max(float(between), within)

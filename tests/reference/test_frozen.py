@@ -23,7 +23,7 @@ def test_a_bundled_subject(tmp_path, monkeypatch):
     rows = [line for line in lines if line.startswith(("subject,", f"{SUBJECT},"))]
     (tmp_path / BUNDLED.name).write_text("".join(rows), encoding="utf-8")
     folder = tmp_path / "made"
-    frozen.run(folder / "bundled-7", tmp_path / BUNDLED.name, 7, ("run",), ())
+    frozen.run(folder / "bundled-7", tmp_path / BUNDLED.name, 7, ("run",))
     n_numbers, outside = frozen.check(folder, table)
     assert n_numbers >= 60
     assert not frozen.too_far(n_numbers, outside), outside.to_string()

@@ -35,7 +35,7 @@ def written(analysis, small_study):
 
 
 def test_the_document_is_as_declared():
-    """Otherwise: python scripts/data_dictionary.py --overwrite."""
+    """Otherwise: python scripts/data_dictionary.py."""
     assert data_dictionary.updated(DOCUMENT) == DOCUMENT
     assert data_dictionary.FILES.keys() <= REFERENCE.keys()
 
