@@ -52,6 +52,10 @@ PEERS = ("emcee", "nutpie", "pymc", "numpyro", "dynesty", "nautilus-sampler", "p
 SECTIONS = ("ordinary", "hard", "evidence", "group", "curves", "scaling")
 ORDINARY, PRIOR = ("S01", "S05", "S09", "S15"), bt.Prior()
 WARM_UP, N_CHAINS, WALKERS = 1000, 4, 32
+#: Of nested sampling.
+MOST_CALLS = 50_000
+#: R-hat from which on draws fail; nats below the best model from which on a model is left out;
+#: the ratio below which the page begins with a method.
 LARGEST_R_HAT, FAR, CLOSE = 1.01, 6.0, 3.0
 
 
@@ -219,8 +223,10 @@ def run_dynesty(log_likelihood, k, size, seed):
 
     rng = np.random.default_rng(seed)
     sampler = dynesty.NestedSampler(at_point, ndtri, k, nlive=size, rstate=rng)
-    sampler.run_nested(print_progress=False)
+    sampler.run_nested(print_progress=False, maxcall=MOST_CALLS)
     results = sampler.results
+    if results.ncall.sum() >= MOST_CALLS:
+        raise RuntimeError(f"not done after {MOST_CALLS:,} evaluations")
     return results.samples, results.logwt, results.logz[-1]
 
 
@@ -231,8 +237,8 @@ def run_nautilus(log_likelihood, k, size, seed):
     sampler = nautilus.Sampler(
         ndtri, log_likelihood, n_dim=k, n_live=size, vectorized=True, seed=seed
     )
-    if not sampler.run(n_eff=2 * size, n_like_max=100_000):
-        raise RuntimeError("not done after 100,000 evaluations")
+    if not sampler.run(n_eff=2 * size, n_like_max=MOST_CALLS):
+        raise RuntimeError(f"not done after {MOST_CALLS:,} evaluations")
     points, log_weights, _ = sampler.posterior()
     return points, log_weights, sampler.log_z
 
@@ -632,7 +638,8 @@ def scaling_table(rows):
     size = rows["subject"].astype(float) * rows["size"]
     slope = np.log(rows["seconds"]).diff() / np.log(size).diff()
     is_next = (rows["target"] == rows["target"].shift()) & (size > size.shift())
-    shown = rows[["target", "method", "subject", "size"]].astype({"subject": int, "size": int})
+    whole = rows[["subject", "size"]].astype(float).astype(int)
+    shown = pd.concat([rows[["target", "method"]], whole], axis=1)
     shown.columns = ["call", "workers", "subjects", "trials a pair"]
     shown["slope"] = slope.map("{:.2f}".format).where(is_next, "")
     for name in ("seconds", "elapsed", "megabytes"):
@@ -652,9 +659,10 @@ def draw_figure(rows, path):
             style = {"marker": "o", "color": f"C{i}", "label": label}
             if label == "sample":
                 style |= {"marker": "*", "markersize": 15, "color": "black"}
-            if label in medians.index:
-                ax.plot(*medians.loc[label].to_numpy().T, **style)
+            points = medians[medians.index.get_level_values("label") == label]
+            ax.plot(points["seconds"], points["error"], **style)
         ax.set(xscale="log", yscale="log", title=f"{kind} subjects", xlabel="processor seconds")
+        ax.tick_params(axis="x", which="minor", labelbottom=False)
     panels[0].set_ylabel("error of means (posterior SD)")
     panels[0].legend(fontsize=7)
     figure.savefig(path, metadata={"Date": None})
@@ -678,6 +686,10 @@ def write_page(table, stem):
         sentence = (
             f"Within a factor of {CLOSE:g} of `sample` for an effective draw: {'; '.join(close)}."
         )
+    group = table[table["target"] == "group"]
+    costs = (group["seconds"] / group["effective"]).groupby(group["method"]).median()
+    for name, ratio in (costs / costs["population"]).drop("population").items():
+        sentence += f" For the group, {name} needs {ratio:.2g} times the seconds of `population`."
 
     importance = ratios["draw"]["importance draws"]
     with_nats = table[table["nats"].notna() | table["section"].eq("evidence")]
@@ -691,7 +703,7 @@ def write_page(table, stem):
     tables = {
         "ratios": ratio_table(rows, ratios),
         "evidence": summary(evidence.sort_values(keys), keys, **nats),
-        "group": summary(by_target["group"], "method", **error, effective=("effective", "median")),
+        "group": summary(group, "method", **error, effective=("effective", "median")),
         "curves": summary(by_target["PSE shift"], "method", **error, **width),
         "hard": hard_table(better),
         "scaling": scaling_table(table[table["kind"] == "scaling"]),
