@@ -486,9 +486,9 @@ def scaling_cases(largest):
     for call in CALLS:
         for n in (10, 100, 1000, 10_000):
             if n <= largest:
-                cases.append(Case(call, "subjects", n, {"subjects": n, "trials": 100}))
+                cases.append(Case(call, "subjects", str(n), {"subjects": n, "trials": 100}))
         for n in (100, 1000, 10_000, 100_000, 1_000_000):
-            cases.append(Case(call, "trials a pair", n, {"subjects": 10, "trials": n}))
+            cases.append(Case(call, "trials a pair", str(n), {"subjects": 10, "trials": n}))
     return cases
 
 
@@ -549,7 +549,10 @@ def measure(method, case, size, seed):
 
 def show(table):
     """A table in Markdown."""
-    return markdown(table.reset_index().map("{:,.3g}".format, na_action="ignore").fillna(""))
+    table = table.reset_index()
+    for name in table.select_dtypes("float"):
+        table[name] = table[name].map("{:,.3g}".format).replace("nan", "-")
+    return markdown(table.fillna("-"))
 
 
 def ratio_table(draws):
@@ -584,7 +587,7 @@ def hard_table(draws):
 def scaling_table(rows):
     """Seconds and memory, with the slope from the row before."""
     keys = ["target", "method", "kind"]
-    table = rows.assign(number=rows["subject"].astype(float)).sort_values([*keys, "number"])
+    table = rows.assign(number=rows["subject"].astype(int)).sort_values([*keys, "number"])
     rises = np.log(table[["number", "seconds"]]).groupby([table[key] for key in keys]).diff()
     table["slope"] = rises["seconds"] / rises["number"]
     return table.set_index(keys)[["number", "seconds", "slope", "elapsed", "megabytes"]]
@@ -593,7 +596,8 @@ def scaling_table(rows):
 def draw_figure(draws, path):
     """Median error against median seconds, a line for each method."""
     plt.rcParams["svg.hashsalt"] = "speed_vs_error"
-    figure, panels = plt.subplots(1, 2, figsize=(9, 4.5), sharey=True, layout="constrained")
+    shape = {"figsize": (9, 4.5), "layout": "constrained"}
+    figure, panels = plt.subplots(1, 2, sharex=True, sharey=True, **shape)
     for ax, kind in zip(panels, ("ordinary", "hard"), strict=True):
         of_kind = draws[draws["kind"] == kind]
         for method in draws["method"].unique():
@@ -637,13 +641,16 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     size = parser.add_mutually_exclusive_group(required=True)
-    size.add_argument("--quick", action="store_true", help="one case each, without two sections")
+    size.add_argument("--quick", action="store_true", help="a case of the first sections")
     size.add_argument("--full", action="store_true", help="all cases")
-    parser.add_argument("--sections", nargs="*", choices=SECTIONS, default=SECTIONS)
+    parser.add_argument("--sections", nargs="*", choices=SECTIONS)
     parser.add_argument("--seeds", type=int, default=1, help="runs of each method")
     parser.add_argument("--largest", type=int, default=1000, help="most subjects of the scaling")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs", help="folder")
     options = parser.parse_args()
+    sections = options.sections
+    if sections is None:
+        sections = SECTIONS[:4] if options.quick else SECTIONS
     os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
     git = ["git", "rev-parse", "--short=8", "HEAD"]
     call = {
@@ -664,10 +671,11 @@ def main():
     stem = options.output / "speed_vs_error"
     stem.parent.mkdir(exist_ok=True)
     file = stem.with_suffix(".csv")
-    rows = pd.read_csv(file).to_dict("records") if file.exists() else []
+    read_rows = partial(pd.read_csv, file, dtype={"subject": str})
+    rows = read_rows().to_dict("records") if file.exists() else []
     by_key = {tuple(row[key] for key in KEYS): row for row in rows}
     n_cases = 1 if options.quick else None
-    for section in options.sections:
+    for section in sections:
         for case, method in product(cases_of[section]()[:n_cases], METHODS):
             if method.target != case.target or not is_installed(method.program):
                 continue
@@ -681,8 +689,8 @@ def main():
                 by_key[key] = {**row, "program": program, "load": os.getloadavg()[0], **call}
                 write_table(pd.DataFrame(by_key.values()), file, overwrite=True)
 
-    rows = pd.read_csv(file)
-    is_whole = options.full and set(SECTIONS) == set(options.sections)
+    rows = read_rows()
+    is_whole = options.full and set(SECTIONS) == set(sections)
     write_page(rows, stem, is_whole and set(rows["started"]) == {call["started"]})
 
 
