@@ -55,6 +55,8 @@ WARM_UP, N_CHAINS, WALKERS = 1000, 4, 32
 LARGEST_R_HAT = 1.01
 #: What identifies a row.
 KEYS = ("target", "kind", "subject", "method", "size", "seed")
+NUMBERS = ("seconds", "error", "effective", "nats", "width", "covered", "elapsed", "megabytes")
+COLUMNS = ("section", *KEYS, "problem", *NUMBERS, "program", "load", "started", "commit", "machine")
 #: Evaluations of the likelihood after which nested sampling has failed.
 MOST_CALLS = 50_000
 #: Nats below the best model from which on the error of an evidence does not count.
@@ -570,11 +572,9 @@ def ratio_table(draws):
 def median_table(rows):
     """Medians of what is measured, and the largest error of an evidence."""
     groups = rows.groupby(["target", "kind", "method"])
-    numbers = ["seconds", "error", "effective", "nats", "width"]
-    table = groups[numbers].median()
-    table["largest"], table["covered"] = groups["nats"].max(), groups["covered"].mean()
-    table = table.dropna(axis="columns", how="all")
-    return table.assign(failures=groups["problem"].count())
+    table = groups[["seconds", "error", "effective", "nats", "width"]].median()
+    columns = {"largest": groups["nats"].max(), "covered": groups["covered"].mean()}
+    return table.assign(**columns, failures=groups["problem"].count())
 
 
 def hard_table(draws):
@@ -687,7 +687,8 @@ def main():
                 print(*row.values(), sep=", ", flush=True)
                 program = f"{method.program} {version(method.program)}"
                 by_key[key] = {**row, "program": program, "load": os.getloadavg()[0], **call}
-                write_table(pd.DataFrame(by_key.values()), file, overwrite=True)
+                table = pd.DataFrame(list(by_key.values()), columns=COLUMNS)
+                write_table(table, file, overwrite=True)
 
     rows = read_rows()
     is_whole = options.full and set(SECTIONS) == set(sections)
