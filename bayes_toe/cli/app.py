@@ -54,6 +54,7 @@ FORMER_OPTIONS = {
     "--pictures": "--figures",
     "--data-sets": "--simulated",
     "--population": "--observers",
+    "--coordinates": "--parameters",
 }
 
 

@@ -107,9 +107,9 @@ def test_flags_are_those_of_each_subject_in_the_order_of_the_study():
 
 
 def test_clean_observers_are_flagged_as_rarely_as_stated():
-    # Two tests at 2.5 % of 150 studies: 7 are expected, more than 17 in one of 1,000 such runs.
-    subjects = map(partial(make_subject, count=260, blocks=5), range(150))
-    assert len(codes_by_subject(subjects)) <= 17
+    # Two tests at 2.5 % of 50 studies: 3 are expected, more than 8 in one of 1,000 such runs.
+    subjects = map(partial(make_subject, count=260, blocks=5), range(50))
+    assert len(codes_by_subject(subjects)) <= 8
 
 
 @pytest.mark.parametrize("constant_error", [-2.5, 0.0, 1.0, 2.5])
@@ -277,7 +277,11 @@ def p_yes(distance, task):
     return ndtr(distance / 0.3)
 
 
+<<<<<<< HEAD
 @pytest.mark.parametrize("n_trials", [10**4, 10**9, 10**10])
+=======
+@pytest.mark.parametrize("n_trials", [10**4, 10**10])
+>>>>>>> h-tests2
 @BOTH_TASKS
 def test_the_number_of_trials_costs_nothing(task, n_trials):
     keys = np.array(NEIGHBOURS)
