@@ -75,8 +75,8 @@ class OrderModel:
         Examples
         --------
         >>> from bayes_toe.data.tasks import WHICH_STRONGER
-        >>> OrderModel("none").coordinates(WHICH_STRONGER)
-        ('noise', 'lapse_rate', 'noise_slope')
+        >>> "contraction" in OrderModel("none").coordinates(WHICH_STRONGER)
+        False
         """
         parameters = task_parameters(task)
         return tuple(parameter.name for parameter in parameters if parameter not in self.held)
