@@ -277,11 +277,7 @@ def p_yes(distance, task):
     return ndtr(distance / 0.3)
 
 
-<<<<<<< HEAD
-@pytest.mark.parametrize("n_trials", [10**4, 10**9, 10**10])
-=======
 @pytest.mark.parametrize("n_trials", [10**4, 10**10])
->>>>>>> h-tests2
 @BOTH_TASKS
 def test_the_number_of_trials_costs_nothing(task, n_trials):
     keys = np.array(NEIGHBOURS)
