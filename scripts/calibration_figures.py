@@ -137,7 +137,7 @@ def _two_rows(
         above = axes[n_columns - 1]
         above.set_xlabel(across)
         above.tick_params(labelbottom=True)
-    legend_below(figure, size=SMALL)
+    legend_below(figure)
     return figure
 
 

@@ -49,7 +49,7 @@ LIMITS = {
         "filler names": 0.0,
         "import circles": 0,
     },
-    "scripts": {"nodes": 42_120},
+    "scripts": {"nodes": 40_700},
 }
 
 COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp

@@ -186,7 +186,10 @@ class PaperPosterior(SubjectPosterior):
         rows = self.rows
         ratio = variance_ratio(noise_ratio(sigma_p, sigma_l))
         log_width = np.log(sigma_p) + rows.power * np.log(ratio)
-        spread = rows.spread_score(log_width, 1.0 - 1.0 / ratio)[0]
+        # The row of the subject comes first, whatever the shape of the quantities.
+        of_row = (1, -1)
+        score = rows.spread_score(log_width.reshape(of_row), (1.0 - 1.0 / ratio).reshape(of_row))
+        spread = score.reshape(log_width.shape)
         with np.errstate(divide="ignore"):
             columns = (
                 (mu1 - rows.mu1_mean[0, 0]) / rows.mu1_sd[0, 0],
