@@ -147,9 +147,12 @@ def versions() -> tuple[str, ...]:
 
 
 def stored_files(folder: Path) -> list[Path]:
-    """The files of results in a folder."""
-    with reporting(folder):
+    """The files of results in a folder; none where there is no such folder."""
+    with reporting(folder), suppress(FileNotFoundError):
+        # Because a glob finds nothing under a name that no folder can have, without an error.
+        os.lstat(folder)
         return sorted(folder.glob(f"{'[0-9a-f]' * 32}{SUFFIX}"))
+    return []
 
 
 def discard(folder: Path) -> None:
