@@ -26,6 +26,7 @@ from threadpoolctl import threadpool_info
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.whole_files import (
     Standing,
+    refuse_impossible,
     remove_empty,
     reporting,
     require_writable,
@@ -148,11 +149,10 @@ def versions() -> tuple[str, ...]:
 
 def stored_files(folder: Path) -> list[Path]:
     """The files of results in a folder; none where there is no such folder."""
-    with reporting(folder), suppress(FileNotFoundError):
-        # Because a glob finds nothing under a name that no folder can have, without an error.
-        os.lstat(folder)
+    # Because a glob finds nothing under a name that no folder can have, without an error.
+    refuse_impossible(folder)
+    with reporting(folder):
         return sorted(folder.glob(f"{'[0-9a-f]' * 32}{SUFFIX}"))
-    return []
 
 
 def discard(folder: Path) -> None:

@@ -118,14 +118,14 @@ def require_folder(path: StrPath, names: Sequence[str], *, overwrite: bool) -> N
         pass
 
 
-def _refuse_impossible(target: Path) -> None:
+def refuse_impossible(target: Path) -> None:
     """Refuse names that no file can have here, such as a name that is too long."""
     with reporting(target), suppress(FileNotFoundError):
         os.lstat(target)
 
 
 def _refuse_taken(target: Path, overwrite: bool) -> None:
-    _refuse_impossible(target)
+    refuse_impossible(target)
     if target.is_dir():
         raise OutputError(f"{format_path(target)}: is a folder, choose the name of a file")
     if not os.path.lexists(target):
@@ -137,7 +137,7 @@ def _refuse_taken(target: Path, overwrite: bool) -> None:
 
 
 def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) -> None:
-    _refuse_impossible(target)
+    refuse_impossible(target)
     if os.path.lexists(target) and not target.is_dir():
         raise OutputError(f"{format_path(target)}: is a file, choose the name of a folder")
     if overwrite:
