@@ -551,7 +551,7 @@ def measure(method, case, size, seed):
 
 def show(table):
     """A table in Markdown."""
-    table = table.reset_index()
+    table = table.reset_index().rename(columns={"kind": "case"})
     for name in table.select_dtypes("float"):
         table[name] = table[name].map("{:,.3g}".format).replace("nan", "-")
     return markdown(table.fillna("-"))
