@@ -8,7 +8,7 @@ range of floats.
 import mpmath
 from mpmath import exp, log, mpf, sqrt
 
-from bayes_toe.data.tasks import SAME_DIFFERENT
+from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS
 
 
 def expit(a):
@@ -164,6 +164,17 @@ def criterion(peak):
     return sqrt(2) * mpmath.erfinv(peak)
 
 
+def three_answers(values, bare_k, sbar, s1, s2):
+    """P of 'equal', 'second' and 'first': the areas between and beyond the criteria."""
+    middle = (s1 + s2) / 2 - sbar
+    shifted = s2 - s1 - values["constant_error"] + values["contraction"] * (s1 - sbar)
+    z = shifted / (values["noise"] * exp(values["noise_slope"] * middle))
+    k, rate = bare_k * exp(values["criterion_slope"] * middle), values["lapse_rate"]
+    equal, _ = observer_answers(values, bare_k, sbar, s1, s2)
+    unequal = [rate * ncdf(-k) + (1 - rate) * ncdf(sign * z - k) for sign in (1, -1)]
+    return equal, *unequal
+
+
 def observer_answers(values, bare_k, sbar, s1, s2):
     """P of the counted answer to a pair and of the other one.
 
@@ -208,6 +219,13 @@ def observer_log_likelihood(u, subject, scales, prior):
     values, total = observer_quantities(u, scales, prior), mpf(0)
     bare_k = criterion(values["q0"]) if "q0" in values else None
     columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
+    if subject.task == THREE_ANSWERS:
+        counts = (subject.n_yes, subject.n_second, subject.n_first)
+        for s1, s2, *answers in zip(subject.s1, subject.s2, *counts, strict=True):
+            pair = mpf(float(s1)), mpf(float(s2))
+            shares = three_answers(values, bare_k, scales[0], *pair)
+            total += sum(log_power(p, int(n)) for p, n in zip(shares, answers, strict=True))
+        return total
     for s1, s2, k, n in zip(*(column.tolist() for column in columns), strict=True):
         yes, no = observer_answers(values, bare_k, scales[0], mpf(s1), mpf(s2))
         total += log_counts(yes, no, k, n)

@@ -20,9 +20,12 @@ from scipy.special import betaln
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.responses import response_trend
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.engine import Precision
 from bayes_toe.inference.order_evidence import OrderEvidence, try_order_evidence
+
+#: The task that answers of a task may be of.
+OTHER_TASK = {SAME_DIFFERENT: WHICH_STRONGER, WHICH_STRONGER: SAME_DIFFERENT}
 
 
 class Alternatives(NamedTuple):
@@ -37,26 +40,28 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     """The other explanations of the responses, for subjects who leave a doubt.
 
     A subject leaves none where the responses clearly change with s2 - s1 as the task expects, or
-    where no two stimuli differ.
+    where no two stimuli differ. Of three answers, only 'second' and 'first' count.
 
     Examples
     --------
-    >>> rising = Subject("A", [0, 0.3], [0.3, 0], [27, 3], [30, 30], task=TASKS[1])
-    >>> falling = Subject("B", [0, 0.3], [0.3, 0], [3, 27], [30, 30], task=TASKS[1])
+    >>> rising = Subject("A", [0, 0.3], [0.3, 0], [27, 3], [30, 30], task=WHICH_STRONGER)
+    >>> falling = Subject("B", [0, 0.3], [0.3, 0], [3, 27], [30, 30], task=WHICH_STRONGER)
     >>> doubtful = compare_alternatives(Study([rising, falling]))
     >>> [*doubtful], doubtful["B"].swapped > 10
     (['B'], True)
     """
-    subjects = [subject for subject in study if _is_doubtful(subject)]
+    with_two_answers = filter(None, (subject.two_answers for subject in study))
+    subjects = [subject for subject in with_two_answers if _is_doubtful(subject)]
     inverted = [replace(subject, n_yes=subject.n_trials - subject.n_yes) for subject in subjects]
     both_codes = [*subjects, *inverted]
-    (other_task,) = (task for task in TASKS if task != study.task)
-    as_other = [replace(subject, task=other_task) for subject in both_codes]
 
     observer, swapped = np.split(_log_evidence(both_codes), 2)
     guesses = np.array([_guessing_evidence(subject) for subject in subjects])
-    # Which response is which is not known in another task: both codes are equally probable.
-    other = np.logaddexp(*np.split(_log_evidence(as_other), 2)) - math.log(2.0)
+    other = np.full(len(subjects), -np.inf)  # three answers are those of no other task
+    if study.task in OTHER_TASK:
+        as_other = [replace(subject, task=OTHER_TASK[study.task]) for subject in both_codes]
+        # Which response is which is not known in another task: both codes are equally probable.
+        other = np.logaddexp(*np.split(_log_evidence(as_other), 2)) - math.log(2.0)
 
     evidences = np.column_stack([guesses, swapped, other]) - observer[:, None]
     alternatives = {}

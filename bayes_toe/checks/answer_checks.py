@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy.special import logit, logsumexp
@@ -182,7 +182,8 @@ def subject_findings(
         if finding.code == "swapped_blocks":
             return findings
     if alternatives is not None:
-        findings += _explained_otherwise(subject, alternatives, n_subjects)
+        answered = cast(Subject, subject.two_answers)  # there are alternatives
+        findings += _explained_otherwise(answered, alternatives, n_subjects)
     return findings
 
 
@@ -268,7 +269,7 @@ def _lag_to_first_copy(codes: IntArray) -> IntArray:
 
 def _row_codes(answers: Answers) -> IntArray:
     """A number for each row, the same for the same pair and answer."""
-    rows = np.column_stack([answers.keys, answers.n_yes])
+    rows = np.column_stack([answers.keys, answers.counts.T])
     return np.unique(rows, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
 
 
@@ -331,7 +332,7 @@ def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[
     if len(names) <= 0.5 * len(study):
         return {}
     subjects = f"{len(names)} of {plural(len(study), 'subject')}"
-    if study.task == SAME_DIFFERENT:
+    if study.task.has_criterion:
         message = (
             f"P(equal) rises or falls with s2 - s1 in {subjects}. Check whether the question was "
             "'which was stronger?'. If it was 'same or different?', they share a large constant "
@@ -424,9 +425,11 @@ def _tabulate(answers: Answers, column: IntArray) -> tuple[FloatArray, AnswerTab
 
 def _swapped_blocks(subject: Subject, n_subjects: int) -> Finding | None:
     """Blocks with swapped response keys."""
-    answers = _drawable_answers(subject)
-    if answers is None or answers.block is None:
+    answered = subject.two_answers
+    answers = None if answered is None else _drawable_answers(answered)
+    if answered is None or answers is None or answers.block is None:
         return None
+    subject = answered
     pairs, table = _tabulate(answers, answers.block)
     if table.informative().freedom == 0:
         return None
@@ -610,7 +613,7 @@ def _kinds_of_drift(subject: Subject, difference: FloatArray) -> dict[str, Float
         f"P({subject.task.yes})": np.ones(len(difference)),
         "share of correct responses": subject.task.right(difference),
     }
-    if subject.task == SAME_DIFFERENT:
+    if subject.task.has_criterion:
         kinds["order effect"] = np.sign(difference)
     return kinds
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.checks.answer_checks import Finding, check_answers
-from bayes_toe.checks.identification import CRITERION_NOTE, identify
+from bayes_toe.checks.identification import CRITERION_NOTES, identify
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import looks_like
 from bayes_toe.data.messages import (
@@ -32,7 +32,6 @@ from bayes_toe.data.messages import (
 from bayes_toe.data.options import LOOKED_AT
 from bayes_toe.data.stimulus_unit import ROUNDED, StimulusUnit, sign_of_intensities
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
-from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.data.units import follows_from_pairs
 from bayes_toe.data.validation import number
 from bayes_toe.model.prior import Prior
@@ -291,9 +290,9 @@ def identification_findings(study: Study) -> Iterator[Finding]:
 
 
 def _notes(study: Study) -> Iterator[Finding]:
-    """A note on the conclusions of every 2AFC study."""
-    if study.task == WHICH_STRONGER:
-        yield Finding("", "criterion", f"{capitalized(CRITERION_NOTE)}.")
+    """A note on the conclusions of every study of some tasks."""
+    if study.task in CRITERION_NOTES:
+        yield Finding("", "criterion", f"{capitalized(CRITERION_NOTES[study.task])}.")
 
 
 def _one_order(subject: Subject) -> Iterator[Finding]:

@@ -17,7 +17,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import WHICH_STRONGER, Task
+from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER, Task
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
@@ -36,7 +36,12 @@ ONE_FIRST_STIMULUS = (
 )
 ONE_LINE = "s2 is a linear function of s1, so a contraction looks like noise and a constant error"
 IMITATION = "these pairs cannot distinguish a contraction from noise that changes with intensity"
-CRITERION_NOTE = "in 2AFC, a constant error and a response bias predict the same responses"
+CRITERION_NOTES = {
+    WHICH_STRONGER: "in 2AFC, a constant error and a response bias predict the same responses",
+    THREE_ANSWERS: (
+        "with three answers, a constant error and shifted criteria predict the same responses"
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -86,8 +91,8 @@ def identify(subject: Subject) -> Identification:
     'the first stimulus is always the same, so a contraction looks like a constant error'
     """
     notes = []
-    if subject.task == WHICH_STRONGER:
-        notes.append(CRITERION_NOTE)
+    if subject.task in CRITERION_NOTES:
+        notes.append(CRITERION_NOTES[subject.task])
     order = _order_sign(subject.s1, subject.s2)
     reason = _no_question(subject, order)
     if reason:
@@ -127,7 +132,7 @@ def _no_contraction(
     one answer serves them all.
     """
     s1, s2, n_trials = map(np.array, columns)
-    pairs = Subject("pairs", s1, s2, np.zeros_like(n_trials), n_trials, task=task)
+    pairs = Subject("pairs", s1, s2, n_trials, n_trials, task=task)
     subject = replace(pairs, shared_scales=shared_scales)
     stimuli = np.column_stack([subject.s1, subject.s2])
     offsets = stimuli - stimuli.mean(axis=0)

@@ -67,7 +67,7 @@ TrueValues = Annotated[
     File, rare("--truth", "truth.csv", "True values to mark, as simulate writes them.")
 ]
 Question = Annotated[
-    str, option("--task", "TASK", "Task: 2afc (default) or same/different.", show_default=False)
+    str, option("--task", "TASK", "Task: 2afc (default), same/different or three answers.", show_default=False)
 ]
 ModelName = Annotated[
     str, option("--model", "MODEL", "Model: none, constant-error, contraction, both or paper.")
@@ -157,7 +157,7 @@ class StudyFile:
     correct: Annotated[Text, layout("--correct", "COLUMN", "Column with correct or wrong.")] = None
     missed: Annotated[Texts, layout("--missed", "CODE", "The code of missed trials.")] = None
     ignore: Annotated[Texts, layout("--ignore", "COLUMN", "Column to ignore; repeatable.")] = None
-    question: Annotated[Text, layout("--task", "TASK", "Task: same/different or 2afc.")] = None
+    question: Annotated[Text, layout("--task", "TASK", "Task: same/different, 2afc or three answers.")] = None
     where: Annotated[Texts, layout("--where", "COLUMN=TEXT", "Rows to read; repeatable.")] = None
     subject_from: Annotated[
         Text, layout("--subject-from", "NAME", "Subject in the name: 'sub-{}_*'.")

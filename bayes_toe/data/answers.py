@@ -43,6 +43,8 @@ class Answers:
         Seconds between a trial and the one before it; NaN where that is not known.
     span : tuple of int, or None
         The first and the last row of the file that is one of these trials.
+    n_second : array of int, shape (rows,), or None
+        Of three answers: how often 'second' was one of the n_trials - n_yes that are not 'equal'.
     """
 
     keys: FloatArray
@@ -54,6 +56,7 @@ class Answers:
     place: IntArray | None = None
     iti: FloatArray | None = None
     span: tuple[int, int] | None = None
+    n_second: IntArray | None = None
 
     @property
     def answered(self) -> Answers:
@@ -62,18 +65,31 @@ class Answers:
         return self.excluding(none) if none.any() else self
 
     @property
-    def sums(self) -> list[npt.NDArray[Any]]:
-        """The sums of `n_yes` and `n_trials` for each distinct pair with an answer, and its keys.
+    def named_counts(self) -> dict[str, Any]:
+        """`n_yes`, `n_trials` and, of three answers, `n_second`."""
+        counts = {"n_yes": self.n_yes, "n_trials": self.n_trials}
+        if self.n_second is not None:
+            counts["n_second"] = self.n_second
+        return counts
 
-        Each has the shape (pairs,), and the pairs are sorted by their keys.
+    @property
+    def counts(self) -> IntArray:
+        """:attr:`named_counts`, shape (2 or 3, rows)."""
+        return np.stack([*self.named_counts.values()])
+
+    @property
+    def sums(self) -> Answers:
+        """A row for each distinct pair with an answer, with the sums of its counts.
+
+        The rows are sorted by their keys.
         """
         rows = np.flatnonzero(self.n_trials)
         rows = rows[np.lexsort(self.keys[rows].T[::-1])]
         starts = run_starts(*self.keys[rows].T)
-        counts = np.stack([self.n_yes[rows], self.n_trials[rows]])
+        counts = self.counts[:, rows]
         if len(starts):
             counts = np.add.reduceat(counts, starts, axis=1)
-        return [*counts, *self.keys[rows[starts]].T]
+        return Answers(self.keys[rows[starts]], **dict(zip(self.named_counts, counts, strict=True)))
 
     @property
     def is_session_start(self) -> BoolArray:
@@ -104,8 +120,19 @@ class Answers:
         return np.isin(self.block, [self.blocks.index(block) for block in blocks])
 
     def swapped(self, rows: BoolArray) -> Answers:
-        """A copy with the two answers exchanged in these rows."""
-        return replace(self, n_yes=np.where(rows, self.n_trials - self.n_yes, self.n_yes))
+        """A copy with the two answers exchanged in these rows; of three, 'first' and 'second'."""
+        n_other = self.n_trials - self.n_yes
+        if self.n_second is None:
+            return replace(self, n_yes=np.where(rows, n_other, self.n_yes))
+        n_first = n_other - self.n_second
+        return replace(self, n_second=np.where(rows, n_first, self.n_second))
+
+    @property
+    def of_direction(self) -> Answers:
+        """Of three answers, 'second' and 'first' alone; rows with 'equal' are not answered."""
+        n_unequal = self.n_trials - self.n_yes
+        assert self.n_second is not None
+        return replace(self, n_yes=self.n_second, n_trials=n_unequal, n_second=None)
 
     def excluding(self, rows: BoolArray) -> Answers:
         """A copy without these rows.
@@ -113,7 +140,7 @@ class Answers:
         A session starts after each row that is left out.
         """
         columns = {}
-        for key in ("keys", "n_yes", "n_trials", "block", "place", "iti"):
+        for key in ("keys", "n_yes", "n_trials", "block", "place", "iti", "n_second"):
             values = getattr(self, key)
             if values is not None:
                 columns[key] = values[~rows]
@@ -145,15 +172,21 @@ class Reading:
 
 
 def counted_rows(
-    name: str, keys: Sequence[npt.ArrayLike], n_yes: npt.ArrayLike, n_trials: npt.ArrayLike
+    name: str,
+    keys: Sequence[npt.ArrayLike],
+    n_yes: npt.ArrayLike,
+    n_trials: npt.ArrayLike,
+    n_second: npt.ArrayLike | None = None,
 ) -> Answers:
     """Rows of stimuli with counts within what can be counted, all of one length."""
     try:
         columns = [np.asarray(key, np.float64).ravel() for key in keys]
     except (TypeError, ValueError) as error:
         raise InputError(f"subject {name!r}: s1 and s2 must be numbers ({error})") from error
-    k, n = np.asarray(n_yes).ravel(), np.asarray(n_trials).ravel()
-    for key, values in (("n_yes", k), ("n_trials", n)):
+    counts = {"n_yes": np.asarray(n_yes).ravel(), "n_trials": np.asarray(n_trials).ravel()}
+    if n_second is not None:
+        counts["n_second"] = np.asarray(n_second).ravel()
+    for key, values in counts.items():
         # 2.5 never becomes 2.
         if values.dtype.kind not in "iuf" or np.any(values != np.floor(values)):
             finding = f"must be whole numbers, found {values[:3].tolist()}"
@@ -161,9 +194,14 @@ def counted_rows(
         if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
             rule = "must add up to no more than 10^12"
             raise InputError(f"subject {name!r}: {key} {rule}")
-    if len({len(values) for values in (*columns, k, n)}) > 1:
-        raise InputError(f"subject {name!r}: s1, s2, n_yes and n_trials must be of one length")
+    if len({len(values) for values in (*columns, *counts.values())}) > 1:
+        names = join_names(["s1", "s2", *counts])
+        raise InputError(f"subject {name!r}: {names} must be of one length")
     # Repeated pairs are added up later, where two wrongs could cancel.
+    k, n = counts["n_yes"], counts["n_trials"]
     if np.any((k < 0) | (k > n)):
         raise InputError(f"subject {name!r}: every n_yes must lie in 0..n_trials")
-    return Answers(np.column_stack(columns), k.astype(np.int64), n.astype(np.int64))
+    if n_second is not None and np.any((counts["n_second"] < 0) | (counts["n_second"] > n - k)):
+        raise InputError(f"subject {name!r}: every n_second must lie in 0..n_trials - n_yes")
+    whole: dict[str, Any] = {key: values.astype(np.int64) for key, values in counts.items()}
+    return Answers(np.column_stack(columns), **whole)

@@ -230,6 +230,7 @@ _UNIT_MEANINGS = {
     ANY_UNIT: "they are intensities; better with the name of their unit, such as Hz",
 }
 _COUNTS = ("n_equal", "n_second", "n_trials")
+_THREE_COUNTS = ("n_first", "n_equal", "n_second")
 _STIMULI = ("s1", "s2", "i1", "i2")
 _REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_COUNTS)
 
@@ -419,6 +420,8 @@ def _answer_roles(names: Sequence[str], options: ReadOptions) -> list[str]:
     counts = [ours for ours in _COUNTS if options.name(ours) in names]
     if options.name("response") in names or not counts:
         return ["response", *counts]
+    if {*map(options.name, _THREE_COUNTS)} <= {*names}:
+        return [*_THREE_COUNTS]
     if counts == ["n_trials"]:
         return ["n_equal", "n_trials"]
     return [*(ours for ours in counts if ours != "n_trials"), "n_trials"]
@@ -446,7 +449,10 @@ def _answer_problems(roles_read: Sequence[str], options: ReadOptions) -> Iterato
     if not is_trials and not is_counts and "correct" not in roles_read:
         first, *others = [display_name(options.name(ours)) for ours in answers]
         finding = f"found together with {' and '.join(others)}"
-        rule = "responses (one row per trial) or counts of one response (one row per pair)"
+        rule = (
+            "responses (one row per trial), counts of one response (one row per pair), or n_first, "
+            "n_equal and n_second"
+        )
         yield f"column {first}: {finding}, allowed: {rule}"
 
 

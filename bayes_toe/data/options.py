@@ -17,21 +17,19 @@ from pathlib import Path
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
 from bayes_toe.data.study import Study
-from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task
+from bayes_toe.data.tasks import WHICH_STRONGER, Task, task_with
 from bayes_toe.errors import InputError, require_kind
 
 COLUMNS = (
     *("subject", "s1", "s2", "i1", "i2", "standard", "comparison", "response"),
-    *("n_equal", "n_second", "n_trials"),
+    *("n_first", "n_equal", "n_second", "n_trials"),
     *("session", "block", "trial", "iti", "condition"),
 )
 #: Columns by which counts are no other: which trial came after which, for a look before answers are
 #: pooled and for models of history.
 LOOKED_AT = ("session", "block", "trial", "iti")
 _MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition", "practice")
-_ANSWERS = {
-    answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)
-}
+_ANSWERS = ("equal", "different", "second", "first")
 #: Fields whose texts must not be empty.
 _TEXT_FIELDS = (
     *(f"{answer}_code" for answer in _ANSWERS),
@@ -57,8 +55,8 @@ class ReadOptions:
         is then 1 where no other one is given.
         Screens and figures show stimuli in this unit, and their differences in dB or per cent.
     equal_code, different_code, second_code, first_code : str, optional
-        The text that stands for this answer. The option also decides the task. Other texts for the
-        answer are then refused.
+        The text that stands for this answer. The options also decide the task: with 'equal' and
+        'second' or 'first', it has three answers. Other texts for the answer are then refused.
     correct : str, optional
         A column that says whether the question which stimulus was the stronger was answered
         rightly: 'second' or 'first' then follows from the sign of s2 - s1.
@@ -220,17 +218,22 @@ class ReadOptions:
         Both codes may be one text, and two options may tell the task.
         """
         problems = []
-        for task in TASKS:
-            yes, no = self.codes(task)
-            if yes and yes == no:
+        answer_of_code = dict[str, str]()
+        for answer in self.answers_with_code:
+            code = getattr(self, f"{answer}_code")
+            other = answer_of_code.setdefault(code, answer)
+            if other != answer:
                 problems.append(
-                    f"--{task.no}-code: found {quoted(yes)} as --{task.yes}-code, allowed: two "
-                    "different texts"
+                    f"--{answer}-code: found {quoted(code)} as --{other}-code, allowed: different "
+                    "texts"
                 )
-        tasks = self._task_by_option()
-        if len({*tasks.values()}) > 1 or (self.correct is not None and len(tasks) > 1):
+        options = [f"--{answer}-code" for answer in self.answers_with_code]
+        if self.correct is not None:
+            options.append("--correct")
+        has_task = self.task is not None or not options
+        if not has_task or (self.correct is not None and len(options) > 1):
             problems.append(
-                f"{', '.join(tasks)}: found together, allowed: what tells one task in one way"
+                f"{', '.join(options)}: found together, allowed: what tells one task in one way"
             )
         return problems
 
@@ -251,24 +254,19 @@ class ReadOptions:
             rule = "a file's name with one {}, such as 'sub-{}_*.tsv'"
             yield f"--subject-from: found {quoted(self.subject_from)}, allowed: {rule}"
 
-    def _task_by_option(self) -> dict[str, Task]:
-        """The task that each option tells."""
-        tasks = {}
-        for answer, task in _ANSWERS.items():
-            if getattr(self, f"{answer}_code") is not None:
-                tasks[f"--{answer}-code"] = task
-        if self.correct is not None:
-            tasks["--correct"] = WHICH_STRONGER
-        return tasks
+    @property
+    def answers_with_code(self) -> list[str]:
+        """The answers that have a code."""
+        return [answer for answer in _ANSWERS if getattr(self, f"{answer}_code") is not None]
 
     @property
     def task(self) -> Task | None:
         """The task that the options tell, if they do."""
-        return next(iter(self._task_by_option().values()), None)
+        return WHICH_STRONGER if self.correct is not None else task_with(self.answers_with_code)
 
-    def codes(self, task: Task) -> tuple[str | None, str | None]:
-        """The texts that were given for the two answers of a task."""
-        return getattr(self, f"{task.yes}_code"), getattr(self, f"{task.no}_code")
+    def codes(self, task: Task) -> tuple[str | None, ...]:
+        """The text that was given for each answer of a task."""
+        return tuple(getattr(self, f"{answer}_code") for answer in task.answers)
 
     def name(self, ours: str) -> str:
         """The file's name for a column of ours."""

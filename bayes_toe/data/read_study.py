@@ -54,6 +54,7 @@ from bayes_toe.data.study import Study, Subject, units_by_subject
 from bayes_toe.data.study_files import read_together, table_files
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
+    THREE_ANSWERS,
     WHICH_STRONGER,
     Task,
     task_counted,
@@ -120,8 +121,9 @@ def read_study(
     The column names show whether the rows are trials or counts.
 
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same), or 'second'
-    or 'first' (also s2/s1, 2nd/1st), which decides the task; numbers do not. Counts:
-    ``subject,s1,s2,n_equal,n_trials``, or ``n_second``. s1 and s2 are natural-log intensities.
+    or 'first' (also s2/s1, 2nd/1st), or 'first', 'equal' and 'second', which decides the task;
+    numbers do not. Counts: ``subject,s1,s2,n_equal,n_trials``, or ``n_second``, or
+    ``n_first,n_equal,n_second``. s1 and s2 are natural-log intensities.
     Columns ``trial`` (numbers, over all trials or within each block or session), ``block`` and
     ``session`` (any text) and ``iti`` (seconds since the trial before) change no count. Checks of
     the responses and models of serial dependence use them. These models also use trials without an
@@ -234,7 +236,7 @@ def example_study(task: Task | str = WHICH_STRONGER) -> Study:
     >>> example_study("same/different")["S01"].task.yes
     'equal'
     """
-    with as_file(files("bayes_toe.data") / f"{_EXAMPLES[task_of(task)]}_study.csv") as path:
+    with as_file(files("bayes_toe.data") / f"{_example(task_of(task))}_study.csv") as path:
         study = read_study(path)
     return Study(study.subjects, "bundled example (synthetic)", synthetic=True, notes=study.notes)
 
@@ -261,12 +263,20 @@ def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
     ['mu1', 'q0', 'sigma_l', 'sigma_p']
     """
     asked = task_of(task)
-    with as_file(files("bayes_toe.data") / f"{_EXAMPLES[asked]}_truth.csv") as path:
+    with as_file(files("bayes_toe.data") / f"{_example(asked)}_truth.csv") as path:
         names, columns = read_numbers(path, _TRUE_PARAMETERS[asked], key="subject")
     return {
         name: {key: float(values[row]) for key, values in columns.items()}
         for row, name in enumerate(names)
     }
+
+
+def _example(task: Task) -> str:
+    """How the names of the files of a task's example begin; an InputError without an example."""
+    if task not in _EXAMPLES:
+        names = join_names([task.name for task in _EXAMPLES])
+        raise InputError(f"--example: found {task.name!r}, which has no example, allowed: {names}")
+    return _EXAMPLES[task]
 
 
 # --- Rows of trials or of counts ------------------------------------------------------------------
@@ -459,27 +469,29 @@ def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> C
     return Column("subject", [subject], np.zeros(len(table.rows), np.int64))
 
 
-def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) -> Study:
-    """The study of valid rows.
+def _study(rows: _Rows, notes: list[str], counts: dict[str, IntArray], task: Task) -> Study:
+    """The study of valid rows, with the counts of each by their names in :class:`Answers`.
 
     Answers are kept as they were given where rows are trials or have a block.
     """
+    k, n = counts["n_yes"], counts["n_trials"]
     parts = rows.subject.rows_by_text(np.flatnonzero(n > 0))
-    is_trials = "n_trials" not in rows.columns
+    is_trials = task_counted(rows.columns) is None
     missing, doubts = list[str](), list[str]()
     subjects = list[Subject]()
     unit = rows.options.stimulus_unit
     if is_trials or "block" in rows.columns:
         answers, missing, doubts = answers_in_order(
-            rows.table, rows.columns, rows.keys, parts, k, n
+            rows.table, rows.columns, rows.keys, parts, counts
         )
         for name, in_order in answers.items():
             subjects.append(Subject.from_answers(name, in_order, task, unit))
     else:
-        values = (*rows.keys, k, n)
+        s1, s2 = rows.keys
+        columns = {"s1": s1, "s2": s2, **counts}
         for name, part in parts.items():
-            counts = [value[part] for value in values]
-            subjects.append(Subject.from_counts(name, *counts, task=task, unit=unit))
+            of_subject = {key: values[part] for key, values in columns.items()}
+            subjects.append(Subject.from_counts(name, **of_subject, task=task, unit=unit))
     doubts += rows.rounding
     if not is_trials:
         notes += _merged_note(parts, subjects)
@@ -578,8 +590,11 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
         subjects = plural(len(silent), "subject")
         notes.append(f"{subjects} without any response left out: {join_names(silent)}")
     # A trial is a count of one, a trial without an answer a count of none.
-    n_yes, n_trials = answers.is_yes.astype(np.int64), answers.is_answered.astype(np.int64)
-    return _study(rows, notes, n_yes, n_trials, answers.task)
+    counts = {"n_yes": answers.is_yes, "n_trials": answers.is_answered}
+    if answers.task == THREE_ANSWERS:
+        counts["n_second"] = answers.is_second
+    whole = {name: values.astype(np.int64) for name, values in counts.items()}
+    return _study(rows, notes, whole, answers.task)
 
 
 def _dropped_note(
@@ -603,9 +618,11 @@ def _dropped_note(
 
 
 def _count_study(rows: _Rows) -> Study:
-    table, subject, trials = rows.table, rows.subject, rows.columns["n_trials"]
     task = task_counted(rows.columns)
     assert task is not None  # the header was checked
+    if task == THREE_ANSWERS:
+        return _three_count_study(rows)
+    table, trials = rows.table, rows.columns["n_trials"]
     column = rows.columns[task.count]
     n = column_counts(table, trials)
     share_notes = []
@@ -618,12 +635,32 @@ def _count_study(rows: _Rows) -> Study:
     rows.require_pairs(np.ones(len(n), np.bool_))
     name = display_name(trials.name)
     table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
-    is_without_trials = (np.bincount(subject.codes, n != 0) == 0)[subject.codes] & ~empty(subject)
-    table.fault(subject, is_without_trials, "a subject with at least 1 trial in some row")
-    table.problems.refuse()
-    require_task(table, task, rows.columns.get("task"))
+    _require_counts(rows, n, task)
     notes = rows.layout("grouped", f"{k.sum()} of {n.sum()} trials answered '{task.yes}'")
     notes += share_notes
     if (n == 0).any():
         notes.append(f"{plural(int(np.count_nonzero(n == 0)), 'row')} with n_trials = 0 left out")
-    return _study(rows, notes, k, n, task)
+    return _study(rows, notes, {"n_yes": k, "n_trials": n}, task)
+
+
+def _three_count_study(rows: _Rows) -> Study:
+    """The study of counts of three answers, which add up to the trials of a row."""
+    task, counts = THREE_ANSWERS, dict[str, IntArray]()
+    for answer in task.answers:
+        counts[answer] = column_counts(rows.table, rows.columns[f"n_{answer}"])
+    n = np.sum([*counts.values()], axis=0)
+    rows.require_pairs(np.ones(len(n), np.bool_))
+    _require_counts(rows, n, task)
+    shares = [f"{count.sum()} '{answer}'" for answer, count in counts.items()]
+    notes = rows.layout("grouped", f"{n.sum()} trials answered {', '.join(shares)}")
+    by_name = {"n_yes": counts["equal"], "n_trials": n, "n_second": counts["second"]}
+    return _study(rows, notes, by_name, task)
+
+
+def _require_counts(rows: _Rows, n: IntArray, task: Task) -> None:
+    """Refuse the table if it has problems, or a subject has no trial."""
+    subject = rows.subject
+    is_without_trials = (np.bincount(subject.codes, n != 0) == 0)[subject.codes] & ~empty(subject)
+    rows.table.fault(subject, is_without_trials, "a subject with at least 1 trial in some row")
+    rows.table.problems.refuse()
+    require_task(rows.table, task, rows.columns.get("task"))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from itertools import chain, permutations
+from itertools import permutations
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,9 +24,9 @@ from bayes_toe.data.column_roles import (
     is_no_response,
     without_accents,
 )
-from bayes_toe.data.messages import display_name, join_names, plural, quoted
+from bayes_toe.data.messages import display_name, join_names, join_words, plural, quoted
 from bayes_toe.data.options import ReadOptions
-from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
+from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, THREE_ANSWERS, Task, task_named, task_with
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import MISSING_WORDS, number
 from bayes_toe.errors import InputError, Remedy, with_remedies
@@ -35,11 +35,14 @@ if TYPE_CHECKING:
     from bayes_toe.data.layouts import StandardOrder
     from bayes_toe.data.study import Study, Subject
 
-_YES, _NO, _MISSING, _UNKNOWN = 1, 0, -1, -2
-#: The words of each task's two answers, in any case; and those of columns that say right or wrong.
-_WORDS: dict[Task, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    SAME_DIFFERENT: (("equal", "same"), ("different",)),
-    WHICH_STRONGER: (("second", "s2", "2nd"), ("first", "s1", "1st")),
+#: What a text stands for: the answer of a task at this position, no response, or nothing known.
+_YES, _NO, _THIRD, _MISSING, _UNKNOWN = 0, 1, 2, -1, -2
+#: The words of each answer, in any case; and those of columns that say right or wrong.
+_WORDS: dict[str, tuple[str, ...]] = {
+    "equal": ("equal", "same"),
+    "different": ("different",),
+    "second": ("second", "s2", "2nd"),
+    "first": ("first", "s1", "1st"),
 }
 _RIGHT_WRONG = (
     ("1", "true", "yes", "correct", "right", "hit"),
@@ -51,7 +54,7 @@ _CODE_MEANINGS = {
     "comparison_code": "'the comparison was stronger' (2AFC)",
 }
 _WHOLE = re.compile(r"([-+]?\d+)[.,]0*")
-_ALL_WORDS = (*chain.from_iterable(_WORDS.values()), *VOCABULARY["stimuli"].values())
+_ALL_WORDS = (*_WORDS.values(), *VOCABULARY["stimuli"].values())
 
 
 class Responses(NamedTuple):
@@ -59,6 +62,7 @@ class Responses(NamedTuple):
 
     task: Task
     is_yes: BoolArray  # the response that the task counts
+    is_second: BoolArray  # of three responses: 'second'
     is_answered: BoolArray
     is_unscorable: BoolArray  # right or wrong, where equal stimuli have no right answer
     note: str  # how the texts were read
@@ -78,12 +82,11 @@ def responses(
     """
     difference = keys[1] - keys[0]
     has_scores = options.correct is not None
-    tasks_named = [task for task in TASKS if _words_of(task, column)]
-    task = options.task or next(iter(tasks_named), SAME_DIFFERENT)
-    names, words = (task.yes, task.no), _WORDS[task]
+    task = options.task or task_with(_words_by_answer(column)) or SAME_DIFFERENT
+    names, words = task.answers, tuple(_WORDS[answer] for answer in task.answers)
     if has_scores:
         names, words = ("right", "wrong"), _RIGHT_WRONG
-    codes = _both_codes(column, options.codes(task))
+    codes = _all_codes(column, options.codes(task))
     answer = column.map(lambda text: _answer(text, codes, words), np.int64)
     problem, remedies = "", list[Remedy]()
     if options.task is None and options.comparison_code is None:
@@ -98,12 +101,11 @@ def responses(
     else:
         rule = _allowed_texts(options.codes(task), words, names)
         if not has_scores:
-            rule += f"; other codes by --{names[0]}-code, --{names[1]}-code"
+            rule += f"; other codes by {', '.join(f'--{name}-code' for name in names)}"
         table.fault(column, answer == _UNKNOWN, rule)
         table.problems.remedies += remedies
-    yes_texts = _as_answered(column, answer == _YES, names[0])
-    no_texts = _as_answered(column, answer == _NO, names[1])
-    note = f"responses {yes_texts} / {no_texts}"
+    texts = [_as_answered(column, answer == i, name) for i, name in enumerate(names)]
+    note = f"responses {' / '.join(texts)}"
     is_yes, is_answered = answer == _YES, answer != _MISSING
     is_unscorable = np.zeros(len(answer), np.bool_)
     if has_scores:
@@ -111,13 +113,16 @@ def responses(
         is_unscorable = is_answered & (task.right(difference) == 0)
         is_yes = is_yes == (task.right(difference) > 0)
     is_answered &= ~is_unscorable
-    return Responses(task, is_yes & is_answered, is_answered, is_unscorable, note)
+    is_second = np.zeros(len(answer), np.bool_)
+    if task == THREE_ANSWERS:
+        is_second = answer == task.answers.index("second")
+    return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
 
 
 def _allowed_texts(
     codes: Sequence[str | None], words: Sequence[Sequence[str]], names: Sequence[str]
 ) -> str:
-    """The texts that stand for both answers, in words."""
+    """The texts that stand for all answers, in words."""
     parts = []
     for code, known, name in zip(codes, words, names, strict=True):
         texts = ", ".join(known) if code is None else quoted(code)
@@ -138,10 +143,14 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
             raise InputError(f"{finding}, allowed: {rule}")
 
 
-def _words_of(task: Task, column: Column) -> list[str]:
-    """The texts of a column that are words of a task."""
-    known = {word for words in _WORDS[task] for word in words}
-    return [text for text in column.texts if _english(text.lower()) in known]
+def _words_by_answer(column: Column) -> dict[str, list[str]]:
+    """The texts of a column that are words of an answer, by the answer."""
+    words_by_answer = dict[str, list[str]]()
+    for text in column.texts:
+        for answer, words in _WORDS.items():
+            if _english(text.lower()) in words:
+                words_by_answer.setdefault(answer, []).append(text)
+    return words_by_answer
 
 
 def _english(word: str) -> str:
@@ -172,8 +181,8 @@ def _missed_texts(column: Column, options: ReadOptions) -> list[str]:
 
     -1 is one, as jsPsych has it, beside two texts that are words or given codes.
     """
-    codes_by_task = chain.from_iterable(map(options.codes, TASKS))
-    codes = {_plain(code or "") for code in (*codes_by_task, options.comparison_code)} - {""}
+    given = [code for task in TASKS for code in options.codes(task)]
+    codes = {_plain(code or "") for code in (*given, options.comparison_code)} - {""}
     declared = {_plain(code) for code in options.missed}
     missed, answers = [], set[str]()
     for text in column.texts:
@@ -250,20 +259,17 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     return not (is_chance and (is_as_large & ~is_chosen).any())
 
 
-def _both_codes(
-    column: Column, given: tuple[str | None, str | None]
-) -> tuple[str | None, str | None]:
-    """The codes of both responses; of two codes in a column the one not given is the other."""
-    yes, no = given
-    known = _plain(yes or no or "")
+def _all_codes(column: Column, given: tuple[str | None, ...]) -> tuple[str | None, ...]:
+    """The codes of all responses; if one is not given, it is the only other code of a column."""
+    known = {_plain(code) for code in given if code is not None}
     texts = {*map(_plain, column.texts)} - {""}
-    other = "".join(texts - {known})
-    has_words = known not in texts and any(_words_of(task, column) for task in TASKS)
-    if None not in given or not known or len(texts - {known}) != 1 or has_words:
+    other = "".join(texts - known)
+    has_words = known.isdisjoint(texts) and bool(_words_by_answer(column))
+    if given.count(None) != 1 or len(texts - known) != 1 or has_words:
         return given
-    if other.lower() == known.lower():
+    if other.lower() in map(str.lower, known):
         return given
-    return (yes, other) if no is None else (other, no)
+    return tuple(other if code is None else code for code in given)
 
 
 def _unknown_meaning(column: Column, trends: Mapping[str, FloatArray]) -> tuple[str, list[Remedy]]:
@@ -272,15 +278,15 @@ def _unknown_meaning(column: Column, trends: Mapping[str, FloatArray]) -> tuple[
     `trends` are what makes an answer likelier, by the option that names its code.
     """
     texts = [*filter(None, column.texts)]
-    words_by_task = [_words_of(task, column) for task in TASKS]
-    if all(words_by_task):
-        words_of_both = " and ".join(quoted(words[0]) for words in words_by_task)
+    words_by_answer = _words_by_answer(column)
+    if words_by_answer and task_with(words_by_answer) is None:
+        words = join_words([quoted(words[0]) for words in words_by_answer.values()])
         problem = (
-            f"found {words_of_both}, words of two tasks, allowed: one task, such as the rows that "
+            f"found {words}, words of two tasks, allowed: one task, such as the rows that "
             "--where COLUMN=TEXT chooses"
         )
         return problem, []
-    if any(words_by_task) or not texts:
+    if words_by_answer or not texts:
         return "", []
     shares = column.counts(texts)
     problem = f"the codes are {join_names(shares, 4)}. The program does not know what they mean."
@@ -297,11 +303,11 @@ def _unknown_texts(
     One text beside both answers has no problem of its own: it may be a missed trial.
     """
     unknown = column.only(answer == _UNKNOWN)
-    answers = {_YES, _NO} & {*answer.tolist()}
-    if len(answers) == 2 and len(unknown.texts) == 1:
+    answers = {_YES, _NO, _THIRD} & {*answer.tolist()}
+    if len(answers) == len(names) and len(unknown.texts) == 1:
         trials = plural(len(unknown.codes), "trial")
         return "", [Remedy("missed", unknown.texts[0], f"if nobody responded in these {trials}")]
-    if len(answers) == 2 or len(unknown.texts) < 2 or codes.count(None) != 1:
+    if len(answers) == len(names) or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
     other = names[codes.index(None)]
     shares = join_names(unknown.counts(unknown.texts), 4)
@@ -359,14 +365,14 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
     plain = _plain(text)
     codes = [code and _plain(code) for code in given]
     if plain in codes:
-        return (_YES, _NO)[codes.index(plain)]
+        return codes.index(plain)
     word = plain.lower()
     if not word:
         return _MISSING
     if word in {code.lower() for code in codes if code}:
         # Where 'Different' was declared to mean equal, 'different' is not read by default.
         return _UNKNOWN
-    for answer, code, known_words in zip((_YES, _NO), codes, words, strict=True):
+    for answer, (code, known_words) in enumerate(zip(codes, words, strict=True)):
         if code is None and _english(word) in known_words:
             return answer
     return _UNKNOWN
@@ -397,10 +403,10 @@ def direction(study: Study) -> int:
     subjects who guess is called reversed once in three million times. Three reversed subjects of
     13 are findings of :mod:`bayes_toe.checks.answer_checks`.
     """
-    if study.task != WHICH_STRONGER:
+    if not study.task.has_direction:
         return 0
     covariances, variances = list[float](), list[float]()
-    for subject in study:
+    for subject in filter(None, (subject.two_answers for subject in study)):
         covariance, variance = response_trend(subject, subject.s2 - subject.s1)
         if variance > 0.0:  # both answers, and two differences
             covariances.append(covariance)

@@ -30,7 +30,7 @@ from bayes_toe.data.messages import (
 )
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tables import frame_of
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, WHICH_STRONGER, Task
 from bayes_toe.data.validation import CONDITION_SEPARATOR
 from bayes_toe.errors import InputError, require_kind
 
@@ -59,8 +59,11 @@ class Subject:
     n_yes, n_trials : array_like of int, shape (pairs,)
         How often the answer that the task counts was given, 'equal' or 'second', and how often the
         pair was answered.
+    n_second : array_like of int, shape (pairs,), optional
+        Of three answers: how often 'second' was given. It may be omitted where every answer is
+        'equal'.
     task : Task
-        What was asked: same or different (the default), or which is stronger.
+        What was asked: same or different (the default), which is stronger, or three answers.
     unit : StimulusUnit
         The unit in which screens, figures and reports show the stimuli.
     condition : str
@@ -77,7 +80,7 @@ class Subject:
     ------
     InputError
         If shapes differ, a value is not finite, a pair is repeated, or counts are
-        outside 0 <= n_yes <= n_trials, n_trials >= 1.
+        outside 0 <= n_yes <= n_trials, n_trials >= 1. If `n_second` is missing or out of place.
 
     Examples
     --------
@@ -90,6 +93,7 @@ class Subject:
     s2: FloatArray
     n_yes: IntArray
     n_trials: IntArray
+    n_second: IntArray | None = field(default=None, kw_only=True)
     task: Task = field(default=SAME_DIFFERENT, kw_only=True)
     unit: StimulusUnit = field(default=UNKNOWN_UNIT, kw_only=True)
     condition: str = field(default="", kw_only=True)
@@ -99,22 +103,36 @@ class Subject:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"subject name {self.name!r} must be a non-empty text")
-        rows = counted_rows(self.name, (self.s1, self.s2), self.n_yes, self.n_trials)
+        rows = counted_rows(
+            self.name, (self.s1, self.s2), self.n_yes, self.n_trials, self._all_n_second()
+        )
         order = np.lexsort(rows.keys.T[::-1])  # one order whatever the file's: same bits
-        keys, n_yes, n_trials = rows.keys[order].T, rows.n_yes[order], rows.n_trials[order]
-        problem = _pair_problem(keys, n_trials)
+        keys, counts = rows.keys[order].T, rows.counts[:, order]
+        problem = _pair_problem(keys, counts[1])
         if problem:
             raise InputError(f"subject {self.name!r}: {problem}")
-        columns = {"s1": keys[0], "s2": keys[1], "n_yes": n_yes, "n_trials": n_trials}
-        for name, values in columns.items():
+        names = ("s1", "s2", "n_yes", "n_trials", "n_second")
+        for name, values in zip(names, (*keys, *counts), strict=False):
             values = np.array(values)
             values.setflags(write=False)
             object.__setattr__(self, name, values)
         if self.answers is not None:
-            counts = (self.n_yes, self.n_trials, self.s1, self.s2)
+            sums = self.answers.sums
             # In a copy the counts may be others than those of the answers.
-            if not all(map(np.array_equal, self.answers.sums, counts)):
+            if not (np.array_equal(sums.keys.T, keys) and np.array_equal(sums.counts, counts)):
                 object.__setattr__(self, "answers", None)
+
+    def _all_n_second(self) -> npt.ArrayLike | None:
+        """The numbers of 'second' that the task needs; None of two answers."""
+        has_three = self.task == THREE_ANSWERS
+        if has_three and self.n_second is None and np.array_equal(self.n_yes, self.n_trials):
+            return np.zeros_like(self.n_trials)
+        if has_three != (self.n_second is not None):
+            raise InputError(
+                f"subject {self.name!r}: n_second must be given with the task "
+                f"{THREE_ANSWERS.name!r}, and with no other"
+            )
+        return self.n_second
 
     @classmethod
     def from_counts(
@@ -125,6 +143,7 @@ class Subject:
         n_yes: npt.ArrayLike,
         n_trials: npt.ArrayLike,
         *,
+        n_second: npt.ArrayLike | None = None,
         task: Task = SAME_DIFFERENT,
         unit: StimulusUnit = UNKNOWN_UNIT,
     ) -> Subject:
@@ -137,8 +156,8 @@ class Subject:
         >>> Subject.from_counts("S01", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5]).n_yes.tolist()
         [3]
         """
-        k, n, first, second = counted_rows(name, (s1, s2), n_yes, n_trials).sums
-        return cls(name, first, second, k, n, task=task, unit=unit)
+        sums = counted_rows(name, (s1, s2), n_yes, n_trials, n_second).sums
+        return cls(name, *sums.keys.T, **sums.named_counts, task=task, unit=unit)
 
     @classmethod
     def from_trials(
@@ -180,8 +199,8 @@ class Subject:
         unit: StimulusUnit = UNKNOWN_UNIT,
     ) -> Subject:
         """A subject from rows as they were given, which it keeps."""
-        k, n, first, second = answers.sums
-        return cls(name, first, second, k, n, task=task, unit=unit, answers=answers)
+        sums = answers.sums
+        return cls(name, *sums.keys.T, **sums.named_counts, task=task, unit=unit, answers=answers)
 
     @property
     def scales(self) -> StimulusScales:
@@ -246,6 +265,32 @@ class Subject:
             step[i] = step[i - 1] + is_next
         means = np.bincount(step, values) / np.bincount(step)
         return means[step][index]
+
+    @property
+    def two_answers(self) -> Subject | None:
+        """The subject; of three answers, 'second' and 'first' as those of 'which is stronger'.
+
+        Trials whose answer is 'equal' then count as not answered. None if all trials are.
+        """
+        if self.n_second is None:
+            return self
+        n_unequal = self.n_trials - self.n_yes
+        if not n_unequal.any():
+            return None
+        pairs, counts = (self.s1, self.s2), (self.n_second, n_unequal)
+        if self.answers is None:
+            asked = Subject.from_counts(self.name, *pairs, *counts, task=WHICH_STRONGER)
+        else:
+            asked = Subject.from_answers(self.name, self.answers.of_direction, WHICH_STRONGER)
+        return replace(
+            asked, unit=self.unit, condition=self.condition, shared_scales=self.shared_scales
+        )
+
+    @property
+    def n_first(self) -> IntArray:
+        """How often 'first' was given, of three answers, shape (pairs,)."""
+        assert self.n_second is not None  # of two answers there is none
+        return self.n_trials - self.n_yes - self.n_second
 
     @property
     def total_trials(self) -> int:
@@ -313,8 +358,8 @@ class Study:
             )
         if len({subject.task for subject in subjects}) > 1:
             raise InputError(
-                "every subject of a study must have been asked the same: same or different, or "
-                "which is stronger"
+                "every subject of a study must have been asked the same: same or different, which "
+                "is stronger, or three answers"
             )
         for key in ("subjects", "notes", "changes"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
@@ -439,7 +484,8 @@ class Study:
 
         :func:`~bayes_toe.read_study` reads this table to the same study.
 
-        The columns are subject, s1, s2 (natural-log intensity), n_equal or n_second, and n_trials.
+        The columns are subject, s1, s2 (natural-log intensity), and n_equal or n_second with
+        n_trials, or n_first, n_equal and n_second.
         A study with conditions also has condition, a synthetic study `synthetic`, which is 1.
 
         Examples
@@ -463,7 +509,14 @@ class Study:
         if self.conditions:
             columns["condition"] = by_subject([subject.condition for subject in self])
         columns["s1"], columns["s2"] = by_pair("s1"), by_pair("s2")
-        columns[self.task.count], columns["n_trials"] = by_pair("n_yes"), by_pair("n_trials")
+        if self.task == THREE_ANSWERS:
+            columns |= {
+                "n_first": by_pair("n_first"),
+                "n_equal": by_pair("n_yes"),
+                "n_second": by_pair("n_second"),
+            }
+        else:
+            columns |= {self.task.count: by_pair("n_yes"), "n_trials": by_pair("n_trials")}
         if self.synthetic:
             columns["synthetic"] = 1
         return pd.DataFrame(columns)
@@ -484,13 +537,10 @@ class Study:
 
 def pooled(units: Sequence[Subject]) -> Subject:
     """All answers of a subject, whatever the condition."""
-    keys = ("s1", "s2", "n_yes", "n_trials")
-    return Subject.from_counts(
-        units[0].subject_name,
-        *(np.concatenate([getattr(unit, key) for unit in units]) for key in keys),
-        task=units[0].task,
-        unit=units[0].unit,
-    )
+    task, columns = units[0].task, dict[str, Any]()
+    for key in ("s1", "s2", *task.counts):
+        columns[key] = np.concatenate([getattr(unit, key) for unit in units])
+    return Subject.from_counts(units[0].subject_name, **columns, task=task, unit=units[0].unit)
 
 
 def units_by_subject(units: Iterable[Subject]) -> dict[str, tuple[Subject, ...]]:
@@ -571,7 +621,8 @@ def _changed_subject(
     answers = subject.answers
     if answers is None:
         pairs = (subject.s1, subject.s2)
-        answers = counted_rows(subject.name, pairs, subject.n_yes, subject.n_trials)
+        counts = [getattr(subject, name) for name in subject.task.counts]
+        answers = counted_rows(subject.name, pairs, *counts)
     after = change(answers, answers.rows_of(blocks))
     if not after.n_trials.any():
         return None

@@ -192,7 +192,7 @@ def _copies(name: str, studies: Sequence[Study]) -> Iterable[str]:
         answers = study[name].answers
         if answers is None or not answers.has_trial_rows or len(answers.n_yes) < _FEWEST:
             continue
-        content = answers.keys.tobytes(), answers.n_yes.tobytes()
+        content = answers.keys.tobytes(), answers.counts.tobytes()
         earlier = first_source.setdefault(content, study.source)
         if earlier != study.source:
             trials = f"{len(answers.n_yes)} trials of subject {display_name(name)}"
@@ -231,6 +231,7 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
         has_trial_rows=all(file.has_trial_rows for file in files),
         place=_concatenated(place_parts),
         iti=_concatenated([file.iti for file in files]),
+        n_second=_concatenated([file.n_second for file in files]),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from bayes_toe.errors import InputError
 
 @dataclass(frozen=True)
 class Task:
-    """A question with two answers.
+    """A question with its answers.
 
     Attributes
     ----------
@@ -25,8 +25,11 @@ class Task:
         Its name on screens.
     question : str
         What participants report.
+    answers : tuple of str
+        What participants can answer.
     yes, no : str
-        The answer that is counted, and the other one; ``n_yes`` of a subject counts the first.
+        The answer that is counted, and what all other answers say; ``n_yes`` of a subject counts
+        the first.
     lapses : str
         The fourth parameter of the paper's observer in this task: how answers come that the curve
         does not explain.
@@ -39,6 +42,7 @@ class Task:
     name: str
     title: str
     question: str
+    answers: tuple[str, ...]
     yes: str
     no: str
     lapses: str
@@ -49,6 +53,28 @@ class Task:
     def count(self) -> str:
         """The column of files that has how often the first answer was given."""
         return f"n_{self.yes}"
+
+    @property
+    def questions(self) -> tuple[str, ...]:
+        """The answer that each question counts: three answers are two questions with two each."""
+        return self.answers[:-1]
+
+    @property
+    def counts(self) -> tuple[str, ...]:
+        """The names of the counts of a subject."""
+        if len(self.questions) == 1:
+            return "n_yes", "n_trials"
+        return "n_yes", "n_trials", "n_second"
+
+    @property
+    def has_criterion(self) -> bool:
+        """Whether participants can answer 'equal', for which they need a criterion."""
+        return "equal" in self.answers
+
+    @property
+    def has_direction(self) -> bool:
+        """Whether participants can answer 'first' and 'second'."""
+        return "second" in self.answers
 
     def right(self, difference: FloatArray) -> FloatArray:
         """1 where the counted answer is right, -1 where the other one is, 0 where neither is.
@@ -61,7 +87,7 @@ class Task:
         >>> SAME_DIFFERENT.right(difference).tolist(), WHICH_STRONGER.right(difference).tolist()
         ([-1, 1, -1], [-1, 0, 1])
         """
-        return np.where(difference == 0, 1, -1) if self == SAME_DIFFERENT else np.sign(difference)
+        return np.where(difference == 0, 1, -1) if self.has_criterion else np.sign(difference)
 
     def wrong(self, difference: FloatArray, n_yes: IntArray, n_trials: IntArray) -> IntArray:
         """Numbers of wrong answers, from s2 - s1 and the numbers of the counted answer.
@@ -83,6 +109,7 @@ SAME_DIFFERENT = Task(
     name="same/different",
     title="same-different task",
     question="whether two successive stimuli were equal or different",
+    answers=("equal", "different"),
     yes="equal",
     no="different",
     lapses="q0",
@@ -94,16 +121,32 @@ WHICH_STRONGER = Task(
     name="which is stronger",
     title="which was stronger (2AFC)",
     question="which of two successive stimuli was stronger",
+    answers=("second", "first"),
     yes="second",
     no="first",
     lapses="lapse_rate",
     compared_answer="wrong",
     slice_stimulus="first",
 )
-TASKS = (SAME_DIFFERENT, WHICH_STRONGER)
+#: 'Which was stronger, or were they equal?', the ternary format. ``n_second`` of a subject counts
+#: 'second' among the answers that are not 'equal'.
+THREE_ANSWERS = Task(
+    name="three answers",
+    title="three answers (first, equal, second)",
+    question="which of two successive stimuli was stronger, or whether they were equal",
+    answers=("equal", "second", "first"),
+    yes="equal",
+    no="unequal",
+    lapses="q0",
+    compared_answer="equal",
+    slice_stimulus="weaker",
+)
+#: The tasks; one with fewer answers stands before one that has them too.
+TASKS = (SAME_DIFFERENT, WHICH_STRONGER, THREE_ANSWERS)
 _CALLED = {
     SAME_DIFFERENT: {"samedifferent", "equaldifferent"},
     WHICH_STRONGER: {"whichisstronger", "2afc", "2ifc", "secondfirst", "firstsecond"},
+    THREE_ANSWERS: {"threeanswers", "ternary", "firstequalsecond"},
 }
 
 
@@ -113,14 +156,31 @@ def task_of(given: Task | str, option: str = "--task") -> Task:
         return given
     task = task_named(given) if isinstance(given, str) else None
     if task is None:
-        allowed = f"{SAME_DIFFERENT.name}, or 2afc ({WHICH_STRONGER.name})"
+        allowed = f"{SAME_DIFFERENT.name}, 2afc ({WHICH_STRONGER.name}), or {THREE_ANSWERS.name}"
         raise InputError(f"{option}: found {given!r}, allowed: {allowed}")
     return task
 
 
 def task_counted(columns: Container[Any]) -> Task | None:
-    """The task whose answer these columns count; None where none does."""
-    return next((task for task in TASKS if task.count in columns), None)
+    """The task whose answers these columns count; None where none does."""
+    return task_with(
+        answer for task in TASKS for answer in task.answers if f"n_{answer}" in columns
+    )
+
+
+def task_with(answers: Iterable[str]) -> Task | None:
+    """The first task that has these answers; None where there is no answer, or no such task.
+
+    Examples
+    --------
+    >>> task_with(["first"]) == WHICH_STRONGER, task_with(["first", "equal"]) == THREE_ANSWERS
+    (True, True)
+    >>> task_with(["first", "different"])
+    """
+    given = {*answers}
+    if not given:
+        return None
+    return next((task for task in TASKS if given <= {*task.answers}), None)
 
 
 def task_named(text: str) -> Task | None:

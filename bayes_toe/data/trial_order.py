@@ -15,6 +15,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.messages import TWICE, display_name, join_counts, join_names, plural
+from bayes_toe.data.tasks import task_counted
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
 
@@ -29,22 +30,21 @@ def answers_in_order(
     columns: Mapping[str, Column],
     keys: Sequence[FloatArray],
     parts: Mapping[str, IndexArray],
-    k: IntArray,
-    n: IntArray,
+    counts: Mapping[str, IntArray],
 ) -> tuple[dict[str, Answers], list[str], list[str]]:
     """The answers of each subject in order, with notes and doubts.
 
     Notes say what is missing. Doubts name trials that the file has twice.
 
     `columns` has the columns by our names. `keys` are the pair of every row, NaN where a cell
-    cannot be read. `parts` has the rows with answers of every subject. k and n are the counted
-    answers and all answers of each row; n is 0 where nobody answered a trial.
+    cannot be read. `parts` has the rows with answers of every subject. `counts` are the answers of
+    each row by their names in :class:`Answers`; n_trials is 0 where nobody answered a trial.
     """
-    is_trials = "n_trials" not in columns
+    is_trials = task_counted(columns) is None
     pairs, subject = np.column_stack(keys), columns["subject"]
     runs = {name: _ranked(table, columns[name]) for name in _RUNS if name in columns}
     blocks, block_rank = runs.get("block", ((), None))
-    ranks = np.column_stack([np.zeros(len(n), np.int64), *(rank for _, rank in runs.values())])
+    ranks = np.column_stack([np.zeros(len(pairs), np.int64), *(rank for _, rank in runs.values())])
     trial, iti = _trial_numbers(table, columns) if is_trials else (None, None)
     if trial is None:
         rows_with_pair = parts
@@ -62,8 +62,7 @@ def answers_in_order(
         is_own_row = subject.codes[rows] == subject.codes[part[0]]
         in_order = Answers(
             keys=pairs[rows],
-            n_yes=np.where(is_own_row, k[rows], 0),
-            n_trials=np.where(is_own_row, n[rows], 0),
+            **{name: np.where(is_own_row, count[rows], 0) for name, count in counts.items()},
             block=_at_rows(block_rank, rows),
             blocks=blocks,
             has_trial_rows=is_trials,
@@ -77,7 +76,7 @@ def answers_in_order(
         answers[name] = in_order.with_own_blocks()
     notes = _order_notes(columns, unordered, n_missing, n_untimed)
     # No trial is there twice where the order is known.
-    doubts = _repeated(table, columns, keys, k, n) if unordered else []
+    doubts = _repeated(table, columns, keys, counts) if unordered else []
     return answers, notes, doubts
 
 
@@ -202,8 +201,7 @@ def _repeated(
     table: TextTable,
     columns: Mapping[str, Column],
     keys: Sequence[FloatArray],
-    k: IntArray,
-    n: IntArray,
+    counts: Mapping[str, IntArray],
 ) -> list[str]:
     """A doubt about answered trials that repeat the number and all else of an earlier row.
 
@@ -215,9 +213,12 @@ def _repeated(
     subject = columns["subject"]
     runs = {name: columns[name].codes for name in _RUNS if name in columns}
     trial = numbers(table, columns["trial"])
-    is_numbered = (n > 0) & ~np.isnan(trial)
+    is_numbered = (counts["n_trials"] > 0) & ~np.isnan(trial)
     identity = pd.DataFrame({"subject": subject.codes, **runs, "trial": trial})[is_numbered]
-    content = identity.assign(s1=keys[0][is_numbered], s2=keys[1][is_numbered], k=k[is_numbered])
+    columns_of_content = {"s1": keys[0], "s2": keys[1], **counts}
+    content = identity.assign(
+        **{name: values[is_numbered] for name, values in columns_of_content.items()}
+    )
     is_repeat = content.duplicated()
     n_repeats = int(is_repeat.sum())
     if not n_repeats or identity.duplicated().sum() > n_repeats:

@@ -328,8 +328,7 @@ def _all_pairs_of(designs: Sequence[StudyDesign]) -> Subject:
     s1 = np.concatenate([design.s1 for design in designs])
     s2 = np.concatenate([design.s2 for design in designs])
     n_trials = np.concatenate([design.n_trials for design in designs])
-    n_yes = np.zeros_like(n_trials)
-    return Subject.from_counts("design", s1, s2, n_yes, n_trials, task=designs[0].task)
+    return Subject.from_counts("design", s1, s2, n_trials, n_trials, task=designs[0].task)
 
 
 def _from_prior(prior: ObserverPrior, pairs: Subject, size: int, seed: int) -> list[Observer]:

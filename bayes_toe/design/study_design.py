@@ -96,15 +96,17 @@ class StudyDesign:
         """Trials of all pairs."""
         return int(self.n_trials.sum())
 
-    def answered(self, n_yes: npt.ArrayLike, name: str = "design") -> Subject:
+    def answered(
+        self, n_yes: npt.ArrayLike, name: str = "design", n_second: IntArray | None = None
+    ) -> Subject:
         """The counts of a subject who has answered every trial."""
         counts = np.asarray(n_yes), self.n_trials
-        return Subject(name, self.s1, self.s2, *counts, task=self.task)
+        return Subject(name, self.s1, self.s2, *counts, n_second=n_second, task=self.task)
 
     @property
     def unanswered(self) -> Subject:
-        """The pairs as a subject who never gave the answer that is counted."""
-        return self.answered(np.zeros_like(self.n_trials))
+        """The pairs as a subject, of whom only the pairs say something."""
+        return self.answered(self.n_trials)
 
     def with_total(self, trials: int) -> StudyDesign:
         """The same pairs with so many trials in all, each pair its share and at least one.

@@ -30,7 +30,7 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, WHICH_STRONGER, Task
 from bayes_toe.plots.style import ORDERS
 
 #: Quantities that are shown together.
@@ -50,6 +50,7 @@ _BRUSH = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
 _ALONG = {
     SAME_DIFFERENT: "stronger stimulus (ln intensity)",
     WHICH_STRONGER: "s₂ − s₁ (ln intensity)",
+    THREE_ANSWERS: "stronger stimulus (ln intensity)",
 }
 _BAND = ("x", "all", "kept", "low", "high")
 

@@ -102,10 +102,11 @@ def predictive_check(result: PopulationResult) -> PredictiveCheck:
     rng = generator(result.settings.seed, "population", "predictive check")
     rows = subject_rows(result.study)
     counts_of_rows = rows.rows
-    observed = counts_of_rows.n_yes[:, 0].astype(np.int64)
-    n_trials = (counts_of_rows.n_yes + counts_of_rows.n_no)[:, 0].astype(np.int64)
+    pairs = slice(counts_of_rows.first.shape[-1])  # of three answers: 'equal' or not
+    observed = counts_of_rows.n_yes[:, 0, pairs].astype(np.int64)
+    n_trials = observed + counts_of_rows.n_no[:, 0, pairs].astype(np.int64)
     points = rows.row_points(_new_subjects(result, rng))
-    p_yes = np.exp(np.minimum(counts_of_rows.log_answers(points).yes, 0.0))
+    p_yes = np.exp(np.minimum(counts_of_rows.log_answers(points).yes[..., pairs], 0.0))
     simulated = rng.binomial(n_trials[:, None], p_yes)
     counts = np.concatenate([observed[:, None], simulated], axis=1)
     statistics: list[Statistic] = []

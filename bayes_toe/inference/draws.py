@@ -293,14 +293,18 @@ class Draws:
         The same draws give the same answers.
         """
         target, x = self.posterior(name), self.points(name)
-        subject = target.subject
+        subject, row = target.subject, target.rows
+        n_yes, n_trials = row.n_yes[0, 0], (row.n_yes + row.n_no)[0, 0]
         rng = generator(self.seed, name, self.model, "posterior_predictive")
         log_likelihood, predicted = np.empty((2, *x.shape[:2], subject.n_pairs))
         # One chain at a time: temporaries of a large design stay small.
         for chain, points in enumerate(x):
             answers = target.log_answers(points)
-            log_likelihood[chain] = log_likelihoods(subject.n_yes, subject.n_trials, answers)
-            predicted[chain] = rng.binomial(subject.n_trials, np.exp(answers[0]))
+            by_question = log_likelihoods(n_yes, n_trials, answers)
+            by_pair = by_question.reshape(len(points), -1, subject.n_pairs)
+            log_likelihood[chain] = by_pair.sum(axis=1)
+            p_yes = np.exp(answers.yes[:, : subject.n_pairs])
+            predicted[chain] = rng.binomial(subject.n_trials, p_yes)
         return log_likelihood, predicted.astype(np.int64)
 
     def save(self, path: StrPath, *, overwrite: bool = False) -> Path:

@@ -33,7 +33,7 @@ from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import format_path, quoted
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.tasks import task_of
+from bayes_toe.data.tasks import THREE_ANSWERS, task_of
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
@@ -126,6 +126,8 @@ def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.
     """A tree of these groups, with the counts of the study and the attributes of every file."""
     tree = xr.DataTree.from_dict(groups)
     observed = _by_pair(study, "n_yes").rename(n_yes=study.task.count)
+    if study.task == THREE_ANSWERS:
+        observed["n_second"] = _by_pair(study, "n_second")["n_second"]
     tree["observed_data"] = xr.DataTree(observed)
     tree["constant_data"] = xr.DataTree(_by_pair(study, "n_trials"))
     versions = library_versions("xarray") | {"python": platform.python_version()}
@@ -145,8 +147,8 @@ def _counts_hash(study: Study) -> str:
     digest = sha256()
     for subject in study:
         digest.update(subject.name.encode("utf-8", "surrogatepass"))
-        for column in (subject.s1, subject.s2, subject.n_yes, subject.n_trials):
-            digest.update(column.tobytes())
+        for name in ("s1", "s2", *subject.task.counts):
+            digest.update(getattr(subject, name).tobytes())
     return digest.hexdigest()
 
 
@@ -180,18 +182,20 @@ def stored_study(tree: xr.DataTree) -> Study:
     record = json.loads(tree.attrs["study"])
     task, stimulus_unit = task_of(record["task"]), StimulusUnit(**record["stimulus_unit"])
     observed, constant = tree["observed_data"].to_dataset(), tree["constant_data"].to_dataset()
-    columns = [observed[key].values for key in ("s1", "s2", task.count)]
-    columns.append(constant["n_trials"].values)
+    columns: Record = {key: observed[key].values for key in ("s1", "s2")}
+    columns |= {"n_yes": observed[task.count].values, "n_trials": constant["n_trials"].values}
+    if task == THREE_ANSWERS:
+        columns["n_second"] = observed["n_second"].values
     names = observed["subject"].values
     first_rows = np.flatnonzero(names[1:] != names[:-1]) + 1
     units = []
     for rows in np.split(np.arange(len(names)), first_rows):
         name = names[rows[0]]
-        counts = [column[rows] for column in columns]
+        counts = {key: column[rows] for key, column in columns.items()}
         condition, scales = record["units"][name]
         unit = Subject(
             name,
-            *counts,
+            **counts,
             task=task,
             unit=stimulus_unit,
             condition=condition,

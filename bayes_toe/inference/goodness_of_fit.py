@@ -19,7 +19,6 @@ import numpy.typing as npt
 from scipy.special import chdtrc, gammaln, xlogy
 
 from bayes_toe.arrays import ArrayPair, FloatArray, thinned
-from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.answer_curves import times_counts
 from bayes_toe.model.posterior import SubjectPosterior, require_points
@@ -122,7 +121,8 @@ class GoodnessOfFit:
     deviance : float
         At the maximum of the posterior density, against one free probability per pair.
     degrees_of_freedom : int
-        Pairs less the free parameters.
+        Pairs less the free parameters; of three answers a pair counts twice, if it has unequal
+        answers.
     fit_p : float
         P-value of the deviance; NaN without degrees of freedom.
     worst : tuple of PairResidual
@@ -149,25 +149,34 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     """
     subject = posterior.subject
     points = require_points(thinned(x, _DRAWS), len(posterior.coordinates))
-    (log_q,), (log_rest,) = posterior.log_answers(maximum[None])
-    of_pairs = binomial_deviance(subject.n_yes, subject.n_trials, log_q, log_rest)
+    row = posterior.rows
+    n_yes, n_trials = row.n_yes[0, 0], (row.n_yes + row.n_no)[0, 0]
+    # Of three answers, the second question to a pair has no trial where all answers are 'equal'.
+    asked = np.flatnonzero(n_trials)
+    n_yes, n_trials = n_yes[asked], n_trials[asked]
+    log_q, log_rest = (logs[0, asked] for logs in posterior.log_answers(maximum[None]))
+    of_pairs = binomial_deviance(n_yes, n_trials, log_q, log_rest)
     deviance = float(of_pairs.sum())
-    of_draws = binomial_deviance(subject.n_yes, subject.n_trials, *posterior.log_answers(points))
+    log_answers = [logs[:, asked] for logs in posterior.log_answers(points)]
+    of_draws = binomial_deviance(n_yes, n_trials, *log_answers)
     n_determined = float(of_draws.sum(axis=1).mean()) - deviance
 
-    freedom, fit_p = subject.n_pairs - len(posterior.coordinates), float("nan")
+    freedom, fit_p = len(asked) - len(posterior.coordinates), float("nan")
     if freedom > 0:
-        n_left = subject.n_pairs - n_determined
-        fit_p = deviance_p_value(deviance, n_left, subject.n_trials, log_q, log_rest)
+        n_left = len(asked) - n_determined
+        fit_p = deviance_p_value(deviance, n_left, n_trials, log_q, log_rest)
     size = np.sqrt(of_pairs)
     largest, *smaller = np.argsort(-size, kind="stable").tolist()[:_MOST_WORST]
     conspicuous = [largest, *(i for i in smaller if size[i] >= _CONSPICUOUS)]
-    worst = tuple(_pair_residual(subject, np.exp(log_q), i) for i in conspicuous)
-    return GoodnessOfFit(deviance, freedom, fit_p, worst)
-
-
-def _pair_residual(subject: Subject, q: FloatArray, i: int) -> PairResidual:
-    """The share of the counted answer to a pair, and its probability by the model."""
-    observed = float(subject.n_yes[i] / subject.n_trials[i])
-    s1, s2 = float(subject.s1[i]), float(subject.s2[i])
-    return PairResidual(s1, s2, observed, float(q[i]), subject.task.yes)
+    shares, expected = n_yes / n_trials, np.exp(log_q)
+    worst = []
+    for i in conspicuous:
+        question, pair = divmod(int(asked[i]), subject.n_pairs)
+        s1, s2 = float(subject.s1[pair]), float(subject.s2[pair])
+        of_answer = np.array([shares[i], expected[i]])
+        if question:  # the second one was asked where the answer to the first one was no
+            of_answer *= 1.0 - np.array([shares[pair], expected[pair]])
+        observed, chance = of_answer.tolist()
+        answer = subject.task.questions[question]
+        worst.append(PairResidual(s1, s2, observed, chance, answer))
+    return GoodnessOfFit(deviance, freedom, fit_p, tuple(worst))

@@ -44,7 +44,7 @@ class Predictor:
         # A subject has its pairs once, in this order.
         pairs, index = np.unique(keys, axis=0, return_inverse=True)
         n_trials = np.ones(len(pairs), np.int64)
-        counts = (pairs[:, 0], pairs[:, 1], 0 * n_trials, n_trials)
+        counts = (pairs[:, 0], pairs[:, 1], n_trials, n_trials)
         own = self.target.subject
         subject = Subject(own.name, *counts, task=own.task)
         log_yes, _ = self.target.for_subject(subject).log_answers(self.x)

@@ -3,7 +3,8 @@
 They are functions of the distance z between two stimuli. The distance counts in standard deviations
 of the noise. An observer who is asked which stimulus is stronger answers 'second' with P = Phi(z).
 An observer who is asked 'same or different' answers 'equal' where the noisy distance lies within a
-criterion k: P = Phi(k - z) - Phi(-k - z).
+criterion k: P = Phi(k - z) - Phi(-k - z). Of three answers, 'second' has P = Phi(z - k), and
+'first' P = Phi(-z - k).
 
 Both answers have a log probability of their own, formed from positive terms, so that each is
 accurate where the other one is near 1.
@@ -12,15 +13,15 @@ accurate where the other one is near 1.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import expit, log_expit, log_ndtr
+from scipy.special import erfcx, expit, log_expit, log_ndtr
 
-from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, IntArray
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.densities import PriorDensity, half_normal_quantile, log_normal
 from bayes_toe.model.paper_equations import LN2
@@ -40,7 +41,7 @@ class LogAnswers(NamedTuple):
 # --- Counts --------------------------------------------------------------------------------------
 
 
-def log_likelihoods(n_yes: IntArray, n_trials: IntArray, answers: ArrayPair) -> FloatArray:
+def log_likelihoods(n_yes: FloatArray, n_trials: FloatArray, answers: ArrayPair) -> FloatArray:
     """Log likelihood of each pair, (points, pairs), without binomial coefficients.
 
     Parameters
@@ -53,7 +54,7 @@ def log_likelihoods(n_yes: IntArray, n_trials: IntArray, answers: ArrayPair) -> 
     """
     yes, no = answers
     n_no = n_trials - n_yes
-    return times_counts(n_yes.astype(np.float64), yes) + times_counts(n_no.astype(np.float64), no)
+    return times_counts(n_yes, yes) + times_counts(n_no, no)
 
 
 def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
@@ -152,6 +153,60 @@ def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:
     return np.log(2.0 * k * (heights * _WEIGHTS).sum(axis=1))
 
 
+# --- Three answers -------------------------------------------------------------------------------
+
+
+class LogUnequal(NamedTuple):
+    """Log probabilities of 'second' and of 'first', of three answers."""
+
+    second: FloatArray
+    first: FloatArray
+
+
+def unequal_logs(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> LogUnequal:
+    """Log of lambda Phi(-k) + (1 - lambda) Phi(z - k), 'second', and the same of -z, 'first'.
+
+    Parameters
+    ----------
+    z, k : ndarray
+        Distance and criterion.
+    lapses : tuple of ndarray
+        Log of lambda and of 1 - lambda. Who lapses answers as at z = 0.
+    """
+    return LogUnequal(*_mixed_tails(z, k, lapses, lambda x: log_ndtr(x - k)))
+
+
+def direction_answers(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> LogAnswers:
+    """Log of P('second') and of P('first') among the answers that are not 'equal'.
+
+    The logs of both tails have k^2/2 added, so that their difference loses no digits for large k.
+    Where k is infinite, every answer is 'equal' and the share of 'second' is not defined: it is
+    1/2 here.
+    """
+    second, first = _mixed_tails(z, k, lapses, lambda x: _scaled_log_tail(x, k))
+    with np.errstate(invalid="ignore"):
+        log_odds = np.where(np.isfinite(k), second - first, 0.0)
+    return LogAnswers(log_expit(log_odds), log_expit(-log_odds))
+
+
+def _mixed_tails(
+    z: FloatArray, k: FloatArray, lapses: ArrayPair, log_tail: Callable[[FloatArray], FloatArray]
+) -> list[FloatArray]:
+    """Log of lambda tail(0) + (1 - lambda) tail(x) at x = z and at x = -z."""
+    log_lapse, log_attend = lapses
+    blind = log_lapse + log_tail(np.zeros(1))
+    return [np.logaddexp(blind, log_attend + log_tail(x)) for x in (z, -z)]
+
+
+def _scaled_log_tail(x: FloatArray, k: FloatArray) -> FloatArray:
+    """Log Phi(x - k) + k^2/2, by erfcx below the criterion."""
+    x, k = np.broadcast_arrays(x, k)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        below = x * (k - 0.5 * x) + np.log(0.5 * erfcx((k - x) / np.sqrt(2.0)))
+        above = log_ndtr(x - k) + 0.5 * k * k
+    return np.where(x < k, below, above)
+
+
 # --- Rows of counts ------------------------------------------------------------------------------
 
 
@@ -178,6 +233,14 @@ def pair_arrays(
     return dict(zip(_PAIR_ARRAYS, arrays, strict=True))
 
 
+def direction_counts(subjects: Sequence[Subject], n_pairs: int) -> list[FloatArray]:
+    """How often subjects answered 'second' and 'first', of three answers, (rows, 1, pairs) each."""
+    counts = np.zeros((2, len(subjects), 1, n_pairs))
+    for i, subject in enumerate(subjects):
+        counts[:, i, 0, : subject.n_pairs] = subject.n_second, subject.n_first
+    return [*counts]
+
+
 @dataclass(frozen=True, eq=False)
 class AnswerRows(ABC):
     """Counts of one or several subjects of a task.
@@ -189,6 +252,8 @@ class AnswerRows(ABC):
     first, difference, middle : ndarray, shape (rows, 1, pairs)
         s1, s2 - s1 and (s1 + s2)/2, from the origin of the model and in its unit.
     n_yes, n_no : ndarray, shape (rows, 1, pairs)
+        Of three answers, (rows, 1, 2 pairs): 'equal' and 'unequal' to each pair, then 'second' and
+        'first' to each pair.
     """
 
     first: FloatArray
@@ -244,13 +309,17 @@ class AnswerRows(ABC):
         """Log likelihood, gradient and Fisher information, (rows, points[, k[, k]])."""
         answers, yes_slopes, no_slopes = self.answer_slopes(u)
         value, gradient = self._summed(answers, yes_slopes, no_slopes)
-        n_trials = self.n_yes + self.n_no
+        n_trials = self.expected_trials(answers)
         yes_weight = (n_trials * np.exp(answers.yes))[..., None, :]
         no_weight = (n_trials * np.exp(answers.no))[..., None, :]
         with np.errstate(over="ignore", invalid="ignore"):  # infinite slopes, as in _summed
             information = times_counts(yes_weight, yes_slopes) @ np.swapaxes(yes_slopes, -1, -2)
             information += times_counts(no_weight, no_slopes) @ np.swapaxes(no_slopes, -1, -2)
         return value, gradient, information
+
+    def expected_trials(self, answers: LogAnswers) -> FloatArray:
+        """How often each question is asked, as far as the model knows; broadcasts with answers."""
+        return self.n_yes + self.n_no
 
     def _summed(
         self, answers: LogAnswers, yes_slopes: FloatArray, no_slopes: FloatArray

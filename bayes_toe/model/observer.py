@@ -1,17 +1,21 @@
-"""The observer, who answers either task, and to whom the order of stimuli may matter.
+"""The observer, who answers any task, and to whom the order of stimuli may matter.
 
     z = ((s2 - s1) - c + p (s1 - sbar)) / (sigma_d exp(b m)),   m = (s1 + s2)/2 - sbar
     which is stronger   P(second) = lambda/2 + (1 - lambda) Phi(z)
     same or different   P(equal) = lambda (2 Phi(k_m) - 1)
                                    + (1 - lambda) (Phi(k_m - z) - Phi(-k_m - z))
                         k_m = k exp(g m),  q0 = 2 Phi(k) - 1
+    three answers       P(equal) as above,
+                        P(second) = lambda Phi(-k_m) + (1 - lambda) Phi(z - k_m)
 
 c is the constant error, p the contraction, lambda the lapse rate, sigma_d the noise, and k the
 criterion of 'equal'; b and g are the slopes of noise and criterion with intensity. The coordinates
 are those of :mod:`bayes_toe.model.parameters`. The four models
 (:mod:`bayes_toe.model.models`) have the constant error, the contraction, both or neither.
 
-:class:`ObserverRows` computes the likelihood of many rows of counts at once.
+:class:`ObserverRows` computes the likelihood of many rows of counts at once. Three answers are two
+questions with two answers each: was it 'equal'; and if not, was it 'second'? Their product is
+exactly the trinomial. So P(equal) is that of 'same or different'.
 """
 
 from __future__ import annotations
@@ -26,16 +30,19 @@ from scipy.special import erf, log_ndtr, ndtr, xlogy
 from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.data.tasks import THREE_ANSWERS, Task
 from bayes_toe.model.answer_curves import (
     AnswerRows,
     LogAnswers,
     criterion,
     criterion_slope,
+    direction_answers,
+    direction_counts,
     equal_answers,
     near_edge,
     pair_arrays,
     second_answers,
+    unequal_logs,
 )
 from bayes_toe.model.densities import (
     CutNormal,
@@ -63,13 +70,13 @@ class ObserverRows(AnswerRows):
     ----------
     first, difference, middle : ndarray, shape (rows, 1, pairs)
         s1 - sbar, s2 - s1 and (s1 + s2)/2 - sbar, in units of D.
-    n_yes, n_no : ndarray, shape (rows, 1, pairs)
+    n_yes, n_no : ndarray, shape (rows, 1, pairs), of three answers (rows, 1, 2 pairs)
     slope_unit : ndarray, shape (rows, 1)
         D / R.
     contraction_sd : ndarray, shape (rows, 1)
     """
 
-    is_same_different: bool
+    task: Task
     prior: ObserverPrior
     slope_unit: FloatArray
     contraction_sd: FloatArray
@@ -87,10 +94,15 @@ class ObserverRows(AnswerRows):
             scales = [subject.scales for subject in subjects]
         sbars, steps = [scale.sbar for scale in scales], [scale.step for scale in scales]
         pairs = pair_arrays(subjects, sbars, steps)
+        task = subjects[0].task
+        if task == THREE_ANSWERS:
+            n_second, n_first = direction_counts(subjects, pairs["first"].shape[-1])
+            pairs["n_yes"] = np.concatenate([pairs["n_yes"], n_second], axis=-1)
+            pairs["n_no"] = np.concatenate([pairs["n_no"], n_first], axis=-1)
         roving_share = np.array([[scale.roving_share] for scale in scales])
         return cls(
             **pairs,
-            is_same_different=subjects[0].task == SAME_DIFFERENT,
+            task=task,
             prior=prior,
             slope_unit=np.array([[scale.step / scale.spread] for scale in scales]),
             contraction_sd=prior.contraction_sd * roving_share,
@@ -98,9 +110,8 @@ class ObserverRows(AnswerRows):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of the k coordinates: 7 of same or different, 5 of which is stronger."""
-        task = SAME_DIFFERENT if self.is_same_different else WHICH_STRONGER
-        return tuple(parameter.name for parameter in task_parameters(task))
+        """Names of the k coordinates: 7 with 'equal', 5 of which is stronger."""
+        return tuple(parameter.name for parameter in task_parameters(self.task))
 
     # --- Quantities in units of D ----------------------------------------------------------------
 
@@ -117,7 +128,7 @@ class ObserverRows(AnswerRows):
             "constant_error": prior.constant_error_scale,
             "contraction": self.contraction_sd,
         }
-        if not self.is_same_different:
+        if not self.task.has_criterion:
             del units["logit_q0"], units["criterion_slope"]
         return units
 
@@ -147,7 +158,7 @@ class ObserverRows(AnswerRows):
 
     def criterion_at(self, values: NamedArrays) -> FloatArray | None:
         """The criterion k_m of every pair, (rows, points, pairs); None of which is stronger."""
-        if not self.is_same_different:
+        if not self.task.has_criterion:
             return None
         log_k = np.log(criterion(values["logit_q0"]))[..., None]
         with np.errstate(over="ignore"):
@@ -156,9 +167,16 @@ class ObserverRows(AnswerRows):
     # --- Likelihood ------------------------------------------------------------------------------
 
     def log_answers(self, u: FloatArray) -> LogAnswers:
-        """Log probability of both answers to every pair, (rows, points, pairs) each."""
+        """Log probability of both answers to every pair, (rows, points, pairs) each.
+
+        Of three answers, those of the second question follow: (rows, points, 2 pairs).
+        """
         values = self.quantities(u)
-        return self._answers_at(values, self.distance_at(values), self.criterion_at(values))
+        z, k = self.distance_at(values), self.criterion_at(values)
+        answers = self._answers_at(values, z, k)
+        if k is None or not self.task.has_direction:
+            return answers
+        return _joined(answers, direction_answers(z, k, self._lapse_logs(values)))
 
     def _answers_at(self, values: NamedArrays, z: FloatArray, k: FloatArray | None) -> LogAnswers:
         """Log probability of both answers at distances and criteria, with lapses."""
@@ -187,8 +205,34 @@ class ObserverRows(AnswerRows):
         nats of the best point; far from there this one may be -inf.
         """
         values = self.quantities(u)
-        yes, no = self.plain_answers_at(values, self.distance_at(values), self.criterion_at(values))
-        return (xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1)
+        z, k = self.distance_at(values), self.criterion_at(values)
+        if k is None or not self.task.has_direction:
+            yes, no = self.plain_answers_at(values, z, k)
+            return (xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1)
+        return self._trinomial(self._plain_three(values, z, k))
+
+    @property
+    def _three_counts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """How often each of three answers was given: 'equal', 'second' and 'first'."""
+        n_equal, n_second = np.split(self.n_yes, 2, axis=-1)
+        return n_equal, n_second, self.n_no[..., n_equal.shape[-1] :]
+
+    def _trinomial(self, probabilities: Sequence[FloatArray]) -> FloatArray:
+        """Log likelihood of three answers, (rows, points), from their probabilities."""
+        terms = map(xlogy, self._three_counts, probabilities)
+        return np.asarray(sum(terms)).sum(axis=-1)
+
+    def _plain_three(
+        self, values: NamedArrays, z: FloatArray, k: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Probability of 'equal', 'second' and 'first', (rows, points, pairs) each."""
+        lapse, attend = map(np.exp, self._lapse_logs(values))
+        inside, near, far = _window_and_tails(z, k)
+        equal = lapse * erf(k * np.sqrt(0.5)) + attend * inside
+        guessed = lapse * ndtr(-k)
+        near, far = guessed + attend * near, guessed + attend * far
+        is_second_near = z > 0.0
+        return equal, np.where(is_second_near, near, far), np.where(is_second_near, far, near)
 
     def plain_answers_at(
         self, values: NamedArrays, z: FloatArray, k: FloatArray | None
@@ -199,18 +243,9 @@ class ObserverRows(AnswerRows):
             yes = 0.5 * lapse + attend * ndtr(z)
             no = 0.5 * lapse + attend * ndtr(-z)
             return yes, no
-        distance = np.abs(z)
-        with np.errstate(invalid="ignore"):
-            near = near_edge(distance, k)
-        far = -k - distance
-        inside = ndtr(near) - ndtr(far)
-        # Rounding could turn the difference negative. Here the density over the window is level to
-        # 12 digits.
-        is_narrow = k < 1e-6
-        if is_narrow.any():
-            inside = np.where(is_narrow, 2.0 * k * _density(distance), inside)
+        inside, near, far = _window_and_tails(z, k)
         yes = lapse * erf(k * np.sqrt(0.5)) + attend * inside
-        no = lapse * 2.0 * ndtr(-k) + attend * (ndtr(-near) + ndtr(far))
+        no = lapse * 2.0 * ndtr(-k) + attend * (near + far)
         return yes, no
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
@@ -223,6 +258,8 @@ class ObserverRows(AnswerRows):
         """
         values = self.quantities(u)
         z, k = self.distance_at(values), self.criterion_at(values)
+        if k is not None and self.task.has_direction:
+            return self._plain_gradient_of_three(values, z, k)
         yes, no = self.plain_answers_at(values, z, k)
         value = (xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1)
         by_yes = _per_answer(self.n_yes, yes) - _per_answer(self.n_no, no)
@@ -243,15 +280,50 @@ class ObserverRows(AnswerRows):
         # P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P;
         # and d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))).
         in_lapse = by_yes * (blind - yes)
+        return value, self._summed_slopes(values, z, in_z, in_log_k, in_lapse)
+
+    def _summed_slopes(
+        self,
+        values: NamedArrays,
+        z: FloatArray,
+        in_z: FloatArray,
+        in_log_k: FloatArray | None,
+        in_lapse: FloatArray,
+    ) -> FloatArray:
+        """The gradient, (rows, points, k), from the slopes of each pair."""
         lapse_rise = np.exp(_log_hazard(values["lapse_score"])) / self.prior.lapse_rate_b
         sums = [
             term.sum(axis=-1) for term in self._slope_terms(values, z, in_z, in_log_k, in_lapse)
         ]
-        return value, np.stack(sums, axis=-1) * self._slope_units(values, lapse_rise)
+        return np.stack(sums, axis=-1) * self._slope_units(values, lapse_rise)
+
+    def _plain_gradient_of_three(
+        self, values: NamedArrays, z: FloatArray, k: FloatArray
+    ) -> ArrayPair:
+        """:meth:`plain_gradient` of three answers, by the trinomial."""
+        equal, second, first = probabilities = self._plain_three(values, z, k)
+        by_equal, by_second, by_first = map(_per_answer, self._three_counts, probabilities)
+
+        lapse, attend = map(np.exp, self._lapse_logs(values))
+        # A criterion that moves takes from one answer what it gives to the other.
+        upper = attend * _density(z - k) * (by_second - by_equal)
+        lower = attend * _density(z + k) * (by_first - by_equal)
+        blind = lapse * _density(k) * (by_second + by_first - 2.0 * by_equal)
+        in_log_k = -k * (upper + lower + blind)
+        in_lapse = (
+            by_equal * (erf(k * np.sqrt(0.5)) - equal)
+            + by_second * (ndtr(-k) - second)
+            + by_first * (ndtr(-k) - first)
+        )
+        slopes = self._summed_slopes(values, z, upper - lower, in_log_k, in_lapse)
+        return self._trinomial(probabilities), slopes
 
     @np.errstate(over="ignore", invalid="ignore")
     def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
-        """Log answers, and the slopes of both in every coordinate, (rows, points, k, pairs)."""
+        """Log answers, and the slopes of both in every coordinate, (rows, points, k, pairs).
+
+        Of three answers, those of the second question follow, as in :meth:`log_answers`.
+        """
         values = self.quantities(u)
         log_lapse, log_attend = self._lapse_logs(values)
         z, k = self.distance_at(values), self.criterion_at(values)
@@ -278,7 +350,41 @@ class ObserverRows(AnswerRows):
             terms = self._slope_terms(values, z, edge * rise_in_z, in_log_k, in_lapse)
             slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2) * units)
         yes_slopes, no_slopes = slopes
-        return answers, yes_slopes, no_slopes
+        if k is None or not self.task.has_direction:
+            return answers, yes_slopes, no_slopes
+        of_direction = direction_answers(z, k, (log_lapse, log_attend))
+        terms = self._slope_terms(values, z, *self._odds_slopes(values, z, k, log_rise))
+        odds_slopes = np.stack(np.broadcast_arrays(*terms), axis=-2) * units
+        second_share, first_share = (np.exp(log_p)[..., None, :] for log_p in of_direction)
+        yes_slopes = np.concatenate([yes_slopes, first_share * odds_slopes], axis=-1)
+        no_slopes = np.concatenate([no_slopes, -second_share * odds_slopes], axis=-1)
+        return _joined(answers, of_direction), yes_slopes, no_slopes
+
+    def _odds_slopes(
+        self, values: NamedArrays, z: FloatArray, k: FloatArray, log_rise: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Slopes of log P('second')/P('first') in z, ln k and the coordinate of the lapse rate."""
+        log_lapse, log_attend = lapses = self._lapse_logs(values)
+        log_second, log_first = unequal_logs(z, k, lapses)
+        second = np.exp(log_attend + log_normal(z - k) - log_second)
+        first = np.exp(log_attend + log_normal(z + k) - log_first)
+
+        def difference(log_density: FloatArray) -> FloatArray:
+            """A density over P('second') minus that over P('first')."""
+            return np.exp(log_density - log_second) - np.exp(log_density - log_first)
+
+        in_k = first - second - difference(log_lapse + log_normal(k))
+        return second + first, k * in_k, difference(log_rise + log_ndtr(-k))
+
+    def expected_trials(self, answers: LogAnswers) -> FloatArray:
+        """How often each question is asked: the second one after an answer 'unequal'."""
+        n_trials = self.n_yes + self.n_no
+        if self.task != THREE_ANSWERS:
+            return n_trials
+        n_pairs = self.first.shape[-1]
+        n_shown = n_trials[..., :n_pairs]
+        n_unequal = n_shown * np.exp(answers.no[..., :n_pairs])
+        return np.concatenate([np.broadcast_to(n_shown, n_unequal.shape), n_unequal], axis=-1)
 
     def _slope_terms(
         self,
@@ -304,7 +410,7 @@ class ObserverRows(AnswerRows):
     def _slope_units(self, values: NamedArrays, lapse_unit: FloatArray) -> FloatArray:
         """Derivatives of those quantities in their coordinates, (rows, points, k)."""
         units = self.units | {"lapse_score": lapse_unit}
-        if self.is_same_different:
+        if self.task.has_criterion:
             units["logit_q0"] = _log_criterion_slope(values["logit_q0"])
         columns = [np.atleast_2d(unit) for unit in units.values()]
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
@@ -316,10 +422,31 @@ class ObserverRows(AnswerRows):
         """The prior of every coordinate."""
         normal, student = StandardNormal(), StandardStudent()
         contraction = CutNormal(1.0 / self.contraction_sd)
-        if not self.is_same_different:
+        if not self.task.has_criterion:
             return normal, normal, student, student, contraction
         peak = LogitOfBeta(self.prior.q0_a, self.prior.q0_b)
         return normal, peak, normal, student, student, student, contraction
+
+
+def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Probability that a noisy distance lies within the criterion, beyond it, and opposite."""
+    distance = np.abs(z)
+    with np.errstate(invalid="ignore"):
+        near = near_edge(distance, k)
+    far = -k - distance
+    inside = ndtr(near) - ndtr(far)
+    # Rounding could turn the difference negative. Here the density over the window is level to 12
+    # digits.
+    is_narrow = k < 1e-6
+    if is_narrow.any():
+        inside = np.where(is_narrow, 2.0 * k * _density(distance), inside)
+    return inside, ndtr(-near), ndtr(far)
+
+
+def _joined(first: LogAnswers, second: LogAnswers) -> LogAnswers:
+    """The answers to one question of every pair, then those to another one."""
+    parts = zip(first, second, strict=True)
+    return LogAnswers(*(np.concatenate(part, axis=-1) for part in parts))
 
 
 def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:

@@ -28,7 +28,7 @@ from scipy.special import log_ndtr, ndtri_exp
 
 from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.data.messages import display_name, quoted
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from bayes_toe.data.tasks import TASKS, Task
 from bayes_toe.errors import InputError
 
 LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, PURE_NUMBER = "ln intensity", "1 / ln intensity", "1"
@@ -238,10 +238,11 @@ class Parameter(Quantity):
     prior: str = ""
     limits: tuple[float, float, str] = (-np.inf, np.inf, "finite")
     typical: float = 0.0
-    tasks: tuple[Task, ...] = (SAME_DIFFERENT, WHICH_STRONGER)
+    tasks: tuple[Task, ...] = TASKS
     group_label: str = ""
 
 
+_WITH_EQUAL = tuple(task for task in TASKS if task.has_criterion)
 _DIFFERENCE, _KNOWN_DIFFERENCE, _PERCENT = "difference", "known difference", "percent"
 
 NOISE = Parameter(
@@ -264,7 +265,7 @@ PEAK = Parameter(
     prior="Beta({q0_a:g}, {q0_b:g})",
     limits=(0.0, 1.0, "above 0 and below 1"),
     typical=0.9,
-    tasks=(SAME_DIFFERENT,),
+    tasks=_WITH_EQUAL,
     group_label="logit q0",
 )
 LAPSE_RATE = Parameter(
@@ -292,7 +293,7 @@ CRITERION_SLOPE = Parameter(
     "change of the log criterion for 'equal' with intensity",
     PER_LOG_INTENSITY,
     prior="Student(3, {criterion_slope_scale:g}/R)",
-    tasks=(SAME_DIFFERENT,),
+    tasks=_WITH_EQUAL,
 )
 CONSTANT_ERROR = Parameter(
     "constant_error",

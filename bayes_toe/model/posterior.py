@@ -144,7 +144,10 @@ class SubjectPosterior(ABC):
     # --- Densities -------------------------------------------------------------------------------
 
     def log_answers(self, x: npt.ArrayLike) -> LogAnswers:
-        """Log probability of both answers to every pair, (points, pairs) each."""
+        """Log probability of both answers to every pair, (points, pairs) each.
+
+        Of three answers, those of the second question follow: (points, 2 pairs).
+        """
         yes, no = self.rows.log_answers(self.full_points(x))
         return LogAnswers(yes[0], no[0])
 

@@ -30,6 +30,7 @@ from scipy.special import bdtr, ndtr
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import THREE_ANSWERS
 from bayes_toe.errors import InputError
 from bayes_toe.model.densities import PriorDensity, StandardNormal
 from bayes_toe.model.models import ObserverPosterior, OrderModel
@@ -159,7 +160,7 @@ class HistoryRows(ObserverRows):
         values = super().quantities(u)
         scores = dict(zip(self.coordinates, np.moveaxis(u, -1, 0), strict=True))
         if self.history.has_previous_response:
-            sd = 0.25 if self.is_same_different else 0.5
+            sd = 0.25 if self.task.has_criterion else 0.5
             values["previous_response"] = sd * scores["previous_response"]
         if self.history.has_carry_over:
             values["carry_over"] = ndtr(scores["carry_over"])
@@ -187,7 +188,7 @@ class HistoryRows(ObserverRows):
     def distance_at(self, values: NamedArrays) -> FloatArray:
         """The distance z of every cell, (1, points, cells)."""
         z = super().distance_at(values)
-        if self.history.has_previous_response and not self.is_same_different:
+        if self.history.has_previous_response and not self.task.has_criterion:
             z = z + values["previous_response"][..., None] * self.previous
         return z
 
@@ -326,9 +327,14 @@ class TrialSequence:
 def require_order(subject: Subject) -> Answers:
     """The answers of a subject in the order of presentation.
 
-    An InputError where it is not known.
+    An InputError where it is not known, or where the task has three answers.
     """
     answers = subject.answers
+    if subject.task == THREE_ANSWERS:
+        raise InputError(
+            f"subject {subject.name!r}: found the task {subject.task.name!r}, allowed for models "
+            "with a history: tasks with two answers"
+        )
     if answers is None or answers.place is None:
         raise InputError(
             f"subject {subject.name!r}: a model with a history needs the order of trials, found "
@@ -344,9 +350,11 @@ def require_order(subject: Subject) -> Answers:
 
 
 def knows_order(subject: Subject) -> bool:
-    """Whether the order of a subject's trials is known."""
+    """Whether the order of a subject's trials is known, and models with a history can use it."""
     answers = subject.answers
-    return answers is not None and answers.place is not None and not looks_sorted(answers)
+    if answers is None or answers.place is None or subject.task == THREE_ANSWERS:
+        return False
+    return not looks_sorted(answers)
 
 
 def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:

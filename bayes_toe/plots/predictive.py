@@ -90,7 +90,7 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
 def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
     """Ends of the 95 % posterior predictive interval of every pair's share, shape (2, pairs)."""
     counts = fitted.target.subject
-    share = np.exp(fitted.target.log_answers(fitted.x).yes)
+    share = np.exp(fitted.target.log_answers(fitted.x).yes[:, : counts.n_pairs])
     rng = generator(seed, counts.name, "posterior predictive interval")
     replicated = rng.binomial(counts.n_trials, np.tile(share, (_REPLICATES_PER_DRAW, 1)))
     ends = np.quantile(replicated, [MARKED[0], MARKED[2]], axis=0, method="inverted_cdf")

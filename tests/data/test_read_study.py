@@ -620,7 +620,10 @@ QUOTES = "allowed: quotes around whole cells, doubled inside"
 TEXT = "allowed: text in UTF-8 or UTF-16, or the encoding that --encoding names"
 EMPTY = "found an empty file, allowed: a header and at least one row"
 HEADER_ONLY = "row 1: found no row below it, allowed: at least one row"
-ALONE = "allowed: responses (one row per trial) or counts of one response (one row per pair)"
+ALONE = (
+    "allowed: responses (one row per trial), counts of one response (one row per pair), or "
+    "n_first, n_equal and n_second"
+)
 POSITIVE = "a positive finite number"
 SEMICOLONS = "subject;s1;s2;response\n"
 

@@ -523,8 +523,8 @@ REFUSED = {
         matlab_73({"#subsystem#": [1.0]}), ["a table or another object of MATLAB's own"],
     ),
     "matrix.mat": (matlab({"data": TRIALS[["s1", "s2"]].to_numpy()}), ["not a column"]),
-    "three_answers.csv": (
-        csv(with_rows(IN_LOGS, [["P03", 0, 0, "equal"]])), ["words of two tasks"],
+    "two_tasks.csv": (
+        csv(with_rows(IN_LOGS, [["P03", 0, 0, "different"]])), ["words of two tasks"],
     ),
     "zero.csv": (
         csv(labelled(IN_GRAMS, w1="i1", w2="i2").replace({"i1": {740: 0}})),

@@ -162,7 +162,7 @@ REFUSED = [
         COUNTS.replace("n_trials", "n_equal,n_trials"),
         "a,0,1,1,1,2",
         "",
-        "column n_equal: found together with n_second",
+        "column n_equal: found together with n_second and n_trials",
     ),
     (
         RIGHT,
@@ -192,14 +192,14 @@ REFUSED = [
     (
         TRIALS,
         "a,0,1,1",
-        "--equal-code 1 --second-code 1",
-        "--equal-code, --second-code: found together",
+        "--different-code 0 --second-code 1",
+        "--different-code, --second-code: found together",
     ),
     (
         TRIALS,
         "a,0,1,1",
         "--second-code 1 --first-code 1",
-        "--first-code: found '1' as --second-code, allowed: two different texts",
+        "--first-code: found '1' as --second-code, allowed: different texts",
     ),
     (
         TRIALS,
@@ -223,7 +223,7 @@ REFUSED = [
         TRIALS,
         "a,0,1,second",
         "--task 3afc",
-        "--task: found '3afc', allowed: same/different, or 2afc (which is stronger)",
+        "--task: found '3afc', allowed: same/different, 2afc (which is stronger), or three answers",
     ),
 ]
 

@@ -14,7 +14,7 @@ from scipy.special import betaln
 
 import bayes_toe as bt
 from bayes_toe.data.conditions import StimulusScales
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, WHICH_STRONGER
 from bayes_toe.inference.fitted import find_maxima
 from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.model.densities import (
@@ -29,7 +29,7 @@ from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.parameters import ORDER_MODELS, ObserverPrior
 from bayes_toe.model.posterior_array import independent_array
 
-TASKS = (SAME_DIFFERENT, WHICH_STRONGER)
+TASKS = (SAME_DIFFERENT, WHICH_STRONGER, THREE_ANSWERS)
 PRIOR = ObserverPrior(noise_median=0.8, noise_sd=0.6, q0_a=3.0, q0_b=1.5, lapse_rate_b=7.0)
 #: Coordinates far out.
 FAR = (-700.0, -40.0, -6.0, 6.0, 40.0, 700.0)
@@ -42,7 +42,19 @@ def task(request):
 
 @pytest.fixture
 def subject(task):
-    return bt.example_study(task).subjects[0]
+    return example_subjects(task)[0]
+
+
+def example_subjects(task):
+    """The first three subjects of an example; of three answers, 'different' is split by chance."""
+    if task != THREE_ANSWERS:
+        return bt.example_study(task).subjects[:3]
+    subjects = []
+    for subject in bt.example_study(SAME_DIFFERENT).subjects[:3]:
+        p_second = np.where(subject.s2 > subject.s1, 0.8, 0.3)
+        n_second = default_rng(1).binomial(subject.n_trials - subject.n_yes, p_second)
+        subjects.append(replace(subject, task=task, n_second=n_second))
+    return subjects
 
 
 @pytest.fixture
@@ -134,12 +146,12 @@ def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
 
 
 def first_pairs(subject, n_pairs):
-    columns = ("s1", "s2", "n_yes", "n_trials")
+    columns = ("s1", "s2", *subject.task.counts)
     return replace(subject, **{name: getattr(subject, name)[:n_pairs] for name in columns})
 
 
 def test_rows_are_single_posteriors_and_pairs_without_trials_change_nothing(task):
-    first, second, third = bt.example_study(task).subjects[:3]
+    first, second, third = example_subjects(task)
     subjects = [first, first_pairs(second, second.n_pairs - 2), third]
     rows = ObserverRows.from_subjects(subjects, PRIOR)
     array = independent_array(rows, [rows.coordinates] * 3)
@@ -280,7 +292,8 @@ def test_quantities_are_those_of_the_definition_and_points_their_inverse(posteri
 def test_other_pairs_keep_the_scales(posterior):
     x = prior_draws(posterior, 30)
     part = posterior.for_subject(first_pairs(posterior.subject, 3))
-    assert part.log_answers(x).yes == pytest.approx(posterior.log_answers(x).yes[:, :3], rel=1e-13)
+    of_part, of_all = (one.log_answers(x).yes[:, :3] for one in (part, posterior))
+    assert of_part == pytest.approx(of_all, rel=1e-13)
 
 
 # --- Two samplers ---------------------------------------------------------------------------------

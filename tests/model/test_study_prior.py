@@ -6,7 +6,7 @@ from conftest import made_subject
 from numpy.random import default_rng
 
 import bayes_toe as bt
-from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS
+from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.parameters import SCALES
 from bayes_toe.model.prior import DEFAULT
 from bayes_toe.model.prior_file import preset_or_file, prior_for
@@ -38,7 +38,7 @@ def test_a_subject_without_different_stimuli_has_no_default_prior():
 
 
 @pytest.mark.parametrize("factor, shift", [(3.0, 2.0), (1.0, 6.0), (0.25, -3.0)])
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER])
 def test_the_unit_of_intensity_changes_nothing(task, factor, shift):
     plain = bt.model.paper_posterior(make_subject(task=task))
     moved = bt.model.paper_posterior(make_subject(factor=factor, shift=shift, task=task))
