@@ -9,19 +9,19 @@ An observer has the parameters of :mod:`bayes_toe.model.parameters`, in the unit
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr, ndtri
 
 from bayes_toe.arrays import FloatArray, StrPath
+from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.read_table import toml_table
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
-from bayes_toe.design.study_design import StudyDesign
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.design.study_design import StudyDesign, each_once
 from bayes_toe.errors import InputError
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR
@@ -106,7 +106,7 @@ class Observer:
         sbar: float,
         expected: FloatArray | float = 0.0,
     ) -> FloatArray:
-        """Probability of the answer that the task counts, for every pair.
+        """Probability of the answer that the task counts, for every trial.
 
         Parameters
         ----------
@@ -117,17 +117,17 @@ class Observer:
             By how much the first stimulus is expected above sbar, after the trial before.
         """
         s1, s2 = np.asarray(s1, np.float64), np.asarray(s2, np.float64)
-        value = self.parameters
-        middle = 0.5 * (s1 + s2) - sbar
-        shift = value["contraction"] * (s1 - sbar - expected) - value["constant_error"]
-        z = (s2 - s1 + shift) / (value["noise"] * np.exp(value["noise_slope"] * middle))
-        lapse_rate = value["lapse_rate"]
-        if self.task == WHICH_STRONGER:
-            return 0.5 * lapse_rate + (1.0 - lapse_rate) * ndtr(z)
-        k = ndtri(0.5 * (1.0 + value["q0"])) * np.exp(value["criterion_slope"] * middle)
-        blind = ndtr(k) - ndtr(-k)
-        attending = ndtr(k - z) - ndtr(-k - z)
-        return lapse_rate * blind + (1.0 - lapse_rate) * attending
+        trials = (s1 - sbar - expected, s2 - s1, 0.5 * (s1 + s2) - sbar)
+        first, difference, middle = (column.reshape(-1, 1, 1) for column in trials)
+
+        scales = StimulusScales(sbar, sbar, 1.0, 1.0, 0.0)
+        pair = each_once(np.zeros(1), np.zeros(1), task=self.task)
+        posterior = ObserverPosterior(pair.unanswered, OrderModel("both"), given_scales=scales)
+        rows = replace(posterior.rows, first=first, difference=difference, middle=middle)
+        parameters = {name: np.asarray(value) for name, value in self.parameters.items()}
+        points = posterior.points(parameters)
+        log_yes = rows.log_answers(points.reshape(-1, 1, points.shape[-1])).yes
+        return np.exp(log_yes).reshape(trials[0].shape)
 
     def p_design(self, design: StudyDesign) -> FloatArray:
         """The same for the pairs of a design, shape (pairs,)."""

@@ -51,6 +51,7 @@ from bayes_toe.model.paper_equations import (
     pull,
     require_natural,
 )
+from bayes_toe.model.trial_history import expectations
 from bayes_toe.seeds import generator, root_seed
 
 if TYPE_CHECKING:
@@ -98,9 +99,8 @@ class PaperObserver:
         """Probability of the answer that the task counts, in the order of trials."""
         natural = self.natural
         if share:
-            contraction = np.broadcast_to(pull(natural.gamma), s1.shape)
             middle = 0.5 * (s1.mean() + s2.mean())
-            expected = carried_expectation(s1 - middle, s2 - middle, contraction, share)
+            expected = expectations(s1 - middle, s2 - middle, pull(natural.gamma), share)
             natural = natural._replace(mu1=natural.mu1 + expected)
         return p_counted(self.task, s1, s2, natural)
 
@@ -361,34 +361,13 @@ def _observer_trials(
         p_yes = observer.p_trials(s1, s2, carry_over)
     else:
         sbar = float(s1.mean())
-        contraction = np.full(len(s1), observer.parameters["contraction"])
-        expected = carried_expectation(s1 - sbar, s2 - sbar, contraction, carry_over)
+        contraction = observer.parameters["contraction"]
+        expected = expectations(s1 - sbar, s2 - sbar, contraction, carry_over)
         p_yes = observer.p_yes(s1, s2, sbar, expected)
     batch = np.repeat(np.arange(1, n_batches + 1), len(in_batch))
     yes = rng.uniform(size=len(p_yes)) < p_yes
     is_missed = rng.uniform(size=len(p_yes)) < missed
     return SimulatedTrials(observer, batch, s1, s2, yes, is_missed)
-
-
-def carried_expectation(
-    first: FloatArray, second: FloatArray, contraction: FloatArray, share: float
-) -> FloatArray:
-    """The expectation of every first stimulus: a share of the belief after the trial before.
-
-    Parameters
-    ----------
-    first, second, contraction : ndarray, shape (trials,)
-        Stimuli from their mean, and the share by which the first one is drawn to what is expected.
-    share : float
-    """
-    expected = np.zeros(len(first))
-    if share == 0.0:
-        return expected
-    for t in range(len(first) - 1):
-        p = contraction[t]
-        memory = (1.0 - p) * first[t] + p * expected[t]
-        expected[t + 1] = share * ((1.0 - p) * second[t] + p * memory)
-    return expected
 
 
 # --- A study --------------------------------------------------------------------------------------

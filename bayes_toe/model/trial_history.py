@@ -168,16 +168,9 @@ class HistoryRows(ObserverRows):
 
     def expectation(self, values: NamedArrays) -> FloatArray:
         """E of every trial in D, (trials, points), for quantities of shape (1, points)."""
-        p, rho = values["contraction"][0], values["carry_over"][0]
-        # E' = rho (1 - p) (s2 + p s1) + rho p^2 E, stimuli from sbar.
-        of_stimuli = rho * (1.0 - p) * (self.second_of_trial + p * self.first_of_trial)
-        share_kept = rho * np.square(p)
-        expectations = np.zeros_like(of_stimuli)
-        for trial in range(1, len(expectations)):
-            if not self.trials.is_session_start[trial]:
-                expectation = of_stimuli[trial - 1] + share_kept * expectations[trial - 1]
-                expectations[trial] = expectation
-        return expectations
+        effects = values["contraction"][0], values["carry_over"][0]
+        starts = self.trials.is_session_start
+        return expectations(self.first_of_trial, self.second_of_trial, *effects, starts)
 
     def lever_at(self, values: NamedArrays) -> FloatArray:
         """The first stimulus from the centre of the contraction, in D: from sbar + E."""
@@ -265,6 +258,34 @@ class TrialHistoryPosterior:
     def trial_probabilities(self, points: FloatArray) -> FloatArray:
         """P of the answer that the task counts in every answered trial, (points, trials)."""
         return self.rows.trial_probabilities(points[None])
+
+
+def expectations(
+    first: FloatArray,
+    second: FloatArray,
+    p: FloatArray | float,
+    rho: FloatArray | float,
+    is_session_start: BoolArray | None = None,
+) -> FloatArray:
+    """E of every trial by the formula of the module, (trials, ...).
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (trials, ...)
+        Stimuli from sbar.
+    p, rho : ndarray or float
+        Contraction and carry-over, which broadcast with the stimuli.
+    is_session_start : ndarray of bool, shape (trials,), optional
+        By default only the first trial is the start of a session.
+    """
+    # E' = rho (1 - p) (s2 + p s1) + rho p^2 E
+    of_stimuli = rho * (1.0 - p) * (second + p * first)
+    share_kept = rho * np.square(p)
+    values = np.zeros_like(of_stimuli)
+    for trial in range(1, len(values)):
+        if is_session_start is None or not is_session_start[trial]:
+            values[trial] = of_stimuli[trial - 1] + share_kept * values[trial - 1]
+    return values
 
 
 # --- The order of the trials ----------------------------------------------------------------------

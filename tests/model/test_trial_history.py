@@ -1,16 +1,17 @@
-"""The trial before against other routes: a loop in many digits, a filter, the observer without."""
+"""The trial before against a loop over trials that knows the observer without it."""
 
 from dataclasses import replace
 
-import mpmath as mp
 import numpy as np
 import pytest
 from numpy.random import default_rng
 from scipy import stats
+from scipy.special import ndtr, ndtri
 
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.design.observers import Observer
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.trial_history import (
     TrialHistory,
@@ -51,35 +52,29 @@ def log_likelihood_at(posterior, points):
 
 
 def loop_log_likelihood(subject, value, kappa, rho):
-    """By the formulas of the module, trial by trial in 40 digits."""
+    """Trial by trial: E and the response before, by the formulas of the module."""
     answers, sbar = subject.answers, float(np.average(subject.s1, weights=subject.n_trials))
     begins = np.diff(answers.place, prepend=-2) > 1
-    total, expectation, response = mp.mpf(0), mp.mpf(0), 0
-    with mp.workdps(40):
-        c, p, sigma, b, lapse = (
-            mp.mpf(float(value[name]))
-            for name in ("constant_error", "contraction", "noise", "noise_slope", "lapse_rate")
-        )
-        for t, (first, second) in enumerate(answers.keys):
-            s1, s2 = mp.mpf(float(first)), mp.mpf(float(second))
-            if begins[t]:
-                expectation, response = mp.mpf(0), 0
-            middle = (s1 + s2) / 2 - sbar
-            z = (s2 - s1 - c + p * (s1 - sbar - expectation)) / (sigma * mp.exp(b * middle))
-            if subject.task == SAME_DIFFERENT:
-                k = mp.erfinv(mp.mpf(float(value["q0"]))) * mp.sqrt(2)
-                k *= mp.exp(float(value["criterion_slope"]) * middle + kappa * response)
-                equal = mp.ncdf(k - z) - mp.ncdf(-k - z)
-                yes = lapse * (2 * mp.ncdf(k) - 1) + (1 - lapse) * equal
-            else:
-                yes = lapse / 2 + (1 - lapse) * mp.ncdf(z + kappa * response)
-            is_answered, is_yes = answers.n_trials[t], answers.n_yes[t]
-            if is_answered:
-                total += mp.log(yes if is_yes else 1 - yes)
-            moved = (1 - p) * (s2 - sbar) + p * (1 - p) * (s1 - sbar) + p**2 * expectation
-            expectation = rho * moved
-            response = int(is_answered * (2 * is_yes - 1))
-    return float(total)
+    is_yes, p = 2 * answers.n_yes - answers.n_trials, value["contraction"]
+    expectation, response = np.zeros((2, len(answers.keys)))
+    for t in np.flatnonzero(~begins):
+        s1, s2 = answers.keys[t - 1] - sbar
+        moved = (1 - p) * s2 + p * (1 - p) * s1 + p**2 * expectation[t - 1]
+        expectation[t], response[t] = rho * moved, is_yes[t - 1]
+
+    def p_yes(**changed):
+        observer = Observer("A", "both", {**value, **changed}, subject.task)
+        return observer.p_yes(*answers.keys.T, sbar, expectation)
+
+    if subject.task == SAME_DIFFERENT:
+        criterion = ndtri(0.5 + 0.5 * value["q0"]) * np.exp(kappa * response)
+        yes = p_yes(q0=2.0 * ndtr(criterion) - 1.0)
+    else:
+        attending, lapse_rate = p_yes(lapse_rate=0.0), value["lapse_rate"]
+        moved = ndtr(ndtri(attending) + kappa * response)
+        yes = 0.5 * lapse_rate + (1.0 - lapse_rate) * moved
+    probability = np.where(is_yes > 0, yes, 1.0 - yes)
+    return float(np.log(probability[is_yes != 0]).sum())
 
 
 @TASKS
