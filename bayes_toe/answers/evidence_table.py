@@ -168,6 +168,7 @@ def subject_evidence(
     estimate = cast(Evidence, result.evidence)
     subject = result.subject
     notes, footnotes = list[str](), list[str]()
+    of_direction = direction_evidence(subject)
     if estimate.why_not:
         notes.append(f"H1: {estimate.why_not}")
     by_laplace = float(laplace(fitted.target.array, [fitted.maxima])[1][0])
@@ -179,10 +180,10 @@ def subject_evidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
         n_trials=subject.total_trials,
-        log_evidence_h1=estimate.value,
+        log_evidence_h1=None if estimate.value is None else estimate.value + of_direction,
         log_evidence_h1_se=estimate.se,
         log_evidence_h0=frequency_evidence(subject),
-        log_evidence_h1_laplace=None if np.isnan(by_laplace) else by_laplace,
+        log_evidence_h1_laplace=None if np.isnan(by_laplace) else by_laplace + of_direction,
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
         pareto_k=estimate.pareto_k,
         answer=answer,
@@ -195,10 +196,22 @@ def subject_evidence(
 def frequency_evidence(subject: Subject) -> float:
     """Exact log evidence of H0, nats: one free frequency per pair, with a uniform prior.
 
-    It is the sum of ln B(n_yes + 1, n_no + 1) over the pairs.
+    It is the sum of ln B(n_yes + 1, n_no + 1) over the pairs, and over the questions of the task.
     """
     n_no = subject.n_trials - subject.n_yes
-    return float(betaln(subject.n_yes + 1.0, n_no + 1.0).sum())
+    of_counted = float(betaln(subject.n_yes + 1.0, n_no + 1.0).sum())
+    return of_counted + direction_evidence(subject)
+
+
+def direction_evidence(subject: Subject) -> float:
+    """Exact log evidence of one free frequency of 'second' per pair, where it is not 'equal', nats.
+
+    H1 says nothing of it. H0 and H1 have this frequency, so that they predict all three answers. It
+    is 0 of two answers.
+    """
+    if subject.n_second is None:
+        return 0.0
+    return float(betaln(subject.n_second + 1.0, subject.n_first + 1.0).sum())
 
 
 def frequency_evidence_laplace(subject: Subject) -> float:
@@ -210,4 +223,5 @@ def frequency_evidence_laplace(subject: Subject) -> float:
     k, n = subject.n_yes.astype(np.float64), subject.n_trials.astype(np.float64)
     log_q, log_rest = np.log(k + 1.0) - np.log(n + 2.0), np.log(n - k + 1.0) - np.log(n + 2.0)
     log_sigma = 0.5 * (log_q + log_rest - np.log(n + 3.0))
-    return float((k * log_q + (n - k) * log_rest + log_sigma + 0.5 * LOG_2PI).sum())
+    of_counted = float((k * log_q + (n - k) * log_rest + log_sigma + 0.5 * LOG_2PI).sum())
+    return of_counted + direction_evidence(subject)

@@ -66,8 +66,15 @@ SavedDraws = Annotated[
 TrueValues = Annotated[
     File, rare("--truth", "truth.csv", "True values to mark, as simulate writes them.")
 ]
+_OTHER_TASKS = "same/different or 'three answers'"
 Question = Annotated[
-    str, option("--task", "TASK", "Task: 2afc (default), same/different or three answers.", show_default=False)
+    str,
+    option(
+        "--task",
+        "TASK",
+        f"Task: 2afc (default), {_OTHER_TASKS}.",
+        show_default=False,
+    ),
 ]
 ModelName = Annotated[
     str, option("--model", "MODEL", "Model: none, constant-error, contraction, both or paper.")
@@ -157,7 +164,7 @@ class StudyFile:
     correct: Annotated[Text, layout("--correct", "COLUMN", "Column with correct or wrong.")] = None
     missed: Annotated[Texts, layout("--missed", "CODE", "The code of missed trials.")] = None
     ignore: Annotated[Texts, layout("--ignore", "COLUMN", "Column to ignore; repeatable.")] = None
-    question: Annotated[Text, layout("--task", "TASK", "Task: same/different, 2afc or three answers.")] = None
+    question: Annotated[Text, layout("--task", "TASK", f"Task: 2afc, {_OTHER_TASKS}.")] = None
     where: Annotated[Texts, layout("--where", "COLUMN=TEXT", "Rows to read; repeatable.")] = None
     subject_from: Annotated[
         Text, layout("--subject-from", "NAME", "Subject in the name: 'sub-{}_*'.")

@@ -62,9 +62,8 @@ class Task:
     @property
     def counts(self) -> tuple[str, ...]:
         """The names of the counts of a subject."""
-        if len(self.questions) == 1:
-            return "n_yes", "n_trials"
-        return "n_yes", "n_trials", "n_second"
+        two_answers = ("n_yes", "n_trials")
+        return (*two_answers, "n_second") if self.has_three_answers else two_answers
 
     @property
     def has_criterion(self) -> bool:
@@ -75,6 +74,11 @@ class Task:
     def has_direction(self) -> bool:
         """Whether participants can answer 'first' and 'second'."""
         return "second" in self.answers
+
+    @property
+    def has_three_answers(self) -> bool:
+        """Whether participants can answer 'first', 'equal' and 'second'."""
+        return len(self.answers) == 3
 
     def right(self, difference: FloatArray) -> FloatArray:
         """1 where the counted answer is right, -1 where the other one is, 0 where neither is.

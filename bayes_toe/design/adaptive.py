@@ -19,7 +19,7 @@ from bayes_toe.answers.order_effect import OrderEffect, answer_subject
 from bayes_toe.arrays import ArrayPair, FloatArray, Rng, StrPath
 from bayes_toe.data.messages import format_path
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
+from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, Task, task_of
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.design.power import observer_prior
 from bayes_toe.design.study_design import StudyDesign, each_once
@@ -155,6 +155,8 @@ class Adaptive:
         if draws < _FEWEST_JUDGES:
             raise InputError(f"draws={draws}: allowed is at least {_FEWEST_JUDGES}")
         asked_task = task_of(task)
+        if asked_task == THREE_ANSWERS:
+            raise InputError(f"task={asked_task.name!r}: allowed are tasks with two answers")
         if not isinstance(pairs, StudyDesign):
             pairs = _make_design(pairs, asked_task)
         self.pairs = pairs

@@ -108,6 +108,19 @@ class Observer:
     ) -> FloatArray:
         """Probability of the answer that the task counts, for every trial.
 
+        The arguments are those of :meth:`p_questions`.
+        """
+        return self.p_questions(s1, s2, sbar, expected)[0]
+
+    def p_questions(
+        self,
+        s1: npt.ArrayLike,
+        s2: npt.ArrayLike,
+        sbar: float,
+        expected: FloatArray | float = 0.0,
+    ) -> FloatArray:
+        """Probability of the answer that each question of the task counts, (questions, ...).
+
         Parameters
         ----------
         s1, s2 : array_like
@@ -127,7 +140,7 @@ class Observer:
         parameters = {name: np.asarray(value) for name, value in self.parameters.items()}
         points = posterior.points(parameters)
         log_yes = rows.log_answers(points.reshape(-1, 1, points.shape[-1])).yes
-        return np.exp(log_yes).reshape(trials[0].shape)
+        return np.exp(log_yes[:, 0].T).reshape(-1, *trials[0].shape)
 
     def p_design(self, design: StudyDesign) -> FloatArray:
         """The same for the pairs of a design, shape (pairs,)."""
@@ -137,7 +150,12 @@ class Observer:
     def answers(self, design: StudyDesign, seed: int) -> Subject:
         """Simulated counts; the random stream is keyed by the name and the number of trials."""
         rng = generator(seed, self.name, "answers", design.total)
-        return design.answered(rng.binomial(design.n_trials, self.p_design(design)), self.name)
+        sbar = float(np.average(design.s1, weights=design.n_trials))
+        p_yes, *p_second = self.p_questions(design.s1, design.s2, sbar)
+        n_yes, n_second = rng.binomial(design.n_trials, p_yes), None
+        for p in p_second:  # of three answers, the question after 'not equal'
+            n_second = rng.binomial(design.n_trials - n_yes, p)
+        return design.answered(n_yes, self.name, n_second)
 
 
 def parameter_names(task: Task) -> list[str]:

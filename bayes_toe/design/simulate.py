@@ -23,7 +23,7 @@ from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import Study, Subject, with_shared_scales
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
+from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, Task, task_of
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, read_numbers
 from bayes_toe.design.observers import (
     KINDS,
@@ -88,6 +88,13 @@ class PaperObserver:
     name: str
     natural: Natural
     task: Task = SAME_DIFFERENT
+
+    def __post_init__(self) -> None:
+        if self.task == THREE_ANSWERS:
+            raise InputError(
+                f"--observers: found those of the paper's model with the task {self.task.name!r}, "
+                "of which it predicts only 'equal'; allowed: observers such as 'both'"
+            )
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -279,6 +286,8 @@ class SimulatedTrials:
     is_missed : ndarray of bool, shape (trials,)
         Where nobody answered in time.
     condition : str
+    second : ndarray of bool, shape (trials,), optional
+        Of three answers: whether the answer is 'second' where it is not 'equal'.
     """
 
     observer: SimulatedObserver
@@ -288,11 +297,21 @@ class SimulatedTrials:
     yes: BoolArray
     is_missed: BoolArray
     condition: str = ""
+    second: BoolArray | None = None
 
     @property
     def subject(self) -> str:
         """Name of the subject, or of the subject in a condition."""
         return self.observer.name
+
+    @property
+    def responses(self) -> npt.NDArray[np.str_]:
+        """The responses in words, empty where nobody answered, shape (trials,)."""
+        words = np.array(self.observer.task.answers)
+        position = np.where(self.yes, 0, 1)
+        if self.second is not None:
+            position = np.where(self.yes | self.second, position, 2)
+        return np.where(self.is_missed, "", words[position])
 
     @property
     def answered(self) -> Subject:
@@ -301,6 +320,9 @@ class SimulatedTrials:
         n_trials = np.where(self.is_missed, 0, 1)
         row = np.arange(len(self.yes))
         answers = Answers(np.column_stack([self.s1, self.s2]), n_yes, n_trials, None, (), True, row)
+        if self.second is not None:
+            n_second = np.where(self.second & ~self.yes & ~self.is_missed, 1, 0)
+            answers = replace(answers, n_second=n_second)
         subject = Subject.from_answers(self.subject, answers, self.observer.task)
         return replace(subject, condition=self.condition)
 
@@ -358,16 +380,19 @@ def _observer_trials(
     s1, s2 = design.s1[pair], design.s2[pair]
 
     if isinstance(observer, PaperObserver):
-        p_yes = observer.p_trials(s1, s2, carry_over)
+        p_yes, p_second = observer.p_trials(s1, s2, carry_over), []
     else:
         sbar = float(s1.mean())
         contraction = observer.parameters["contraction"]
         expected = expectations(s1 - sbar, s2 - sbar, contraction, carry_over)
-        p_yes = observer.p_yes(s1, s2, sbar, expected)
+        p_yes, *p_second = observer.p_questions(s1, s2, sbar, expected)
     batch = np.repeat(np.arange(1, n_batches + 1), len(in_batch))
     yes = rng.uniform(size=len(p_yes)) < p_yes
     is_missed = rng.uniform(size=len(p_yes)) < missed
-    return SimulatedTrials(observer, batch, s1, s2, yes, is_missed)
+    second = None
+    for p in p_second:
+        second = rng.uniform(size=len(p)) < p
+    return SimulatedTrials(observer, batch, s1, s2, yes, is_missed, second=second)
 
 
 # --- A study --------------------------------------------------------------------------------------
@@ -616,9 +641,7 @@ def trial_frame(
             columns["condition"] = answered.condition
         columns |= {"batch": answered.batch, "trial": 0}
         columns |= stimulus_columns(answered.s1, answered.s2, unit)
-        task = answered.observer.task
-        response = np.where(answered.yes, task.yes, task.no)
-        columns |= {"response": np.where(answered.is_missed, "", response), "synthetic": 1}
+        columns |= {"response": answered.responses, "synthetic": 1}
         parts.append(pd.DataFrame(columns))
     frame = pd.concat(parts, ignore_index=True)
     if trials[0].condition:

@@ -40,6 +40,13 @@ class Predictor:
 
         Intensities are natural logs.
         """
+        return self.answers(s1, s2)[self.target.subject.task.yes]
+
+    def answers(self, s1: FloatArray, s2: FloatArray) -> dict[str, FloatArray]:
+        """P of each answer that the model predicts, for any pairs, (draws, pairs) each.
+
+        The paper's model predicts 'equal', of three answers.
+        """
         keys = np.column_stack(np.broadcast_arrays(s1, s2))
         # A subject has its pairs once, in this order.
         pairs, index = np.unique(keys, axis=0, return_inverse=True)
@@ -47,8 +54,14 @@ class Predictor:
         counts = (pairs[:, 0], pairs[:, 1], n_trials, n_trials)
         own = self.target.subject
         subject = Subject(own.name, *counts, task=own.task)
-        log_yes, _ = self.target.for_subject(subject).log_answers(self.x)
-        return np.exp(log_yes)[:, index.ravel()]
+        logs = self.target.for_subject(subject).log_answers(self.x)
+        yes, no = (np.exp(log).reshape(len(self.x), -1, len(pairs)) for log in logs)
+        yes, no = yes[..., index.ravel()], no[..., index.ravel()]
+        counted, *others = own.task.answers
+        if yes.shape[1] == 1:  # one question
+            return dict(zip(own.task.answers, (yes[:, 0], no[:, 0]), strict=False))
+        unequal = zip(others, (yes[:, 1], no[:, 1]), strict=True)
+        return {counted: yes[:, 0]} | {answer: no[:, 0] * share for answer, share in unequal}
 
 
 def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) -> pd.DataFrame:

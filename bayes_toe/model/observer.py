@@ -30,7 +30,7 @@ from scipy.special import erf, log_ndtr, ndtr, xlogy
 from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import THREE_ANSWERS, Task
+from bayes_toe.data.tasks import Task
 from bayes_toe.model.answer_curves import (
     AnswerRows,
     LogAnswers,
@@ -95,7 +95,7 @@ class ObserverRows(AnswerRows):
         sbars, steps = [scale.sbar for scale in scales], [scale.step for scale in scales]
         pairs = pair_arrays(subjects, sbars, steps)
         task = subjects[0].task
-        if task == THREE_ANSWERS:
+        if task.has_three_answers:
             n_second, n_first = direction_counts(subjects, pairs["first"].shape[-1])
             pairs["n_yes"] = np.concatenate([pairs["n_yes"], n_second], axis=-1)
             pairs["n_no"] = np.concatenate([pairs["n_no"], n_first], axis=-1)
@@ -174,7 +174,7 @@ class ObserverRows(AnswerRows):
         values = self.quantities(u)
         z, k = self.distance_at(values), self.criterion_at(values)
         answers = self._answers_at(values, z, k)
-        if k is None or not self.task.has_direction:
+        if k is None or not self.task.has_three_answers:
             return answers
         return _joined(answers, direction_answers(z, k, self._lapse_logs(values)))
 
@@ -206,7 +206,7 @@ class ObserverRows(AnswerRows):
         """
         values = self.quantities(u)
         z, k = self.distance_at(values), self.criterion_at(values)
-        if k is None or not self.task.has_direction:
+        if k is None or not self.task.has_three_answers:
             yes, no = self.plain_answers_at(values, z, k)
             return (xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1)
         return self._trinomial(self._plain_three(values, z, k))
@@ -258,7 +258,7 @@ class ObserverRows(AnswerRows):
         """
         values = self.quantities(u)
         z, k = self.distance_at(values), self.criterion_at(values)
-        if k is not None and self.task.has_direction:
+        if k is not None and self.task.has_three_answers:
             return self._plain_gradient_of_three(values, z, k)
         yes, no = self.plain_answers_at(values, z, k)
         value = (xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1)
@@ -350,7 +350,7 @@ class ObserverRows(AnswerRows):
             terms = self._slope_terms(values, z, edge * rise_in_z, in_log_k, in_lapse)
             slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2) * units)
         yes_slopes, no_slopes = slopes
-        if k is None or not self.task.has_direction:
+        if k is None or not self.task.has_three_answers:
             return answers, yes_slopes, no_slopes
         of_direction = direction_answers(z, k, (log_lapse, log_attend))
         terms = self._slope_terms(values, z, *self._odds_slopes(values, z, k, log_rise))
@@ -379,7 +379,7 @@ class ObserverRows(AnswerRows):
     def expected_trials(self, answers: LogAnswers) -> FloatArray:
         """How often each question is asked: the second one after an answer 'unequal'."""
         n_trials = self.n_yes + self.n_no
-        if self.task != THREE_ANSWERS:
+        if not self.task.has_three_answers:
             return n_trials
         n_pairs = self.first.shape[-1]
         n_shown = n_trials[..., :n_pairs]

@@ -5,13 +5,15 @@
 In 'same or different' a panel has the pairs with one weaker stimulus, over the stronger one, with a
 curve for each order. In 'which is stronger' it has the pairs with one first stimulus, over s2 - s1;
 the curve crosses one half at the point of subjective equality (PSE). Such panels also show 'same or
-different' with more than six weaker stimuli. `responses_panel` pools the pairs of a subject in one
+different' with more than six weaker stimuli. With three answers, each has a curve over s2 - s1.
+`responses_panel` pools the pairs of a subject in one
 panel. Bands are central 95 % intervals of the posterior.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,7 +27,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.model.models import model_title
+from bayes_toe.model.models import ObserverPosterior, model_title
 from bayes_toe.plots.style import (
     EQUAL,
     LETTERS,
@@ -58,6 +60,12 @@ CURVE_DRAWS = 600
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
 _INK = "#333333"
 POINTS = 60  # along a curve
+#: The style of each of three answers: that of the order in which it is right.
+_ANSWER_MARKS = {
+    "first": ORDERS[1]._replace(label="'first'"),
+    "equal": ORDERS[0]._replace(label="'equal'"),
+    "second": ORDERS[-1]._replace(label="'second'"),
+}
 #: How far marks stand beside their stimulus, so that none hides another, as a share of the stimuli.
 _SHIFT = 0.008
 
@@ -103,7 +111,11 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     """The responses and curves of the subject whose posterior draws these are."""
     counts = fitted.target.subject
     weaker = np.unique(_weaker(counts))
-    is_by_weaker = counts.task != WHICH_STRONGER and 0 < len(weaker) <= MOST_PANELS
+    has_three_curves = (
+        isinstance(fitted.target, ObserverPosterior) and counts.task.has_three_answers
+    )
+    is_by_first = counts.task == WHICH_STRONGER or has_three_curves
+    is_by_weaker = not is_by_first and 0 < len(weaker) <= MOST_PANELS
     firsts = np.unique(counts.s1)
     stimulus, groups = "first", np.array_split(firsts, min(len(firsts), MOST_PANELS))
     if is_by_weaker:
@@ -114,7 +126,9 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
     panels = grid_panels(below_title, len(groups), n_columns, sharey=True)
     for ax, group in zip(panels, groups, strict=True):
-        if is_by_weaker:
+        if has_three_curves:
+            three_panel(ax, counts, fitted, group)
+        elif is_by_weaker:
             order_panel(ax, counts, fitted.yes, float(group[0]))
         else:
             first_panel(ax, counts, fitted.yes, group)
@@ -148,12 +162,16 @@ def _describe_group(counts: Subject, group: FloatArray, stimulus: str) -> str:
 # --- panels ---------------------------------------------------------------------------------------
 
 
-def responses_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
+def responses_panel(ax: Axes, counts: Subject, fitted: Predictor) -> None:
     """Draw the responses and curves of a subject by order.
 
-    In 'which is stronger' all pairs are pooled. In 'same or different' these are the pairs with
-    the weaker stimulus that most pairs share.
+    In 'which is stronger' and with three answers all pairs are pooled. In 'same or different' these
+    are the pairs with the weaker stimulus that most pairs share.
     """
+    curve = fitted.yes
+    if counts.task.has_three_answers:
+        three_panel(ax, counts, fitted, counts.s1)
+        return
     if counts.task == WHICH_STRONGER:
         correct_panel(ax, counts, curve)
         return
@@ -211,6 +229,28 @@ def first_panel(ax: Axes, counts: Subject, curve: Curve, firsts: FloatArray) -> 
     zero_line(ax)
     difference_scale(counts.unit, ax.get_xlim()).draw(ax)
     ax.set_ylabel(f"proportion '{counts.task.yes}'")
+
+
+def three_panel(ax: Axes, counts: Subject, fitted: Predictor, firsts: FloatArray) -> None:
+    """P of each of three answers over s2 - s1, of all pairs with one of these first stimuli (ln).
+
+    Pairs whose difference is the same are pooled.
+    """
+    rows = np.isin(counts.s1, firsts)
+    steps, index = np.unique(counts.steps[rows], return_inverse=True)
+    n_trials = np.bincount(index, counts.n_trials[rows])
+    share_of_pair = (index[:, None] == np.arange(len(steps))) * counts.n_trials[rows, None]
+    expected = fitted.answers(counts.s1[rows], counts.s2[rows])
+    answered = {"first": counts.n_first, "equal": counts.n_yes, "second": counts.n_second}
+    for position, (answer, n_answers) in enumerate(answered.items(), start=-1):
+        mark = _ANSWER_MARKS[answer]
+        draw_band(ax, steps, expected[answer] @ share_of_pair / n_trials, mark.colour)
+        shift = position * _SHIFT * np.ptp(steps)
+        n_given = np.bincount(index, cast(IntArray, n_answers)[rows])
+        draw_shares(ax, steps + shift, n_given, n_trials, mark)
+    zero_line(ax)
+    difference_scale(counts.unit, ax.get_xlim()).draw(ax)
+    ax.set_ylabel("proportion")
 
 
 def correct_panel(ax: Axes, counts: Subject, curve: Curve) -> None:

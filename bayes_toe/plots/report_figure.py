@@ -53,7 +53,7 @@ def responses_figure(analysis: Analysis, height: float) -> Figure:
     figure = new_figure(_RESPONSES_WIDE, height)
     panels = grid_panels(figure, len(names), n_columns, sharey=True)
     for ax, name in zip(panels, names, strict=True):
-        responses_panel(ax, analysis.study[name], analysis.curve(name).yes)
+        responses_panel(ax, analysis.study[name], analysis.curve(name))
         ax.set_title(plain(name, 24), loc="left", fontsize=LETTERS)
     finish_panels(panels, n_columns)
     legend_below(figure, side="upper")

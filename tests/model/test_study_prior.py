@@ -6,7 +6,7 @@ from conftest import made_subject
 from numpy.random import default_rng
 
 import bayes_toe as bt
-from bayes_toe.data.tasks import SAME_DIFFERENT
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.parameters import SCALES
 from bayes_toe.model.prior import DEFAULT
 from bayes_toe.model.prior_file import preset_or_file, prior_for

@@ -11,7 +11,7 @@ from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.plots.curves import MOST_PANELS, POINTS, main_weaker, responses_panel
+from bayes_toe.plots.curves import MOST_PANELS, POINTS, correct_panel, main_weaker
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
 
 
@@ -64,7 +64,7 @@ def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
     rows = "0 0.2 30 40, 0 0.4 38 40, 0.2 0 16 40, 0.4 0 3 40"
     subject = made_subject(rows, task=WHICH_STRONGER)
     ax = new_figure(4.0, 3.0).subplots()
-    responses_panel(ax, subject, lambda s1, s2: np.tile(0.5 + s2 - 0.9 * s1, (9, 1)))
+    correct_panel(ax, subject, lambda s1, s2: np.tile(0.5 + s2 - 0.9 * s1, (9, 1)))
     assert ax.get_ylabel() == "proportion correct"
     weaker_first, stronger_first, *_ = marks_of(ax, "None")
     x, share = weaker_first.get_data()
