@@ -203,5 +203,5 @@ def counted_rows(
         raise InputError(f"subject {name!r}: every n_yes must lie in 0..n_trials")
     if n_second is not None and np.any((counts["n_second"] < 0) | (counts["n_second"] > n - k)):
         raise InputError(f"subject {name!r}: every n_second must lie in 0..n_trials - n_yes")
-    whole: dict[str, Any] = {key: values.astype(np.int64) for key, values in counts.items()}
-    return Answers(np.column_stack(columns), **whole)
+    integers: dict[str, Any] = {key: values.astype(np.int64) for key, values in counts.items()}
+    return Answers(np.column_stack(columns), **integers)

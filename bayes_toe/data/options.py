@@ -218,16 +218,15 @@ class ReadOptions:
         Both codes may be one text, and two options may tell the task.
         """
         problems = []
-        answer_of_code = dict[str, str]()
-        for answer in self.answers_with_code:
-            code = getattr(self, f"{answer}_code")
-            other = answer_of_code.setdefault(code, answer)
+        answers_with_code = {code: answer for answer, code in self._code_by_answer.items()}
+        for answer, code in self._code_by_answer.items():
+            other = answers_with_code[code]
             if other != answer:
                 problems.append(
-                    f"--{answer}-code: found {quoted(code)} as --{other}-code, allowed: different "
+                    f"--{other}-code: found {quoted(code)} as --{answer}-code, allowed: different "
                     "texts"
                 )
-        options = [f"--{answer}-code" for answer in self.answers_with_code]
+        options = [f"--{answer}-code" for answer in self._code_by_answer]
         if self.correct is not None:
             options.append("--correct")
         has_task = self.task is not None or not options
@@ -255,18 +254,24 @@ class ReadOptions:
             yield f"--subject-from: found {quoted(self.subject_from)}, allowed: {rule}"
 
     @property
-    def answers_with_code(self) -> list[str]:
-        """The answers that have a code."""
-        return [answer for answer in _ANSWERS if getattr(self, f"{answer}_code") is not None]
+    def _code_by_answer(self) -> dict[str, str]:
+        """The codes that are there."""
+        codes = {answer: getattr(self, f"{answer}_code") for answer in _ANSWERS}
+        return {answer: code for answer, code in codes.items() if code is not None}
+
+    @property
+    def all_codes(self) -> list[str]:
+        """The codes of responses."""
+        return [*self._code_by_answer.values()]
 
     @property
     def task(self) -> Task | None:
         """The task that the options tell, if they do."""
-        return WHICH_STRONGER if self.correct is not None else task_with(self.answers_with_code)
+        return WHICH_STRONGER if self.correct is not None else task_with(self._code_by_answer)
 
     def codes(self, task: Task) -> tuple[str | None, ...]:
         """The text that was given for each answer of a task."""
-        return tuple(getattr(self, f"{answer}_code") for answer in task.answers)
+        return tuple(map(self._code_by_answer.get, task.answers))
 
     def name(self, ours: str) -> str:
         """The file's name for a column of ours."""

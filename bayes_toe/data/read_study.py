@@ -9,7 +9,7 @@ what cannot be used is refused with all problems of the file at once.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
@@ -493,6 +493,8 @@ def _study(rows: _Rows, notes: list[str], counts: dict[str, IntArray], task: Tas
             of_subject = {key: values[part] for key, values in columns.items()}
             subjects.append(Subject.from_counts(name, **of_subject, task=task, unit=unit))
     doubts += rows.rounding
+    if task == THREE_ANSWERS:
+        doubts += _rare_answer_doubts(counts)
     if not is_trials:
         notes += _merged_note(parts, subjects)
         doubts += _percentage_doubts(n)
@@ -510,6 +512,18 @@ def _study(rows: _Rows, notes: list[str], counts: dict[str, IntArray], task: Tas
         tuple(rows.codes),
     )
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
+
+
+def _rare_answer_doubts(counts: Mapping[str, IntArray], rare: float = 0.01) -> Iterator[str]:
+    """A doubt about one of three answers that is rare, as stray words in a study of two answers."""
+    n_equal, n_trials, n_second = (int(counts[name].sum()) for name in THREE_ANSWERS.counts)
+    numbers = {"equal": n_equal, "second": n_second, "first": n_trials - n_equal - n_second}
+    for answer, n_answers in numbers.items():
+        if n_answers < rare * n_trials:
+            yield (
+                f"only {n_answers} of {n_trials} responses are {answer!r}. If participants had two "
+                "answers, correct or remove these rows"
+            )
 
 
 def _pooled_conditions(rows: _Rows, k: IntArray, n: IntArray) -> list[str]:
@@ -593,8 +607,8 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
     counts = {"n_yes": answers.is_yes, "n_trials": answers.is_answered}
     if answers.task == THREE_ANSWERS:
         counts["n_second"] = answers.is_second
-    whole = {name: values.astype(np.int64) for name, values in counts.items()}
-    return _study(rows, notes, whole, answers.task)
+    integers = {name: values.astype(np.int64) for name, values in counts.items()}
+    return _study(rows, notes, integers, answers.task)
 
 
 def _dropped_note(

@@ -26,7 +26,7 @@ from bayes_toe.data.column_roles import (
 )
 from bayes_toe.data.messages import display_name, join_names, join_words, plural, quoted
 from bayes_toe.data.options import ReadOptions
-from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, THREE_ANSWERS, Task, task_named, task_with
+from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, Task, task_named, task_with
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import MISSING_WORDS, number
 from bayes_toe.errors import InputError, Remedy, with_remedies
@@ -90,10 +90,7 @@ def responses(
     answer = column.map(lambda text: _answer(text, codes, words), np.int64)
     problem, remedies = "", list[Remedy]()
     if options.task is None and options.comparison_code is None:
-        trends = {"equal_code": -abs(difference), "second_code": difference}
-        if options.has_standard:
-            trends["comparison_code"] = np.where(order.is_first, difference, -difference)
-        problem, remedies = _unknown_meaning(column, trends)
+        problem, remedies = _unknown_meaning(column, _trends(difference, options, order))
     if not problem:
         problem, remedies = _unknown_texts(column, answer, codes, names)
     if problem:
@@ -117,6 +114,16 @@ def responses(
     if task == THREE_ANSWERS:
         is_second = answer == task.answers.index("second")
     return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
+
+
+def _trends(
+    difference: FloatArray, options: ReadOptions, order: StandardOrder
+) -> Mapping[str, FloatArray]:
+    """What makes an answer likelier, by the option that names its code."""
+    trends = {"equal_code": -abs(difference), "second_code": difference}
+    if options.has_standard:
+        trends["comparison_code"] = np.where(order.is_first, difference, -difference)
+    return trends
 
 
 def _allowed_texts(
@@ -181,8 +188,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> list[str]:
 
     -1 is one, as jsPsych has it, beside two texts that are words or given codes.
     """
-    given = [code for task in TASKS for code in options.codes(task)]
-    codes = {_plain(code or "") for code in (*given, options.comparison_code)} - {""}
+    codes = {_plain(code or "") for code in (*options.all_codes, options.comparison_code)} - {""}
     declared = {_plain(code) for code in options.missed}
     missed, answers = [], set[str]()
     for text in column.texts:
@@ -259,17 +265,17 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     return not (is_chance and (is_as_large & ~is_chosen).any())
 
 
-def _all_codes(column: Column, given: tuple[str | None, ...]) -> tuple[str | None, ...]:
-    """The codes of all responses; if one is not given, it is the only other code of a column."""
-    known = {_plain(code) for code in given if code is not None}
+def _all_codes(column: Column, codes: tuple[str | None, ...]) -> tuple[str | None, ...]:
+    """The codes of all responses; if one is missing, it is the only other code of a column."""
+    chosen = {_plain(code) for code in codes if code is not None}
     texts = {*map(_plain, column.texts)} - {""}
-    other = "".join(texts - known)
-    has_words = known.isdisjoint(texts) and bool(_words_by_answer(column))
-    if given.count(None) != 1 or len(texts - known) != 1 or has_words:
-        return given
-    if other.lower() in map(str.lower, known):
-        return given
-    return tuple(other if code is None else code for code in given)
+    other = "".join(texts - chosen)
+    has_words = chosen.isdisjoint(texts) and bool(_words_by_answer(column))
+    if codes.count(None) != 1 or len(texts - chosen) != 1 or has_words:
+        return codes
+    if other.lower() in map(str.lower, chosen):
+        return codes
+    return tuple(other if code is None else code for code in codes)
 
 
 def _unknown_meaning(column: Column, trends: Mapping[str, FloatArray]) -> tuple[str, list[Remedy]]:

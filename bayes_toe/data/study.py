@@ -279,11 +279,11 @@ class Subject:
             return None
         pairs, counts = (self.s1, self.s2), (self.n_second, n_unequal)
         if self.answers is None:
-            asked = Subject.from_counts(self.name, *pairs, *counts, task=WHICH_STRONGER)
+            subject = Subject.from_counts(self.name, *pairs, *counts, task=WHICH_STRONGER)
         else:
-            asked = Subject.from_answers(self.name, self.answers.of_direction, WHICH_STRONGER)
+            subject = Subject.from_answers(self.name, self.answers.of_direction, WHICH_STRONGER)
         return replace(
-            asked, unit=self.unit, condition=self.condition, shared_scales=self.shared_scales
+            subject, unit=self.unit, condition=self.condition, shared_scales=self.shared_scales
         )
 
     @property

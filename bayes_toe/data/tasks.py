@@ -167,9 +167,8 @@ def task_of(given: Task | str, option: str = "--task") -> Task:
 
 def task_counted(columns: Container[Any]) -> Task | None:
     """The task whose answers these columns count; None where none does."""
-    return task_with(
-        answer for task in TASKS for answer in task.answers if f"n_{answer}" in columns
-    )
+    answers = (*SAME_DIFFERENT.answers, *WHICH_STRONGER.answers)
+    return task_with(answer for answer in answers if f"n_{answer}" in columns)
 
 
 def task_with(answers: Iterable[str]) -> Task | None:

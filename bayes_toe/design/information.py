@@ -41,8 +41,8 @@ class Information:
 
     Attributes
     ----------
-    rows : ndarray, shape (observers, pairs, k)
-        The information of a trial is the outer product of its row with itself.
+    rows : ndarray, shape (observers, pairs, questions, k)
+        The information of a trial is the sum of the outer products of its rows with themselves.
     prior : ndarray, shape (observers, k, k)
         Curvature of the prior.
     is_target : ndarray of bool, shape (k,)
@@ -59,8 +59,9 @@ class Information:
         The shape is (observers, k, k).
         """
         index = np.flatnonzero(n_trials)
-        rows = self.rows[:, index]
-        weighted = rows * n_trials[index][:, None]
+        n_observers, _, n_questions, k = self.rows.shape
+        rows = self.rows[:, index].reshape(n_observers, -1, k)
+        weighted = rows * np.repeat(n_trials[index], n_questions)[:, None]
         return self.prior + np.swapaxes(rows, 1, 2) @ weighted
 
     def utility(self, total: FloatArray) -> float:
@@ -83,9 +84,10 @@ class Information:
 
 
 def _growth(total: FloatArray, rows: FloatArray, n_more: float) -> FloatArray:
-    """Factor by which the determinant grows with n more trials of each row: (observers, pairs)."""
-    spread = rows @ np.linalg.inv(total)
-    return 1.0 + n_more * (spread * rows).sum(axis=-1)
+    """Factor by which the determinant grows with n more trials of a pair: (observers, pairs)."""
+    spread = rows @ np.linalg.inv(total)[:, None]
+    products = (spread[:, :, :, None] * rows[:, :, None]).sum(axis=-1)
+    return np.linalg.det(np.eye(rows.shape[2]) + n_more * products)
 
 
 def information(
@@ -101,6 +103,7 @@ def information(
     the constant error.
     """
     posterior = OrderModel("both").posterior(pairs.unanswered, prior)
+    n_questions = len(pairs.task.questions)
     quantities = []
     for observer in observers:
         # At a lapse rate of 0 its information is not defined.
@@ -111,8 +114,11 @@ def information(
         arrays[name] = np.array([values[name] for values in quantities])
     points = posterior.full_points(posterior.points(arrays))
     answers, yes_slopes, _ = posterior.rows.answer_slopes(points)
-    odds_root = np.exp(0.5 * (answers.yes - answers.no))[0]
+    # A trial asks the second question as often as the answer to the first one is not 'equal'.
+    of_trial = posterior.rows.expected_trials(answers)[0] / np.tile(pairs.n_trials, n_questions)
+    odds_root = np.exp(0.5 * (answers.yes - answers.no))[0] * np.sqrt(of_trial)
     rows = np.swapaxes(yes_slopes[0], 1, 2) * odds_root[..., None]
+    rows = np.stack(np.split(rows, n_questions, axis=1), axis=2)
     curvature = posterior.array.prior_slopes(points)[1][0]
     k = curvature.shape[1]
     is_target = np.array([name in AIMS[aim] for name in posterior.coordinates])

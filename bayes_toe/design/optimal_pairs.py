@@ -17,7 +17,7 @@ from bayes_toe.data.messages import join_words
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.stimulus_unit import LOG_UNITS, UNKNOWN_UNIT, StimulusUnit
-from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, Task, task_of
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import number, read_numbers
 from bayes_toe.design.information import AIMS, exchange_trials, information
 from bayes_toe.design.observers import Observer, assume_observers
@@ -73,8 +73,6 @@ class DesignGoal:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "task", task_of(self.task))
-        if self.task == THREE_ANSWERS:
-            raise InputError(f"--task: found {self.task.name!r}, allowed: tasks with two answers")
         if self.aim not in AIMS:
             raise InputError(f"--for: found {self.aim!r}, allowed: {', '.join(AIMS)}")
         if self.max_pairs < _FEWEST:

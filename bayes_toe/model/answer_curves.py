@@ -13,13 +13,13 @@ accurate where the other one is near 1.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import erfcx, expit, log_expit, log_ndtr
+from scipy.special import expit, log_expit, log_ndtr
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
@@ -173,38 +173,22 @@ def unequal_logs(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> LogUnequal:
     lapses : tuple of ndarray
         Log of lambda and of 1 - lambda. Who lapses answers as at z = 0.
     """
-    return LogUnequal(*_mixed_tails(z, k, lapses, lambda x: log_ndtr(x - k)))
+    log_lapse, log_attend = lapses
+    guessed = log_lapse + log_ndtr(-k)
+    second, first = (np.logaddexp(guessed, log_attend + log_ndtr(x - k)) for x in (z, -z))
+    return LogUnequal(second, first)
 
 
 def direction_answers(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> LogAnswers:
     """Log of P('second') and of P('first') among the answers that are not 'equal'.
 
-    The logs of both tails have k^2/2 added, so that their difference loses no digits for large k.
     Where k is infinite, every answer is 'equal' and the share of 'second' is not defined: it is
     1/2 here.
     """
-    second, first = _mixed_tails(z, k, lapses, lambda x: _scaled_log_tail(x, k))
+    second, first = unequal_logs(z, k, lapses)
     with np.errstate(invalid="ignore"):
         log_odds = np.where(np.isfinite(k), second - first, 0.0)
     return LogAnswers(log_expit(log_odds), log_expit(-log_odds))
-
-
-def _mixed_tails(
-    z: FloatArray, k: FloatArray, lapses: ArrayPair, log_tail: Callable[[FloatArray], FloatArray]
-) -> list[FloatArray]:
-    """Log of lambda tail(0) + (1 - lambda) tail(x) at x = z and at x = -z."""
-    log_lapse, log_attend = lapses
-    blind = log_lapse + log_tail(np.zeros(1))
-    return [np.logaddexp(blind, log_attend + log_tail(x)) for x in (z, -z)]
-
-
-def _scaled_log_tail(x: FloatArray, k: FloatArray) -> FloatArray:
-    """Log Phi(x - k) + k^2/2, by erfcx below the criterion."""
-    x, k = np.broadcast_arrays(x, k)
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        below = x * (k - 0.5 * x) + np.log(0.5 * erfcx((k - x) / np.sqrt(2.0)))
-        above = log_ndtr(x - k) + 0.5 * k * k
-    return np.where(x < k, below, above)
 
 
 # --- Rows of counts ------------------------------------------------------------------------------

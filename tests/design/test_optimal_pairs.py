@@ -1,5 +1,6 @@
 """Optimised designs and their information, against finite differences and brute force."""
 
+from dataclasses import replace
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -9,6 +10,7 @@ from commands import good, refused
 from conftest import columns, text_table
 
 import bayes_toe as bt
+from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS
 from bayes_toe.design.information import AIMS, exchange_trials, information
 from bayes_toe.design.observers import assume_observers, make_observer
 from bayes_toe.design.optimal_pairs import (
@@ -53,7 +55,7 @@ def test_information_is_the_expected_square_of_the_slopes():
         return moved.p_yes(PAIRS.s1, PAIRS.s2, sbar)
 
     observer = make_observer("O", "k", base, task)
-    rows = information_about("order-effect", [observer]).rows[0]
+    rows = information_about("order-effect", [observer]).rows[0, :, 0]
     q = observer.p_yes(PAIRS.s1, PAIRS.s2, sbar)
     for name, unit, column in (
         ("constant_error", PAIRS.unanswered.scales.step / 2, -2),
@@ -63,9 +65,11 @@ def test_information_is_the_expected_square_of_the_slopes():
         assert rows[:, column] == pytest.approx(slope / np.sqrt(q * (1 - q)), rel=1e-5)
 
 
+@pytest.mark.parametrize("task", [SAME_DIFFERENT, THREE_ANSWERS])
 @pytest.mark.parametrize("aim", AIMS)
-def test_one_more_trial_is_worth_what_the_changed_design_is(aim):
-    aim_information = information_about(aim)
+def test_one_more_trial_is_worth_what_the_changed_design_is(aim, task):
+    observers = [replace(observer, task=task) for observer in OBSERVERS]
+    aim_information = information_about(aim, observers, replace(PAIRS, task=task))
     n = np.array([30, 40, 20, 10, 5])
     gains = aim_information.utilities(aim_information.total(n), 7)
     changed = [

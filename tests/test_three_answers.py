@@ -1,0 +1,204 @@
+"""Studies with the answers 'first', 'equal' and 'second': a subject's path from file to figure.
+
+The likelihood itself is in tests/model/test_observer.py, with the other tasks.
+"""
+
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pandas as pd
+import pytest
+from commands import refused
+from mpmath import mpf, ncdf
+from numpy.random import default_rng
+
+import bayes_toe as bt
+from bayes_toe.answers.evidence_table import frequency_evidence
+from bayes_toe.checks.answer_checks import check_answers
+from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, WHICH_STRONGER
+from bayes_toe.design.simulate import simulate
+from bayes_toe.inference.draws import load_draws
+from bayes_toe.model.answer_curves import direction_answers
+from bayes_toe.model.models import OrderModel
+
+S1, S2 = [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3]
+TRIALS = "subject,s1,s2,response"
+COUNTS = "subject,s1,s2,n_first,n_equal,n_second"
+
+
+@pytest.fixture(scope="module")
+def study():
+    levels = np.linspace(0.0, 0.6, 5)
+    s1, s2 = np.reshape(np.meshgrid(levels, levels), (2, -1))
+    s1, s2 = s1[abs(s2 - s1) < 0.2], s2[abs(s2 - s1) < 0.2]
+    design = bt.design.StudyDesign(s1, s2, np.full(len(s1), 40), task=THREE_ANSWERS)
+    observers = {}
+    for name, contraction in (("A", 0.0), ("B", 0.4), ("C", 0.0)):
+        observers[name] = {"noise": 0.15, "q0": 0.6, "contraction": contraction}
+    return simulate(observers, design=design, seed=4, task=THREE_ANSWERS).study
+
+
+def table(head, *rows):
+    columns = head.split(",")
+    return pd.DataFrame([dict(zip(columns, row.split(","), strict=True)) for row in rows])
+
+
+# --- Reading --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "rows, options",
+    [
+        (table(TRIALS, *["a,0,1,equal"] * 2, "a,0,1,second", "a,0,1,1st", "a,1,0,s2"), {}),
+        (
+            table(TRIALS, *["a,0,1,e"] * 2, "a,0,1,2", "a,0,1,1", "a,1,0,2"),
+            {"equal_code": "e", "second_code": "2"},
+        ),
+        (table(COUNTS, "a,0,1,1,2,1", "a,1,0,0,0,1", "a,1,1,0,0,0"), {}),
+    ],
+)
+def test_trials_codes_and_counts_say_the_same(rows, options):
+    (subject,) = bt.read_study(rows, bt.ReadOptions(**options))
+    assert subject.task == THREE_ANSWERS
+    assert subject.n_yes.tolist() == [2, 0]
+    assert subject.n_trials.tolist() == [4, 1]
+    assert subject.n_second.tolist() == [1, 1]
+    assert subject.n_first.tolist() == [1, 0]
+
+
+def test_a_stray_word_in_a_study_of_two_answers_is_doubted():
+    rows = ["a,0,1,second"] * 60 + ["a,1,0,first"] * 60 + ["a,0,1,equal"]
+    (doubt,) = bt.read_study(table(TRIALS, *rows)).reading.doubts
+    assert "only 1 of 121 responses are 'equal'" in doubt
+
+
+def test_a_study_is_its_table_and_its_draws_file(study, tmp_path):
+    draws = bt.sample(study, draws=200, seed=1, workers=1)
+    draws.save(tmp_path / "posterior.nc")
+    loaded = load_draws(tmp_path / "posterior.nc").study
+    for copy in (bt.read_study(study.frame()), loaded):
+        for subject in copy:
+            for count in THREE_ANSWERS.counts:
+                assert np.array_equal(getattr(subject, count), getattr(study[subject.name], count))
+
+
+@pytest.mark.parametrize(
+    "counts, message",
+    [
+        ({}, "n_second must be given with the task 'three answers'"),
+        ({"n_second": [0, 3, 1, 0]}, "every n_second must lie in 0..n_trials - n_yes"),
+        ({"n_second": [0, 1]}, "n_second must be of one length"),
+        ({"n_second": [0, 1, 1, 0], "task": SAME_DIFFERENT}, "and with no other"),
+    ],
+)
+def test_counts_that_do_not_add_up_are_refused(counts, message):
+    with pytest.raises(bt.InputError, match=message):
+        bt.Subject("a", S1, S2, [4, 3, 3, 4], [5] * 4, **{"task": THREE_ANSWERS, **counts})
+
+
+@pytest.mark.parametrize(
+    "command, message",
+    [
+        ("history three.csv", "allowed for models with a history: tasks with two answers"),
+        ("run --example ternary -o out", "'three answers', which has no example"),
+        ("simulate -o s.csv --task ternary", "of which it predicts only 'equal'"),
+    ],
+)
+def test_what_has_two_answers_only_says_so(command, message, tmp_path):
+    rows = "a,1,0,1,equal a,2,1,0,first a,3,0,1,second".replace(" ", "\n")
+    (tmp_path / "three.csv").write_text(f"subject,trial,s1,s2,response\n{rows}\n")
+    assert message in refused(*command.split(), cwd=tmp_path, silent=False)
+
+
+def test_the_next_pair_is_for_two_answers():
+    with pytest.raises(bt.InputError, match="allowed are tasks with two answers"):
+        bt.design.Adaptive([(0.0, 0.1), (0.1, 0.0)], task="three answers")
+
+
+# --- Responses that look wrong --------------------------------------------------------------------
+
+
+def test_swapped_keys_exchange_first_and_second(study):
+    swapped = study.swap("A")
+    assert np.array_equal(swapped["A"].n_second, study["A"].n_first)
+    assert np.array_equal(swapped["A"].n_yes, study["A"].n_yes)
+    (finding,) = check_answers(swapped)
+    assert (finding.code, finding.option) == ("reversed_answers", "--swap A")
+    assert "'second'" in finding.message
+    assert check_answers(study) == ()
+
+
+def test_a_study_whose_directions_are_all_reversed_is_refused(study):
+    frame = study.frame().rename(columns={"n_first": "n_second", "n_second": "n_first"})
+    with pytest.raises(bt.InputError, match="'second' less often the larger s2 - s1 is"):
+        bt.read_study(frame)
+
+
+# --- Numbers --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("k", [1e-12, 0.3, 5.0, 20.0])
+def test_shares_of_second_have_all_digits(k):
+    for z in (0.0, 1e-9, -2.0, 7.0, -30.0, 3000.0):
+        for lapse in (1e-12, 0.05, 0.9):
+            lapses = np.log([lapse]), np.log1p([-lapse])
+            answers = direction_answers(np.array([z]), np.array([k]), lapses)
+            with mpmath.workdps(60):
+                guess, attend = mpf(lapse) * ncdf(-mpf(k)), 1 - mpf(lapse)
+                second, first = (guess + attend * ncdf(sign * mpf(z) - mpf(k)) for sign in (1, -1))
+                shares = [mpmath.log(part / (second + first)) for part in (second, first)]
+            expected = [float(share) for share in shares]
+            got = [float(log[0]) for log in answers]
+            assert got == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+def test_mirrored_stimuli_exchange_the_answers(study):
+    subject = study["B"]
+    mirrored = replace(
+        subject, s1=-subject.s1, s2=-subject.s2, n_second=subject.n_first, answers=None
+    )
+    posterior, other = (OrderModel("both").posterior(one) for one in (subject, mirrored))
+    x = posterior.sample_prior(default_rng(1), 50)
+    signs = np.ones(len(posterior.coordinates))
+    for name in ("constant_error", "noise_slope", "criterion_slope"):
+        signs[posterior.coordinates.index(name)] = -1.0
+    # Subjects sort their pairs, so that sums are in another order.
+    assert other.log_likelihood(signs * x) == pytest.approx(posterior.log_likelihood(x), rel=1e-12)
+
+
+def test_the_second_question_leaves_h1_against_h0_and_the_scales_alone(study):
+    of_three = bt.evidence(study, seed=1, workers=1)
+    same = [replace(one, task=SAME_DIFFERENT, n_second=None, answers=None) for one in study]
+    of_same = bt.evidence(bt.Study(same), seed=1, workers=1)
+    for three, two, subject in zip(of_three.rows, of_same.rows, study, strict=True):
+        assert three.log_bayes_factor == pytest.approx(two.log_bayes_factor, abs=1e-9)
+        asked = subject.two_answers
+        assert asked.task == WHICH_STRONGER
+        by_question = frequency_evidence(bt.Study(same)[subject.name]), frequency_evidence(asked)
+        assert three.log_evidence_h0 == pytest.approx(sum(by_question), rel=1e-12)
+    assert [subject.scales for subject in study] == [subject.scales for subject in same]
+    assert of_three.answers[1].words["contraction"] == "yes"
+    assert of_three.answers[0].words["contraction"] != "yes"
+
+
+def test_log_likelihoods_of_pairs_add_up_to_the_trinomial(study):
+    draws = bt.sample(study, model="both", draws=100, seed=1, workers=1)
+    of_pairs = draws.to_arviz()["log_likelihood"]["n_equal"].values[0]
+    of_subject = of_pairs[:, : study["A"].n_pairs].sum(axis=1)
+    expected = draws.posterior("A").log_likelihood(draws.points("A")[0])
+    assert of_subject == pytest.approx(expected, rel=1e-12)
+
+
+# --- Figures --------------------------------------------------------------------------------------
+
+
+def test_a_panel_has_a_curve_of_each_answer(study):
+    analysis = bt.run(study, draws=200, seed=1, workers=1)
+    shares = analysis.curve("B").answers(*np.transpose([(0.0, 0.15), (0.15, 0.0)]))
+    assert [*shares] == ["equal", "second", "first"]
+    assert sum(shares.values()) == pytest.approx(np.ones_like(shares["equal"]))
+    assert shares["second"][:, 0].mean() > shares["second"][:, 1].mean()
+    figure = bt.plots.curves(analysis, "B")
+    legend = [text.get_text() for text in figure.subfigs[0].legends[0].get_texts()]
+    assert {"'first'", "'equal'", "'second'"} <= {*legend}
