@@ -66,13 +66,12 @@ SavedDraws = Annotated[
 TrueValues = Annotated[
     File, rare("--truth", "truth.csv", "True values to mark, as simulate writes them.")
 ]
-_OTHER_TASKS = "same/different or 'three answers'"
 Question = Annotated[
     str,
     option(
         "--task",
         "TASK",
-        f"Task: 2afc (default), {_OTHER_TASKS}.",
+        "2afc (default), same/different, ternary",
         show_default=False,
     ),
 ]
@@ -164,7 +163,7 @@ class StudyFile:
     correct: Annotated[Text, layout("--correct", "COLUMN", "Column with correct or wrong.")] = None
     missed: Annotated[Texts, layout("--missed", "CODE", "The code of missed trials.")] = None
     ignore: Annotated[Texts, layout("--ignore", "COLUMN", "Column to ignore; repeatable.")] = None
-    question: Annotated[Text, layout("--task", "TASK", f"Task: 2afc, {_OTHER_TASKS}.")] = None
+    question: Annotated[Text, layout("--task", "TASK", "same/different, 2afc or ternary.")] = None
     where: Annotated[Texts, layout("--where", "COLUMN=TEXT", "Rows to read; repeatable.")] = None
     subject_from: Annotated[
         Text, layout("--subject-from", "NAME", "Subject in the name: 'sub-{}_*'.")

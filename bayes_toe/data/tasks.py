@@ -160,7 +160,7 @@ def task_of(given: Task | str, option: str = "--task") -> Task:
         return given
     task = task_named(given) if isinstance(given, str) else None
     if task is None:
-        allowed = f"{SAME_DIFFERENT.name}, 2afc ({WHICH_STRONGER.name}), or {THREE_ANSWERS.name}"
+        allowed = f"{SAME_DIFFERENT.name}, 2afc ({WHICH_STRONGER.name}), or ternary"
         raise InputError(f"{option}: found {given!r}, allowed: {allowed}")
     return task
 

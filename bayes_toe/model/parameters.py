@@ -144,7 +144,7 @@ class ObserverPrior(PriorNumbers):
 
         Examples
         --------
-        >>> ObserverPrior().describe(WHICH_STRONGER, (CONSTANT_ERROR, CONTRACTION))[:56]
+        >>> ObserverPrior().describe(TASKS[1], (CONSTANT_ERROR, CONTRACTION))[:56]
         'noise ~ LogNormal(1 D, 0.7), lapse_rate ~ Beta(1, 9), no'
         """
         free = [parameter for parameter in task_parameters(task) if parameter not in held]
@@ -423,7 +423,7 @@ def task_parameters(task: Task) -> tuple[Parameter, ...]:
 
     Examples
     --------
-    >>> [parameter.name for parameter in task_parameters(WHICH_STRONGER)]
+    >>> [parameter.name for parameter in task_parameters(TASKS[1])]
     ['noise', 'lapse_rate', 'noise_slope', 'constant_error', 'contraction']
     """
     return tuple(parameter for parameter in PARAMETERS if task in parameter.tasks)
@@ -434,7 +434,7 @@ def group_parameters(task: Task) -> tuple[Parameter, ...]:
 
     Examples
     --------
-    >>> [parameter.name for parameter in group_parameters(WHICH_STRONGER)]
+    >>> [parameter.name for parameter in group_parameters(TASKS[1])]
     ['constant_error', 'contraction', 'noise']
     """
     parameters = CONSTANT_ERROR, CONTRACTION, NOISE, PEAK

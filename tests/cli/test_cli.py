@@ -178,7 +178,7 @@ REFUSED = """
     run study.csv -o study.csv | study.csv
     check a.csv --example | exclude each other. Allowed: --example 2afc, --example same-different
     check --example same | exclude each other. Allowed: --example 2afc, --example same-different
-    check --example=same | error: --example: found 'same', allowed: same/different, or 2afc
+    check --example=same | error: --example: found 'same', allowed: same/different, 2afc
 """
 
 

@@ -223,7 +223,7 @@ REFUSED = [
         TRIALS,
         "a,0,1,second",
         "--task 3afc",
-        "--task: found '3afc', allowed: same/different, 2afc (which is stronger), or three answers",
+        "--task: found '3afc', allowed: same/different, 2afc (which is stronger), or ternary",
     ),
 ]
 

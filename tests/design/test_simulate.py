@@ -164,7 +164,7 @@ REFUSED = [
     ({"observers": {"A": {**OBSERVER, "contraction": 1.0}}}, "above -1 and below 1"),
     ({"observers": {}}, "found none"),
     ({"observers": 0}, "allowed: a whole number from 1"),
-    ({"task": "3afc"}, "--task: found '3afc', allowed: same/different, or 2afc"),
+    ({"task": "3afc"}, "--task: found '3afc', allowed: same/different, 2afc"),
     ({"design": "mine"}, "--design"),
     ({"design": "interval.csv"}, "column isi: found in a design, allowed: s1, s2, n_trials"),
     ({"conditions": "ab"}, "conditions: found the text 'ab', allowed: a list of levels"),
