@@ -100,7 +100,6 @@ def test_counts_that_do_not_add_up_are_refused(counts, message):
 @pytest.mark.parametrize(
     "command, message",
     [
-        ("history three.csv", "allowed for models with a history: tasks with two answers"),
         ("run --example ternary -o out", "'three answers', which has no example"),
         ("simulate -o s.csv --task ternary", "of which it predicts only 'equal'"),
     ],

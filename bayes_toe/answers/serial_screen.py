@@ -79,26 +79,31 @@ def serial_screen(subject: Subject, posterior: ObserverPosterior, mode: FloatArr
     mode : array, shape (k,)
         Its maximum.
     """
-    if not knows_order(subject):
+    asked = subject.two_answers
+    if asked is None or not knows_order(subject):
         return SerialScreen()
-    scores, variance = _scores(subject, logit_slopes(posterior, mode))
+    slopes = logit_slopes(posterior, mode)
+    if subject.task.has_three_answers:
+        slopes = slopes[subject.n_trials > subject.n_yes]
+    scores, variance = _scores(asked, slopes)
     last_trial = (_ANSWER, _FIRST, _SECOND)
     return SerialScreen(
         joint_p=_p_value(scores, variance, last_trial, adjusted_for=()),
         answer_p=_p_value(scores, variance, (_ANSWER,), adjusted_for=(_FIRST, _SECOND)),
         stimuli_p=_p_value(scores, variance, (_FIRST, _SECOND), adjusted_for=(_ANSWER,)),
-        moving_criterion_p=_moving_criterion_p(subject),
+        moving_criterion_p=_moving_criterion_p(asked),
     )
 
 
 def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
     """Slope of logit P in s2 - s1, in units of 1/D, for each pair at a point of shape (k,).
 
-    A constant error shifts s2 - s1 the other way, so that its slope is this one turned round.
+    A constant error shifts s2 - s1 the other way, so that its slope is this one turned round. Of
+    three answers, P is that of 'second' where the answer is not 'equal'.
     """
     _, yes_slopes, no_slopes = posterior.rows.answer_slopes(posterior.full_points(point))
     coordinate = task_parameters(posterior.subject.task).index(CONSTANT_ERROR)
-    in_constant_error = (yes_slopes - no_slopes)[0, 0, coordinate]
+    in_constant_error = (yes_slopes - no_slopes)[0, 0, coordinate, -posterior.subject.n_pairs :]
     return -in_constant_error / posterior.prior.constant_error_scale
 
 

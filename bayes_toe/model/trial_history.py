@@ -3,20 +3,21 @@
 `TrialHistoryPosterior` is the posterior with these effects, and `TrialSequence` has the trials in
 their order. `looks_sorted` finds files in which that order was lost.
 
-    previous response   z + kappa r in 'which is stronger', k_m exp(kappa r) with 'equal'
+    previous response   k_m exp(kappa r) in 'same or different', z + kappa r in the other tasks
     carry-over          sbar + E takes the place of sbar in p (s1 - sbar)
 
 r is the answer of the trial before: 1 for the one that the task counts, -1 for the other one, 0
-where there is none. So kappa > 0 repeats answers and kappa < 0 alternates them. E is 0 at the start
-of a session or block, and afterwards
+where there is none. Of three answers r is 1 after 'second', 0 after 'equal' and -1 after 'first'.
+So kappa > 0 repeats answers and kappa < 0 alternates them. E is 0 at the start of a session or
+block, and afterwards
 
     E' = rho ((1 - p) (s2 - sbar) + p (1 - p) (s1 - sbar) + p^2 E)
 
 of the trial before, whether that has an answer or not: its stimuli were perceived all the same.
 rho = 0 is the observer without carry-over.
 
-kappa has the prior Normal(0, 0.5), with 'equal' Normal(0, 0.25); rho has Uniform(0, 1). The
-coordinates of both are standard normal.
+kappa has the prior Normal(0, 0.5), in 'same or different' Normal(0, 0.25); rho has Uniform(0, 1).
+The coordinates of both are standard normal.
 """
 
 from __future__ import annotations
@@ -30,7 +31,6 @@ from scipy.special import bdtr, ndtr
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import THREE_ANSWERS
 from bayes_toe.errors import InputError
 from bayes_toe.model.densities import PriorDensity, StandardNormal
 from bayes_toe.model.models import ObserverPosterior, OrderModel
@@ -114,7 +114,7 @@ class HistoryRows(ObserverRows):
         trials, scales = TrialSequence.from_subject(observer.subject), observer.scales
         answered = np.flatnonzero(trials.is_answered)
         earlier = trials.earlier(1)[answered]
-        pair, is_yes = trials.pair[answered], trials.answer[answered] > 0.0
+        pair, answer = trials.pair[answered], trials.answer[answered]
         # The first trial of a session has no earlier one.
         previous = np.where(earlier >= 0, trials.answer[earlier], 0.0)
 
@@ -125,13 +125,17 @@ class HistoryRows(ObserverRows):
             cell = cell.ravel()
             pair, previous = distinct[0].astype(np.intp), distinct[1]
 
-        n_yes = np.bincount(cell, is_yes).astype(np.float64)
-        n_no = np.bincount(cell).astype(np.float64) - n_yes
+        n_yes = [np.bincount(cell, answer > 0.0)]
+        n_no = [np.bincount(cell, answer < 0.0)]
+        if observer.subject.task.has_three_answers:
+            n_yes.insert(0, np.bincount(cell, answer == 0.0))
+            n_no.insert(0, n_yes[1] + n_no[0])
 
         values = {field.name: getattr(observer.rows, field.name) for field in fields(ObserverRows)}
         for name in ("first", "difference", "middle"):
             values[name] = values[name][..., pair]
-        values |= {"n_yes": n_yes[None, None], "n_no": n_no[None, None]}
+        for name, counts in (("n_yes", n_yes), ("n_no", n_no)):
+            values[name] = np.concatenate(counts)[None, None]
 
         first = (trials.first - scales.sbar) / scales.step
         second = (trials.second - scales.sbar) / scales.step
@@ -160,7 +164,7 @@ class HistoryRows(ObserverRows):
         values = super().quantities(u)
         scores = dict(zip(self.coordinates, np.moveaxis(u, -1, 0), strict=True))
         if self.history.has_previous_response:
-            sd = 0.25 if self.task.has_criterion else 0.5
+            sd = 0.5 if self.task.has_direction else 0.25
             values["previous_response"] = sd * scores["previous_response"]
         if self.history.has_carry_over:
             values["carry_over"] = ndtr(scores["carry_over"])
@@ -181,14 +185,14 @@ class HistoryRows(ObserverRows):
     def distance_at(self, values: NamedArrays) -> FloatArray:
         """The distance z of every cell, (1, points, cells)."""
         z = super().distance_at(values)
-        if self.history.has_previous_response and not self.task.has_criterion:
+        if self.history.has_previous_response and self.task.has_direction:
             z = z + values["previous_response"][..., None] * self.previous
         return z
 
     def criterion_at(self, values: NamedArrays) -> FloatArray | None:
         """The criterion of every cell, (1, points, cells); None of which is stronger."""
         k = super().criterion_at(values)
-        if k is not None and self.history.has_previous_response:
+        if k is not None and self.history.has_previous_response and not self.task.has_direction:
             k = k * np.exp(values["previous_response"][..., None] * self.previous)
         return k
 
@@ -206,12 +210,19 @@ class HistoryRows(ObserverRows):
         return values
 
     def trial_probabilities(self, u: FloatArray) -> FloatArray:
-        """P of the answer that the task counts in every answered trial, (points, trials)."""
+        """P of the answer that the task counts in every answered trial, (points, trials).
+
+        Of three answers, that is 'second' here.
+        """
         cells = []
         for part in self._parts(u):
             values = self.quantities(part)
             z, k = self.distance_at(values), self.criterion_at(values)
-            cells.append(self.plain_answers_at(values, z, k)[0][0])
+            if k is not None and self.task.has_three_answers:
+                _, p_counted, _ = self._plain_three(values, z, k)
+            else:
+                p_counted, _ = self.plain_answers_at(values, z, k)
+            cells.append(p_counted[0])
         return np.concatenate(cells)[:, self.cell]
 
     def _parts(self, u: FloatArray, n_values: int = 1 << 17) -> list[FloatArray]:
@@ -302,7 +313,10 @@ class TrialSequence:
     pair : ndarray of int
         The trial's pair among those of the subject; -1 where that pair was never answered.
     answer : ndarray
-        1 for the answer that the task counts, -1 for the other one, 0 for none.
+        r: 1 for the answer that the task counts, -1 for the other one, 0 for none. Of three
+        answers, 1 for 'second', 0 for 'equal', -1 for 'first'.
+    is_answered : ndarray of bool
+        Whether trials have an answer.
     is_session_start : ndarray of bool
         Whether a session or block begins: the trial before has no effect there.
     """
@@ -311,6 +325,7 @@ class TrialSequence:
     second: FloatArray
     pair: IndexArray
     answer: FloatArray
+    is_answered: BoolArray
     is_session_start: BoolArray
 
     @classmethod
@@ -322,19 +337,17 @@ class TrialSequence:
         number = number.ravel()
         pair_of_number = np.full(int(number.max()) + 1, -1, np.intp)
         pair_of_number[number[: subject.n_pairs]] = np.arange(subject.n_pairs)
-        answer = np.where(answers.n_trials > 0, 2.0 * answers.n_yes - 1.0, 0.0)
+        n_positive, n_all = answers.n_yes, answers.n_trials
+        if answers.n_second is not None:
+            n_positive, n_all = answers.n_second, answers.n_trials - answers.n_yes
         return cls(
             answers.keys[:, 0],
             answers.keys[:, 1],
             pair_of_number[number[subject.n_pairs :]],
-            answer,
+            np.asarray(2.0 * n_positive - n_all, np.float64),
+            answers.n_trials > 0,
             answers.is_session_start,
         )
-
-    @property
-    def is_answered(self) -> BoolArray:
-        """Whether trials have an answer."""
-        return self.answer != 0.0
 
     def earlier(self, lag: int) -> IndexArray:
         """Index of the trial `lag` trials before, of the same session; -1 where there is none."""
@@ -348,14 +361,9 @@ class TrialSequence:
 def require_order(subject: Subject) -> Answers:
     """The answers of a subject in the order of presentation.
 
-    An InputError where it is not known, or where the task has three answers.
+    An InputError where it is not known.
     """
     answers = subject.answers
-    if subject.task == THREE_ANSWERS:
-        raise InputError(
-            f"subject {subject.name!r}: found the task {subject.task.name!r}, allowed for models "
-            "with a history: tasks with two answers"
-        )
     if answers is None or answers.place is None:
         raise InputError(
             f"subject {subject.name!r}: a model with a history needs the order of trials, found "
@@ -371,11 +379,9 @@ def require_order(subject: Subject) -> Answers:
 
 
 def knows_order(subject: Subject) -> bool:
-    """Whether the order of a subject's trials is known, and models with a history can use it."""
+    """Whether the order of a subject's trials is known."""
     answers = subject.answers
-    if answers is None or answers.place is None or subject.task == THREE_ANSWERS:
-        return False
-    return not looks_sorted(answers)
+    return answers is not None and answers.place is not None and not looks_sorted(answers)
 
 
 def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:

@@ -114,7 +114,7 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     change = best.trial_probabilities(row.draws[1]) - expected
     trials = static.rows.trials
     answered = np.flatnonzero(trials.is_answered)
-    residual = 0.5 * (trials.answer[answered] + 1.0) - expected
+    residual = (trials.answer[answered] > 0.0) - expected
     residuals = _Residuals(residual, expected * (1.0 - expected), change)
     previous = trials.earlier(1)[answered]
     rows = np.flatnonzero(previous >= 0)
@@ -122,7 +122,7 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
 
     groups, means = _stimulus_groups(trials, previous)
     residuals.draw(left, [rows[group] for group in groups], means)
-    yes, no = static.subject.task.yes, static.subject.task.no
+    *_, yes, no = static.subject.task.answers
     response = trials.answer[previous]
     values = np.unique(response[response != 0.0])
     residuals.draw(right, [rows[response == value] for value in values], values)
