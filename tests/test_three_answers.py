@@ -4,6 +4,7 @@ The likelihood itself is in tests/model/test_observer.py, with the other tasks.
 """
 
 from dataclasses import replace
+from itertools import product
 
 import mpmath
 import numpy as np
@@ -21,6 +22,7 @@ from bayes_toe.design.simulate import simulate
 from bayes_toe.inference.draws import load_draws
 from bayes_toe.model.answer_curves import direction_answers
 from bayes_toe.model.models import OrderModel
+from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
 
 S1, S2 = [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3]
 TRIALS = "subject,s1,s2,response"
@@ -110,9 +112,20 @@ def test_what_has_two_answers_only_says_so(command, message, tmp_path):
     assert message in refused(*command.split(), cwd=tmp_path, silent=False)
 
 
-def test_the_next_pair_is_for_two_answers():
-    with pytest.raises(bt.InputError, match="allowed are tasks with two answers"):
-        bt.design.Adaptive([(0.0, 0.1), (0.1, 0.0)], task="three answers")
+def test_a_session_takes_three_answers_and_is_resumed(tmp_path):
+    pairs = list(product((0.0, 0.2, 0.4), repeat=2))
+    session = bt.design.Adaptive(pairs, task="ternary", seed=1, draws=600)
+    expected = session.information()
+    assert (expected > 0.0).all()
+    for word in ("second", "equal", "first"):
+        session.answer(session.next(), word)
+    with pytest.raises(bt.InputError, match="allowed is one of equal, second, first"):
+        session.answer(pairs[0], True)
+    session.save(tmp_path / "session.json")
+    resumed = bt.design.Adaptive.resume(tmp_path / "session.json")
+    assert resumed.answers == session.answers
+    assert resumed.probabilities == session.probabilities
+    assert resumed.subject.n_second.sum() == 1
 
 
 # --- Responses that look wrong --------------------------------------------------------------------
@@ -187,6 +200,23 @@ def test_log_likelihoods_of_pairs_add_up_to_the_trinomial(study):
     of_subject = of_pairs[:, : study["A"].n_pairs].sum(axis=1)
     expected = draws.posterior("A").log_likelihood(draws.points("A")[0])
     assert of_subject == pytest.approx(expected, rel=1e-12)
+
+
+def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_same_answer(study):
+    order, subject = OrderModel("both"), study["B"]
+    with_history = TrialHistoryPosterior(subject, TrialHistory(order, True, True))
+    x = order.posterior(subject).sample_prior(default_rng(1), 20)
+    nothing = np.column_stack([x, np.zeros(20), np.full(20, -40.0)])  # kappa and rho are 0
+    expected = order.posterior(subject).log_likelihood(x)
+    got = with_history.array.likelihood.plain_value(nothing[None])[0]
+    assert got == pytest.approx(expected, rel=1e-10)
+
+    repeating = nothing + np.eye(len(nothing[0]))[-2]
+    trials = with_history.rows.trials
+    previous = trials.answer[trials.earlier(1)]
+    change = with_history.trial_probabilities(repeating) - with_history.trial_probabilities(nothing)
+    for sign in (-1.0, 0.0, 1.0):
+        assert (np.sign(change[:, 1:][:, previous[1:] == sign]) == sign).all()
 
 
 # --- Figures --------------------------------------------------------------------------------------

@@ -171,7 +171,8 @@ class Subject:
     ) -> Subject:
         """A subject from single trials.
 
-        `yes` is True where the answer was the one that the task counts, 'equal' or 'second'.
+        `yes` is True where the answer was the one that the task counts, 'equal' or 'second'. Of
+        three answers, it is the word 'first', 'equal' or 'second'.
 
         Examples
         --------
@@ -180,6 +181,13 @@ class Subject:
         ([2], [3])
         """
         given = np.asarray(yes).ravel()
+        if task == THREE_ANSWERS:
+            if not np.isin(given, task.answers).all():
+                raise InputError(f"subject {name!r}: allowed answers are {', '.join(task.answers)}")
+            counts = {"n_yes": given == "equal", "n_second": given == "second"}
+            integers = {key: values.astype(np.int64) for key, values in counts.items()}
+            ones = np.ones(len(given), np.int64)
+            return cls.from_counts(name, s1, s2, n_trials=ones, **integers, task=task)
         # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer
         # was given.
         if given.dtype.kind not in "biuf" or not np.isin(given, (0, 1)).all():

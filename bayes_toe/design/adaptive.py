@@ -19,7 +19,7 @@ from bayes_toe.answers.order_effect import OrderEffect, answer_subject
 from bayes_toe.arrays import ArrayPair, FloatArray, Rng, StrPath
 from bayes_toe.data.messages import format_path
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, Task, task_of
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.design.power import observer_prior
 from bayes_toe.design.study_design import StudyDesign, each_once
@@ -29,6 +29,7 @@ from bayes_toe.inference.fitted import fit_posterior
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import MODEL_NAMES, PRIOR_PROBABILITIES
+from bayes_toe.inference.prediction import answer_probabilities
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
@@ -36,6 +37,8 @@ from bayes_toe.seeds import generator, root_seed
 
 #: A pair: s1 and s2, natural-log intensities.
 Pair = tuple[float, float]
+#: An answer: whether it is the one that the task counts; of three answers, its word.
+Response = bool | str
 #: What answers may be asked about: which of the four models, or all of their parameters too.
 MODEL, PARAMETERS = "model", "parameters"
 DRAWS = 4000
@@ -155,8 +158,6 @@ class Adaptive:
         if draws < _FEWEST_JUDGES:
             raise InputError(f"draws={draws}: allowed is at least {_FEWEST_JUDGES}")
         asked_task = task_of(task)
-        if asked_task == THREE_ANSWERS:
-            raise InputError(f"task={asked_task.name!r}: allowed are tasks with two answers")
         if not isinstance(pairs, StudyDesign):
             pairs = _make_design(pairs, asked_task)
         self.pairs = pairs
@@ -166,7 +167,7 @@ class Adaptive:
         self.draws = draws
         # About 512,000 predicted answers are kept of each model.
         self._n_judges = min(draws, max(_FEWEST_JUDGES, 512_000 // self.pairs.n_pairs))
-        self._answers: list[tuple[Pair, bool]] = []
+        self._answers: list[tuple[Pair, Response]] = []
         self._predicted: dict[str, tuple[int, FloatArray]] = {}
         self._particles = {}
         for name in MODEL_NAMES:
@@ -184,28 +185,34 @@ class Adaptive:
         s1, s2 = self.pairs.pairs[int(rng.choice(best))]
         return s1, s2
 
-    def answer(self, pair: Sequence[float], yes: bool) -> None:
+    def answer(self, pair: Sequence[float], yes: Response) -> None:
         """Take in the answer to a pair, also to one that was not proposed.
 
         Parameters
         ----------
         pair : sequence of float
             s1 and s2.
-        yes : bool
-            True for 'equal', or for 'second', as the task counts.
+        yes : bool or str
+            True for 'equal', or for 'second', as the task counts. Of three answers: "first",
+            "equal" or "second".
 
         Raises
         ------
         InputError
             If something is not allowed; the session is then as it was.
         """
-        if not isinstance(yes, bool | np.bool_):
-            raise InputError(f"yes={yes!r}: allowed is True or False")
+        task = self.pairs.task
+        if task.has_three_answers and yes not in task.answers:
+            raise InputError(f"yes={yes!r}: allowed is one of {', '.join(task.answers)}")
+        if not task.has_three_answers:
+            if not isinstance(yes, bool | np.bool_):
+                raise InputError(f"yes={yes!r}: allowed is True or False")
+            yes = bool(yes)
         if len(pair) != 2:
             raise InputError(f"pair {tuple(pair)}: allowed are s1 and s2")
         own_pair = float(pair[0]), float(pair[1])
-        single = self._make_subject([(own_pair, bool(yes))])  # refuses what is not finite
-        self._answers.append((own_pair, bool(yes)))
+        single = self._make_subject([(own_pair, yes)])  # refuses what is not finite
+        self._answers.append((own_pair, yes))
         for particles in self._particles.values():
             particles.add(single)
         self._renew_worst()
@@ -224,24 +231,24 @@ class Adaptive:
 
     def information(self) -> FloatArray:
         """Expected information of one answer to each pair about what is asked, nats, (pairs,)."""
-        mean_yes = np.zeros(self.pairs.n_pairs)
+        mean = np.zeros((len(self.pairs.task.answers), self.pairs.n_pairs))
         left = np.zeros(self.pairs.n_pairs)  # entropy where what is asked about is known
         for name, probability in self.probabilities.items():
-            p_yes, weights = self._predictions(name)
-            of_model = weights @ p_yes
-            mean_yes += probability * of_model
+            p_answers, weights = self._predictions(name)
+            of_model = weights @ p_answers
+            mean += probability * of_model
             if self.about == MODEL:
                 left += probability * _entropy(of_model)
             else:
-                left += probability * (weights @ _entropy(p_yes))
-        return _entropy(mean_yes) - left
+                left += probability * (weights @ _entropy(p_answers))
+        return _entropy(mean) - left
 
     def _predictions(self, name: str) -> ArrayPair:
-        """P(yes) of some draws of a model for every pair, (draws, pairs), and their weights."""
+        """P of each answer by draws of a model, (answers, draws, pairs), and the draws' weights."""
         particles = self._particles[name]
         if name not in self._predicted or self._predicted[name][0] != particles.generation:
-            p_yes = np.exp(particles.rule.log_answers(particles.x[: self._n_judges]).yes)
-            self._predicted[name] = particles.generation, p_yes
+            p_answers = answer_probabilities(particles.rule, particles.x[: self._n_judges])
+            self._predicted[name] = particles.generation, p_answers
         return self._predicted[name][1], particles.draws.part(slice(self._n_judges)).shares
 
     # --- What is known ----------------------------------------------------------------------------
@@ -252,7 +259,7 @@ class Adaptive:
         return len(self._answers)
 
     @property
-    def answers(self) -> list[tuple[float, float, bool]]:
+    def answers(self) -> list[tuple[float, float, Response]]:
         """s1, s2 and the answer of every trial in order."""
         return [(s1, s2, yes) for (s1, s2), yes in self._answers]
 
@@ -374,15 +381,15 @@ class Adaptive:
             ) from error
         return session
 
-    def _make_subject(self, answers: Sequence[tuple[Pair, bool]]) -> Subject:
+    def _make_subject(self, answers: Sequence[tuple[Pair, Response]]) -> Subject:
         s1, s2 = np.array([pair for pair, _ in answers]).T
-        yes = [yes for _, yes in answers]
-        return Subject.from_trials("adaptive", s1, s2, yes, task=self.pairs.task)
+        responses = np.array([response for _, response in answers])
+        return Subject.from_trials("adaptive", s1, s2, responses, task=self.pairs.task)
 
 
-def _entropy(p_yes: FloatArray) -> FloatArray:
-    """Entropy of an answer, nats."""
-    return entr(p_yes) + entr(1.0 - p_yes)
+def _entropy(p_answers: FloatArray) -> FloatArray:
+    """Entropy of an answer, nats, (answers, ...) -> (...)."""
+    return np.asarray(entr(p_answers).sum(axis=0))
 
 
 def _make_design(pairs: npt.ArrayLike, task: Task) -> StudyDesign:

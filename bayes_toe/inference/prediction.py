@@ -45,7 +45,7 @@ class Predictor:
     def answers(self, s1: FloatArray, s2: FloatArray) -> dict[str, FloatArray]:
         """P of each answer that the model predicts, for any pairs, (draws, pairs) each.
 
-        The paper's model predicts 'equal', of three answers.
+        The paper's model predicts 'equal' alone, of three answers.
         """
         keys = np.column_stack(np.broadcast_arrays(s1, s2))
         # A subject has its pairs once, in this order.
@@ -54,14 +54,24 @@ class Predictor:
         counts = (pairs[:, 0], pairs[:, 1], n_trials, n_trials)
         own = self.target.subject
         subject = Subject(own.name, *counts, task=own.task)
-        logs = self.target.for_subject(subject).log_answers(self.x)
-        yes, no = (np.exp(log).reshape(len(self.x), -1, len(pairs)) for log in logs)
-        yes, no = yes[..., index.ravel()], no[..., index.ravel()]
-        counted, *others = own.task.answers
-        if yes.shape[1] == 1:  # one question
-            return dict(zip(own.task.answers, (yes[:, 0], no[:, 0]), strict=False))
-        unequal = zip(others, (yes[:, 1], no[:, 1]), strict=True)
-        return {counted: yes[:, 0]} | {answer: no[:, 0] * share for answer, share in unequal}
+        probabilities = answer_probabilities(self.target.for_subject(subject), self.x)
+        names = own.task.answers
+        if len(probabilities) < len(names):
+            names = (own.task.yes,)
+        return dict(zip(names, probabilities[..., index.ravel()], strict=False))
+
+
+def answer_probabilities(target: SubjectPosterior, x: FloatArray) -> FloatArray:
+    """P of each answer to the pairs of a subject at points, shape (answers, points, pairs).
+
+    Of three answers, the paper's model has 'equal' and all others.
+    """
+    n_pairs = target.subject.n_pairs
+    yes, no = (np.exp(logs) for logs in target.log_answers(x))
+    p_yes, p_no = yes[:, :n_pairs], no[:, :n_pairs]
+    if yes.shape[1] == n_pairs:  # one question
+        return np.stack([p_yes, p_no])
+    return np.stack([p_yes, p_no * yes[:, n_pairs:], p_no * no[:, n_pairs:]])
 
 
 def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) -> pd.DataFrame:
