@@ -351,8 +351,7 @@ def _drawn(
 def _drawn_subject(subject: Subject, settings: Settings, request: AnalysisRequest) -> SubjectDraws:
     model = stored_model(settings.model, subject.task)
     target = model_posterior(model, subject, settings.prior)
-    result, _ = fitted_result(target, settings.seed, request)
-    return subject_draws(result)
+    return subject_draws(fitted_result(target, settings.seed, request))
 
 
 def _analysed(
@@ -381,8 +380,8 @@ def _analysed_subject(
     subject, seed = evidence.subject, settings.seed
     answer = answer_evidence(evidence, seed, flags)
     target = paper_posterior(subject, settings.prior.for_subjects(subject))
-    result, fitted = fitted_result(target, seed, request)
-    row = subject_evidence(result, fitted, answer)
+    result = fitted_result(target, seed, request)
+    row = subject_evidence(result, answer)
     if request.chains is None:
         return _Analysed(row)
     rng = generator(seed, subject.name, "shown")
