@@ -149,9 +149,17 @@ def run(
     request = AnalysisRequest(settings.sampler, EVIDENCE_DRAWS)
     jobs = list(zip(study, answer_flags(study), strict=True))
     faults = not_interpreted(study)
-    study, analysed, failed = _survivors(
-        study, _analysed, jobs, settings, request, workers, progress, keep
+    results = run_stored(
+        partial(_analysed, settings=settings, request=request),
+        jobs,
+        study.names,
+        seed=settings.seed,
+        folder=keep,
+        workers=workers,
+        progress=progress,
+        batch=BATCH,
     )
+    study, analysed, failed = _survivors(study, results)
     drawn, curves = list[SubjectDraws](), list[Predictor]()
     for subject, result in zip(study, analysed, strict=True):
         if result.drawn is not None and result.curve_draws is not None:
@@ -256,9 +264,16 @@ def sample(
     settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
     request = AnalysisRequest(settings.sampler)
     faults = not_interpreted(study)
-    study, analysed, failed = _survivors(
-        study, _drawn, study.subjects, settings, request, workers, progress, keep
+    results = run_stored(
+        partial(_drawn, settings=settings, request=request),
+        study.subjects,
+        study.names,
+        seed=settings.seed,
+        folder=keep,
+        workers=workers,
+        progress=progress,
     )
+    study, analysed, failed = _survivors(study, results)
     all_draws = Draws(subjects_tree(study, analysed, settings, failed, faults))
     for problem, reasons in (
         (" is left out, ", all_draws.failed),
@@ -300,9 +315,17 @@ def evidence(
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
     request = AnalysisRequest(evidence_draws=draws)
     jobs = list(zip(study, answer_flags(study), strict=True))
-    _, analysed, failed = _survivors(
-        study, _analysed, jobs, settings, request, workers, progress, keep
+    results = run_stored(
+        partial(_analysed, settings=settings, request=request),
+        jobs,
+        study.names,
+        seed=settings.seed,
+        folder=keep,
+        workers=workers,
+        progress=progress,
+        batch=BATCH,
     )
+    analysed, failed = without_failed(study.names, results)
     return _table(analysed, settings, failed, study.task)
 
 
@@ -328,8 +351,7 @@ def _drawn(
 def _drawn_subject(subject: Subject, settings: Settings, request: AnalysisRequest) -> SubjectDraws:
     model = stored_model(settings.model, subject.task)
     target = model_posterior(model, subject, settings.prior)
-    result, _ = fitted_result(target, settings.seed, request)
-    return subject_draws(result)
+    return subject_draws(fitted_result(target, settings.seed, request))
 
 
 def _analysed(
@@ -358,8 +380,8 @@ def _analysed_subject(
     subject, seed = evidence.subject, settings.seed
     answer = answer_evidence(evidence, seed, flags)
     target = paper_posterior(subject, settings.prior.for_subjects(subject))
-    result, fitted = fitted_result(target, seed, request)
-    row = subject_evidence(result, fitted, answer)
+    result = fitted_result(target, seed, request)
+    row = subject_evidence(result, answer)
     if request.chains is None:
         return _Analysed(row)
     rng = generator(seed, subject.name, "shown")
@@ -399,33 +421,12 @@ def _table(
 
 
 def _survivors(
-    study: Study,
-    work: Callable[..., list[Result | NumericalError]],
-    jobs: Sequence[object],
-    settings: Settings,
-    request: AnalysisRequest,
-    workers: Workers,
-    progress: Progress | None,
-    keep: StrPath | None,
+    study: Study, results: Sequence[Result | NumericalError]
 ) -> tuple[Study, list[Result], dict[str, str]]:
-    """Do a job for each subject.
+    """The subjects that did not fail, their results, and the reasons of the others by name.
 
-    The result has the subjects that did not fail, their results, and the reasons of the others by
-    name. A WorkerError is raised if all failed.
+    A WorkerError is raised if all failed.
     """
-    batch = 1
-    if request.evidence_draws > 0:
-        batch = BATCH  # because the evidences of a batch are one array
-    results = run_stored(
-        partial(work, settings=settings, request=request),
-        jobs,
-        study.names,
-        seed=settings.seed,
-        folder=keep,
-        workers=workers,
-        progress=progress,
-        batch=batch,
-    )
     analysed, failed = without_failed(study.names, results)
     if failed:
         subjects = tuple(subject for subject in study if subject.name not in failed)

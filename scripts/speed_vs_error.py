@@ -85,7 +85,7 @@ def natural_values(posterior, scores):
 def draw_sample(posterior, size, seed):
     """Draw by `sample`."""
     request = AnalysisRequest(SamplerSettings(draws=size))
-    chains = fitted_result(posterior, seed, request)[0].chains
+    chains = fitted_result(posterior, seed, request).chains
     return {"draws": natural_values(posterior, chains.x)}
 
 

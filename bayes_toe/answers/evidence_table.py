@@ -23,7 +23,7 @@ from bayes_toe.answers.order_effect import ANSWER_COLUMNS, OrderEffect
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.inference.fitted import Evidence, Fitted
+from bayes_toe.inference.fitted import Evidence
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
 from bayes_toe.inference.maxima import laplace
 from bayes_toe.inference.subject import SubjectResult
@@ -161,12 +161,10 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         return tuple(row.answer for row in self.rows if row.answer is not None)
 
 
-def subject_evidence(
-    result: SubjectResult, fitted: Fitted, answer: OrderEffect | None = None
-) -> SubjectEvidence:
+def subject_evidence(result: SubjectResult, answer: OrderEffect | None = None) -> SubjectEvidence:
     """The row of one subject in the evidence table, from the fit of H1."""
     estimate = cast(Evidence, result.evidence)
-    subject = result.subject
+    subject, fitted = result.subject, result.fitted
     notes, footnotes = list[str](), list[str]()
     of_direction = direction_evidence(subject)
     if estimate.why_not:

@@ -7,6 +7,7 @@ its log evidence, by draws that chose no mixture.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -64,7 +65,7 @@ class Fitted:
         """Efficiency of importance sampling, 0 to 1."""
         return self.draws.efficiency
 
-    @property
+    @cached_property
     def pareto_k(self) -> float:
         """Pareto k of the weights."""
         return pareto_k(self.draws.log_weights)

@@ -2,8 +2,6 @@
 
 `ascend` searches from every start, with a density of its own for each if wanted. `ascend_from`
 searches the posteriors of an array, and `laplace` has Laplace's approximation at their maxima.
-
-`one_sided_hessian` is fast, for searches. `hessian` is accurate, for results.
 """
 
 from __future__ import annotations
@@ -43,38 +41,6 @@ class Expansion(NamedTuple):
 
 #: From points, (points, k), and the start that each of them came from, (points,).
 Expand = Callable[[FloatArray, IndexArray], Expansion]
-ValueAndGradient = Callable[[FloatArray, IndexArray], ArrayPair]
-
-
-class Differenced:
-    """Log densities with known gradients, and curvatures by differences of these.
-
-    The steps of the differences follow from the last curvature of each search; at first from the
-    sizes `diagonal`, (starts, k).
-    """
-
-    def __init__(self, density: ValueAndGradient, diagonal: FloatArray) -> None:
-        self._density = density
-        self._diagonal = diagonal.copy()
-
-    def expand(self, x: FloatArray, index: IndexArray) -> Expansion:
-        """The log densities about points, as :data:`Expand`."""
-
-        def slopes(points: FloatArray) -> ArrayPair:
-            return self._density(points, np.resize(index, len(points)))
-
-        value, gradient, second = one_sided_hessian(slopes, x, self._diagonal[index])
-        diagonal = np.abs(np.diagonal(second, axis1=1, axis2=2))
-        self._diagonal[index] = np.where(np.isfinite(diagonal), diagonal, self._diagonal[index])
-        return Expansion(value, gradient, -second)
-
-    def curvature(self, x: FloatArray, index: IndexArray) -> FloatArray:
-        """Negative Hessian where searches ended, (points, k, k), by central differences."""
-
-        def gradient(points: FloatArray) -> FloatArray:
-            return self._density(points, np.resize(index, len(points)))[1]
-
-        return -hessian(gradient, x, self._diagonal[index])
 
 
 class Ascent(NamedTuple):
@@ -238,31 +204,44 @@ def ascend_from(
 def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> Ascent:
     """Exact maxima from the ends of searches, by Newton's method; arguments as `ascend_from`.
 
-    Scoring would need many steps where the answers leave a coordinate open. The curvature at the
-    maxima is that of Fisher information and prior.
+    Scoring would need many steps where the answers leave a coordinate open. The curvature is the
+    negative Hessian.
     """
     owned = array.part(owners)
-    densities = _differenced(owned, _expansion(owned, starts).curvature)
-    searches = ascend(
-        densities.expand,
+    sizes = np.diagonal(_expansion(owned, starts).curvature, axis1=1, axis2=2)
+    return ascend(
+        _differenced(owned, sizes),
         starts,
         is_held=~owned.is_free,
         least_gain=POLISH_GAIN,
         largest_step=_LARGEST_STEP,
     )
-    return searches._replace(curvature=_expansion(owned, searches.x).curvature)
 
 
-def _differenced(array: PosteriorArray, curvature: FloatArray) -> Differenced:
-    """The log density of each posterior, with differences as fine as a curvature nearby asks."""
+def _differenced(array: PosteriorArray, sizes: FloatArray) -> Expand:
+    """The log density of each posterior about points, with the Hessian by differences.
 
-    def density(points: FloatArray, index: IndexArray) -> ArrayPair:
-        part, w = array.part(index), points[:, None, :]
+    The sizes of the Hessian's diagonal, (posteriors, d), set the steps of the differences. They
+    are those of the last points of each search; at first as given.
+    """
+    sizes = sizes.copy()
+
+    def expand(points: FloatArray, index: IndexArray) -> Expansion:
+        n_points, k = points.shape
+        ahead = points + _difference_steps(points, sizes[index])
+        part = array.part(np.resize(index, (k + 1) * n_points))
+        w = np.concatenate([points[None], ahead]).reshape(-1, 1, k)
         log_likelihood, slope = part.likelihood.gradient(w)
+        value = (log_likelihood + part.log_prior(w))[:n_points, 0]
         slope = (slope + part.prior_slopes(w)[0])[:, 0]
-        return (log_likelihood + part.log_prior(w))[:, 0], np.where(part.is_free, slope, 0.0)
+        gradient = np.where(part.is_free, slope, 0.0).reshape(k + 1, n_points, k)
 
-    return Differenced(density, np.diagonal(curvature, axis1=1, axis2=2))
+        second = hessian(gradient[1:] - gradient[0], ahead - points)
+        diagonal = np.abs(np.diagonal(second, axis1=1, axis2=2))
+        sizes[index] = np.where(np.isfinite(diagonal), diagonal, sizes[index])
+        return Expansion(value, gradient[0], -second)
+
+    return expand
 
 
 def _expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
@@ -289,9 +268,8 @@ def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
     highest = np.array([ends.x[np.argmax(ends.value)] for ends in maxima])
     top = polished(array, owners, highest)
 
-    curvature = _differenced(array, top.curvature).curvature(top.x, owners)
     both_free = array.is_free[:, :, None] & array.is_free[:, None, :]
-    curvature = np.where(both_free, curvature, np.eye(top.x.shape[1]))
+    curvature = np.where(both_free, top.curvature, np.eye(top.x.shape[1]))
     is_proper = np.linalg.eigvalsh(curvature)[:, 0] > 0.0
     log_determinant = np.linalg.slogdet(curvature)[1]
     dimensions = array.is_free.sum(axis=1)
@@ -301,50 +279,20 @@ def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
 
 # --- Hessians ------------------------------------------------------------------------------------
 
-Gradient = Callable[[FloatArray], FloatArray]
-#: Points, (points, k), to the value, (points,), and the gradient, (points, k).
-GradientWithValue = Callable[[FloatArray], ArrayPair]
-#: Steps in units of 1/sqrt abs H_ii: one-sided ones during a search, central ones for results.
-_SHORT, _LONG = 1e-6, 1e-4
+#: Steps in units of 1/sqrt abs H_ii.
+_SHORT = 1e-6
 #: Smallest size of a curvature, and smallest step over the size of the coordinate.
 _FLAT, _FINEST = 1e-6, 1e-12
 
 
-def one_sided_hessian(
-    value_and_gradient: GradientWithValue, x: FloatArray, diagonal: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Value (points,), gradient (points, k) and Hessian (points, k, k) from one call.
-
-    `diagonal`, shape (points, k), has the sizes of the Hessian's diagonal nearby. They set the
-    steps.
-    """
-    n_points, k = x.shape
-    ahead = x + _difference_steps(x, diagonal, _SHORT)
-    value, gradient = value_and_gradient(np.concatenate([x[None], ahead]).reshape(-1, k))
-    gradient = gradient.reshape(k + 1, n_points, k)
-    return value[:n_points], gradient[0], _symmetric(gradient[1:] - gradient[0], ahead - x)
-
-
-def hessian(gradient: Gradient, x: FloatArray, diagonal: FloatArray) -> FloatArray:
-    """Hessian, (points, k, k), by central differences of a gradient, (points, k) -> (points, k).
-
-    `diagonal` is that of :func:`one_sided_hessian`.
-    """
-    k = x.shape[1]
-    step = _difference_steps(x, diagonal, _LONG)
-    forward, backward = x + step, x - step
-    slopes = gradient(np.concatenate([forward, backward]).reshape(-1, k)).reshape(2, k, *x.shape)
-    return _symmetric(slopes[0] - slopes[1], forward - backward)
-
-
-def _difference_steps(x: FloatArray, diagonal: FloatArray, unit: float) -> FloatArray:
+def _difference_steps(x: FloatArray, sizes: FloatArray) -> FloatArray:
     """Steps in one coordinate after the other, (k, points, k), larger than rounding errors."""
-    sizes = unit / np.sqrt(np.maximum(diagonal, _FLAT))
-    return np.eye(x.shape[1])[:, None] * np.maximum(sizes, _FINEST * np.abs(x))
+    steps = _SHORT / np.sqrt(np.maximum(sizes, _FLAT))
+    return np.eye(x.shape[1])[:, None] * np.maximum(steps, _FINEST * np.abs(x))
 
 
-def _symmetric(change: FloatArray, step: FloatArray) -> FloatArray:
-    """Hessians from changes of gradients, (k, points, k), over steps of the same shape."""
+def hessian(change: FloatArray, step: FloatArray) -> FloatArray:
+    """Hessians, (points, k, k), from changes of gradients over steps, (k, points, k) each."""
     k = len(change)
     rows = change / step[np.arange(k), :, np.arange(k)][:, :, None]
     return 0.5 * (rows.transpose(1, 0, 2) + rows.transpose(1, 2, 0))

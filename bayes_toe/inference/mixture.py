@@ -11,7 +11,7 @@ number, so that each density is a power by multiplication, without a logarithm.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -43,49 +43,46 @@ class StudentMixture:
     means: FloatArray  # (J, D)
     scales: FloatArray  # (J, D, D): scale matrices, not covariances, positive definite
     df: int
-    _factors: FloatArray = field(init=False, repr=False)
-    _whiteners: FloatArray = field(
-        init=False, repr=False
-    )  # times 1 and the coordinates: D x J whitened ones over df^(1/2)
-    _tops: FloatArray = field(
-        init=False, repr=False
-    )  # of the components' densities, over the highest
-    _log_highest: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         dim = self.means.shape[1]
         if (self.df + dim) % 2:
             raise ValueError(f"df={self.df} and dimension {dim}: their sum must be even")
-        factors = np.linalg.cholesky(self.scales)
-        log_volume = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+
+    @cached_property
+    def _factors(self) -> FloatArray:
+        """Cholesky factors of the scales, (J, D, D)."""
+        return np.asarray(np.linalg.cholesky(self.scales))
+
+    @cached_property
+    def _whiteners(self) -> FloatArray:
+        """Times 1 and the coordinates: D x J whitened ones over df^(1/2), by dimension."""
+        inverse = np.linalg.inv(self._factors)
+        shifts = -np.einsum("jab,jb->aj", inverse, self.means)[:, :, None]
+        whiteners = np.concatenate([shifts, inverse.transpose(1, 0, 2)], axis=2)
+        return whiteners.reshape(-1, whiteners.shape[2]) / np.sqrt(self.df)
+
+    @cached_property
+    def _log_tops(self) -> FloatArray:
+        """Log of the weighted density at the mean of each component, (J,)."""
+        dim = self.means.shape[1]
+        log_volume = np.log(np.diagonal(self._factors, axis1=1, axis2=2)).sum(axis=1)
         log_norm = (
             gammaln((self.df + dim) / 2) - gammaln(self.df / 2) - dim / 2 * np.log(self.df * np.pi)
         )
-        log_tops = np.log(self.weights) + log_norm - log_volume
-        inverse = np.linalg.inv(factors)
-        shifts = -np.einsum("jab,jb->aj", inverse, self.means)[:, :, None]
-        whiteners = np.concatenate(
-            [shifts, inverse.transpose(1, 0, 2)], axis=2
-        )  # dimension by dimension
-        for key, value in {
-            "_factors": factors,
-            "_whiteners": whiteners.reshape(-1, 1 + dim) / np.sqrt(self.df),
-            "_tops": np.exp(log_tops - log_tops.max()),
-            "_log_highest": float(log_tops.max()),
-        }.items():
-            object.__setattr__(self, key, value)
+        return np.log(self.weights) + log_norm - log_volume
+
+    @cached_property
+    def _tops(self) -> FloatArray:
+        """The densities at the means over the highest of them, (J,)."""
+        return np.exp(self._log_tops - self._log_tops.max())
 
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log density at x, shape (N, D) -> (N,)."""
         density = np.empty(len(x))
         for block in _blocks(len(x)):
             density[block] = self._tops @ self._kernel(self._distances(x[block]))
-        return np.log(density) + self._log_highest
-
-    def sample(self, rng: AnyRng, size: int) -> FloatArray:
-        """Draws, shape (size, D); works with numpy's old and new generators."""
-        component = self.sample_components(rng, size)
-        return self.offset(component, rng.standard_normal((size, self.means.shape[1])), rng)
+        return np.log(density) + float(self._log_tops.max())
 
     def sample_components(self, rng: AnyRng, size: int) -> IndexArray:
         """Random components of the draws, shape (size,)."""
@@ -124,14 +121,12 @@ class StudentMixture:
         # their standard deviations away, and what is subtracted below costs at most that squared in
         # rounding errors, far less than the safeguard adds.
         centre = weights @ x
-        weight, squares = np.zeros(n), np.zeros(n)
-        moments = np.zeros((n, 1 + dim + dim * dim))
+        weight, moments = np.zeros(n), np.zeros((n, 1 + dim + dim * dim))
         for block in _blocks(len(x)):
             u = self._distances(x[block])
             shares = self._tops[:, None] * self._kernel(u)
             shares *= weights[block] / shares.sum(axis=0)
             weight += shares.sum(axis=1)
-            squares += np.einsum("jn,jn->j", shares, shares)
             y = x[block] - centre
             powers = np.column_stack([np.ones(len(y)), y, _outer(y).reshape(len(y), -1)])
             moments += (shares / u) @ powers
@@ -140,7 +135,7 @@ class StudentMixture:
         offsets = moments[:, 1 : dim + 1] / pulls[:, None]
         around = moments[:, dim + 1 :].reshape(-1, dim, dim)
         scales = (around - pulls[:, None, None] * _outer(offsets)) / weight[:, None, None]
-        return _Sums(weight, squares, pulls, centre + offsets, scales)
+        return _Sums(weight, pulls, centre + offsets, scales)
 
     def joined(self, mixtures: Sequence[StudentMixture], share: float) -> StudentMixture:
         """This mixture with others of the same degrees of freedom.
@@ -177,7 +172,6 @@ class _Sums(NamedTuple):
     """Sums over weighted points for each of J components."""
 
     weight: FloatArray  # (J,)
-    squares: FloatArray  # (J,): sum of squared weights
     pulls: FloatArray  # (J,): weight where near points count more
     means: FloatArray  # (J, D): of the points
     scales: FloatArray  # (J, D, D): of the points about these means
@@ -263,11 +257,6 @@ def joined_draws(parts: Iterable[WeightedDraws]) -> WeightedDraws:
     """The draws of all parts, in order."""
     columns = [(part.x, part.log_prior, part.log_posterior, part.log_proposal) for part in parts]
     return WeightedDraws(*map(np.concatenate, zip(*columns, strict=True)))
-
-
-def efficiency(log_weights: FloatArray) -> float:
-    """Importance-sampling efficiency, (sum w)^2 / (n sum w^2), in 0..1."""
-    return effective_number(np.exp(log_weights - log_weights.max())) / len(log_weights)
 
 
 def effective_number(weights: FloatArray) -> float:

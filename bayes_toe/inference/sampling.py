@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Integral
 from typing import Any
@@ -12,12 +13,12 @@ from typing import Any
 import emcee
 import numpy as np
 
-from bayes_toe.arrays import ArrayPair, FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
 from bayes_toe.inference.fitted import Fitted
 from bayes_toe.inference.mixture import WeightedDraws
-from bayes_toe.model.posterior import SubjectPosterior, judged_quantities, require_defined
+from bayes_toe.model.posterior import judged_quantities, require_defined
 from bayes_toe.seeds import stream
 
 #: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long
@@ -133,12 +134,14 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
         steps += thin * settings.kept_steps
         x, log_posterior, acceptance = map(np.stack, zip(*passes, strict=True))
-        diagnostics = convergence_of(judged_quantities(posterior, x))
+        quantities = judged_quantities(posterior, x)
+        diagnostics = convergence_of(quantities)
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
         imprecise, hopeless = "", False
         if not reason:
+            natural = {name: quantities[name] for name in posterior.names.natural}
             imprecise, hopeless = _uncertain_quantile(
-                posterior, x, diagnostics, settings.max_quantile_error
+                natural, diagnostics, settings.max_quantile_error
             )
         if hopeless or thin >= settings.max_thin or not (reason or imprecise):
             return Chains(
@@ -195,13 +198,6 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
         return draws
 
 
-def full_coordinates(fitted: Fitted, coordinates: FloatArray) -> FloatArray:
-    """Points with all coordinates of the task, (points, d), from those that walkers have."""
-    w = np.zeros((len(coordinates), len(fitted.target.is_free)))
-    w[:, fitted.target.is_free] = coordinates
-    return w
-
-
 def moves(fitted: Fitted, first: WeightedDraws) -> list[tuple[Any, float]]:
     """Emcee moves and their weights: the better the mixture, the fewer local moves.
 
@@ -248,7 +244,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         self._state = self._run(self._state, n_steps, thin_by=thin)
         chain = self.get_chain()
         walker_major = chain.transpose(1, 0, 2).reshape(-1, chain.shape[2])
-        x, log_volume = self._fitted.original(full_coordinates(self._fitted, walker_major))
+        x, log_volume = self._fitted.original(self._fitted.target.full_points(walker_major)[0])
         log_density = self.get_log_prob().T.ravel() + log_volume
         return x, log_density, float(np.mean(self.acceptance_fraction))
 
@@ -258,10 +254,10 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         emcee keeps the second with a walker, as its blob: a global move needs it where the walker
         stands.
         """
-        w = full_coordinates(self._fitted, coords)
-        log_prior, log_posterior = self._fitted.array.densities(w[None])
-        require_defined(log_posterior[0], self._fitted.target)
-        return log_posterior[0], self._fitted.mixture.log_density(w, log_prior[0])
+        w = self._fitted.target.full_points(coords)
+        (log_prior,), (log_posterior,) = self._fitted.array.densities(w)
+        require_defined(log_posterior, self._fitted.target)
+        return log_posterior, self._fitted.mixture.log_density(w[0], log_prior)
 
     def _run(self, state: Any, steps: int, **options: Any) -> Any:
         # emcee refuses walkers that are close to one plane, where local moves stay. A posterior may
@@ -287,7 +283,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
 
 
 def _uncertain_quantile(
-    posterior: SubjectPosterior, x: FloatArray, diagnostics: dict[str, Convergence], limit: float
+    natural: NamedArrays, diagnostics: Mapping[str, Convergence], limit: float
 ) -> tuple[str, bool]:
     """The natural quantity with the most uncertain 5 or 95 % quantile, in words.
 
@@ -296,13 +292,9 @@ def _uncertain_quantile(
     """
     if limit == np.inf:
         return "", False
-    quantities = posterior.quantities(x)
-    natural = {name: quantities[name] for name in quantities if name in posterior.names.natural}
-    missing = {name: values for name, values in natural.items() if name not in diagnostics}
-    convergence = diagnostics | convergence_of(missing)
     errors = {}
     for name, values in natural.items():
-        errors[name] = tail_error(values, convergence[name].ess_tail)
+        errors[name] = tail_error(values, diagnostics[name].ess_tail)
     worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     if errors[worst] < limit:
         return "", False

@@ -87,14 +87,10 @@ class AnalysisRequest:
 class SubjectResult:
     """The results of one subject under one model; None for those not wanted.
 
-    Small enough to send to another process.
+    A posterior without chains has the goodness of fit by the draws behind its evidence.
     """
 
-    target: SubjectPosterior
-    # and k-hat: how good the fitted proposal is; 1 and NaN where draws come from the posterior
-    # itself
-    efficiency: float
-    pareto_k: float
+    fitted: Fitted
     evidence: Evidence | None
     chains: Chains | None
     fit: GoodnessOfFit | None
@@ -102,16 +98,11 @@ class SubjectResult:
     @property
     def subject(self) -> Subject:
         """The counts."""
-        return self.target.subject
+        return self.fitted.target.subject
 
 
-def fitted_result(
-    target: SubjectPosterior, seed: int, request: AnalysisRequest
-) -> tuple[SubjectResult, Fitted]:
-    """The results that a request asks for of one posterior, and the mixture fitted to it.
-
-    The goodness of fit comes from the chains, or else from the draws behind the evidence.
-    """
+def fitted_result(target: SubjectPosterior, seed: int, request: AnalysisRequest) -> SubjectResult:
+    """The results that a request asks for of one posterior."""
     key = seed, target.subject.name, target.model.name
     judging_draws = _FEWEST_JUDGING if request.chains is None else SHARP.most_draws
     fitted = fit_posterior(target, generator(*key, "proposal"), judging_draws)
@@ -127,8 +118,7 @@ def fitted_result(
         if fit is None and evidence.value is not None:
             fit = _weighted_fit(refitted, draws, generator(*key, "resampling"))
 
-    result = SubjectResult(target, fitted.efficiency, fitted.pareto_k, evidence, chains, fit)
-    return result, fitted
+    return SubjectResult(fitted, evidence, chains, fit)
 
 
 def _evidence(
@@ -177,7 +167,7 @@ class SubjectDraws:
 
 def subject_draws(result: SubjectResult, *, summarised: bool = False) -> SubjectDraws:
     """The draws of a result with chains, with or without rows of a summary."""
-    target, chains, fit = result.target, result.chains, result.fit
+    target, chains, fit = result.fitted.target, result.chains, result.fit
     if chains is None or fit is None:
         raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
     quantities = target.quantities(chains.x)
@@ -193,8 +183,8 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         "max_r_hat": r_hat,
         "thin": chains.thin,
         "steps": chains.steps,
-        "proposal_efficiency": result.efficiency,
-        "pareto_k": result.pareto_k,
+        "proposal_efficiency": result.fitted.efficiency,
+        "pareto_k": result.fitted.pareto_k,
         **{column: getattr(fit, column) for column in FIT_COLUMNS},
     }
     rows: tuple[SummaryRow, ...] = ()

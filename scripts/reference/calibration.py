@@ -217,7 +217,7 @@ def work(job: Job) -> tuple[Row, Row]:
     wanted = AnalysisRequest(
         settings.sampler if job.with_draws else None, EVIDENCE_DRAWS if job.with_evidence else 0
     )
-    result, fitted = fitted_result(paper_posterior(subject, settings.prior), settings.seed, wanted)
+    result = fitted_result(paper_posterior(subject, settings.prior), settings.seed, wanted)
     ranks: Row = {}
     known: Row = {}
     if job.with_draws and theta is not None:
@@ -226,7 +226,7 @@ def work(job: Job) -> tuple[Row, Row]:
         ranks = {"design": job.design, **ranks_of(draws, subject, theta, settings.seed)}
     if job.with_evidence:
         replicates = subject_fit(subject, settings.prior, seed=settings.seed, replicates=1000)
-        row = subject_evidence(result, fitted)
+        row = subject_evidence(result)
         by_bootstrap = appendix_c_evidence(replicates, settings.prior.for_subjects(subject))
         known = {
             "design": job.design,

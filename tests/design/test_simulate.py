@@ -97,10 +97,7 @@ def test_expectations_of_trials_are_those_of_serial_dependence():
     subject = study["A"]
     history = TrialHistory(OrderModel("both"), False, True)
     posterior = TrialHistoryPosterior(subject, history)
-    values = {**OBSERVER_2AFC, "noise_slope": 0.0}
-    order = posterior.observer.points(
-        {name: np.array([separate]) for name, separate in values.items()}
-    )
+    order = posterior.observer.points({k: np.array([v]) for k, v in parameters["A"].items()})
     probability = posterior.trial_probabilities(np.column_stack([order, ndtri([0.7])]))[0]
     rng = generator(1, "A", "trials")
     rng.uniform(size=(20, subject.n_pairs))

@@ -6,10 +6,11 @@ from conftest import made_subject
 from numpy.random import default_rng
 from populations import simulated_group, two_conditions
 from scipy import stats
-from scipy.special import ndtr
 
 import bayes_toe as bt
+from bayes_toe.groups.group_posterior import PLAIN_UNITS
 from bayes_toe.groups.population import group_posterior, study_scales
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.prior import Hyperprior
 
 X = np.array([[1.0, -0.5], [0.0, 1.2], [1.0, 0.3]])
@@ -19,17 +20,15 @@ def posterior_of(study, x):
     return group_posterior(study, Hyperprior(), x)
 
 
-def log_likelihood(subject, scales, c, p, log_noise, lapse_score, slope):
-    """2AFC by the formula of the observer; c and noise in D, the slope in its prior's unit."""
-    step = scales.step
-    sbar = np.average(subject.s1, weights=subject.n_trials)
-    middle = 0.5 * (subject.s1 + subject.s2) - sbar
-    sigma = step * np.exp(log_noise) * np.exp(0.15 / scales.spread * slope * middle)
-    z = (subject.s2 - subject.s1 - c * step + p * (subject.s1 - sbar)) / sigma
-    lapse = stats.beta(1, 9).ppf(ndtr(lapse_score))
-    p_second = 0.5 * lapse + (1.0 - lapse) * ndtr(z)
-    n_second, n_first = subject.n_yes, subject.n_trials - subject.n_yes
-    return float(n_second @ np.log(p_second) + n_first @ np.log1p(-p_second))
+def log_likelihood(subject, scales, w):
+    """Of 2AFC by the observer; c and noise count in D, other parameters in their own units."""
+    sbar = float(np.average(subject.s1, weights=subject.n_trials))
+    own_scales = scales._replace(sbar=sbar, first_spread=0.0)
+    observer = ObserverPosterior(subject, OrderModel("both"), PLAIN_UNITS, own_scales)
+    shared = ["constant_error", "contraction", "noise"]
+    unshared = [name for name in observer.coordinates if name not in shared]
+    by_name = dict(zip(shared + unshared, w, strict=True))
+    return observer.log_likelihood([by_name[name] for name in observer.coordinates])[0]
 
 
 def log_joint(study, scales, point, i):
@@ -47,8 +46,8 @@ def log_joint(study, scales, point, i):
     total += stats.norm.logpdf(effects, 0.0, [0.3, 0.15, 0.4]).sum()
     for subject, x, w in zip(study, X, point.w[:, i], strict=True):
         total += stats.norm.logpdf(w[:3], mean + x @ effects, sd).sum()
-        total += stats.norm.logpdf(w[3]) + t3.logpdf(w[4])
-        total += log_likelihood(subject, scales, *w)
+        total += stats.norm.logpdf(w[3]) + t3.logpdf(w[4:]).sum()
+        total += log_likelihood(subject, scales, w)
     return total
 
 
