@@ -184,8 +184,8 @@ class Difference(NamedTuple):
         """
         if not self.has_unit:
             return format_share(self.interval(unit), "+")
-        text = format_difference(self.interval(StimulusUnit()), unit)
-        return text.replace("+", "") if self.p_direction is None else text
+        sign = "" if self.p_direction is None else "+"
+        return format_difference(self.interval(StimulusUnit()), unit, sign)
 
 
 def word_of(log_bf: float) -> str:

@@ -262,11 +262,7 @@ class OrderEffect:
             return format_share(size)
         if name == "pse_shift_jnd":
             return format_signed(size)
-        if name == "pse_shift_percent":
-            return format_difference(size, self.unit)
-        unit = self.unit.for_percent(size)
-        low, median, high = map(format_number, size.from_percent(unit))
-        return f"{median} {unit.of_differences} [{low}, {high}]"
+        return format_difference(size, self.unit, "+" if name == "pse_shift_percent" else "")
 
     def effect_size(self, question: str) -> str:
         """The size of an effect; empty beside a word that has none."""
@@ -367,8 +363,10 @@ def format_probability(probability: float) -> str:
     return f"= {probability:.2f}".replace("0.", ".")
 
 
-def format_difference(size: Size, unit: StimulusUnit) -> str:
+def format_difference(size: Size, unit: StimulusUnit, sign: str = "+") -> str:
     """A signed difference in per cent of intensity with its 95 % interval, in the unit to show.
+
+    With `sign` '', only negative numbers have a sign.
 
     Examples
     --------
@@ -378,10 +376,10 @@ def format_difference(size: Size, unit: StimulusUnit) -> str:
     '+6 ln [+2, +18]'
     """
     shown_unit = unit.for_percent(size)
-    return format_signed(size.from_percent(shown_unit), shown_unit.of_differences)
+    return format_signed(size.from_percent(shown_unit), shown_unit.of_differences, sign)
 
 
-def format_signed(size: Size, unit: str = "") -> str:
+def format_signed(size: Size, unit: str = "", sign: str = "+") -> str:
     """A signed size with its unit and 95 % interval, two digits of the largest number.
 
     The interval has more digits if its ends would look equal. A number that is not 0 has as many
@@ -395,7 +393,7 @@ def format_signed(size: Size, unit: str = "") -> str:
     ('+0.000030 % [+0.000020, +0.000040]', '+5.61 [+5.60, +5.62]')
     """
     finite = filter(np.isfinite, size)
-    return _format_interval(size, unit, decimals_of(max(map(abs, finite), default=0.0)), "+")
+    return _format_interval(size, unit, decimals_of(max(map(abs, finite), default=0.0)), sign)
 
 
 def _format_interval(size: Size, unit: str, digits: int, sign: str) -> str:

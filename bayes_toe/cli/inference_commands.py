@@ -101,8 +101,7 @@ def _print_analysis(
 ) -> None:
     """The tables of subjects and conditions, and what needs action."""
     from bayes_toe.cli.answer_screen import print_subjects
-    from bayes_toe.cli.group_screen import print_problems
-    from bayes_toe.cli.within_screens import print_contrast
+    from bayes_toe.cli.group_screen import print_contrast, print_problems
 
     files = f"{folder / 'report.html'} and {folder / 'evidence.csv'}"
     print_subjects(out, analysis.answers, files)
@@ -135,8 +134,8 @@ def _print_conclusion(
 
 def _group_lines(analysis: Analysis) -> list[str]:
     """The lines about the group in the answer of a study."""
+    from bayes_toe.answers.group_answer import good_fits_answer, group_answer
     from bayes_toe.answers.study_summary import few_subjects_lines
-    from bayes_toe.cli.group_screen import good_fits_answer, group_answer
 
     lines = [] if analysis.contrast is None else analysis.contrast.sentences()
     if analysis.group is not None:

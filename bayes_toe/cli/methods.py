@@ -22,6 +22,10 @@ from jinja2 import Environment, StrictUndefined
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers import words
+from bayes_toe.answers.group_answer import (
+    good_fits_answer,
+    group_answer,
+)
 from bayes_toe.answers.order_effect import (
     COUNTS_WITHIN,
     QUESTIONS,
@@ -42,10 +46,6 @@ from bayes_toe.answers.study_summary import (
 )
 from bayes_toe.arrays import Record
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
-from bayes_toe.cli.group_screen import (
-    good_fits_answer,
-    group_answer,
-)
 from bayes_toe.data.messages import (
     capitalized,
     describe_p_value,

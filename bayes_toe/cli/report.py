@@ -22,6 +22,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.contrast import LEGEND, ContrastTable, Difference
+from bayes_toe.answers.group_answer import good_fits_answer, group_answer, group_tables
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     PRIOR_FLAG,
@@ -53,7 +54,6 @@ from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
 from bayes_toe.cli.answer_screen import (
     not_counted,
 )
-from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
 from bayes_toe.data.messages import (
     capitalized,

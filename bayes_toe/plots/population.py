@@ -12,12 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_toe.answers.order_effect import (
-    Size,
-    format_bayes_factor,
-    format_difference,
-    format_share,
-)
+from bayes_toe.answers.group_answer import EFFECTS, LABELS, group_estimate, log_factor_of_mean
+from bayes_toe.answers.order_effect import format_bayes_factor
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.groups.population import PopulationResult
@@ -133,16 +129,13 @@ def _heading(result: PopulationResult) -> str:
     if not result.is_reliable:
         lines.append("NOT RELIABLE, not to be reported as it stands")
     lines.append(f"Group of {len(result.subjects)} subjects{synthetic}")
-    for name, label in ((CONSTANT_ERROR.name, "PSE shift"), (CONTRACTION.name, "contraction")):
+    for name in EFFECTS:
         if name not in result.identified:
-            lines.append(f"{label} cannot be told")
+            lines.append(f"{LABELS[name]} cannot be told")
             continue
-        effect = result.effect(name)
-        mean = format_share(Size(*effect.mean))
-        if effect.percent is not None:
-            mean = format_difference(Size(*effect.percent), result.study.unit)
-        factor = format_bayes_factor(-effect.zero_mean.log_bf)
-        lines.append(f"mean {label} {mean}, BF of a mean that is not 0: {factor}")
+        mean = f"mean {LABELS[name]} {group_estimate(result, name)}"
+        factor = format_bayes_factor(log_factor_of_mean(result, name))
+        lines.append(f"{mean}, BF of a mean that is not 0: {factor}")
     return "\n".join(lines).replace("-", "−")
 
 
@@ -156,7 +149,7 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     j = result.index(name)
     draws = result.draws.mean[..., j].ravel()
     low, high = np.quantile(draws, [0.001, 0.999])
-    if name in (CONSTANT_ERROR.name, CONTRACTION.name):
+    if name in EFFECTS:
         low, high = min(low, 0.0), max(high, 0.0)
     pad = 0.1 * (high - low)
     x = np.linspace(low - pad, high + pad, _POINTS)
@@ -192,7 +185,7 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     low, middle, high = np.quantile(mean, MARKED)
     ax.axvspan(low, high, color=_MEAN_COLOUR, lw=0, label=f"group mean{reference}")
     ax.axvline(middle, color=BELIEF, lw=0.8)
-    if name in (CONSTANT_ERROR.name, CONTRACTION.name):
+    if name in EFFECTS:
         zero_line(ax)
     quantity_ticks(ax, name)
 

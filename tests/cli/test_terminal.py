@@ -11,6 +11,7 @@ import bayes_toe as bt
 from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem
 from bayes_toe.answers.serial_dependence import EFFECT_MODELS, SerialDependence, SubjectDependence
 from bayes_toe.cli.answer_screen import flagged, print_subjects, without_decision
+from bayes_toe.cli.group_screen import print_history
 from bayes_toe.cli.inference_commands import print_draws
 from bayes_toe.cli.terminal import (
     WIDTH,
@@ -21,7 +22,6 @@ from bayes_toe.cli.terminal import (
     round_to_errors,
     wrap_line,
 )
-from bayes_toe.cli.within_screens import print_history
 
 
 def shown_subjects(text):
