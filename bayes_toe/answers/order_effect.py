@@ -53,9 +53,7 @@ QUESTIONS: Mapping[str, BoolArray] = {
 SIZES = ("pse_shift_percent", "pse_shift_jnd", "contraction_p", "jnd_percent", "zone_percent")
 #: The size that stands beside the word for an effect.
 SIZE_OF = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
-#: Words beside which no size stands.
-_WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.NOT_INTERPRETABLE, Word.CANNOT_BE_TOLD)
-_SIZE_TEXTS = {"constant_error": "PSE shift {}", "contraction": "{} of the way to the mean"}
+_SIZE_TEXTS = {"constant_error": ", PSE shift {}", "contraction": ", {} of the way to the mean"}
 QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
 _EVIDENCES = tuple(f"log_evidence_{name.replace(' ', '_')}" for name in MODEL_NAMES)
 #: Columns with which evidence.csv begins.
@@ -94,6 +92,35 @@ class Size(NamedTuple):
     def from_percent(self, unit: StimulusUnit) -> Size:
         """A difference in per cent of intensity in the unit of the stimuli."""
         return Size(*unit.from_percent(self).tolist())
+
+
+class Line(NamedTuple):
+    """The conclusion on one question, as it is printed; what it does not have is empty.
+
+    Attributes
+    ----------
+    question : str
+    word : str
+        With the direction of a contraction.
+    marks : str
+        `!` for a poor fit, `?` if the word depends on the prior, each after a space.
+    size : str
+        The estimate with its 95 % interval and its unit.
+    probability : str
+        The posterior probability, as in '= .97'.
+    factor : str
+        The Bayes factor.
+    reason : str
+        Why the question cannot be told.
+    """
+
+    question: str
+    word: str
+    marks: str = ""
+    size: str = ""
+    probability: str = ""
+    factor: str = ""
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -240,15 +267,27 @@ class OrderEffect:
             return f"{word} ({self.direction})"
         return str(word)
 
-    def marked_word(self, question: str) -> str:
-        """The word with its marks: `!` for a poor fit, `?` if it depends on the prior."""
-        word = self.word(question)
-        if self.fits is False:
-            word += " !"
-        for flag in self.flags:
-            if flag.startswith(PRIOR_FLAG) and question.replace("_", " ") in flag:
-                word += " ?"
-        return word
+    @property
+    def lines(self) -> Mapping[str, Line]:
+        """The conclusion on each question, as screens, report, methods and figures print it."""
+        lines = {}
+        for question, word in self.words.items():
+            name = question.replace("_", " ")
+            if not self.is_interpretable:
+                lines[question] = Line(name, "not interpreted")
+            elif word is Word.CANNOT_BE_TOLD:
+                lines[question] = Line(name, str(word), reason=self.reasons.get(question, ""))
+            else:
+                size = ""
+                if question in SIZE_OF and word not in (Word.NO, Word.PROBABLY_NOT):
+                    size = self.format_size(SIZE_OF[question])
+                probability = format_probability(self.probabilities[question])
+                factor = format_bayes_factor(self.log_bayes_factors[question])
+                marks = " !" if self.fits is False else ""
+                if any(flag.startswith(PRIOR_FLAG) and name in flag for flag in self.flags):
+                    marks += " ?"
+                lines[question] = Line(name, self.word(question), marks, size, probability, factor)
+        return lines
 
     def size(self, name: str) -> Size:
         """One of :data:`SIZES`; a size in per cent is converted to the unit of the stimuli."""
@@ -264,18 +303,13 @@ class OrderEffect:
             return format_signed(size)
         return format_difference(size, self.unit, "+" if name == "pse_shift_percent" else "")
 
-    def effect_size(self, question: str) -> str:
-        """The size of an effect; empty beside a word that has none."""
-        is_hidden = self.words[question] in _WITHOUT_SIZE
-        return "" if is_hidden else self.format_size(SIZE_OF[question])
-
     @property
     def texts(self) -> Mapping[str, str]:
         """Each word with the mark or the size, by the headings of a short table."""
         texts = {"subject": self.subject}
-        for question, word in self.words.items():
-            addition = self.effect_size(question) if question in SIZE_OF else self.mark
-            texts[question.replace("_", " ")] = f"{word} {addition}".rstrip()
+        for question, line in self.lines.items():
+            addition = line.size if question in SIZE_OF else self.mark
+            texts[line.question] = f"{self.words[question]} {addition}".rstrip()
         return texts
 
     @property
@@ -307,23 +341,21 @@ class OrderEffect:
         """The conclusion in sentences, without the name of the subject."""
         if not self.is_interpretable:
             return f"Not interpreted: {', '.join(self.flags)}."
-        sentences = [self._describe_question(question) for question in QUESTIONS]
+        sentences = [self._describe_line(key, line) for key, line in self.lines.items()]
         sentences += [f"{capitalized(flag)}." for flag in self.flags]
         return " ".join(sentences)
 
-    def _describe_question(self, question: str) -> str:
+    def _describe_line(self, question: str, line: Line) -> str:
         """Word, probability, and size or bound of one question."""
-        word = self.words[question]
-        heading = capitalized(question.replace("_", " "))
-        if word is Word.CANNOT_BE_TOLD:
-            reason = self.reasons.get(question)
-            return f"{heading}: {word}{f', because {reason}' if reason else ''}."
-        probability = format_probability(self.probabilities[question])
-        text = f"{heading}: {short_direction(self.word(question))} (P {probability})"
+        text = f"{capitalized(line.question)}: {short_direction(line.word)}"
+        if line.reason:
+            return f"{text}, because {line.reason}."
+        if line.probability:
+            text += f" (P {line.probability})"
         bound = self.upper_bounds.get(question, 0.0)
-        if word.is_positive and question in SIZE_OF:
-            text += f", {_SIZE_TEXTS[question].format(self.format_size(SIZE_OF[question]))}"
-        elif not word.is_positive and bound > 0.0:
+        if self.words[question].is_positive:
+            text += _SIZE_TEXTS.get(question, "").format(line.size)
+        elif line.probability and bound > 0.0:
             text += f". With 95 % probability, the effect is at most {format_number(bound)} JND"
         return f"{text}."
 

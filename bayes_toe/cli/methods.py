@@ -31,10 +31,8 @@ from bayes_toe.answers.order_effect import (
     QUESTIONS,
     SIZE_OF,
     OrderEffect,
-    format_bayes_factor,
     format_decimals,
     format_number,
-    format_probability,
     short_direction,
 )
 from bayes_toe.answers.study_summary import (
@@ -101,7 +99,7 @@ def write_methods(analysis: Analysis, path: Path) -> None:
         exp=exp,
         p_value=describe_p_value,
         range=_range,
-        word=_marked_word,
+        short_direction=short_direction,
     )
 
     context = {"version": version, **_methods(analysis), **_results(analysis)}
@@ -269,13 +267,3 @@ def _count_effects(answers: Sequence[OrderEffect], total: str) -> list[str]:
                 of_total = ""
         sentences.append(f"{capitalized(with_article(question))} was {join_words(parts)}.")
     return sentences
-
-
-def _marked_word(answer: OrderEffect, question: str) -> str:
-    """The word with its marks, the posterior probability and the Bayes factor."""
-    word = short_direction(answer.marked_word(question))
-    if answer.words[question] is words.Word.CANNOT_BE_TOLD:
-        return word
-    probability = format_probability(answer.probabilities[question]).removeprefix("= ")
-    factor = format_bayes_factor(answer.log_bayes_factors[question])
-    return f"{word} ({probability}, {factor})"

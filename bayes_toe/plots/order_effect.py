@@ -225,10 +225,8 @@ def _write_words(ax: Axes, answers: Sequence[OrderEffect], question: QuestionSty
     """The word of every subject, right of its row."""
     style: Style = {"va": "center", "fontsize": SMALL}
     for row, answer in enumerate(answers):
-        word = "not interpreted"
-        if answer.is_interpretable:
-            word = answer.marked_word(question.name)
-        ax.text(1.02, row, word, transform=ax.get_yaxis_transform(), **style)
+        line = answer.lines[question.name]
+        ax.text(1.02, row, line.word + line.marks, transform=ax.get_yaxis_transform(), **style)
 
 
 def _write_names(

@@ -47,8 +47,8 @@ def test_forests_have_sizes_and_words_of_every_subject(analysis):
     errors, contractions = bt.plots.order_effect(analysis.evidence).axes
     assert words_of(errors.get_yticklabels()) == ["A", "B", "C"]
     for ax, question in zip((errors, contractions), QUESTION_STYLES, strict=True):
-        expected = [answer.marked_word(question.name) for answer in analysis.answers]
-        assert words_of(ax.texts) == expected
+        lines = [answer.lines[question.name] for answer in analysis.answers]
+        assert words_of(ax.texts) == [line.word + line.marks for line in lines]
         sizes = []
         for answer in analysis.answers:
             if answer.words[question.name] is not Word.CANNOT_BE_TOLD:
