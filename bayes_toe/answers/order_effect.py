@@ -27,6 +27,7 @@ from bayes_toe.checks.identification import Identification, identify
 from bayes_toe.data.messages import capitalized, join_words
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Subject
+from bayes_toe.inference.diagnostics import quantile_errors
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, PairResidual, summarise_fit
 from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import (
@@ -480,6 +481,27 @@ def format_share(size: Size, sign: str = "") -> str:
     ('16 % [-0.1, 22]', '+20 % [+10, +30]')
     """
     return _format_interval(Size(*(100.0 * value for value in size)), "%", 0, sign)
+
+
+def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit: str = "") -> str:
+    """Median and 95 % interval of so many effective draws.
+
+    Numbers end with the decimal in which the largest of their Monte Carlo errors begins. An error
+    above 1 leaves tens or hundreds.
+
+    Examples
+    --------
+    >>> format_draws(np.linspace(0.0, 1.0, 201), 201.0, 3)
+    '0.50 [0.02, 0.98]'
+    """
+    probabilities = list(QUANTILES.values())
+    quantiles = np.quantile(draws, probabilities)
+    error = float(quantile_errors(draws, probabilities, n_effective).max())
+    decimals = most_decimals
+    if error > 0.0:  # 0.0096 is 0.01 as it is printed with one digit
+        decimals = min(decimals, -int(f"{error:.0e}".partition("e")[2]))
+    size = Size(*np.round(quantiles, decimals).tolist())
+    return _format_interval(size, unit, max(decimals, 0), "")
 
 
 def format_decimals(value: float) -> str:

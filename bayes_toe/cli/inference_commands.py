@@ -16,10 +16,9 @@ from bayes_toe.cli.terminal import (
     names_to_show,
     notes_of,
     number,
-    quantile_texts,
     without_zeros,
 )
-from bayes_toe.data.messages import capitalized, format_estimate, plural
+from bayes_toe.data.messages import capitalized, plural
 
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
@@ -228,6 +227,7 @@ def evidence(
 
 def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     """Medians, intervals and convergence of every subject."""
+    from bayes_toe.answers.order_effect import format_draws
     from bayes_toe.model.models import model_title
     from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
@@ -244,10 +244,9 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
             scale = QUANTITY_BY_NAME[key].scale
             decimals = 2 if scale == 1.0 else 0
             values = scale * draws.values(name, key)
-            low, median, high = quantile_texts(values, n_effective, decimals)
-            text = median
-            if key in _WITH_RANGE:
-                text = format_estimate(low, median, high)
+            text = format_draws(values, n_effective, decimals)
+            if key not in _WITH_RANGE:
+                text, *_ = text.split()
             row.append(without_zeros(text))
         row.append(f"{n_effective:.0f}")
         row.append(f"{float(stats['max_r_hat'][index[name]]):.3f}")

@@ -29,6 +29,7 @@ from bayes_toe.answers.order_effect import (
     OrderEffect,
     describe_fit,
     format_decimals,
+    format_draws,
     format_probability,
     format_small_p,
 )
@@ -54,11 +55,10 @@ from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
 from bayes_toe.cli.answer_screen import (
     not_counted,
 )
-from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
+from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of
 from bayes_toe.data.messages import (
     capitalized,
     describe_p_value,
-    format_estimate,
     format_p_value,
     join_names,
     plural,
@@ -433,8 +433,7 @@ def _interval_in_unit(draws: FloatArray, n_effective: float, unit: StimulusUnit)
 
 def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = "") -> str:
     """Median and 95 % interval with the digits that their Monte Carlo errors allow."""
-    low, median, high = quantile_texts(draws, n_effective, digits)
-    return _typeset(format_estimate(low, median, high, unit))
+    return _typeset(format_draws(draws, n_effective, digits, unit))
 
 
 def _typeset(words: str) -> str:
