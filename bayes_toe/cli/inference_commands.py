@@ -134,15 +134,12 @@ def _print_conclusion(
 def _group_lines(analysis: Analysis) -> list[str]:
     """The lines about the group in the answer of a study."""
     from bayes_toe.answers.group_answer import good_fits_answer, group_answer
-    from bayes_toe.answers.study_summary import few_subjects_lines
 
     lines = [] if analysis.contrast is None else analysis.contrast.sentences()
-    if analysis.group is not None:
-        change = good_fits_answer(analysis.group, analysis.group_of_good_fits)
-        return [*group_answer(analysis.group), *change, *lines]
-    if analysis.study.conditions is not None:
+    if analysis.group is None:
         return lines
-    return few_subjects_lines(analysis.answers)
+    change = good_fits_answer(analysis.group, analysis.group_of_good_fits)
+    return [*group_answer(analysis.group), *change, *lines]
 
 
 def sample(
@@ -206,7 +203,6 @@ def evidence(
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
-    from bayes_toe.answers.study_summary import few_subjects_lines
     from bayes_toe.cli.answer_screen import print_answer, print_subjects, without_decision
 
     context.require_files(output)
@@ -217,11 +213,10 @@ def evidence(
     context.finish(keep, table.failed)
     print_model_evidence(context.out, table, output.name)
     print_subjects(context.out, table.answers, output.name)
-    frequencies = few_subjects_lines(table.answers) if read.conditions is None else []
     closing = without_decision(table.answers, table.failed)
     closing += [f"Table: {output}.", f"Seed {table.seed}."]
     context.out.reasons("No result", table.failed)
-    print_answer(context.out, table.answers, read, frequencies, closing)
+    print_answer(context.out, table.answers, read, closing=closing)
     context.end(table.failed)
 
 

@@ -38,7 +38,6 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.answers.study_summary import (
     count_all,
     describe_meaning,
-    few_subjects_lines,
     misfit_lines,
     with_article,
 )
@@ -234,10 +233,6 @@ def _conclusions(analysis: Analysis, answers: Sequence[OrderEffect]) -> list[str
         for line in group_answer(analysis.group):
             heading, colon, text = line.rpartition(": ")
             sentences.append(f"{_escaped(heading)}{colon}{_in_paper(text)}")
-    elif not is_by_unit:
-        for line in few_subjects_lines(answers):
-            shares, *_ = line.split(". ")
-            sentences.append(f"{_in_paper(shares)} [@penny2010].")
     if analysis.contrast is not None:
         _, *differences = analysis.contrast.sentences()
         sentences += map(_in_paper, differences)

@@ -36,7 +36,6 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.answers.study_summary import (
     APPENDIX_C,
     describe_pair,
-    few_subjects_lines,
     study_lines,
 )
 from bayes_toe.answers.words import (
@@ -319,8 +318,6 @@ def _answer(analysis: Analysis) -> list[str]:
     units = analysis.study.conditions is not None
     answers, group = analysis.answers, analysis.group
     lines = study_lines(answers, group, synthetic=analysis.study.synthetic, units=units)
-    if not units:
-        lines += few_subjects_lines(answers)
     lines += not_counted(answers)
     return [_typeset(line) for line in lines if line]
 

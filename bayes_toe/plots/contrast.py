@@ -100,7 +100,7 @@ def _draw_subjects(
     ax: Axes, table: ContrastTable, rows: Sequence[Difference], unit: StimulusUnit
 ) -> None:
     """One quantity of every subject; sorted by size where there are too many names to show."""
-    subjects = [subject.subject for subject in table.subjects]
+    subjects = list(table.subjects)
     names = [plain(name, 16) for name in subjects]
     if len(subjects) > MAX_NAMES:
         subjects = [row.subject for row in sorted(rows, key=lambda row: row.q50)]
