@@ -26,7 +26,7 @@ from bayes_toe.answers.order_effect import (
 )
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.answers.words import Word
-from bayes_toe.arrays import FloatArray, NamedArrays, StrPath
+from bayes_toe.arrays import NamedArrays, StrPath
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import capitalized, display_name, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
@@ -106,7 +106,7 @@ LEGEND = (
 _PROBABILITIES = (0.025, 0.05, 0.5, 0.95, 0.975)
 _FAR = 10.0  # nats below the best maximum from which on others are left out
 _PRECISION = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=4)
-_DRAWS, _CURVES = 4000, 400  # of a difference, and for curves
+_DRAWS = 4000  # of a difference
 
 
 class Difference(NamedTuple):
@@ -184,8 +184,8 @@ class Difference(NamedTuple):
         """
         if not self.has_unit:
             return format_share(self.interval(unit), "+")
-        text = format_difference(self.interval(StimulusUnit()), unit)
-        return text.replace("+", "") if self.p_direction is None else text
+        sign = "" if self.p_direction is None else "+"
+        return format_difference(self.interval(StimulusUnit()), unit, sign)
 
 
 def word_of(log_bf: float) -> str:
@@ -201,26 +201,11 @@ def word_of(log_bf: float) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class SubjectContrast:
-    """The differences of one subject, its conditions, and equally weighted draws.
-
-    `x` has the coordinates of the observer 'both' in each condition, (conditions, draws, k), over
-    all sets of what differs.
-    """
-
-    subject: str
-    rows: tuple[Difference, ...]
-    levels: tuple[str, ...]
-    x: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class ContrastTable(Table[Difference]):
     """The differences of every subject.
 
     Attributes
     ----------
-    subjects : tuple of SubjectContrast
     conditions : Conditions
     prior : ObserverPrior
     seed : int
@@ -233,7 +218,6 @@ class ContrastTable(Table[Difference]):
         Subjects whose work was lost, and why.
     """
 
-    subjects: tuple[SubjectContrast, ...]
     conditions: Conditions
     prior: ObserverPrior
     seed: int
@@ -248,6 +232,11 @@ class ContrastTable(Table[Difference]):
         frame = frame_of(self.rows, CONTRAST_COLUMNS[:-2])
         prior = OrderModel("both").describe(self.prior, self.task)
         return frame.assign(model="both", prior=prior)
+
+    @property
+    def subjects(self) -> tuple[str, ...]:
+        """The subjects that have a row."""
+        return tuple(dict.fromkeys(row.subject for row in self.rows))
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -315,11 +304,9 @@ def contrast(
         workers=workers,
         progress=progress,
     )
-    subjects, failed = without_failed(compared, results)
-    rows = tuple(chain.from_iterable(subject.rows for subject in subjects))
+    rows_by_subject, failed = without_failed(compared, results)
     return ContrastTable(
-        rows,
-        tuple(subjects),
+        tuple(chain.from_iterable(rows_by_subject)),
         conditions,
         numbers,
         root,
@@ -363,13 +350,13 @@ def _compared_subjects(study: Study, conditions: Conditions) -> dict[str, tuple[
 
 def _contrasts(
     subjects: Sequence[Sequence[Subject]], conditions: Conditions, prior: ObserverPrior, seed: int
-) -> list[SubjectContrast]:
+) -> list[list[Difference]]:
     return [subject_contrast(units, conditions, prior, seed) for units in subjects]
 
 
 def subject_contrast(
     units: Sequence[Subject], conditions: Conditions, prior: ObserverPrior, seed: int
-) -> SubjectContrast:
+) -> list[Difference]:
     """The differences of one subject between its conditions.
 
     Random streams are keyed by seed, subject and what differs.
@@ -393,10 +380,7 @@ def subject_contrast(
                 summary = _difference(quantity, values, pair, models.shared.scales)
                 comparison = f"{level} - {reference}"
                 rows.append(Difference._make((name, quantity, comparison, *summary, *answer)))
-
-    every_choice = np.ones(len(CHOICES), np.bool_)
-    x = models.in_conditions(evidence.averaged(every_choice).resampled(rng, _CURVES))
-    return SubjectContrast(name, tuple(rows), levels, x)
+    return rows
 
 
 def _difference(

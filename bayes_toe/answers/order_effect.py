@@ -27,6 +27,7 @@ from bayes_toe.checks.identification import Identification, identify
 from bayes_toe.data.messages import capitalized, join_words
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Subject
+from bayes_toe.inference.diagnostics import quantile_errors
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, PairResidual, summarise_fit
 from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import (
@@ -53,9 +54,7 @@ QUESTIONS: Mapping[str, BoolArray] = {
 SIZES = ("pse_shift_percent", "pse_shift_jnd", "contraction_p", "jnd_percent", "zone_percent")
 #: The size that stands beside the word for an effect.
 SIZE_OF = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
-#: Words beside which no size stands.
-_WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.NOT_INTERPRETABLE, Word.CANNOT_BE_TOLD)
-_SIZE_TEXTS = {"constant_error": "PSE shift {}", "contraction": "{} of the way to the mean"}
+_SIZE_TEXTS = {"constant_error": ", PSE shift {}", "contraction": ", {} of the way to the mean"}
 QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
 _EVIDENCES = tuple(f"log_evidence_{name.replace(' ', '_')}" for name in MODEL_NAMES)
 #: Columns with which evidence.csv begins.
@@ -94,6 +93,35 @@ class Size(NamedTuple):
     def from_percent(self, unit: StimulusUnit) -> Size:
         """A difference in per cent of intensity in the unit of the stimuli."""
         return Size(*unit.from_percent(self).tolist())
+
+
+class Line(NamedTuple):
+    """The conclusion on one question, as it is printed; what it does not have is empty.
+
+    Attributes
+    ----------
+    question : str
+    word : str
+        With the direction of a contraction.
+    marks : str
+        `!` for a poor fit, `?` if the word depends on the prior, each after a space.
+    size : str
+        The estimate with its 95 % interval and its unit.
+    probability : str
+        The posterior probability, as in '= .97'.
+    factor : str
+        The Bayes factor.
+    reason : str
+        Why the question cannot be told.
+    """
+
+    question: str
+    word: str
+    marks: str = ""
+    size: str = ""
+    probability: str = ""
+    factor: str = ""
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -240,15 +268,27 @@ class OrderEffect:
             return f"{word} ({self.direction})"
         return str(word)
 
-    def marked_word(self, question: str) -> str:
-        """The word with its marks: `!` for a poor fit, `?` if it depends on the prior."""
-        word = self.word(question)
-        if self.fits is False:
-            word += " !"
-        for flag in self.flags:
-            if flag.startswith(PRIOR_FLAG) and question.replace("_", " ") in flag:
-                word += " ?"
-        return word
+    @property
+    def lines(self) -> Mapping[str, Line]:
+        """The conclusion on each question, as screens, report, methods and figures print it."""
+        lines = {}
+        for question, word in self.words.items():
+            name = question.replace("_", " ")
+            if not self.is_interpretable:
+                lines[question] = Line(name, "not interpreted")
+            elif word is Word.CANNOT_BE_TOLD:
+                lines[question] = Line(name, str(word), reason=self.reasons.get(question, ""))
+            else:
+                size = ""
+                if question in SIZE_OF and word not in (Word.NO, Word.PROBABLY_NOT):
+                    size = self.format_size(SIZE_OF[question])
+                probability = format_probability(self.probabilities[question])
+                factor = format_bayes_factor(self.log_bayes_factors[question])
+                marks = " !" if self.fits is False else ""
+                if any(flag.startswith(PRIOR_FLAG) and name in flag for flag in self.flags):
+                    marks += " ?"
+                lines[question] = Line(name, self.word(question), marks, size, probability, factor)
+        return lines
 
     def size(self, name: str) -> Size:
         """One of :data:`SIZES`; a size in per cent is converted to the unit of the stimuli."""
@@ -262,24 +302,15 @@ class OrderEffect:
             return format_share(size)
         if name == "pse_shift_jnd":
             return format_signed(size)
-        if name == "pse_shift_percent":
-            return format_difference(size, self.unit)
-        unit = self.unit.for_percent(size)
-        low, median, high = map(format_number, size.from_percent(unit))
-        return f"{median} {unit.of_differences} [{low}, {high}]"
-
-    def effect_size(self, question: str) -> str:
-        """The size of an effect; empty beside a word that has none."""
-        is_hidden = self.words[question] in _WITHOUT_SIZE
-        return "" if is_hidden else self.format_size(SIZE_OF[question])
+        return format_difference(size, self.unit, "+" if name == "pse_shift_percent" else "")
 
     @property
     def texts(self) -> Mapping[str, str]:
         """Each word with the mark or the size, by the headings of a short table."""
         texts = {"subject": self.subject}
-        for question, word in self.words.items():
-            addition = self.effect_size(question) if question in SIZE_OF else self.mark
-            texts[question.replace("_", " ")] = f"{word} {addition}".rstrip()
+        for question, line in self.lines.items():
+            addition = line.size if question in SIZE_OF else self.mark
+            texts[line.question] = f"{self.words[question]} {addition}".rstrip()
         return texts
 
     @property
@@ -311,23 +342,21 @@ class OrderEffect:
         """The conclusion in sentences, without the name of the subject."""
         if not self.is_interpretable:
             return f"Not interpreted: {', '.join(self.flags)}."
-        sentences = [self._describe_question(question) for question in QUESTIONS]
+        sentences = [self._describe_line(key, line) for key, line in self.lines.items()]
         sentences += [f"{capitalized(flag)}." for flag in self.flags]
         return " ".join(sentences)
 
-    def _describe_question(self, question: str) -> str:
+    def _describe_line(self, question: str, line: Line) -> str:
         """Word, probability, and size or bound of one question."""
-        word = self.words[question]
-        heading = capitalized(question.replace("_", " "))
-        if word is Word.CANNOT_BE_TOLD:
-            reason = self.reasons.get(question)
-            return f"{heading}: {word}{f', because {reason}' if reason else ''}."
-        probability = format_probability(self.probabilities[question])
-        text = f"{heading}: {short_direction(self.word(question))} (P {probability})"
+        text = f"{capitalized(line.question)}: {short_direction(line.word)}"
+        if line.reason:
+            return f"{text}, because {line.reason}."
+        if line.probability:
+            text += f" (P {line.probability})"
         bound = self.upper_bounds.get(question, 0.0)
-        if word.is_positive and question in SIZE_OF:
-            text += f", {_SIZE_TEXTS[question].format(self.format_size(SIZE_OF[question]))}"
-        elif not word.is_positive and bound > 0.0:
+        if self.words[question].is_positive:
+            text += _SIZE_TEXTS.get(question, "").format(line.size)
+        elif line.probability and bound > 0.0:
             text += f". With 95 % probability, the effect is at most {format_number(bound)} JND"
         return f"{text}."
 
@@ -367,8 +396,10 @@ def format_probability(probability: float) -> str:
     return f"= {probability:.2f}".replace("0.", ".")
 
 
-def format_difference(size: Size, unit: StimulusUnit) -> str:
+def format_difference(size: Size, unit: StimulusUnit, sign: str = "+") -> str:
     """A signed difference in per cent of intensity with its 95 % interval, in the unit to show.
+
+    With `sign` '', only negative numbers have a sign.
 
     Examples
     --------
@@ -378,10 +409,10 @@ def format_difference(size: Size, unit: StimulusUnit) -> str:
     '+6 ln [+2, +18]'
     """
     shown_unit = unit.for_percent(size)
-    return format_signed(size.from_percent(shown_unit), shown_unit.of_differences)
+    return format_signed(size.from_percent(shown_unit), shown_unit.of_differences, sign)
 
 
-def format_signed(size: Size, unit: str = "") -> str:
+def format_signed(size: Size, unit: str = "", sign: str = "+") -> str:
     """A signed size with its unit and 95 % interval, two digits of the largest number.
 
     The interval has more digits if its ends would look equal. A number that is not 0 has as many
@@ -395,7 +426,7 @@ def format_signed(size: Size, unit: str = "") -> str:
     ('+0.000030 % [+0.000020, +0.000040]', '+5.61 [+5.60, +5.62]')
     """
     finite = filter(np.isfinite, size)
-    return _format_interval(size, unit, decimals_of(max(map(abs, finite), default=0.0)), "+")
+    return _format_interval(size, unit, decimals_of(max(map(abs, finite), default=0.0)), sign)
 
 
 def _format_interval(size: Size, unit: str, digits: int, sign: str) -> str:
@@ -450,6 +481,27 @@ def format_share(size: Size, sign: str = "") -> str:
     ('16 % [-0.1, 22]', '+20 % [+10, +30]')
     """
     return _format_interval(Size(*(100.0 * value for value in size)), "%", 0, sign)
+
+
+def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit: str = "") -> str:
+    """Median and 95 % interval of so many effective draws.
+
+    Numbers end with the decimal in which the largest of their Monte Carlo errors begins. An error
+    above 1 leaves tens or hundreds.
+
+    Examples
+    --------
+    >>> format_draws(np.linspace(0.0, 1.0, 201), 201.0, 3)
+    '0.50 [0.02, 0.98]'
+    """
+    probabilities = list(QUANTILES.values())
+    quantiles = np.quantile(draws, probabilities)
+    error = float(quantile_errors(draws, probabilities, n_effective).max())
+    decimals = most_decimals
+    if error > 0.0:  # 0.0096 is 0.01 as it is printed with one digit
+        decimals = min(decimals, -int(f"{error:.0e}".partition("e")[2]))
+    size = Size(*np.round(quantiles, decimals).tolist())
+    return _format_interval(size, unit, max(decimals, 0), "")
 
 
 def format_decimals(value: float) -> str:

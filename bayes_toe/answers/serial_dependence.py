@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.answers.order_effect import QUANTILES
+from bayes_toe.answers.order_effect import QUANTILES, format_decimals
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, word_for
 from bayes_toe.arrays import BoolArray, FloatArray, StrPath
+from bayes_toe.data.messages import format_estimate
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import NumericalError
@@ -137,6 +138,11 @@ class SubjectDependence:
             direction = "repetition" if self.kappa[1] > 0.0 else "alternation"
             return f"{word} ({direction})"
         return str(word)
+
+    def size(self, effect: str) -> str:
+        """The size of an effect with its interval; empty without a result."""
+        quantiles = self.rho if effect == "carry_over" else self.kappa
+        return format_estimate(*map(format_decimals, quantiles)) if quantiles else ""
 
     def history(self, name: str) -> TrialHistory:
         """The model behind one of :data:`HISTORIES`."""

@@ -1,17 +1,13 @@
 """The sentences about a whole study.
 
 `study_lines` says what the answers mean, and counts how many subjects have which word.
-`effect_frequency` estimates how frequent an effect is in the population. `describe_pair` describes
-a pair that the model does not fit.
+`describe_pair` describes a pair that the model does not fit.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-
-import numpy as np
-from scipy.special import softmax
 
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, word_of_bayes_factor
 from bayes_toe.answers.words import Word, claim
@@ -28,7 +24,6 @@ FEWEST_FOR_GROUP = 6
 _MOST_NAMES = 5  # of subjects in a line
 #: How often a test of every subject flags one by chance.
 FALSE_ALARMS = f"By chance, {100 * FALSE_ALARM_SHARE:.0f} % of sound studies have a poor fit."
-_SHARES = np.linspace(0.0, 1.0, 401)  # frequencies over which random effects are summed
 #: One sentence on the table of Appendix C.
 APPENDIX_C = "The comparison of H1 with H0 does not test for an order effect"
 
@@ -316,47 +311,6 @@ def count_all(answers: Sequence[OrderEffect], noun: str, units: bool) -> str:
         return plural(len(answers), noun)
     n_subjects = len({answer.subject.rpartition(CONDITION_SEPARATOR)[0] for answer in answers})
     return f"{plural(len(answers), 'condition')} of {plural(n_subjects, noun)}"
-
-
-# --- Few subjects: how frequent an effect is ------------------------------------------------------
-
-
-def effect_frequency(answers: Sequence[OrderEffect], question: str) -> float:
-    """The expected frequency in the population of a constant error, or of a contraction.
-
-    A subject has the effect with an unknown frequency, uniform beforehand, which is summed over.
-    Source: Penny et al. 2010 (PLoS Comput. Biol. 6:e1000709), with two families.
-    """
-    with np.errstate(divide="ignore"):
-        log_share, log_other_share = np.log(_SHARES), np.log1p(-_SHARES)
-    log_likelihoods = np.zeros(len(_SHARES))
-    for answer in answers:
-        log_bayes_factor = answer.log_bayes_factors[question]
-        log_likelihoods += np.logaddexp(log_share + log_bayes_factor, log_other_share)
-    return float(_SHARES @ softmax(log_likelihoods))
-
-
-def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:
-    """The sentence about too few subjects for a group, with the effects that the design can show.
-
-    A list of at most that sentence.
-    """
-    interpretable = [answer for answer in answers if answer.is_interpretable]
-    if not 2 <= len(interpretable) < FEWEST_FOR_GROUP:
-        return []
-    shares = []
-    for question in (CONSTANT_ERROR.name, CONTRACTION.name):
-        told = [answer for answer in interpretable if answer.words[question] != Word.CANNOT_BE_TOLD]
-        if told:
-            share = 100.0 * effect_frequency(told, question)
-            subjects = plural(len(told), "subject")
-            shares.append(f"{share:.0f} % with {with_article(question)} (from {subjects})")
-    if not shares:
-        return []
-    return [
-        f"The expected share of the population is {' and '.join(shares)}. These shares do not say "
-        "how large the effects are."
-    ]
 
 
 # --- Poor fits -----------------------------------------------------------------------------------

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     PRIOR_FLAG,
-    QUESTIONS,
     SIZE_OF,
     OrderEffect,
 )
@@ -110,15 +109,16 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     name = f"{answer.subject} {answer.mark}".rstrip()
     if not answer.is_interpretable:
         return [name, f"not interpreted: {answer.flags[0]}"]
-    reasons = [answer.reasons.get(question, "") for question in QUESTIONS]
-    if reasons[0] and len(set(reasons)) == 1:
-        return [name, f"cannot be told {letters[reasons[0]]}"]
+    reasons = {line.reason for line in answer.lines.values()}
+    if len(reasons) == 1 and "" not in reasons:
+        return [name, f"cannot be told {letters[reasons.pop()]}"]
     cells = [name]
+    for question, line in answer.lines.items():
+        cells.append(letters.get(line.reason) or str(answer.words[question]))
     unit = f" {answer.unit.of_differences}"
-    for question, reason in zip(QUESTIONS, reasons, strict=True):
-        cells.append(letters.get(reason) or str(answer.words[question]))
     for question in SIZE_OF:
-        cells.append(answer.effect_size(question).replace(unit, "").replace(" %", "") or "-")
+        size = answer.lines[question].size
+        cells.append(size.replace(unit, "").replace(" %", "") or "-")
     return cells
 
 

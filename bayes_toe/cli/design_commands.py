@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -191,15 +191,6 @@ class GoalOptions:
         None
     )
 
-    def require(self, file: Path, has_list: bool) -> None:
-        """Refuse a given design with options of a search."""
-        is_search = replace(self, intensity=None, unit=None) != GoalOptions()
-        if not has_list or is_search:
-            raise bt.InputError(
-                f"{file}: a given design needs --list trials.csv, without options of the search "
-                "such as --lowest and --max-pairs."
-            )
-
     def log_levels(self) -> FloatArray:
         """Levels, natural-log intensity."""
         import numpy as np
@@ -252,7 +243,7 @@ class GoalOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ListOptions:
-    """A list of the trials of a design, in their order."""
+    """A list of the trials of a given design, in their order."""
 
     list_output: Annotated[
         File, option("--list", "trials.csv", "List of trials for the experiment.")
@@ -262,56 +253,6 @@ class ListOptions:
         int, option("--subjects", NUMBER, "Number of subjects in --list.", min=1)
     ] = 1
     conditions: Annotated[Text, rare("--conditions", "left,right", "Conditions in --list.")] = None
-
-    @property
-    def files(self) -> list[Path]:
-        """The file of the list, if there is one."""
-        return [] if self.list_output is None else [self.list_output]
-
-    def levels(self) -> tuple[str, ...]:
-        """The levels of the condition; none without a condition."""
-        from bayes_toe.design.simulate import read_differences
-
-        if self.list_output is None and self != ListOptions():
-            raise bt.InputError("--blocks, --subjects and --conditions need --list trials.csv.")
-        differences = read_differences(self.conditions, None)
-        return () if differences is None else differences.conditions.levels
-
-    def write(
-        self, design: StudyDesign, seed: int, unit: StimulusUnit, context: RunContext
-    ) -> None:
-        """A randomised, counterbalanced list, which run reads once the answers are filled in."""
-        import pandas as pd
-
-        from bayes_toe.data.tables import write_table
-        from bayes_toe.design.simulate import subject_names
-        from bayes_toe.design.trial_list import MOST_EQUAL
-
-        if self.list_output is None:
-            return
-        levels = self.levels()
-        trial_list = partial(
-            bt.design.trial_list,
-            design,
-            blocks=self.blocks,
-            seed=seed,
-            conditions=levels,
-            unit=unit,
-        )
-        lists = [trial_list(subject=name) for name in subject_names(self.subjects)]
-        write_table(pd.concat(lists), self.list_output, overwrite=context.overwrite)
-        split = ""
-        if levels:
-            split = f" ({design.total} in each of {join_names([*levels])}, mixed within blocks)"
-        n_trials = design.total * max(1, len(levels))
-        context.out.line()
-        suffix = " each" if self.subjects > 1 else ""
-        context.out.line(
-            f"{self.list_output}: {plural(self.subjects, 'subject')}, {n_trials} trials{suffix} "
-            f"in {plural(self.blocks, 'block')}{split}. Within each block, both orders of a pair "
-            f"are as frequent as in the design. At most {MOST_EQUAL} equal pairs follow each "
-            f"other. Seed {seed}."
-        )
 
 
 def design(
@@ -336,64 +277,69 @@ def design(
 
     [bold]Example[/bold]: bayes-toe design -o design.csv --lowest 45 --highest 213 --unit um
     """
+    if file is not None:
+        _list_trials(file, trials, question, goal, lists, context)
+        return
+    if lists != ListOptions():
+        raise bt.InputError(
+            "--list, --blocks, --subjects and --conditions need a design, as in bayes-toe design "
+            "design.csv --list trials.csv."
+        )
+    _search(output, trials, question, goal, simulated, observers, context)
+
+
+def _search(
+    output: Path,
+    trials: int,
+    question: str,
+    goal: GoalOptions,
+    simulated: int,
+    observers: str | None,
+    context: RunContext,
+) -> None:
+    """Search for a design, and write it with its text, its figure and its power."""
     from bayes_toe.cli.design_screens import print_power
     from bayes_toe.cli.terminal import repeated_command
     from bayes_toe.data.tables import write_table
     from bayes_toe.design.observers import KINDS_IN_WORDS
 
-    if file is not None:
-        _list_given_design(file, trials, question, goal, lists, context)
-        return
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
-
-    n_levels = max(1, len(lists.levels()))
     compared = output.with_name(f"{output.stem}_compared.csv")
     text, figure = output.with_suffix(".md"), output.with_suffix(".png")
-    context.require_files(output, compared, text, figure, *lists.files)
+    context.require_files(output, compared, text, figure)
 
     optimal = context.work(
         "simulating and analysing",
         2 * 6 * simulated,
         bt.design.optimal_design,
         goal.log_levels(),
-        trials // n_levels,
+        trials,
         goal.goal(question),
         observers,
         data_sets=simulated,
         prior=context.prior,
     )
     optimal = replace(optimal, unit=goal.shown_unit())
-
-    files: dict[Path, Callable[[Path], object]] = {
-        output: lambda path: write_table(optimal.frame(), path),
-        compared: optimal.power.save,
-        text: lambda path: path.write_text(optimal.text(), encoding="utf-8"),
-        figure: partial(bt.plots.save_figure, bt.plots.design(optimal)),
-    }
-    context.write(files)
+    written = context.write(
+        {
+            output: partial(write_table, optimal.frame()),
+            compared: optimal.power.save,
+            text: lambda path: path.write_text(optimal.text(), encoding="utf-8"),
+            figure: partial(bt.plots.save_figure, bt.plots.design(optimal)),
+        }
+    )
 
     print_power(context.out, optimal.power)
     if observers is None:
         context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:
         context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
-
-    problem, list_files = "", lists.files
-    try:
-        lists.write(optimal.design, optimal.seed, optimal.unit, context)
-    except bt.InputError as error:  # The design is not lost.
-        problem, list_files = str(error), []
-    written = f"Written: {', '.join(map(str, [*files, *list_files]))}. Seed {optimal.seed}."
-    context.out.answer([*optimal.power.sentences(), *optimal.reasons(), written])
-    if problem:
-        raise bt.InputError(
-            f"{problem}. For the list, type: bayes-toe design {output} --list "
-            f"{lists.list_output} --blocks NUMBER"
-        )
+    seed = f"{written} Seed {optimal.seed}."
+    context.out.answer([*optimal.power.sentences(), *optimal.reasons(), seed])
 
 
-def _list_given_design(
+def _list_trials(
     file: Path,
     trials: int,
     question: str,
@@ -401,17 +347,50 @@ def _list_given_design(
     lists: ListOptions,
     context: RunContext,
 ) -> None:
-    """Write the list of trials of a design that a file has."""
+    """Write randomised, counterbalanced trials of a design, which run reads once answered."""
+    import pandas as pd
+
+    from bayes_toe.data.tables import write_table
+    from bayes_toe.design.simulate import read_differences, subject_names
+    from bayes_toe.design.trial_list import MOST_EQUAL
     from bayes_toe.seeds import root_seed
 
-    goal.require(file, bool(lists.files))
-    if trials != TRIALS:
-        raise bt.InputError(f"{file}: a given design has its trials. Leave out --trials.")
-    context.require_files(*lists.files)
-    lists.levels()  # refuses conditions without two levels
+    is_search = trials != TRIALS or replace(goal, intensity=None, unit=None) != GoalOptions()
+    if lists.list_output is None or is_search:
+        raise bt.InputError(
+            f"{file}: a given design needs --list trials.csv, without options of the search such "
+            "as --lowest, --trials and --max-pairs."
+        )
+    context.require_files(lists.list_output)
+    levels: tuple[str, ...] = ()
+    differences = read_differences(lists.conditions, None)
+    if differences is not None:
+        levels = differences.conditions.levels
 
     study_design = bt.design.read_study_design(file, question, goal.unit)
-    lists.write(study_design, root_seed(context.seed), goal.shown_unit(), context)
+    seed = root_seed(context.seed)
+    trial_list = partial(
+        bt.design.trial_list,
+        study_design,
+        blocks=lists.blocks,
+        seed=seed,
+        conditions=levels,
+        unit=goal.shown_unit(),
+    )
+    tables = [trial_list(subject=name) for name in subject_names(lists.subjects)]
+    write_table(pd.concat(tables), lists.list_output, overwrite=context.overwrite)
+
+    n_trials = study_design.total * max(1, len(levels))
+    each = " each" if lists.subjects > 1 else ""
+    split = ""
+    if levels:
+        split = f" ({study_design.total} in each of {join_names(levels)}, mixed within blocks)"
+    context.print_written(
+        f"{lists.list_output}: {plural(lists.subjects, 'subject')}, {n_trials} trials{each} in "
+        f"{plural(lists.blocks, 'block')}{split}. Within each block, both orders of a pair are as "
+        f"frequent as in the design. At most {MOST_EQUAL} equal pairs follow each other",
+        seed,
+    )
 
 
 # --- simulate -------------------------------------------------------------------------------------

@@ -38,7 +38,8 @@ def population(
 
     [bold]Example[/bold]: bayes-toe population study.csv -o population.nc --seed 1
     """
-    from bayes_toe.cli.group_screen import group_answer, print_group
+    from bayes_toe.answers.group_answer import group_answer
+    from bayes_toe.cli.group_screen import print_group
     from bayes_toe.data.tables import write_table
     from bayes_toe.groups.predictive_check import predictive_check
 
@@ -92,7 +93,7 @@ def contrast(
 
     [bold]Example[/bold]: bayes-toe contrast study.csv --condition hand -o contrast.csv --seed 1
     """
-    from bayes_toe.cli.within_screens import print_contrast
+    from bayes_toe.cli.group_screen import print_contrast
     from bayes_toe.plots.figure_files import picture_beside
 
     figure_file = picture_beside(output)
@@ -132,7 +133,7 @@ def history(
 
     [bold]Example[/bold]: bayes-toe history trials.csv -o history.csv --seed 1
     """
-    from bayes_toe.cli.within_screens import history_lines, print_history
+    from bayes_toe.cli.group_screen import history_lines, print_history
     from bayes_toe.model.trial_history import require_order
     from bayes_toe.plots.figure_files import picture_beside
 

@@ -16,10 +16,9 @@ from bayes_toe.cli.terminal import (
     names_to_show,
     notes_of,
     number,
-    quantile_texts,
     without_zeros,
 )
-from bayes_toe.data.messages import capitalized, format_estimate, plural
+from bayes_toe.data.messages import capitalized, plural
 
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
@@ -101,8 +100,7 @@ def _print_analysis(
 ) -> None:
     """The tables of subjects and conditions, and what needs action."""
     from bayes_toe.cli.answer_screen import print_subjects
-    from bayes_toe.cli.group_screen import print_problems
-    from bayes_toe.cli.within_screens import print_contrast
+    from bayes_toe.cli.group_screen import print_contrast, print_problems
 
     files = f"{folder / 'report.html'} and {folder / 'evidence.csv'}"
     print_subjects(out, analysis.answers, files)
@@ -135,16 +133,13 @@ def _print_conclusion(
 
 def _group_lines(analysis: Analysis) -> list[str]:
     """The lines about the group in the answer of a study."""
-    from bayes_toe.answers.study_summary import few_subjects_lines
-    from bayes_toe.cli.group_screen import good_fits_answer, group_answer
+    from bayes_toe.answers.group_answer import good_fits_answer, group_answer
 
     lines = [] if analysis.contrast is None else analysis.contrast.sentences()
-    if analysis.group is not None:
-        change = good_fits_answer(analysis.group, analysis.group_of_good_fits)
-        return [*group_answer(analysis.group), *change, *lines]
-    if analysis.study.conditions is not None:
+    if analysis.group is None:
         return lines
-    return few_subjects_lines(analysis.answers)
+    change = good_fits_answer(analysis.group, analysis.group_of_good_fits)
+    return [*group_answer(analysis.group), *change, *lines]
 
 
 def sample(
@@ -208,7 +203,6 @@ def evidence(
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
-    from bayes_toe.answers.study_summary import few_subjects_lines
     from bayes_toe.cli.answer_screen import print_answer, print_subjects, without_decision
 
     context.require_files(output)
@@ -219,16 +213,16 @@ def evidence(
     context.finish(keep, table.failed)
     print_model_evidence(context.out, table, output.name)
     print_subjects(context.out, table.answers, output.name)
-    frequencies = few_subjects_lines(table.answers) if read.conditions is None else []
     closing = without_decision(table.answers, table.failed)
     closing += [f"Table: {output}.", f"Seed {table.seed}."]
     context.out.reasons("No result", table.failed)
-    print_answer(context.out, table.answers, read, frequencies, closing)
+    print_answer(context.out, table.answers, read, closing=closing)
     context.end(table.failed)
 
 
 def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     """Medians, intervals and convergence of every subject."""
+    from bayes_toe.answers.order_effect import format_draws
     from bayes_toe.model.models import model_title
     from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
@@ -245,10 +239,9 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
             scale = QUANTITY_BY_NAME[key].scale
             decimals = 2 if scale == 1.0 else 0
             values = scale * draws.values(name, key)
-            low, median, high = quantile_texts(values, n_effective, decimals)
-            text = median
-            if key in _WITH_RANGE:
-                text = format_estimate(low, median, high)
+            text = format_draws(values, n_effective, decimals)
+            if key not in _WITH_RANGE:
+                text, *_ = text.split()
             row.append(without_zeros(text))
         row.append(f"{n_effective:.0f}")
         row.append(f"{float(stats['max_r_hat'][index[name]]):.3f}")

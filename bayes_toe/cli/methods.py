@@ -22,30 +22,27 @@ from jinja2 import Environment, StrictUndefined
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers import words
+from bayes_toe.answers.group_answer import (
+    good_fits_answer,
+    group_answer,
+)
 from bayes_toe.answers.order_effect import (
     COUNTS_WITHIN,
     QUESTIONS,
     SIZE_OF,
     OrderEffect,
-    format_bayes_factor,
     format_decimals,
     format_number,
-    format_probability,
     short_direction,
 )
 from bayes_toe.answers.study_summary import (
     count_all,
     describe_meaning,
-    few_subjects_lines,
     misfit_lines,
     with_article,
 )
 from bayes_toe.arrays import Record
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
-from bayes_toe.cli.group_screen import (
-    good_fits_answer,
-    group_answer,
-)
 from bayes_toe.data.messages import (
     capitalized,
     describe_p_value,
@@ -101,7 +98,7 @@ def write_methods(analysis: Analysis, path: Path) -> None:
         exp=exp,
         p_value=describe_p_value,
         range=_range,
-        word=_marked_word,
+        short_direction=short_direction,
     )
 
     context = {"version": version, **_methods(analysis), **_results(analysis)}
@@ -236,10 +233,6 @@ def _conclusions(analysis: Analysis, answers: Sequence[OrderEffect]) -> list[str
         for line in group_answer(analysis.group):
             heading, colon, text = line.rpartition(": ")
             sentences.append(f"{_escaped(heading)}{colon}{_in_paper(text)}")
-    elif not is_by_unit:
-        for line in few_subjects_lines(answers):
-            shares, *_ = line.split(". ")
-            sentences.append(f"{_in_paper(shares)} [@penny2010].")
     if analysis.contrast is not None:
         _, *differences = analysis.contrast.sentences()
         sentences += map(_in_paper, differences)
@@ -269,13 +262,3 @@ def _count_effects(answers: Sequence[OrderEffect], total: str) -> list[str]:
                 of_total = ""
         sentences.append(f"{capitalized(with_article(question))} was {join_words(parts)}.")
     return sentences
-
-
-def _marked_word(answer: OrderEffect, question: str) -> str:
-    """The word with its marks, the posterior probability and the Bayes factor."""
-    word = short_direction(answer.marked_word(question))
-    if answer.words[question] is words.Word.CANNOT_BE_TOLD:
-        return word
-    probability = format_probability(answer.probabilities[question]).removeprefix("= ")
-    factor = format_bayes_factor(answer.log_bayes_factors[question])
-    return f"{word} ({probability}, {factor})"

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from glob import glob
+from inspect import Parameter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -45,9 +47,8 @@ def flag(name: str, help_text: str) -> Any:
     return option(name, "", help_text)
 
 
-#: An option that few need, and one that says how to read files.
+#: An option that few need.
 rare = partial(option, panel="Advanced")
-layout = partial(option, panel=LAYOUT)
 
 Seed = Annotated[int | None, option("--seed", NUMBER, "Random seed, printed and stored.", min=0)]
 DrawCount = Annotated[int, rare("--draws", NUMBER, "Number of effective draws.", min=1, max=10**6)]
@@ -129,9 +130,51 @@ WHICH_FILE = (
 )
 
 
+#: The options for files in another layout, with the type, the sign and the help of their values.
+_LAYOUT_OPTIONS: Mapping[str, tuple[Any, str, str]] = {
+    "intensity": (Number, "REF", "Intensities: s = ln(i / REF)."),
+    "unit": (Text, "UNIT", "Unit: dB, dB-power, ln, g, ..."),
+    "equal_code": (Text, "CODE", "The code for 'equal'."),
+    "different_code": (Text, "CODE", "The code for 'different'."),
+    "second_code": (Text, "CODE", "The code for 'second'."),
+    "first_code": (Text, "CODE", "The code for 'first'."),
+    "correct": (Text, "COLUMN", "Column with correct or wrong."),
+    "missed": (Texts, "CODE", "The code of missed trials."),
+    "ignore": (Texts, "COLUMN", "Column to ignore; repeatable."),
+    "task": (Text, "TASK", "same/different, 2afc or ternary."),
+    "where": (Texts, "COLUMN=TEXT", "Rows to read; repeatable."),
+    "subject_from": (Text, "NAME", "Subject in the name: 'sub-{}_*'."),
+    "columns": (Texts, "OURS=THEIRS", "Your column names: s1=first,..."),
+    "standard_interval": (Text, "COLUMN", "Interval of the standard."),
+    "comparison_interval": (Text, "COLUMN", "Interval of the comparison."),
+    "standard_first_code": (Text, "CODE", "The code for 'standard first'."),
+    "standard_first": (bool, "", "The standard was always first."),
+    "comparison_code": (Text, "CODE", "The code for 'comparison'."),
+    "wide": (Text, "PATTERN", "Pairs as '{first}_{second}'."),
+    "decimal": (Text, "SIGN", "Decimal sign: . or ,"),
+    "sheet": (Text, "NAME", "Sheet of an Excel file."),
+    "encoding": (Text, "NAME", "Encoding, such as cp1252."),
+    "condition": (Text, "COLUMN", "Column of the condition."),
+    "reference": (Text, "LEVEL", "Level to compare others with."),
+    "categorical_condition": (bool, "", "Take numeric levels as names."),
+}
+
+
+def layout_options() -> Iterator[Parameter]:
+    """The parameters of a command that say how to read files in another layout."""
+    for name, (kind, metavar, help_text) in _LAYOUT_OPTIONS.items():
+        typed = option(f"--{name.replace('_', '-')}", metavar, help_text, LAYOUT)
+        default = False if kind is bool else None
+        parameter = Parameter(name, Parameter.KEYWORD_ONLY, default=default)
+        yield parameter.replace(annotation=Annotated[kind, typed])
+
+
 @dataclass(frozen=True, kw_only=True)
 class StudyFile:
-    """The study of a command: files and how to read them, or a bundled example."""
+    """The study of a command: files and how to read them, or a bundled example.
+
+    `reading` has the values of :func:`layout_options`.
+    """
 
     files: Annotated[
         list[Path] | None,
@@ -150,54 +193,7 @@ class StudyFile:
     exclude: Annotated[
         Texts, option("--exclude", "A08:2,4", "Exclude a subject or blocks; repeatable.")
     ] = None
-    intensity: Annotated[Number, layout("--intensity", "REF", "Intensities: s = ln(i / REF).")] = (
-        None
-    )
-    unit: Annotated[Text, layout("--unit", "UNIT", "Unit: dB, dB-power, ln, g, ...")] = None
-    equal_code: Annotated[Text, layout("--equal-code", "CODE", "The code for 'equal'.")] = None
-    different_code: Annotated[
-        Text, layout("--different-code", "CODE", "The code for 'different'.")
-    ] = None
-    second_code: Annotated[Text, layout("--second-code", "CODE", "The code for 'second'.")] = None
-    first_code: Annotated[Text, layout("--first-code", "CODE", "The code for 'first'.")] = None
-    correct: Annotated[Text, layout("--correct", "COLUMN", "Column with correct or wrong.")] = None
-    missed: Annotated[Texts, layout("--missed", "CODE", "The code of missed trials.")] = None
-    ignore: Annotated[Texts, layout("--ignore", "COLUMN", "Column to ignore; repeatable.")] = None
-    question: Annotated[Text, layout("--task", "TASK", "same/different, 2afc or ternary.")] = None
-    where: Annotated[Texts, layout("--where", "COLUMN=TEXT", "Rows to read; repeatable.")] = None
-    subject_from: Annotated[
-        Text, layout("--subject-from", "NAME", "Subject in the name: 'sub-{}_*'.")
-    ] = None
-    columns: Annotated[
-        Texts, layout("--columns", "OURS=THEIRS", "Your column names: s1=first,...")
-    ] = None
-    standard_interval: Annotated[
-        Text, layout("--standard-interval", "COLUMN", "Interval of the standard.")
-    ] = None
-    comparison_interval: Annotated[
-        Text,
-        layout("--comparison-interval", "COLUMN", "Interval of the comparison."),
-    ] = None
-    standard_first_code: Annotated[
-        Text, layout("--standard-first-code", "CODE", "The code for 'standard first'.")
-    ] = None
-    standard_first: Annotated[
-        bool, layout("--standard-first", "", "The standard was always first.")
-    ] = False
-    comparison_code: Annotated[
-        Text, layout("--comparison-code", "CODE", "The code for 'comparison'.")
-    ] = None
-    wide: Annotated[Text, layout("--wide", "PATTERN", "Pairs as '{first}_{second}'.")] = None
-    decimal: Annotated[Text, layout("--decimal", "SIGN", "Decimal sign: . or ,")] = None
-    sheet: Annotated[Text, layout("--sheet", "NAME", "Sheet of an Excel file.")] = None
-    encoding: Annotated[Text, layout("--encoding", "NAME", "Encoding, such as cp1252.")] = None
-    condition: Annotated[Text, layout("--condition", "COLUMN", "Column of the condition.")] = None
-    reference: Annotated[Text, layout("--reference", "LEVEL", "Level to compare others with.")] = (
-        None
-    )
-    named_levels: Annotated[
-        bool, layout("--categorical-condition", "", "Take numeric levels as names.")
-    ] = False
+    reading: Mapping[str, Any] = field(default_factory=dict)
 
     def truth(self) -> Truth:
         """True parameters of the paper's model, by subject; only one of the examples has them."""
@@ -230,7 +226,8 @@ class StudyFile:
                 "Allowed: --example 2afc, --example same-different."
             )
 
-        task = None if self.question is None else task_of(self.question)
+        question = self.reading.get("task")
+        task = None if question is None else task_of(question)
         if self.example:
             study = example_study(task_of(self.example, "--example"))
         elif self.files:
@@ -240,7 +237,7 @@ class StudyFile:
 
         if task not in (None, study.task):
             raise InputError(
-                f"--task is {self.question!r}, but the responses in {study.source} are of the task "
+                f"--task is {question!r}, but the responses in {study.source} are of the task "
                 f"{study.task.name!r}."
             )
         return changed(study, self.swap or (), self.exclude or ())
@@ -263,14 +260,12 @@ class StudyFile:
         """The options of reading."""
         from bayes_toe.data.options import ReadOptions, parse_pairs
 
-        options: dict[str, Any] = {
-            field.name: getattr(self, field.name)
-            for field in fields(ReadOptions)
-            if hasattr(self, field.name)
-        }
-        columns = ",".join(self.columns or ())
+        options = dict(self.reading)
+        options.pop("task", None)
+        columns = ",".join(options.get("columns") or ())
         options["columns"] = parse_pairs("--columns", filter(None, columns.split(",")), "OURS=NAME")
-        options["where"] = parse_pairs("--where", self.where or (), "COLUMN=TEXT")
-        options["ignore"] = self.ignore or ()
-        options["missed"] = self.missed or ()
-        return ReadOptions(**options, categorical=self.named_levels)
+        options["where"] = parse_pairs("--where", options.get("where") or (), "COLUMN=TEXT")
+        options["ignore"] = options.get("ignore") or ()
+        options["missed"] = options.get("missed") or ()
+        categorical = options.pop("categorical_condition", False)
+        return ReadOptions(**options, categorical=categorical)

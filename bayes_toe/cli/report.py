@@ -22,19 +22,20 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.contrast import LEGEND, ContrastTable, Difference
+from bayes_toe.answers.group_answer import good_fits_answer, group_answer, group_tables
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     PRIOR_FLAG,
     OrderEffect,
     describe_fit,
     format_decimals,
+    format_draws,
     format_probability,
     format_small_p,
 )
 from bayes_toe.answers.study_summary import (
     APPENDIX_C,
     describe_pair,
-    few_subjects_lines,
     study_lines,
 )
 from bayes_toe.answers.words import (
@@ -53,12 +54,10 @@ from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
 from bayes_toe.cli.answer_screen import (
     not_counted,
 )
-from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables
-from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
+from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of
 from bayes_toe.data.messages import (
     capitalized,
     describe_p_value,
-    format_estimate,
     format_p_value,
     join_names,
     plural,
@@ -319,8 +318,6 @@ def _answer(analysis: Analysis) -> list[str]:
     units = analysis.study.conditions is not None
     answers, group = analysis.answers, analysis.group
     lines = study_lines(answers, group, synthetic=analysis.study.synthetic, units=units)
-    if not units:
-        lines += few_subjects_lines(answers)
     lines += not_counted(answers)
     return [_typeset(line) for line in lines if line]
 
@@ -433,8 +430,7 @@ def _interval_in_unit(draws: FloatArray, n_effective: float, unit: StimulusUnit)
 
 def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = "") -> str:
     """Median and 95 % interval with the digits that their Monte Carlo errors allow."""
-    low, median, high = quantile_texts(draws, n_effective, digits)
-    return _typeset(format_estimate(low, median, high, unit))
+    return _typeset(format_draws(draws, n_effective, digits, unit))
 
 
 def _typeset(words: str) -> str:

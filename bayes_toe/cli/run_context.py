@@ -31,6 +31,7 @@ from bayes_toe.cli.options import (
     Resume,
     Seed,
     StudyFile,
+    layout_options,
 )
 from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal, describe_study
 from bayes_toe.data.messages import plural, visible
@@ -231,12 +232,16 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     signature = inspect.signature(function, eval_str=True)
     records: dict[str, tuple[Any, list[str]]] = {}
     parameters: list[inspect.Parameter] = []
+    layout = list[str]()
     for name, parameter in signature.parameters.items():
         kind, *names = get_args(parameter.annotation) or [parameter.annotation]
         if is_dataclass(kind):
             options = _options(kind, names)
             records[name] = kind, [option.name for option in options]
             parameters += options
+            if kind is StudyFile:
+                parameters += layout_options()
+                layout = [option.name for option in layout_options()]
         else:
             parameters.append(parameter)
 
@@ -249,6 +254,8 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
                 of_record = {option: values.pop(option) for option in options}
                 if kind is RunContext:
                     of_record["inputs"] = inputs
+                if kind is StudyFile:
+                    of_record["reading"] = {option: values.pop(option) for option in layout}
                 values[name] = kind(**of_record)
                 if kind is StudyFile:
                     inputs += values[name].data_files()
@@ -280,7 +287,8 @@ def _options(kind: Any, names: Sequence[str]) -> list[inspect.Parameter]:
     hints = get_type_hints(kind, include_extras=True)
     options = []
     for field in fields(kind):
-        if kind is not RunContext or field.name in (*names, "quiet"):
+        is_shared = field.name in (*names, "quiet")
+        if (kind is not RunContext or is_shared) and field.name != "reading":
             parameter = inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY)
             annotation = hints[field.name]
             options.append(parameter.replace(default=field.default, annotation=annotation))

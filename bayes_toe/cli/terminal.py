@@ -1,13 +1,11 @@
 """What the command line prints: `Terminal`, and the functions that format its texts.
 
 `Terminal` prints lines, tables, notes and a progress bar. A line has at most 80 columns.
-`round_to_errors` gives numbers only the digits that their Monte Carlo errors allow.
 """
 
 from __future__ import annotations
 
 import itertools
-import math
 import re
 import shlex
 import sys
@@ -19,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 from bayes_toe.data.messages import join_names, plural, visible
 
 if TYPE_CHECKING:
-    from bayes_toe.arrays import FloatArray
     from bayes_toe.checks.answer_checks import Finding
     from bayes_toe.data.study import Study
 
@@ -31,7 +28,6 @@ MANY_SUBJECTS, MOST_NOTES = 20, 20
 OUTPUT = "the output"
 #: The words that were typed after `bayes-toe`.
 TYPED: list[str] = []
-_QUANTILES = [0.025, 0.5, 0.975]
 #: Between words that stay on one line: an estimate with its unit and interval, or an option with
 #: its value.
 _GLUE = "\ufffe"
@@ -358,7 +354,7 @@ def describe_amount(study: Study) -> str:
     return f"{subjects}, {plural(n_trials, 'trial')}, {study.task.title}, {pairs}"
 
 
-# --- numbers, with no more digits than their Monte Carlo errors allow ----------------------------
+# --- numbers --------------------------------------------------------------------------------------
 
 
 def number(value: float | None, digits: int = 2) -> str:
@@ -376,68 +372,3 @@ def without_zeros(text: str) -> str:
     """
     without_sign = re.sub(r"-(?=0\.0+\b)", "", text)
     return re.sub(r"(?<![\d.])0(?=\.\d)", "", without_sign)
-
-
-def quantile_texts(draws: FloatArray, n_effective: float, max_decimals: int) -> list[str]:
-    """The ends of the central 95 % interval and the median of so many effective draws, in order."""
-    import numpy as np
-
-    from bayes_toe.inference.diagnostics import quantile_errors
-
-    quantiles = np.quantile(draws, _QUANTILES).tolist()
-    errors = quantile_errors(draws, _QUANTILES, n_effective).tolist()
-    return round_to_errors(quantiles, errors, max_decimals)
-
-
-def round_to_errors(
-    values: Sequence[float], errors: Sequence[float], max_decimals: int
-) -> list[str]:
-    """Ascending numbers with the decimals that their standard errors allow, at most `max_decimals`.
-
-    A number ends with the decimal in which its error begins; an error above 1 leaves tens or
-    hundreds, and an error of 0 or NaN allows all decimals. Where that would hide the order of the
-    numbers, all end where the largest error begins, or with the first decimal in which they differ.
-    A number that would look like 0 has more than `max_decimals` if its error allows them.
-
-    Examples
-    --------
-    >>> round_to_errors([0.12, 0.51, 2.3], [0.01, 0.02, 0.2], 2)
-    ['0.12', '0.51', '2.3']
-    >>> round_to_errors([49.6, 40_213.0, 86_443.6], [20.0, 3e5, 0.004], 2)
-    ['0', '40000', '90000']
-    >>> round_to_errors([-0.031, 0.51, 12.3], [0.001, 0.2, 0.2], 0)
-    ['-0.03', '1', '12']
-    """
-    from bayes_toe.answers.order_effect import decimals_of
-
-    digits = []
-    for value, error in zip(values, errors, strict=True):
-        decimals = max_decimals
-        if round(value, decimals) == 0.0:
-            decimals = max(decimals, decimals_of(abs(value)) - 1)
-        digits.append(min(decimals, _decimals(error, decimals)))
-
-    texts = [_rounded(value, n) for value, n in zip(values, digits, strict=True)]
-    printed = map(float, texts)
-    if all(low < high for low, high in itertools.pairwise(printed)):
-        return texts
-
-    n_different = len(set(values))
-    decimals = min(digits)
-    while decimals < max_decimals:
-        rounded = {round(value, decimals) for value in values}
-        if len(rounded) >= n_different:
-            break
-        decimals += 1
-    return [_rounded(value, decimals) for value in values]
-
-
-def _decimals(error: float, max_decimals: int) -> int:
-    """The decimal in which an error begins, as it is printed with one digit: 0.0096 is 0.01."""
-    if not 0.0 < error < math.inf:
-        return max_decimals
-    return -int(f"{error:.0e}".partition("e")[2])
-
-
-def _rounded(value: float, decimals: int) -> str:
-    return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"  # - 0.0 becomes 0

@@ -7,9 +7,9 @@ the web page that analyses studies.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import chain, product
+from itertools import chain
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -106,9 +106,7 @@ def corner(
     ] = "natural",
     show_prior: Annotated[bool, flag("--show-prior", "Show the prior in grey.")] = False,
     truth: TrueValues = None,
-    formats: Annotated[
-        Texts, option("--format", "NAME", "Format: png (default), pdf or svg; repeatable.")
-    ] = None,
+    ending: Annotated[str, option("--format", "NAME", "Format: png, pdf or svg.")] = "png",
     context: Annotated[RunContext, *WORKERS],
 ) -> None:
     """Draw corner plots of saved draws.
@@ -118,69 +116,55 @@ def corner(
     from bayes_toe.data.tables import file_stems
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.inference.draws import load_draws
-    from bayes_toe.plots.figure_files import require_formats
+    from bayes_toe.plots.corner import COORDINATES, quantity_names
+    from bayes_toe.plots.figure_files import require_suffix
     from bayes_toe.workers import of_this_machine, run_in_order
 
-    endings = require_formats(formats or ["png"])
+    require_suffix(f"corner.{ending}")
     draws = load_draws(posterior)
     names = tuple(subject or draws.names)
     for name in subject or ():
         draws.subject(name)  # raises for an unknown subject
     truths = {} if truth is None else read_truth(truth, [draws], names)
 
-    options: dict[str, Any] = {
-        "coordinates": _quantities(parameters, draws),
-        "prior": draws.prior if show_prior else None,
-        "truths": truths,
-    }
+    coordinates: str | list[str] = parameters
+    if parameters not in COORDINATES:
+        coordinates = [name.strip() for name in parameters.split(",")]
+    quantity_names(draws.posterior(names[0]), coordinates)
+    prior = draws.prior if show_prior else None
+    options = {"coordinates": coordinates, "prior": prior, "truths": truths}
+
     stems = file_stems(draws.names)
     groups = [names] if subject else [(name,) for name in names]
-    figures = {"+".join(map(stems.__getitem__, group)): group for group in groups}
-    files = [f"{stem}.{ending}" for stem, ending in product(figures, endings)]
-    context.require_folder(output, files)
+    figures = {}
+    for group in groups:
+        stem = "+".join(stems[name] for name in group)
+        figures[f"{stem}.{ending}"] = group
+    context.require_folder(output, list(figures))
 
     with (
-        whole_folder(output, files, overwrite=context.overwrite) as folder,
+        whole_folder(output, list(figures), overwrite=context.overwrite) as folder,
         context.out.progress("drawing", len(figures)) as tick,
     ):
-        # Absolute, since a worker may be in another folder than this process.
-        target = folder.absolute()
         jobs = []
-        for stem, group in figures.items():
+        for file, group in figures.items():
             # A process gets the draws of one subject.
             drawn = draws[group[0]] if len(group) == 1 else draws
-            figure = partial(bt.plots.corner, drawn, group, **options)
-            jobs.append(partial(_save_formats, figure, target / stem, endings))
-        run_in_order(jobs, of_this_machine(context.workers), tick, [(stem,) for stem in figures])
+            # Absolute, since a worker may be in another folder than this process.
+            jobs.append(partial(_save_corner, folder.absolute() / file, drawn, group, options))
+        run_in_order(jobs, of_this_machine(context.workers), tick, [(file,) for file in figures])
 
     context.print_written(f"{plural(len(figures), 'corner plot')} in {output}")
 
 
-def _quantities(parameters: str, draws: bt.Draws) -> str | tuple[str, ...]:
-    """The quantities to draw: one of the choices, or names."""
-    from bayes_toe.plots.corner import COORDINATES
-
-    if parameters in COORDINATES:
-        return parameters
-    names = tuple(name.strip() for name in parameters.split(","))
-    all_names = draws.posterior(draws.names[0]).names.all
-    for name in names:
-        if name not in all_names or names.count(name) > 1:
-            raise bt.InputError(
-                f"--parameters {parameters}: {quoted(name)} is unknown or named twice. The "
-                f"parameters are {', '.join(all_names)}."
-            )
-    return names
-
-
-def _save_formats(draw: Callable[[], Any], target: Path, endings: Sequence[str]) -> None:
-    """Draw a figure, and write it in every format."""
+def _save_corner(
+    file: Path, draws: bt.Draws, subjects: Sequence[str], options: Mapping[str, Any]
+) -> None:
+    """Draw the corner plot of subjects, and write it."""
     from bayes_toe.plots.figure_files import figure_bytes
 
-    figure = draw()
-    for ending in endings:
-        content = figure_bytes(figure, ending, dpi=150 if ending == "png" else 300)
-        target.with_name(f"{target.name}.{ending}").write_bytes(content)
+    figure = bt.plots.corner(draws, subjects, **options)
+    file.write_bytes(figure_bytes(figure, file.suffix, dpi=150))
 
 
 def app(

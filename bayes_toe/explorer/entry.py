@@ -20,7 +20,6 @@ import numpy.typing as npt
 
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
-    QUESTIONS,
     OrderEffect,
     Size,
     answer_subject,
@@ -336,7 +335,7 @@ def entries_of(
         subject = draws.subject(name)
         answer, _ = answer_subject(subject, draws.seed, prior)
         answer = answer.in_study(len(draws.names))
-        words = tuple((key.replace("_", " "), answer.word(key)) for key in QUESTIONS)
+        words = tuple((line.question, line.word) for line in answer.lines.values())
         if name in refused:
             words = (("not interpreted:", refused[name]),)
 

@@ -57,6 +57,11 @@ class PopulationRow(NamedTuple):
     ln_bf_zero: float | None = None
     ln_bf_zero_se: float | None = None
 
+    @property
+    def interval(self) -> FloatArray:
+        """The median between the ends of the 95 % interval, shape (3,)."""
+        return np.array([self.q025, self.q50, self.q975])
+
 
 #: The columns of population_subjects.csv, of which a row is one parameter of one subject.
 SUBJECT_COLUMNS = ("subject", "parameter", *PopulationRow._fields[3:9])

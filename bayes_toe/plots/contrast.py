@@ -17,16 +17,16 @@ from bayes_toe.plots.style import (
     EQUAL,
     HIGH,
     LETTERS,
-    MARKED,
     MAX_NAMES,
     PAGE,
     POSTERIOR,
-    SMALL,
+    Style,
+    draw_intervals,
     legend_below,
+    name_rows,
     new_figure,
     plain,
     quantity_ticks,
-    style_axes,
     zero_line,
 )
 
@@ -71,7 +71,7 @@ def contrast(
         unit = _shown_unit(table, rows)
         _draw_subjects(ax, table, rows, unit)
         if group is not None:
-            _draw_group(ax, group, quantity, table.conditions.comparisons[row], unit)
+            _draw_group(ax, group, quantity, comparison, unit)
         parameter, _ = QUANTITIES[quantity]
         shown_unit = "%" if parameter.scale != 1.0 else unit.of_differences
         label = f"{quantity}, {plain(comparison)} ({shown_unit})"
@@ -87,9 +87,6 @@ def contrast(
         title += "\nmarks: whether it differs between any of the conditions"
     figure.suptitle(title, fontsize=LETTERS + 1.0)
 
-    words = {row.word for row in table}
-    for face, colour, label in dict.fromkeys(_MARKS[word] for word in _MARKS if word in words):
-        panels[0, 0].plot([], [], "o", ms=3.4, mfc=face, mec=colour, mew=0.7, label=label)
     legend_below(figure, columns=len(_MARKS))
     return figure
 
@@ -103,45 +100,35 @@ def _draw_subjects(
     ax: Axes, table: ContrastTable, rows: Sequence[Difference], unit: StimulusUnit
 ) -> None:
     """One quantity of every subject; sorted by size where there are too many names to show."""
-    subjects = [subject.subject for subject in table.subjects]
-    has_names = len(subjects) <= MAX_NAMES
-    if not has_names:
-        rows = sorted(rows, key=lambda row: row.q50)
-
-    y, sizes, faces, colours = [], [], [], []
-    for i, row in enumerate(rows):
-        face, colour, _ = _MARKS[row.word]
-        y.append(subjects.index(row.subject) if has_names else i)
-        sizes.append(row.interval(unit))
-        faces.append(face)
-        colours.append(colour)
-    low, middle, high = np.array(sizes).reshape(-1, 3).T
+    subjects = list(table.subjects)
+    names = [plain(name, 16) for name in subjects]
+    if len(subjects) > MAX_NAMES:
+        subjects = [row.subject for row in sorted(rows, key=lambda row: row.q50)]
+        names = []
 
     zero_line(ax)
-    ax.hlines(y, low, high, colors=colours, lw=1.0)
-    ax.scatter(middle, y, 3.4**2, faces, edgecolors=colours, linewidths=0.7, zorder=2)
-    ax.set_yticks([])
-    if has_names:
-        ax.set_yticks(y, [plain(row.subject, 16) for row in rows], fontsize=SMALL)
-    ax.set_ylim(len(subjects) - 0.4, -0.6)
-    ax.locator_params(axis="x", nbins=4)
-    style_axes(ax).tick_params(axis="y", length=0)
+    words = {row.word for row in table}
+    for word in filter(words.__contains__, WORDS):
+        face, colour, label = _MARKS[word]
+        of_word = [row for row in rows if row.word == word]
+        y = [subjects.index(row.subject) for row in of_word]
+        sizes = np.array([row.interval(unit) for row in of_word]).reshape(-1, 3)
+        style: Style = {"mfc": face, "mew": 0.7, "label": label}
+        draw_intervals(ax, y, sizes.T, colour=colour, line=1.0, **style)
+    name_rows(ax, len(subjects), names)
 
 
 def _draw_group(
-    ax: Axes,
-    group: PopulationResult,
-    quantity: str,
-    levels: tuple[str, str],
-    unit: StimulusUnit,
+    ax: Axes, group: PopulationResult, quantity: str, comparison: str, unit: StimulusUnit
 ) -> None:
     """The mean difference of the group as a band, in the unit of the panel."""
     parameter, _ = QUANTITIES[quantity]
-    if parameter not in _OF_GROUPS or levels not in group.comparisons:
+    if parameter not in _OF_GROUPS:
         return
-    draws, _, _ = group.difference(parameter.name, levels)
-    if parameter == CONSTANT_ERROR:
-        draws = group.in_units(CONSTANT_ERROR.name, draws, unit)
-    low, middle, high = np.quantile(draws, MARKED).tolist()
-    ax.axvspan(low, high, color="#BDB3DD", lw=0, zorder=0, label="group mean, 95 % interval")
-    ax.axvline(middle, color=BELIEF, lw=0.9, zorder=0)
+    for row in group.table.select("difference", parameter.name):
+        if row.level == comparison:
+            size = group.in_units(parameter.name, row.interval, unit)
+            low, middle, high = size.tolist()
+            label = "group mean, 95 % interval"
+            ax.axvspan(low, high, color="#BDB3DD", lw=0, zorder=0, label=label)
+            ax.axvline(middle, color=BELIEF, lw=0.9, zorder=0)

@@ -120,7 +120,7 @@ def corner(
     subject_names = _subject_names(subject)
     is_single = len(subject_names) == 1
     targets = [draws.posterior(name) for name in subject_names]
-    names = _quantity_names(targets[0], coordinates)
+    names = quantity_names(targets[0], coordinates)
     quantities_of_subjects = []
     for name in subject_names:
         quantities_of_subjects.append({key: draws.values(name, key).ravel() for key in names})
@@ -193,8 +193,8 @@ class _SubjectDraws(NamedTuple):
     line: str
 
 
-def _quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -> tuple[str, ...]:
-    """The quantities of a choice.
+def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -> tuple[str, ...]:
+    """The quantities of a choice, or those that are named.
 
     For the four models, 'natural' has constant error, contraction and JND.
     """
@@ -204,7 +204,14 @@ def _quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) 
             f"{', '.join(target.names.all)}"
         )
     if not isinstance(coordinates, str):
-        return tuple(coordinates)
+        names = list(coordinates)
+        for name in names:
+            if name not in target.names.all or names.count(name) > 1:
+                raise InputError(
+                    f"parameters {', '.join(names)}: {name!r} is unknown or named twice; there "
+                    f"are: {', '.join(target.names.all)}"
+                )
+        return tuple(names)
     if coordinates not in COORDINATES:
         raise InputError(f"coordinates {coordinates!r} must be one of: {', '.join(COORDINATES)}")
     if coordinates == "identified":

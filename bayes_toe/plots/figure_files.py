@@ -6,7 +6,6 @@ The same figure gives the same bytes, and a file appears whole or not at all.
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,6 @@ from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.plots.style import any_characters
 
-#: Formats that commands offer; :func:`save_figure` takes all formats of matplotlib.
-FORMATS = ("pdf", "png", "svg")
 #: Metadata that would differ from one writing to the next, by format.
 _UNDATED: dict[str, dict[str, None]] = {
     "png": {"Software": None},
@@ -40,7 +37,7 @@ def figure_bytes(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
     Without dates or random names, so that the same figure gives the same bytes.
     """
     buffer = io.BytesIO()
-    _write(figure, buffer, _require_suffix(f"figure.{suffix}"), dpi)
+    _write(figure, buffer, require_suffix(f"figure.{suffix.lstrip('.')}"), dpi)
     return buffer.getvalue()
 
 
@@ -56,7 +53,7 @@ def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: 
     InputError
         If matplotlib knows no such format.
     """
-    suffix = _require_suffix(path)
+    suffix = require_suffix(path)
     with whole_file(path, overwrite=overwrite) as target:
         _write(figure, target, suffix, dpi)
     return Path(path)
@@ -73,22 +70,6 @@ def picture_beside(table: Path) -> Path:
     return figure_bytes
 
 
-def require_formats(formats: Sequence[str]) -> tuple[str, ...]:
-    """The formats asked for, each once; an unknown one, or none, is refused.
-
-    Examples
-    --------
-    >>> require_formats(["svg", "png", "svg"])
-    ('svg', 'png')
-    """
-    unknown = [name for name in formats if name not in FORMATS]
-    if unknown:
-        raise InputError(f"format {unknown[0]!r}: allowed: {', '.join(FORMATS)}")
-    if not formats:
-        raise InputError(f"formats: allowed: {', '.join(FORMATS)}")
-    return tuple(dict.fromkeys(formats))
-
-
 def _write(figure: Figure, target: Any, suffix: str, dpi: int) -> None:
     # Only in here: letters as they are, since browsers scale pictures; fonts as fonts, not as
     # outlines, which some journals refuse; names in an SVG from its content, not from chance.
@@ -103,7 +84,8 @@ def _write(figure: Figure, target: Any, suffix: str, dpi: int) -> None:
         figure.savefig(target, format=suffix, dpi=dpi, metadata=_UNDATED.get(suffix))
 
 
-def _require_suffix(path: StrPath) -> str:
+def require_suffix(path: StrPath) -> str:
+    """The format that a file's name says; one that matplotlib does not write is refused."""
     suffix = Path(path).suffix.lstrip(".").lower()
     if suffix not in FigureCanvasBase.get_supported_filetypes():
         raise InputError(

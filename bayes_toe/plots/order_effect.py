@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_toe.answers.evidence_table import EvidenceTable
-from bayes_toe.answers.order_effect import OrderEffect, Size
+from bayes_toe.answers.order_effect import OrderEffect
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import plural
@@ -29,6 +28,7 @@ from bayes_toe.plots.style import (
     PAGE,
     SMALL,
     Style,
+    draw_intervals,
     mark_synthetic,
     new_figure,
     plain,
@@ -68,10 +68,14 @@ QUESTION_STYLES = (
         "% of the way to the mean\nbelow 0: repulsion",
     ),
 )
-#: How much of a marker is filled, by the word.
-_FILLS = {Word.YES: "full", Word.PROBABLY: "left"}
-#: Words beside which no size stands.
-_WITHOUT_SIZE = (Word.CANNOT_BE_TOLD, Word.NOT_INTERPRETABLE)
+#: How much of a marker is filled, by the word; other words have no size.
+_FILLS = {
+    Word.YES: "full",
+    Word.PROBABLY: "left",
+    Word.UNDECIDED: "none",
+    Word.PROBABLY_NOT: "none",
+    Word.NO: "none",
+}
 
 
 def order_effect(
@@ -112,13 +116,6 @@ def order_effect(
     return figure
 
 
-def marker_style(question: QuestionStyle, word: Word, size: float) -> Style:
-    """The marker of an effect: full for 'yes', half for 'probably', else empty."""
-    style: Style = {"marker": question.marker, "color": question.colour, "ls": ""}
-    fill = _FILLS.get(word, "none")
-    return style | {"ms": size, "fillstyle": fill, "markerfacecoloralt": "white"}
-
-
 def forest_height(subjects: int) -> float:
     """Inches that a figure of so many subjects needs."""
     if subjects > MAX_NAMES:
@@ -135,15 +132,13 @@ def forests(
     last_row = len(answers) - 0.5 if group is None else len(answers) + 1.0
 
     for ax, question in zip(panels, QUESTION_STYLES, strict=True):
-        unit = _shown_unit(answers, question)
-        intervals = _draw_sizes(ax, answers, question, unit)
+        words = [answer.words[question.name] for answer in answers]
+        sizes, unit = _sizes(answers, group, question)
+        _draw_sizes(ax, words, sizes, question)
         if group is not None:
             ax.axhline(len(answers) - 0.4, color=EQUAL, lw=0.5)
-            if question.name in group.identified:
-                intervals.append(_draw_group(ax, group, question, unit, len(answers) + 0.25))
         ax.axvline(0.0, color="black", lw=0.7, zorder=0)
 
-        sizes = np.array(intervals).reshape(-1, 3)
         limits = _limits(sizes)
         n_cut = int(np.sum((sizes[:, 0] < limits[0]) | (sizes[:, 2] > limits[1])))
         if n_cut:
@@ -151,8 +146,7 @@ def forests(
 
         title = question.title
         if is_crowded:
-            counts = Counter(answer.words[question.name] for answer in answers)
-            title += f"\n{counts[Word.YES]} yes, {counts[Word.PROBABLY]} probably"
+            title += f"\n{words.count(Word.YES)} yes, {words.count(Word.PROBABLY)} probably"
         ax.set_title(title, loc="left", fontsize=LETTERS)
         label = question.axis.format(unit=unit.of_differences)
         ax.set(xlabel=label, xlim=limits, ylim=(last_row, -0.6), yticks=[])
@@ -177,51 +171,47 @@ def _sorted_answers(table: EvidenceTable) -> list[OrderEffect]:
     return answers
 
 
-def _shown_unit(answers: Sequence[OrderEffect], question: QuestionStyle) -> StimulusUnit:
-    """The unit of a panel, which shows every median and ordinary intervals."""
-    sizes = [
-        answer.sizes[question.size]
-        for answer in answers
-        if answer.words[question.name] not in _WITHOUT_SIZE
-    ]
-    return answers[0].unit.for_percent(_limits(np.array(sizes).reshape(-1, 3)))
+def _sizes(
+    answers: Sequence[OrderEffect], group: PopulationResult | None, question: QuestionStyle
+) -> tuple[FloatArray, StimulusUnit]:
+    """Medians and 95 % intervals, and their unit.
+
+    A row a subject, and the last one of the group; NaN where there is none.
+    """
+    sizes = np.full((len(answers) + 1, 3), np.nan)
+    for row, answer in enumerate(answers):
+        if answer.words[question.name] in _FILLS:
+            sizes[row] = answer.sizes[question.size]
+    unit = answers[0].unit.for_percent(_limits(sizes))
+    if group is not None and question.name in group.identified:
+        effect = group.effect(question.name)
+        sizes[-1] = effect.percent or effect.mean
+    if question.size.endswith("percent"):
+        sizes = unit.from_percent(sizes)
+    return sizes, unit
 
 
 def _draw_sizes(
-    ax: Axes, answers: Sequence[OrderEffect], question: QuestionStyle, unit: StimulusUnit
-) -> list[Size]:
-    """Draw medians and 95 % intervals; return them from the first to the last row that has one."""
-    intervals = []
-    marker_size = 4.5 if len(answers) <= MAX_NAMES else 2.5
-    for row, answer in enumerate(answers):
-        word = answer.words[question.name]
-        if word in _WITHOUT_SIZE:
-            continue
-        size = answer.sizes[question.size]
-        if question.size.endswith("percent"):
-            size = size.from_percent(unit)
-        width = 0.3 * marker_size if word.is_positive else 0.15 * marker_size
-        ax.hlines(row, size.q025, size.q975, color=question.colour, lw=width)
-        ax.plot(size.q50, row, **marker_style(question, word, marker_size))
-        intervals.append(size)
-    return intervals
-
-
-def _draw_group(
-    ax: Axes, group: PopulationResult, question: QuestionStyle, unit: StimulusUnit, row: float
-) -> Size:
-    """Draw the group's mean with its 95 % interval, and return them."""
-    effect = group.effect(question.name)
-    size = Size(*effect.mean)
-    if effect.percent is not None:
-        size = Size(*effect.percent).from_percent(unit)
-    ax.hlines(row, size.q025, size.q975, color=question.colour, lw=2.2)
-    ax.plot(size.q50, row, "d", color=question.colour, ms=8.0, mec="black", mew=0.6)
-    return size
+    ax: Axes, words: Sequence[Word], sizes: FloatArray, question: QuestionStyle
+) -> None:
+    """Markers are full for 'yes', half for 'probably', else empty."""
+    marker_size = 4.5 if len(words) <= MAX_NAMES else 2.5
+    style: Style = {"marker": question.marker, "ms": marker_size, "markerfacecoloralt": "white"}
+    for word, fill in _FILLS.items():
+        rows = [row for row, other in enumerate(words) if other is word]
+        if rows:
+            style |= {"line": 0.3 * marker_size if word.is_positive else 0.15 * marker_size}
+            style |= {"colour": question.colour, "fillstyle": fill}
+            draw_intervals(ax, rows, sizes[rows].T, **style)
+    if not np.isnan(sizes[-1]).any():
+        style = {"marker": "d", "ms": 8.0, "mec": "black", "mew": 0.6}
+        style |= {"line": 2.2, "colour": question.colour}
+        draw_intervals(ax, len(words) + 0.25, sizes[-1], **style)
 
 
 def _limits(sizes: FloatArray) -> tuple[float, float]:
     """An axis that holds 0, every median and ordinary intervals; wider intervals are cut."""
+    sizes = sizes[~np.isnan(sizes[:, 1])]
     if not len(sizes):
         return -1.0, 1.0
     margin = 2.0 * float(np.median(sizes[:, 2] - sizes[:, 0]))
@@ -235,10 +225,8 @@ def _write_words(ax: Axes, answers: Sequence[OrderEffect], question: QuestionSty
     """The word of every subject, right of its row."""
     style: Style = {"va": "center", "fontsize": SMALL}
     for row, answer in enumerate(answers):
-        word = "not interpreted"
-        if answer.is_interpretable:
-            word = answer.marked_word(question.name)
-        ax.text(1.02, row, word, transform=ax.get_yaxis_transform(), **style)
+        line = answer.lines[question.name]
+        ax.text(1.02, row, line.word + line.marks, transform=ax.get_yaxis_transform(), **style)
 
 
 def _write_names(

@@ -12,15 +12,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_toe.answers.order_effect import (
-    Size,
-    format_bayes_factor,
-    format_difference,
-    format_share,
-)
+from bayes_toe.answers.group_answer import EFFECTS, LABELS, group_estimate, log_factor_of_mean
+from bayes_toe.answers.order_effect import format_bayes_factor
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
-from bayes_toe.groups.population import DIFFERING, PopulationResult
+from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 from bayes_toe.plots.style import (
@@ -39,6 +35,7 @@ from bayes_toe.plots.style import (
     legend_above,
     legend_below,
     n_rows,
+    name_rows,
     new_figure,
     plain,
     quantity_ticks,
@@ -118,8 +115,8 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
         parts[3].suptitle(title, fontsize=SMALL)
         panels = grid_panels(parts[3], len(effects), n_columns)
         for i, (name, ax) in enumerate(zip(effects, panels, strict=True)):
-            draws, label = _shown_effects(result, name, effects[name])
-            effects_panel(ax, draws, label, labels)
+            quantiles, label = _shown_effects(result, name, effects[name])
+            effects_panel(ax, quantiles, label, labels)
             quantity_ticks(ax, name)
             ax.tick_params(labelleft=i % n_columns == 0)
     return figure
@@ -132,16 +129,13 @@ def _heading(result: PopulationResult) -> str:
     if not result.is_reliable:
         lines.append("NOT RELIABLE, not to be reported as it stands")
     lines.append(f"Group of {len(result.subjects)} subjects{synthetic}")
-    for name, label in ((CONSTANT_ERROR.name, "PSE shift"), (CONTRACTION.name, "contraction")):
+    for name in EFFECTS:
         if name not in result.identified:
-            lines.append(f"{label} cannot be told")
+            lines.append(f"{LABELS[name]} cannot be told")
             continue
-        effect = result.effect(name)
-        mean = format_share(Size(*effect.mean))
-        if effect.percent is not None:
-            mean = format_difference(Size(*effect.percent), result.study.unit)
-        factor = format_bayes_factor(-effect.zero_mean.log_bf)
-        lines.append(f"mean {label} {mean}, BF of a mean that is not 0: {factor}")
+        mean = f"mean {LABELS[name]} {group_estimate(result, name)}"
+        factor = format_bayes_factor(log_factor_of_mean(result, name))
+        lines.append(f"{mean}, BF of a mean that is not 0: {factor}")
     return "\n".join(lines).replace("-", "−")
 
 
@@ -155,7 +149,7 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     j = result.index(name)
     draws = result.draws.mean[..., j].ravel()
     low, high = np.quantile(draws, [0.001, 0.999])
-    if name in (CONSTANT_ERROR.name, CONTRACTION.name):
+    if name in EFFECTS:
         low, high = min(low, 0.0), max(high, 0.0)
     pad = 0.1 * (high - low)
     x = np.linspace(low - pad, high + pad, _POINTS)
@@ -191,21 +185,21 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     low, middle, high = np.quantile(mean, MARKED)
     ax.axvspan(low, high, color=_MEAN_COLOUR, lw=0, label=f"group mean{reference}")
     ax.axvline(middle, color=BELIEF, lw=0.8)
-    if name in (CONSTANT_ERROR.name, CONTRACTION.name):
+    if name in EFFECTS:
         zero_line(ax)
     quantity_ticks(ax, name)
 
     quantiles = np.quantile(subjects, MARKED, axis=(0, 1))
     n_subjects = quantiles.shape[1]
+    names = [plain(subject, 14) for subject in result.subjects]
     style: Style = {"label": "subject, median and 95 % interval"}
     if n_subjects > MAX_NAMES_IN_GROUP:
         quantiles = quantiles[:, np.argsort(quantiles[1], kind="stable")]
-        style |= {"size": 1.6, "line": min(1.6, 160.0 / n_subjects)}
-        ax.set_yticks([])
-    else:
-        ax.set_yticks(range(n_subjects), [plain(subject, 14) for subject in result.subjects])
+        style |= {"ms": 1.6, "line": min(1.6, 160.0 / n_subjects)}
+        names = []
     draw_intervals(ax, np.arange(n_subjects), quantiles, **style)
-    ax.set(ylim=(n_subjects - 0.5, -0.6), xlabel=_label(name, unit))
+    name_rows(ax, n_subjects, names)
+    ax.set_xlabel(_label(name, unit))
 
 
 def check_panel(ax: Axes, check: PredictiveCheck) -> None:
@@ -241,15 +235,13 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
     ax.spines[:].set_visible(False)
 
 
-def effects_panel(ax: Axes, draws: FloatArray, label: str, labels: list[str]) -> None:
-    """Effects on one mean, draws of shape (draws, effects): medians and 95 % intervals."""
-    rows = np.arange(len(labels))
-    quantiles = np.quantile(draws, MARKED, axis=0)
+def effects_panel(ax: Axes, quantiles: FloatArray, label: str, labels: list[str]) -> None:
+    """Effects on one mean: medians and 95 % intervals, shape (3, effects)."""
     ax.axvline(0.0, color="black", lw=0.8)
-    ax.set_yticks(rows, [plain(fill(text, 22), 70) for text in labels])
-    draw_intervals(ax, rows, quantiles)
+    draw_intervals(ax, range(len(labels)), quantiles)
+    name_rows(ax, len(labels), [plain(fill(text, 22), 70) for text in labels])
     reach = 1.08 * float(np.abs(quantiles).max())
-    ax.set(xlim=(-reach, reach), ylim=(len(labels) - 0.5, -0.5), xlabel=label)
+    ax.set(xlim=(-reach, reach), xlabel=label)
     ax.spines["left"].set_visible(False)
 
 
@@ -262,30 +254,26 @@ def _effect_labels(result: PopulationResult) -> list[str]:
 
 
 def _effects(result: PopulationResult) -> dict[str, FloatArray]:
-    """Draws of effects on the means by parameter, (draws, effects); empty without any."""
+    """Medians and 95 % intervals of effects on the means by parameter, shape (3, effects)."""
     effects = {}
-    if result.comparisons:
-        for name in DIFFERING:
-            columns = [result.difference(name, levels)[0].ravel() for levels in result.comparisons]
-            effects[name] = np.stack(columns, axis=1)
-    elif result.regressors.columns:
-        n_columns = len(result.regressors.columns)
-        for name in result.names:
-            draws = result.draws.effects[..., result.index(name)]
-            effects[name] = draws.reshape(-1, n_columns)
+    for name in result.names:
+        # Conditions and covariates are not analysed together.
+        rows = (*result.table.select("effect", name), *result.table.select("difference", name))
+        if rows:
+            effects[name] = np.stack([row.interval for row in rows], axis=1)
     return effects
 
 
 def _shown_effects(
-    result: PopulationResult, name: str, draws: FloatArray
+    result: PopulationResult, name: str, quantiles: FloatArray
 ) -> tuple[FloatArray, str]:
-    """Draws of effects on a mean as a panel shows them, and its label."""
+    """Effects on a mean as a panel shows them, and its label."""
     unit = result.study.unit
     if name == CONSTANT_ERROR.name:
-        draws = result.scales.step * draws
+        quantiles = result.scales.step * quantiles
     elif name == NOISE.name:
         unit = UNKNOWN_UNIT  # a ratio of JNDs
     else:
-        return draws, _EFFECT_LABELS[name]
-    unit = unit.for_percent(percent(np.quantile(draws, MARKED, axis=0)))
-    return unit.differences(draws), _EFFECT_LABELS[name].format(unit=unit.of_differences)
+        return quantiles, _EFFECT_LABELS[name]
+    unit = unit.for_percent(percent(quantiles))
+    return unit.differences(quantiles), _EFFECT_LABELS[name].format(unit=unit.of_differences)

@@ -21,8 +21,10 @@ from bayes_toe.plots.style import (
     STRONGER_FIRST,
     WEAKER_FIRST,
     Style,
+    draw_intervals,
     legend_above,
     legend_below,
+    name_rows,
     new_figure,
     plain,
     stimulus_scale,
@@ -157,18 +159,20 @@ def _draw_compared(ax: Axes, optimal: OptimalDesign) -> None:
     """The order effect in each kind of observers, by both designs."""
     table, trials = optimal.power, optimal.design.total
     kinds = table.different("observers")
+    has_effect = np.array([table.has_effect(kind, "order_effect") for kind in kinds])
+
     for index, (name, colour) in enumerate(zip(optimal.designs, _DESIGN_COLOURS, strict=False)):
-        for row, kind in enumerate(kinds):
-            share = table[name, trials, kind, "order_effect", DETECTED]
-            style: Style = {"fmt": _MARKERS[index], "color": colour, "ms": 4.5, "elinewidth": 0.8}
-            if not table.has_effect(kind, "order_effect"):
-                style["mfc"] = "white"
-            elif row == len(kinds) - 1:
-                style["label"] = f"{name} design"
-            error = [[share.value - share.low], [share.high - share.value]]
-            ax.errorbar(share.value, row + 0.22 * (index - 0.5), xerr=error, **style)
-    ax.set_yticks(np.arange(len(kinds)), [plain(kind) for kind in kinds])
-    ax.set(xlim=(-0.03, 1.03), ylim=(len(kinds) - 0.5, -0.5))
-    ax.set_xlabel("share with order effect yes or probably\n(hollow: without effect)")
+        shares = [table[name, trials, kind, "order_effect", DETECTED] for kind in kinds]
+        sizes = np.array([(share.low, share.value, share.high) for share in shares])
+        y = np.arange(len(kinds)) + 0.22 * (index - 0.5)
+        style: Style = {"marker": _MARKERS[index], "ms": 4.5, "colour": colour, "line": 0.8}
+        draw_intervals(ax, y, sizes.T, mfc="white", **style)
+        style["label"] = f"{name} design"
+        draw_intervals(ax, y[has_effect], sizes[has_effect].T, **style)
+
+    name_rows(ax, len(kinds), [plain(kind) for kind in kinds])
+    ax.set(
+        xlim=(-0.03, 1.03),
+        xlabel="share with order effect yes or probably\n(hollow: without effect)",
+    )
     legend_above(ax, columns=2, title=f"{trials:,} trials")
-    style_axes(ax)

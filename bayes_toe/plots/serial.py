@@ -12,10 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_toe.answers.order_effect import format_decimals
 from bayes_toe.answers.serial_dependence import SerialDependence, SubjectDependence
 from bayes_toe.arrays import FloatArray, IndexArray
-from bayes_toe.data.messages import format_estimate
 from bayes_toe.errors import InputError
 from bayes_toe.model.trial_history import TrialSequence
 from bayes_toe.plots.style import (
@@ -127,19 +125,20 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     values = np.unique(response[response != 0.0])
     residuals.draw(right, [rows[response == value] for value in values], values)
 
-    rho, kappa = (format_estimate(*map(format_decimals, size)) for size in (row.rho, row.kappa))
     overall = float(np.average(0.5 * (trials.first + trials.second)))
     unit = static.subject.unit
     stimulus_axis(left, "mean stimulus of the trial before", unit, overall)
     left.set(ylabel=f"P({yes}), difference\nfrom no history")
     left.set_title(
-        f"{plain(row.subject, 24)}, carry-over: {row.word('carry_over')}\nrho {rho}",
+        f"{plain(row.subject, 24)}, carry-over: {row.word('carry_over')}\n"
+        f"rho {row.size('carry_over')}",
         fontsize=SMALL,
     )
     right.set_xticks([-1.0, 1.0], [no, yes])
     right.set(xlabel="response in the trial before", xlim=(-1.6, 1.6))
     right.set_title(
-        f"previous response: {row.word('previous_response')}\nkappa {kappa}",
+        f"previous response: {row.word('previous_response')}\n"
+        f"kappa {row.size('previous_response')}",
         fontsize=SMALL,
     )
     style_axes(left)

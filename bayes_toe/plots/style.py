@@ -322,14 +322,24 @@ def draw_intervals(
     y: npt.ArrayLike,
     quantiles: FloatArray,
     *,
-    size: float = 3.4,
+    colour: str = POSTERIOR,
     line: float = 1.6,
-    label: str | None = None,
+    **marker: Any,
 ) -> None:
-    """Draw rows of medians with intervals, from quantiles of shape (3, rows)."""
+    """Draw rows of medians with intervals, from quantiles of shape (3, rows).
+
+    `marker` has matplotlib's arguments for the medians.
+    """
     low, middle, high = quantiles
-    ax.hlines(y, low, high, color=POSTERIOR, lw=line)
-    ax.plot(middle, y, "o", ms=size, color=POSTERIOR, label=label)
+    ax.hlines(y, low, high, color=colour, lw=line)
+    style: Style = {"marker": "o", "ms": 3.4, "color": colour, "ls": ""}
+    ax.plot(middle, y, **style | marker)
+
+
+def name_rows(ax: Axes, n_rows: int, names: Sequence[str] = ()) -> None:
+    """Put the first row of a forest on top, with the names of its rows, if any, at the left."""
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(n_rows - 0.4, -0.6)
     ax.locator_params(axis="x", nbins=4)
     style_axes(ax).tick_params(axis="y", length=0)
 

@@ -137,8 +137,8 @@ def test_a_yes_that_another_prior_leaves_undecided_is_marked(evidence, monkeypat
 
     monkeypatch.setattr(type(evidence), "with_prior_scale", rescaled)
     answer = order_effect(evidence, EVERYTHING)
-    assert answer.marked_word("constant_error") == "yes ?"
-    assert answer.marked_word("contraction") == answer.word("contraction")
+    marks = {question: line.marks for question, line in answer.lines.items()}
+    assert (marks["constant_error"], marks["contraction"]) == (" ?", "")
     (problem,) = answer.problems
     message = "A prior twice as wide changes order effect and constant error from 'yes' to 'no'."
     assert problem.message == message
@@ -154,7 +154,7 @@ def test_a_study_of_more_subjects_has_a_smaller_limit(answers):
     of_study = single.in_study(12)
     assert of_study.flags == (*answers["none"].flags, MISFIT_FLAG)
     assert of_study.problems[-1].message == "The model does not fit: test p = .00080, below .05/12."
-    assert of_study.marked_word("order_effect").endswith(" !")
+    assert of_study.lines["order_effect"].marks == " !"
     assert of_study.in_study(200).fits is True
     assert of_study.cells["interpretable"] == "yes"
 

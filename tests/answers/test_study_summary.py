@@ -12,8 +12,6 @@ from bayes_toe.answers.order_effect import Size
 from bayes_toe.answers.study_summary import (
     FALSE_ALARMS,
     describe_meaning,
-    effect_frequency,
-    few_subjects_lines,
     study_lines,
 )
 from bayes_toe.answers.words import Word
@@ -210,31 +208,6 @@ def test_one_subject_is_described_in_full_and_synthetic_ones_are_called_so():
     assert line.startswith("A: Order effect: yes (P = .50). Constant error: yes")
     assert study_lines(STUDY[3:]) == ["D: Not interpreted: responses look swapped."]
     assert "of 3 synthetic subjects" in study_lines(STUDY, synthetic=True)[1]
-
-
-def test_frequency_is_that_of_the_beta_binomial_where_every_answer_is_certain():
-    answers = []
-    for i, log_odds in enumerate((300.0, 300.0, 300.0, -300.0)):
-        log_bayes_factors = {"constant_error": log_odds, "contraction": 0.0}
-        answers.append(answer(str(i), (Word.YES,) * 3, log_bayes_factors=log_bayes_factors))
-    expected = {"constant_error": (3 + 1) / (4 + 2), "contraction": 0.5}
-    frequencies = {name: effect_frequency(answers, name) for name in expected}
-    assert frequencies == pytest.approx(expected, abs=1e-3)
-
-
-def test_frequency_needs_two_interpretable_subjects():
-    assert few_subjects_lines(STUDY[:1]) == few_subjects_lines([STUDY[0], STUDY[3]]) == []
-    assert few_subjects_lines(STUDY[:1] * 6) == []
-    (line,) = few_subjects_lines(STUDY[:3])
-    assert "These shares do not say how large" in line
-
-
-def test_frequency_names_no_effect_that_the_design_cannot_show():
-    words = (Word.YES, Word.YES, Word.CANNOT_BE_TOLD)
-    answers = [answer("S01", words), answer("S02", words)]
-    (line,) = few_subjects_lines(answers)
-    assert "constant error" in line
-    assert "contraction" not in line
 
 
 def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypatch):

@@ -11,12 +11,12 @@ from conftest import few_pairs, grouped_csv, text_table
 from populations import independent_draws, made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
+from bayes_toe.answers.group_answer import good_fits_answer, group_answer, group_tables
 from bayes_toe.answers.order_effect import (
     Size,
     format_share,
     format_signed,
 )
-from bayes_toe.cli.group_screen import good_fits_answer, group_answer, group_tables
 
 FILES = ("group.csv", "group.nc", "group.png", "group_subjects.csv")
 OPTIONS = "--seed 1 --draws 1600"
@@ -134,7 +134,7 @@ def test_means_whose_word_changes_without_poor_fits_are_named(monkeypatch):
     factors = {(False, "constant_error"): 0.0, (True, "constant_error"): 0.5}
     factors |= {(False, "contraction"): 0.5, (True, "contraction"): 4.0}
     monkeypatch.setattr(
-        "bayes_toe.cli.group_screen.log_factor_of_mean",
+        "bayes_toe.answers.group_answer.log_factor_of_mean",
         lambda result, name: factors[result is of_good_fits, name],
     )
     assert good_fits_answer(group, of_good_fits) == [

@@ -22,8 +22,8 @@ from bayes_toe.answers.words import Word
 from bayes_toe.checks.identification import ONE_FIRST_STIMULUS
 from bayes_toe.cli.answer_screen import print_answer, print_subjects
 from bayes_toe.cli.check_screen import describe_pairs
+from bayes_toe.cli.group_screen import print_contrast
 from bayes_toe.cli.terminal import WIDTH, Terminal, cell_width
-from bayes_toe.cli.within_screens import print_contrast
 from bayes_toe.inference.goodness_of_fit import PairResidual
 
 WORDS = {

@@ -8,9 +8,10 @@ import pytest
 from conftest import text_table
 
 import bayes_toe as bt
-from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem
+from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem, format_draws
 from bayes_toe.answers.serial_dependence import EFFECT_MODELS, SerialDependence, SubjectDependence
 from bayes_toe.cli.answer_screen import flagged, print_subjects, without_decision
+from bayes_toe.cli.group_screen import print_history
 from bayes_toe.cli.inference_commands import print_draws
 from bayes_toe.cli.terminal import (
     WIDTH,
@@ -18,10 +19,8 @@ from bayes_toe.cli.terminal import (
     cell_width,
     command_lines,
     format_table,
-    round_to_errors,
     wrap_line,
 )
-from bayes_toe.cli.within_screens import print_history
 
 
 def shown_subjects(text):
@@ -139,33 +138,21 @@ def test_estimates_and_options_stay_on_one_line():
     assert f"'{name}'" in "\n".join(command_lines(f"bayes-toe run '{name}'", "  "))
 
 
-#: Values, their errors, the most decimals, and what is shown. Never more decimals than asked for;
-#: 0.0096 is 0.01 to one digit; no minus before nothing. Of several values, each by its own error
-#: in their order; alike with all the decimals that there may be.
-ROUNDED = """
-    0.123456 | 0.004 | 2 | 0.12
-    0.123456 | 0.0096 | 6 | 0.12
-    0.123456 | 0.0094 | 6 | 0.123
-    9.96 | 0.2 | 3 | 10.0
-    -0.03 | 0.2 | 3 | 0.0
-    1234.5 | 30 | 3 | 1230
-    -1e20 | 1e18 | 2 | -100000000000000000000
-    12 | 300 | 2 | 0
-    1.5 | nan | 3 | 1.500
-    1.5 | 0 | 3 | 1.500
-    1.5 | inf | 3 | 1.500
-    nan | 0.1 | 2 | nan
-    0.12 0.51 2.34 | 0.01 0.002 0.2 | 2 | 0.12 0.51 2.3
-    49.6 40213 86443.6 | 20 3e5 0.004 | 2 | 0 40000 90000
-    0.12 0.123 0.15 | 0.1 0.1 0.01 | 2 | 0.12 0.12 0.15
-    0 0 0 | nan nan nan | 2 | 0.00 0.00 0.00
+#: Draws from 0 to this, how many are effective, the most decimals, and what is shown.
+DIGITS = """
+    1 | 201 | 3 | 0.50 [0.02, 0.98]
+    1 | 201 | 1 | 0.5 [0.0, 1.0]
+    1000 | 201 | 3 | 500 [20, 980]
+    1e6 | 20 | 2 | 500000 [0, 1000000]
+    0 | 201 | 2 | 0.00 [0.00, 0.00]
+    1 | nan | 3 | 0.500 [0.025, 0.975]
 """
 
 
-@pytest.mark.parametrize("values, errors, limit, visible", text_table(ROUNDED))
-def test_digits_end_where_the_error_begins(values, errors, limit, visible):
-    numbers = np.array([values.split(), errors.split()], float).tolist()
-    assert round_to_errors(*numbers, int(limit)) == visible.split()
+@pytest.mark.parametrize("largest, n_effective, decimals, expected", text_table(DIGITS))
+def test_digits_end_where_the_error_begins(largest, n_effective, decimals, expected):
+    draws = np.linspace(0.0, float(largest), 201)
+    assert format_draws(draws, float(n_effective), int(decimals)) == expected
 
 
 def test_who_must_be_looked_at_and_why(marked):

@@ -150,13 +150,12 @@ def test_the_command(tmp_path):
     text = good(
         "design -o d.csv --lowest -0.75 --highest 1.25 --step 0.5 --trials 200 --max-pairs 9 "
         "--for contraction --keep kept.csv --observers contraction --data-sets 1 --seed 1 "
-        "--workers 1 --list t.csv",
+        "--workers 1",
         cwd=tmp_path,
     )
     assert "Optimised: observers with 'yes' or 'probably'" in text
     files = {path.name for path in tmp_path.glob("[dt]*")}
-    assert files == {"d.csv", "d.md", "d.png", "d_compared.csv", "t.csv"}
-    assert len(pd.read_csv(tmp_path / "t.csv")) == 200
+    assert files == {"d.csv", "d.md", "d.png", "d_compared.csv"}
     assert bt.design.read_study_design(tmp_path / "d.csv").total == 200
     markdown = (tmp_path / "d.md").read_text(encoding="utf-8")
     assert markdown.startswith("# A design of 200 trials, for: contraction\n\n* Optimised, 200 tr")
@@ -178,8 +177,8 @@ REFUSED = """
     --levels l.csv --intensity -1 | --intensity: found -1.0, allowed: a positive
     given.csv | given.csv: a given design needs --list trials.csv, without options of the
     given.csv --list t.csv --max-pairs 4 | without options of the search such as --lowest
-    given.csv --list t.csv --trials 60 | given.csv: a given design has its trials.
-    --lowest 0 --highest 1 --subjects 3 | --blocks, --subjects and --conditions need --list
+    given.csv --list t.csv --trials 60 | without options of the search such as --lowest, --trials
+    --lowest 0 --highest 1 --list t.csv | need a design, as in bayes-toe design design.csv --list
 """
 
 

@@ -95,7 +95,7 @@ def test_contours_hold_their_shares_of_the_draws(draw, n):
     "options, message",
     [
         ({"coordinates": "polar"}, "must be one of"),
-        ({"coordinates": ["gain", "x"]}, "unknown parameter"),
+        ({"coordinates": ["gain", "x"]}, "'x' is unknown or named twice"),
         ({"coordinates": []}, "found none, allowed: natural"),
         ({"truths": {"A": {"mu_1": 0.0}}}, "unknown quantity 'mu_1'"),
         ({"truths": {"A": {"mu1": float("nan")}}}, "mu1=nan"),

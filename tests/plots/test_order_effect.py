@@ -28,20 +28,27 @@ def renamed(table, size, pattern="S{}"):
 
 
 def medians(ax):
-    """The markers of a forest."""
-    return [line.get_xdata()[0] for line in ax.lines if line.get_marker() in ("s", "D")]
+    """The markers of a forest, by their rows."""
+    points = []
+    for line in [*marks_of(ax, "s"), *marks_of(ax, "D")]:
+        points += zip(line.get_ydata(), line.get_xdata(), strict=True)
+    return [median for _, median in sorted(points)]
 
 
 def intervals(ax):
-    return [tuple(line.get_segments()[0][:, 0]) for line in ax.collections]
+    """The ends of the lines of a forest, by their rows."""
+    lines = []
+    for collection in ax.collections:
+        lines += [(line[0, 1], *line[:, 0]) for line in collection.get_segments()]
+    return [(low, high) for _, low, high in sorted(lines)]
 
 
 def test_forests_have_sizes_and_words_of_every_subject(analysis):
     errors, contractions = bt.plots.order_effect(analysis.evidence).axes
     assert words_of(errors.get_yticklabels()) == ["A", "B", "C"]
     for ax, question in zip((errors, contractions), QUESTION_STYLES, strict=True):
-        expected = [answer.marked_word(question.name) for answer in analysis.answers]
-        assert words_of(ax.texts) == expected
+        lines = [answer.lines[question.name] for answer in analysis.answers]
+        assert words_of(ax.texts) == [line.word + line.marks for line in lines]
         sizes = []
         for answer in analysis.answers:
             if answer.words[question.name] is not Word.CANNOT_BE_TOLD:

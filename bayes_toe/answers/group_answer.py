@@ -1,0 +1,224 @@
+"""The answer of a group in words: what screens, report.html, methods.md and the figure print.
+
+`parameter_row` has the line of a parameter, and `group_answer` the conclusions in sentences.
+`group_tables` has the tables of the report, and `group_estimate` one estimate with its interval.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayes_toe.answers.order_effect import (
+    Size,
+    format_bayes_factor,
+    format_difference,
+    format_number,
+    format_share,
+    format_signed,
+    word_of_bayes_factor,
+)
+from bayes_toe.answers.words import Word, claim
+from bayes_toe.data.messages import capitalized, format_estimate, plural
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
+
+if TYPE_CHECKING:
+    from bayes_toe.groups.population import PopulationResult
+    from bayes_toe.groups.population_table import PopulationRow
+
+EFFECTS = (CONSTANT_ERROR.name, CONTRACTION.name)
+#: Parameters between 0 and 1, or -1 and 1; the others are in the unit of differences.
+_SHARES = (CONTRACTION.name, PEAK.name)
+#: Names of the parameters of a group in sentences, as rows of its table, and of differences.
+LABELS = {CONSTANT_ERROR.name: "PSE shift", CONTRACTION.name: "contraction", NOISE.name: "JND"}
+_ROW_LABELS = {
+    **LABELS,
+    CONSTANT_ERROR.name: "constant error",
+    PEAK.name: "largest P('equal')",
+}
+_DIFFERENCE_LABELS = {**LABELS, NOISE.name: "JND (ratio)", PEAK.name: "P(equal), logit"}
+#: Rows of the group's table that have these parameters in the unit of screens.
+_QUANTITY_OF = {
+    CONSTANT_ERROR.name: "pse_shift_percent",
+    NOISE.name: "jnd_percent",
+    PEAK.name: "peak_probability",
+}
+#: Title, headings and rows of a table.
+TextTable = tuple[str, list[str], list[list[str]]]
+
+
+def parameter_row(result: PopulationResult, name: str) -> list[str]:
+    """Name, mean, SD between subjects, Bayes factor and word of a parameter."""
+    label = _ROW_LABELS[name]
+    if name not in result.identified:
+        return [label, "cannot be told: no subject has pairs that can show it"]
+    factor_and_word = ["-", ""]
+    if name in EFFECTS:
+        factor_and_word = _factor_and_word(log_factor_of_mean(result, name))
+    return [label, group_estimate(result, name), _spread(result, name), *factor_and_word]
+
+
+def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") -> str:
+    """Median and 95 % interval of a mean, or of a new subject, in the unit of the table."""
+    [row] = result.table.select(quantity, _QUANTITY_OF.get(name, name))
+    if name in _SHARES:
+        return format_share(Size(*row.interval))
+    sign = "+" if name == CONSTANT_ERROR.name else ""
+    return format_difference(Size(*row.interval), result.study.unit, sign)
+
+
+def log_factor_of_mean(result: PopulationResult, name: str) -> float:
+    """The log Bayes factor of a mean that is not 0."""
+    [row] = result.table.select("mean", name)
+    return -(row.ln_bf_zero or 0.0)
+
+
+def _factor_and_word(log_factor: float) -> list[str]:
+    """The Bayes factor of a value that is not 0, and its word."""
+    return [format_bayes_factor(log_factor), str(word_of_bayes_factor(log_factor))]
+
+
+def _spread(result: PopulationResult, name: str) -> str:
+    """The SD between subjects with its interval; one that may be 0 as a bound."""
+    unit, j = result.shown_unit(name), result.index(name)
+    mean, sd = result.draws.mean[..., j], result.draws.sd[..., j]
+    # The SD is half the difference of subjects one SD above and one SD below the mean.
+    above, below = (result.in_units(name, point, unit) for point in (mean + sd, mean - sd))
+    with np.errstate(invalid="ignore"):
+        spread = 0.5 * (above - below)
+    *interval, bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()
+
+    is_share, effect = name in _SHARES, result.effects.get(name)
+    if effect is None or effect.sd_at_most is None:
+        if is_share:
+            return format_share(Size(*interval))
+        return format_signed(Size(*interval), unit.of_differences, "")
+    if is_share:
+        return f"at most {100.0 * bound:.0f} %"
+    return f"at most {format_number(bound)} {unit.of_differences}"
+
+
+# --- Sentences ------------------------------------------------------------------------------------
+
+
+def group_answer(result: PopulationResult) -> list[str]:
+    """Mean, SD between subjects and Bayes factor of both effects; differences of conditions."""
+    badge = "" if result.is_reliable else "NOT RELIABLE: "
+    first_effect, second_effect = (_describe_effect(result, name) for name in EFFECTS)
+    heading = f"In the group of {len(result.subjects)}{_reference(result)}"
+    lines = [f"{badge}{heading}, {first_effect} {capitalized(second_effect)}"]
+
+    differences: dict[str, list[str]] = {}
+    for level, label, difference, factor, word in _comparison_rows(result, "difference"):
+        text = f"{label} {difference} ({word}, BF {factor})"
+        differences.setdefault(level, []).append(text)
+    for level, texts in differences.items():
+        lines.append(f"{badge}Difference {level} in the group: {'; '.join(texts)}.")
+    return lines
+
+
+def _describe_effect(result: PopulationResult, name: str) -> str:
+    """Mean and SD of an effect, and whether the mean differs from 0."""
+    if name not in result.identified:
+        return f"the {_ROW_LABELS[name]} cannot be told."
+    sd, *_ = _spread(result, name).partition(" [")
+    text = f"the mean {LABELS[name]} is {group_estimate(result, name)}, and the SD between subjects"
+    log_factor = log_factor_of_mean(result, name)
+    text += f" is {sd}. {capitalized(_differs_from_0(log_factor, 'this mean'))}."
+    [row] = result.table.select("mean", name)
+    # An interval that excludes 0 does not decide whether the mean differs from 0.
+    if word_of_bayes_factor(log_factor) is Word.UNDECIDED and row.q025 * row.q975 > 0.0:
+        text += " The interval assumes a nonzero mean."
+    return text
+
+
+def _differs_from_0(log_factor: float, noun: str) -> str:
+    """Whether a mean differs from 0, with its Bayes factor."""
+    text = claim(word_of_bayes_factor(log_factor), noun, "differ", "from 0")
+    return f"{text} (BF {format_bayes_factor(log_factor)})"
+
+
+def good_fits_answer(group: PopulationResult, of_good_fits: PopulationResult | None) -> list[str]:
+    """Words for the means that are others without the subjects whom the model does not fit."""
+    changes = []
+    for name in EFFECTS:
+        if of_good_fits is None or name not in group.identified:
+            continue
+        log_factor = log_factor_of_mean(of_good_fits, name)
+        word = word_of_bayes_factor(log_factor)
+        if word != word_of_bayes_factor(log_factor_of_mean(group, name)):
+            changes.append(_differs_from_0(log_factor, f"the mean {LABELS[name]}"))
+    if not changes:
+        return []
+    return [f"Without the subjects whom the model does not fit, {' and '.join(changes)}."]
+
+
+def _reference(result: PopulationResult) -> str:
+    """The covariates for which the means hold."""
+    levels = {}
+    for column in result.regressors.columns:
+        levels[column.covariate] = f"{column.covariate} {column.reference or 'mean'}"
+    return f" ({', '.join(levels.values())})" if levels else ""
+
+
+# --- Tables ---------------------------------------------------------------------------------------
+
+
+def comparison_tables(result: PopulationResult) -> list[TextTable]:
+    """The effects of covariates and of conditions, if any."""
+    covariates = "; ".join(column.meaning for column in result.regressors.columns)
+    tables = []
+    for quantity, title, first in (
+        ("difference", "Differences between conditions", "conditions"),
+        ("effect", f"Effects of covariates ({covariates})", "covariate"),
+    ):
+        rows = _comparison_rows(result, quantity)
+        if rows:
+            tables.append((title, [first, "of the", "median [95 % interval]", "BF", ""], rows))
+    return tables
+
+
+def _comparison_rows(result: PopulationResult, quantity: str) -> list[list[str]]:
+    """Rows with the comparison, the parameter, its difference, Bayes factor and word."""
+    rows = []
+    for row in result.table.select(quantity):
+        if row.parameter in result.identified:
+            words = _factor_and_word(-(row.ln_bf_zero or 0.0))
+            label, difference = _DIFFERENCE_LABELS[row.parameter], _format_difference(result, row)
+            rows.append([row.level, label, difference, *words])
+    return rows
+
+
+def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
+    """An effect on a mean: a shift of the PSE, p, the ratio of JNDs, or a logit."""
+    values, sign = row.interval, "+"
+    if row.parameter == CONSTANT_ERROR.name:
+        return format_difference(Size(*result.shift_percent(values)), result.study.unit)
+    if row.parameter == CONTRACTION.name:
+        return format_share(Size(*values))
+    if row.parameter == NOISE.name:
+        values, sign = np.exp(values), ""
+    return format_estimate(*map(f"{{:{sign}.2f}}".format, values))
+
+
+def group_tables(result: PopulationResult) -> list[TextTable]:
+    """The tables of the report, in the formats of the screen."""
+    rows = []
+    for name in result.names:
+        cells = parameter_row(result, name)
+        if name in result.identified:
+            cells.insert(3, group_estimate(result, name, "new_subject"))
+            cells += _convergence(result, name)
+        rows.append(cells)
+    headings = ["", "group mean", "SD between subjects", "new subject", "BF of mean not 0", ""]
+    headings += ["effective draws", "R-hat"]
+    title = f"{plural(len(result.subjects), 'subject')}, median [95 % interval]"
+    return [*comparison_tables(result), (title, headings, rows)]
+
+
+def _convergence(result: PopulationResult, name: str) -> list[str]:
+    """The smallest number of effective draws of mean and SD, and the largest R-hat."""
+    rows = (*result.table.select("mean", name), *result.table.select("sd", name))
+    n_effective = min(min(row.ess_bulk, row.ess_tail) for row in rows)
+    return [f"{n_effective:,.0f}", f"{max(row.r_hat for row in rows):.3f}"]
