@@ -20,13 +20,7 @@ import numpy as np
 
 from bayes_toe.arrays import Record
 from bayes_toe.data.messages import display_name, join_names
-from bayes_toe.data.text_table import (
-    ColumnTexts,
-    cell_texts,
-    damaged,
-    from_single_precision,
-    require_size,
-)
+from bayes_toe.data.text_table import NoValue, damaged, require_size, value_text
 from bayes_toe.errors import InputError
 
 _SAVED = (
@@ -45,11 +39,11 @@ _READER = (
 )
 
 
-def matlab_texts(source: str, data: bytes) -> dict[str, ColumnTexts]:
-    """The columns of a file, as text, all of one length, with their problems.
+def matlab_columns(source: str, data: bytes) -> dict[str, list[str | NoValue]]:
+    """The columns of a file, as text, all of one length.
 
     Trials are fields of one struct, of vectors or of a struct array, or vectors of one length by
-    name. A single value stands in every row. Arrays in the cells of a column are its problem.
+    name. A single value stands in every row. An array in a cell is no value.
 
     Raises
     ------
@@ -71,7 +65,9 @@ def matlab_texts(source: str, data: bytes) -> dict[str, ColumnTexts]:
     result = json.loads(reader.stdout)
     if "problems" in result:
         raise InputError(result["problems"])
-    columns: dict[str, ColumnTexts] = result["columns"]
+    columns = {}
+    for name, cells in result["columns"].items():
+        columns[name] = [cell if isinstance(cell, str) else NoValue(*cell) for cell in cells]
     return columns
 
 
@@ -87,9 +83,7 @@ def write_texts(source: str) -> None:
             with suppress(OSError, ValueError):  # where the system cannot
                 resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
         columns = _columns(source, _variables(source, sys.stdin.buffer.read()))
-        texts = {}
-        for name, cells in columns.items():
-            texts[name] = cell_texts(name, cells, range(1, len(cells) + 1))
+        texts = {name: [*map(value_text, cells)] for name, cells in columns.items()}
         json.dump({"columns": texts}, sys.stdout)
     except InputError as error:
         json.dump({"problems": error.problems}, sys.stdout)
@@ -174,9 +168,7 @@ def _columns(source: str, variables: Record) -> dict[str, list[Any]]:
         if column.shape not in ((1,), (n_rows,)):
             wrong.append(display_name(name))
             continue
-        cells = column.tolist()
-        if column.dtype == np.float32:
-            cells = from_single_precision(cells)
+        cells = list(column)
         values[name] = cells * (n_rows // len(cells))
     if wrong:
         finding = f"{join_names(wrong)}, not a column of {n_rows}"

@@ -15,7 +15,7 @@ import stat
 import tomllib
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,22 +23,19 @@ from typing import Any
 import numpy as np
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.matlab_file import matlab_texts
+from bayes_toe.data.matlab_file import matlab_columns
 from bayes_toe.data.messages import display_name, join_names, join_words, one_line, quoted, visible
 from bayes_toe.data.text_table import (
     EXCEL,
     MOST_RECORDS,
     Choice,
     Column,
-    ColumnTexts,
     Frame,
     NoValue,
     Problems,
     TextTable,
-    cell_texts,
     damaged,
     decoded,
-    from_single_precision,
     header_place,
     n_chosen,
     name_places,
@@ -52,14 +49,14 @@ from bayes_toe.errors import InputError, Remedy
 #: million.
 LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
 
-_NOT_COMPUTED = NoValue(
-    "found a formula without a value, allowed: a file that Excel has computed and saved"
-)
-#: Whether a line begins and ends as a list or a record.
-_ONE_VALUE = re.compile(r"\s*(?:\{.*\}|\[.*\])\s*").fullmatch
 #: How a text begins that is JSON, whatever its suffix: a record, or a list of records or lists.
 _JSON_START = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\[\s*[\[{]|\{)")
 _TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+#: A formula that no program has computed, and the error that stands for it.
+_NOT_COMPUTED = re.compile(
+    rb"(<c (?![^<>]*\bt=)[^<>]*)>(?:<f[^<>]*/>|<f[^<>]*>[^<>]*</f>)(?:<v ?/>|<v></v>)?</c>"
+)
+_ERROR = rb'\1 t="e"><v>a formula without a value</v></c>'
 #: A cell, and a row, that have a place and nothing else.
 _BLANK_CELL = re.compile(rb'<c [^<>]*\br="[^<>]*/>')
 _BLANK_ROW = re.compile(rb'<row [^<>]*\br="(?:[^<>]*/>|[^<>]*></row>)')
@@ -198,33 +195,26 @@ def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
 def _table_of_values(
     head_words: tuple[str, str, str],
     names: list[str],
-    values: Mapping[str, Sequence[Any]],
+    values: Mapping[str, Iterable[object]],
     rows: Sequence[int],
     choice: Choice,
     notes: Sequence[str] = (),
 ) -> TextTable:
-    """The table of values by column; `head_words` are its source, form and head."""
-    texts = {name: cell_texts(name, cells, rows) for name, cells in values.items()}
-    return _table_of_texts(head_words, names, texts, rows, choice, notes)
+    """The table of values by column; `head_words` are its source, form and head.
 
-
-def _table_of_texts(
-    head_words: tuple[str, str, str],
-    names: list[str],
-    column_texts: Mapping[str, ColumnTexts],
-    rows: Sequence[int],
-    choice: Choice,
-    notes: Sequence[str] = (),
-) -> TextTable:
-    """The table of texts by column.
-
-    A cell without a text is a problem in the columns that are chosen.
+    The first cell without a text is a problem in the columns that are chosen.
     """
     source, form, head = head_words
     columns, problems, chosen = {}, Problems(source), choice(names)
-    for name, (texts, lines) in column_texts.items():
+    for name, cells in values.items():
+        texts, wrong = list[str](), list[tuple[int, str]]()
+        for row, text in zip(rows, map(value_text, cells), strict=True):
+            if isinstance(text, NoValue):
+                wrong.append((row, f"row {row}, column {display_name(name)}: {text.problem}"))
+                text = ""
+            texts.append(text)
         if name in chosen:
-            problems.add(lines)
+            problems.add(wrong[:1])
         columns[name] = Column.from_texts(name, texts, range(len(texts)))
     row_numbers = np.array(rows, np.int64)
     return TextTable(form, "", head, names, columns, row_numbers, problems, tuple(notes))
@@ -238,9 +228,8 @@ def _table_of_frame(
     values = {}
     for name, index in name_places(names).items():
         series = frame.iloc[:, index] if hasattr(frame, "iloc") else frame.to_series(index)
-        values[name] = series.to_list()
-        if str(series.dtype).lower() == "float32":
-            values[name] = from_single_precision(values[name])
+        is_single = str(series.dtype).lower() == "float32"
+        values[name] = np.asarray(series, np.float32) if is_single else series.to_list()
     rows = range(first_row, first_row + len(frame))
     return _table_of_values(head_words, names, values, rows, choice)
 
@@ -251,19 +240,21 @@ def _table_of_frame(
 def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> TextTable:
     """The sheet with the table, or the one that is named; rows count as in the sheet."""
     sheets = _excel_sheets(source, data)
-    title = _chosen_sheet(source, sheets, choice) if sheet is None else sheet
+    heads = {title: _sheet_names(rows, choice) for title, rows in sheets.items()}
+    title = _chosen_sheet(source, sheets, heads, choice) if sheet is None else sheet
     if title not in sheets:
         finding = join_names([*map(display_name, sheets)])
         raise InputError(f"{source}: found the sheets {finding}, allowed: one of them")
-    rows = sheets[title]
-    first, names = _sheet_names(rows, choice)
+
+    (first, names), rows = heads[title], sheets[title]
     filled = {}
-    for i in range(first + 1, len(rows)):
-        if _is_filled(rows[i]):
-            filled[i + 1] = rows[i]
+    for number, cells in enumerate(rows[first + 1 :], start=first + 2):
+        if _is_filled(cells):
+            filled[number] = cells
     values = {}
     for name, index in name_places(names).items():
         values[name] = [cells[index] for cells in filled.values()]
+
     notes = []
     if len(sheets) > 1:
         other_sheets = [display_name(other) for other in sheets if other != title]
@@ -274,16 +265,18 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     return _table_of_values(head, names, values, [*filled], choice, notes)
 
 
-def _chosen_sheet(source: str, sheets: Mapping[str, list[list[Any]]], choice: Choice) -> str:
+def _chosen_sheet(
+    source: str,
+    sheets: Mapping[str, Sequence[object]],
+    heads: Mapping[str, tuple[int, list[str]]],
+    choice: Choice,
+) -> str:
     """The only sheet with most of our columns."""
-    if not sheets:
-        raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
-    n_names = {}
-    for title, rows in sheets.items():
-        _, names = _sheet_names(rows, choice)
-        n_names[title] = n_chosen(names, choice)
-    largest_count = max(n_names.values())
+    n_names = {title: n_chosen(names, choice) for title, (_, names) in heads.items()}
+    largest_count = max(n_names.values(), default=0)
     tables = [title for title, count in n_names.items() if count == largest_count]
+    if not tables:
+        raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
     if len(tables) > 1 and largest_count:
         remedies = [Remedy("sheet", title) for title in tables]
         finding = join_words([*map(display_name, tables)])
@@ -295,7 +288,8 @@ def _sheet_names(rows: Sequence[Sequence[Any]], choice: Choice) -> tuple[int, li
     """The index of the row that has the names, from 0, and the names."""
     records = []
     for cells in rows[:MOST_RECORDS]:
-        records.append([(value_text(cell) or "").strip() for cell in cells])
+        texts = map(value_text, cells)
+        records.append([text.strip() if isinstance(text, str) else "" for text in texts])
     index = header_place(records, choice)
     return index, records[index]
 
@@ -311,15 +305,12 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
 
     sheets = {}
     try:
-        compact = _without_formats(source, data)
         with warnings.catch_warnings(action="ignore"):
-            values = load_workbook(compact, read_only=True, data_only=True)
-            formulas = load_workbook(compact, read_only=True)
-            pairs = zip(values.worksheets, formulas.worksheets, strict=True)
-            for with_values, with_formulas in pairs:
-                rows = _sheet_rows(source, with_values, with_formulas)
-                if rows and with_values.sheet_state == "visible":
-                    sheets[with_values.title] = rows
+            book = load_workbook(_without_formats(source, data), read_only=True, data_only=True)
+            for sheet in book.worksheets:
+                rows = _sheet_rows(source, sheet)
+                if rows and sheet.sheet_state == "visible":
+                    sheets[sheet.title] = rows
     except InputError:
         raise
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
@@ -328,7 +319,10 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
 
 
 def _without_formats(source: str, data: bytes) -> io.BytesIO:
-    """A workbook without cells that have a format only, of which there may be millions."""
+    """A workbook without cells that have a format only, of which there may be millions.
+
+    Formulas without a value become errors.
+    """
     compact = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(data)) as book, zipfile.ZipFile(compact, "w") as saved:
         unpacked = sum(part.file_size for part in book.infolist())
@@ -339,24 +333,23 @@ def _without_formats(source: str, data: bytes) -> io.BytesIO:
             part = book.read(name)
             if name.startswith("xl/worksheets/"):
                 part = _BLANK_ROW.sub(b"", _BLANK_CELL.sub(b"", part))
+                part = _NOT_COMPUTED.sub(_ERROR, part)
             saved.writestr(name, part)
     return compact
 
 
-def _sheet_rows(source: str, with_values: Any, with_formulas: Any) -> list[list[Any]]:
+def _sheet_rows(source: str, sheet: Any) -> list[list[Any]]:
     """The values of a sheet, row by row, all of one width."""
-    for sheet in (with_values, with_formulas):
-        sheet.reset_dimensions()  # a size that a program left may be smaller than the sheet
+    sheet.reset_dimensions()  # a size that a program left may be smaller than the sheet
     rows, width = list[list[Any]](), 0
-    pairs = zip(with_values.iter_rows(), with_formulas.iter_rows(), strict=True)
-    for cells, formulas in pairs:
+    for cells in sheet.iter_rows():
         values = []
-        for cell, formula in zip(cells, formulas, strict=True):
+        for cell in cells:
             value = cell.value
             if cell.data_type == "e":
-                value = NoValue(f"found the error {value}, allowed: a value")
-            elif formula.data_type == "f" and value is None and cell.data_type != "str":
-                value = _NOT_COMPUTED
+                value = NoValue(
+                    f"found {value}, allowed: a value that Excel has computed and saved"
+                )
             values.append(value)
         rows.append(values)
         width = max(width, len(values))
@@ -401,11 +394,11 @@ def _parse_json(source: str, text: str) -> object:
         return record
 
     load = partial(json.loads, parse_int=str, parse_float=str, object_pairs_hook=fields)
-    lines = [line for line in re.split("[\r\n]+", text) if line.strip()]
     try:
-        if len(lines) > 1 and all(map(_ONE_VALUE, lines)):
-            return [load(line) for line in lines]
-        return load(text)
+        try:
+            return load(text)
+        except json.JSONDecodeError:
+            return [load(line) for line in re.split("[\r\n]+", text) if line.strip()]
     except InputError:
         raise
     except (ValueError, RecursionError) as error:
@@ -446,10 +439,10 @@ def _json_records(
 
 def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     """Row 1 is the first trial."""
-    columns = matlab_texts(source, data)
-    texts, _ = next(iter(columns.values()))
+    columns = matlab_columns(source, data)
+    n_rows = len(next(iter(columns.values())))
     head = (source, "MATLAB", "variables")
-    return _table_of_texts(head, [*columns], columns, range(1, len(texts) + 1), choice)
+    return _table_of_values(head, [*columns], columns, range(1, n_rows + 1), choice)
 
 
 def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -99,8 +99,13 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
         except InputError as error:
             problems = [folder + problem for problem in error.problems]
             faulty.append(InputError(problems, error.remedies))
+    if len(faulty) == 1:
+        raise faulty[0]
     if faulty:
-        raise _of_all_files(faulty)
+        problems = [*_lines_once(chain.from_iterable(error.problems for error in faulty))]
+        if len(problems) > MAX_LINES:
+            problems = [*problems[:MAX_LINES], "... and more problems"]
+        raise InputError(problems, faulty[0].remedies)
     return studies[0] if len(studies) == 1 else _together(studies)
 
 
@@ -115,25 +120,18 @@ def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
     return f"{folder.relative_to(os.path.commonpath(folders)).as_posix()}/"
 
 
-def _of_all_files(faulty: Sequence[InputError]) -> InputError:
-    """The first problems of all files; a question that several files have is asked once."""
-    if len(faulty) == 1:
-        return faulty[0]
-    alike = dict[str, list[str]]()
-    for error in faulty:
-        questions = {remedy.question for remedy in error.remedies}
-        for i, problem in enumerate(error.problems):
-            kind = problem
-            if i in questions:  # counts and the order of codes may differ
-                kind = "".join(sorted(re.sub(r"[\d,]", "", problem.partition(": ")[2])))
-            alike.setdefault(kind, []).append(problem)
-    problems = list[str]()
+def _lines_once(lines: Iterable[str]) -> Iterator[str]:
+    """The first of lines `FILE: TEXT` that differ in numbers, or in their order, only.
+
+    It says how many more files there are.
+    """
+    alike = defaultdict[str, list[str]](list)
+    for line in lines:
+        _, _, text = line.partition(": ")
+        alike["".join(sorted(re.sub(r"[\d,]", "", text)))].append(line)
     for first, *others in alike.values():
         files = plural(len(others), "more file")
-        problems.append(f"{first} (and in {files})" if others else first)
-    if len(problems) > MAX_LINES:
-        problems = [*problems[:MAX_LINES], "... and more problems"]
-    return InputError(problems, faulty[0].remedies)
+        yield f"{first} (and in {files})" if others else first
 
 
 def _together(studies: Sequence[Study]) -> Study:
@@ -147,7 +145,11 @@ def _together(studies: Sequence[Study]) -> Study:
         doubts += _copies(name, files)
         if len(files) > 1:
             n_files[name] = len(files)
-    notes = [*_common_notes(studies)]
+    common = [note for note in studies[0].notes if all(note in study.notes for study in studies)]
+    own_notes = []
+    for study in studies:
+        own_notes += [f"{study.source}: {note}" for note in study.notes if note not in common]
+    notes = [*common, *_lines_once(own_notes)]
     if n_files:
         subjects_in_words = plural(len(n_files), "subject")
         notes.append(f"{subjects_in_words} in several files, put together: {join_counts(n_files)}")
@@ -240,22 +242,3 @@ def _concatenated(parts: Sequence[Any]) -> Any:
     if any(part is None for part in parts):
         return None
     return np.concatenate(parts)
-
-
-def _common_notes(studies: Sequence[Study]) -> Iterable[str]:
-    """The notes of all files; notes that differ only in numbers become one."""
-    alike: dict[str, list[tuple[str, str]]] = {}
-    for study in studies:
-        for note in study.notes:
-            is_common = all(note in other.notes for other in studies)
-            form = note if is_common else re.sub(r"\d+", "0", note)
-            alike.setdefault(form, []).append((study.source, note))
-    for notes in alike.values():
-        source, note = notes[0]
-        different_notes = {note for _, note in notes}
-        if len(different_notes) == 1 and len(notes) == len(studies):
-            yield note
-        elif len(notes) == 1:
-            yield f"{source}: {note}"
-        else:
-            yield f"{len(notes)} files, such as {source}: {note}"

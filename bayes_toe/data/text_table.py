@@ -31,17 +31,12 @@ from bayes_toe.errors import InputError, Remedy
 Frame: TypeAlias = Any
 #: Which columns are read, of the names in a header.
 Choice: TypeAlias = Callable[[Sequence[str]], Collection[str]]
-#: The cells of a column as text, and what is said of rows whose cell has none.
-ColumnTexts: TypeAlias = tuple[list[str], list[tuple[int, str]]]
+#: The first row and the cells of a record, or why it cannot be split.
+Record: TypeAlias = tuple[int, list[str] | csv.Error]
 #: The form of a spreadsheet.
 EXCEL = "Excel"
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 
-_MARKS = (
-    (codecs.BOM_UTF8, "utf-8-sig", "UTF-8"),
-    (codecs.BOM_UTF16_LE, "utf-16", "UTF-16"),
-    (codecs.BOM_UTF16_BE, "utf-16", "UTF-16"),
-)
 #: Of a table; Excel has as many columns. More would fill the memory.
 _MOST_COLUMNS, _MOST_CELLS = 2**14, 5 * 10**7
 #: Records among which the names are looked for.
@@ -110,21 +105,41 @@ class Column:
         return [f"{quoted(text)} ({counts[self.texts.index(text)]:,})" for text in texts]
 
 
-def value_text(value: object) -> str | None:
-    """The text of a value in a CSV file; None if it has none."""
-    plain = value.item() if isinstance(value, np.generic) else value
+class NoValue(NamedTuple):
+    """A cell without a value, such as an error of Excel."""
+
+    problem: str
+
+
+def value_text(value: object) -> str | NoValue:
+    """The text of a value in a CSV file, or why it has none.
+
+    Examples
+    --------
+    >>> value_text(2.0), value_text(True), value_text(None), value_text(np.float32(0.1))
+    ('2', '1', '', '0.1')
+    """
+    if isinstance(value, NoValue):
+        return value
+
+    plain = value
+    if isinstance(value, np.float32):
+        plain = float(str(value))  # as it is written, not its nearest neighbour among the doubles
+    elif isinstance(value, np.generic):
+        plain = value.item()
     if plain is None or type(plain).__name__ in _MISSING:
         return ""
-    if not isinstance(plain, str | int | float | Decimal):
-        return None
-    if plain != plain:
-        return ""
-    if isinstance(plain, bool):
-        return str(int(plain))
-    if isinstance(plain, float):
-        return str(int(plain)) if plain.is_integer() else repr(plain)
-    text = str(plain)
-    return None if _NO_TEXT.search(text) else text
+
+    if isinstance(plain, str | int | float | Decimal):
+        if plain != plain:
+            return ""
+        if isinstance(plain, bool) or (isinstance(plain, float) and plain.is_integer()):
+            plain = int(plain)
+        text = str(plain)
+        if not _NO_TEXT.search(text):
+            return text
+    finding = f"found {quoted(str(value))} of type {type(value).__name__}"
+    return NoValue(f"{finding}, allowed: text, numbers or truth values")
 
 
 #: In the place of a row, for problems of a whole table; they are told first.
@@ -162,47 +177,10 @@ class Problems:
         raise InputError(problems, self.remedies)
 
 
-class NoValue(NamedTuple):
-    """A cell without a value, such as an error of Excel."""
-
-    problem: str
-
-
-def cell_texts(name: str, cells: Iterable[object], rows: Iterable[int]) -> ColumnTexts:
-    """The values of a column as text; and the first row whose value has no text, in words."""
-    texts, problems = list[str](), list[tuple[int, str]]()
-    for row, cell in zip(rows, cells, strict=True):
-        text = value_text(cell)
-        texts.append(text or "")
-        if text is None and not problems:
-            problem = f"found {quoted(str(cell))} of type {type(cell).__name__}, allowed: "
-            problem += "text, numbers or truth values"
-            if isinstance(cell, NoValue):
-                problem = cell.problem
-            problems.append((row, f"row {row}, column {display_name(name)}: {problem}"))
-    return texts, problems
-
-
 def damaged(source: str, form: str, error: Exception | str, allowed: str) -> InputError:
     """The refusal of a file that its library cannot read."""
     reason = one_line(error)
     return InputError(f"{source}: found a damaged {form} file ({reason}), allowed: {allowed}")
-
-
-def from_single_precision(values: Iterable[Any]) -> list[Any]:
-    """Numbers of single precision as the doubles that are written the same: 0.1 as 0.1.
-
-    Examples
-    --------
-    >>> single = np.float32(0.1)
-    >>> float(single), from_single_precision([single])
-    (0.10000000149011612, [0.1])
-    """
-    doubles = []
-    for value in values:
-        is_number = isinstance(value, float | np.float32)
-        doubles.append(float(str(np.float32(value))) if is_number else value)
-    return doubles
 
 
 @dataclass(frozen=True)
@@ -328,21 +306,29 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they
     # are.
     text = _DELIMITER_LINE.sub("", text, count=1)
-    delimiter, place, first_row, head, cells_below = _find_names(source, text, choice)
-    n_names = len(head)
+    delimiter, place, first_records = _layout(text, choice)
+    if not first_records:
+        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
+    first_row, head = first_records[0]
+    if isinstance(head, csv.Error):
+        raise InputError(f"{source}: {_broken(first_row, head, 0)}")
+
+    names = _names(head)
+    n_names = len(names)
     require_size(source, n_names, n_names)
-    is_one_short = len(cells_below) == n_names + 1
-    has_row_names = is_one_short and cells_below[0].strip() == "1"
-    head = [""] * has_row_names + head  # R writes row names without a name of their own
-    problems, chosen = Problems(source), {*choice(head), ""}
-    places = name_places(head)
+    has_row_names = len(first_records) > 1 and len(_names(first_records[1][1])) == n_names + 1
+    if has_row_names:
+        names = ["", *names]  # R writes row names without a name of their own
+
+    problems, chosen = Problems(source), {*choice(names), ""}
+    places = name_places(names)
     rows, codes = array("q"), {name: array("q") for name in places}
     # Most texts are there many times.
     texts: dict[str, dict[str, int]] = {
         name: defaultdict(itertools.count().__next__) for name in places
     }
     records = itertools.islice(_records(text, delimiter), place + 1, None)
-    whole_records = _whole_records(records, len(head), problems)
+    whole_records = _whole_records(records, len(names), problems)
     while batch := list(itertools.islice(whole_records, _BATCH)):
         row_numbers, batch_records = zip(*batch, strict=True)
         rows.extend(row_numbers)
@@ -352,18 +338,20 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         for name in {*places} - chosen:
             if len(texts[name]) > _MOST_TEXTS:
                 del places[name]
-    is_counted = not has_row_names or [*texts[""]] == [*map(str, range(1, len(rows) + 1))]
-    if not is_counted or (is_one_short and not rows and problems.count > 1):
-        finding = f"found {n_names} names above rows of {n_names + 1} cells"
-        raise InputError(f"{source}: row {first_row}: {finding}, allowed: a name for each column")
+    if has_row_names and [*texts[""]] != [*map(str, range(1, len(rows) + 1))]:
+        finding = f"found {n_names + 1} cells below {n_names} names"
+        raise InputError(
+            f"{source}: row {first_records[1][0]}: {finding}, allowed: a name for each column"
+        )
+
     columns = {name: Column.from_texts(name, texts[name], codes[name]) for name in places}
     notes = (f"rows above row {first_row} left out",) if place else ()
     head_name, record_rows = f"row {first_row}", np.array(rows, np.int64)
-    return TextTable(label, delimiter, head_name, head, columns, record_rows, problems, notes)
+    return TextTable(label, delimiter, head_name, names, columns, record_rows, problems, notes)
 
 
 def _whole_records(
-    records: Iterable[tuple[int, list[str] | csv.Error]], width: int, problems: Problems
+    records: Iterable[Record], width: int, problems: Problems
 ) -> Iterator[tuple[int, list[str]]]:
     """The records with as many cells as the header; the others are problems."""
     for row, record in records:
@@ -374,32 +362,25 @@ def _whole_records(
             yield row, record
 
 
-def _find_names(
-    source: str, text: str, choice: Choice
-) -> tuple[str, int, int, list[str], list[str]]:
-    """The delimiter, which record has the names, its row, the names, and the cells below them."""
+def _layout(text: str, choice: Choice) -> tuple[str, int, list[Record]]:
+    """The delimiter, which record has the names, and the first records from the names on."""
     best_fit = (-1, -1)
-    best: tuple[str, int, list[tuple[int, list[str] | csv.Error]], list[str]]
+    best: tuple[str, int, list[Record]] = ("", 0, [])
     for delimiter in DELIMITERS:
         records = list(itertools.islice(_records(text, delimiter), MOST_RECORDS))
-        names = []
-        for _, record in records:
-            cells = [] if isinstance(record, csv.Error) else record
-            names.append([cell.strip() for cell in cells])
+        names = [_names(cells) for _, cells in records]
         place = header_place(names, choice)
         head = names[place] if names else []
-        count = n_chosen(head, choice)
         n_cells = 0 if delimiter == " " else len(head)  # names may have spaces
-        if (count, n_cells) > best_fit:
-            best_fit, best = (count, n_cells), (delimiter, place, records, head)
-    delimiter, place, records, head = best
-    if not records:
-        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
-    row, record = records[place]
-    if isinstance(record, csv.Error):
-        raise InputError(f"{source}: {_broken(row, record, 0)}")
-    below = [record for _, record in records[place + 1 : place + 2] if isinstance(record, list)]
-    return delimiter, place, row, head, next(iter(below), [])
+        fit = n_chosen(head, choice), n_cells
+        if fit > best_fit:
+            best_fit, best = fit, (delimiter, place, records[place:])
+    return best
+
+
+def _names(cells: list[str] | csv.Error) -> list[str]:
+    """The cells of a record as names of columns; none where it cannot be split."""
+    return [] if isinstance(cells, csv.Error) else [cell.strip() for cell in cells]
 
 
 def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:
@@ -414,9 +395,9 @@ def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:
 def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str, str]:
     """The text of a file and its encoding.
 
-    Without `encoding` a byte-order mark decides. Without a mark the file is UTF-16 if nearly every
-    other byte is NUL, else UTF-8 if it can be decoded so, and Windows-1252 if nothing in it looks
-    like UTF-8. Bytes that cannot be decoded and NUL characters are refused.
+    Without `encoding` a byte-order mark decides. Without a mark the file is UTF-16 if every other
+    of its first bytes is NUL, else UTF-8 if it can be decoded so, and Windows-1252 if nothing in it
+    looks like UTF-8. Bytes that cannot be decoded and NUL characters are refused.
     """
     if data.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         raise InputError(
@@ -447,15 +428,13 @@ def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str,
 
 def _encoding_of(data: bytes) -> tuple[str, str]:
     """Codec and name of an encoding that the bytes tell."""
-    for mark, codec, label in _MARKS:
-        if data.startswith(mark):
-            return codec, label
-    start = data[:2000]
-    for codec, zeros, other_bytes in (
-        ("utf-16-le", start[1::2], start[::2]),
-        ("utf-16-be", start[::2], start[1::2]),
-    ):
-        if len(zeros) > 1 and zeros.count(0) > 0.9 * len(zeros) and not other_bytes.count(0):
+    if data.startswith(codecs.BOM_UTF8):
+        return "utf-8-sig", "UTF-8"
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16", "UTF-16"
+    # Of Latin letters at the start, every other byte is NUL.
+    for codec, zeros in (("utf-16-le", data[1:8:2]), ("utf-16-be", data[:8:2])):
+        if len(zeros) == 4 and not any(zeros):
             return codec, "UTF-16"
     try:
         data.decode("utf-8")
@@ -467,7 +446,7 @@ def _encoding_of(data: bytes) -> tuple[str, str]:
     return "utf-8", "UTF-8"
 
 
-def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.Error]]:
+def _records(text: str, delimiter: str) -> Iterator[Record]:
     """First physical row and cells of every record that is not blank.
 
     The error where a row cannot be split.

@@ -399,12 +399,12 @@ REFUSED = {
     "no_names.csv": (csv(IN_LOGS, header=False), ["no_names.csv: has no header: row 1 holds 'P0"]),
     "row_names_of_a_part.csv": (
         IN_LOGS.set_axis(range(3, 83)).to_csv().removeprefix(",").encode(),
-        ["row 1: found 4 names above rows of 5 cells, allowed: a name for each column"],
+        ["row 2: found 5 cells below 4 names, allowed: a name for each column"],
     ),
     "one_name_too_few.csv": (
         csv(IN_LOGS.assign(subject=1, trial=1)[["subject", "trial", "s1", "s2", "response"]])
         .replace(b",trial", b"", 1),
-        ["row 1: found 4 names above rows of 5 cells, allowed: a name for each column"],
+        ["row 2: found 5 cells below 4 names, allowed: a name for each column"],
     ),
     "a_key_twice.json": (
         b'[{"subject": "a", "s1": 0, "s2": 1, "response": "second", " response": "first"}]',
@@ -443,7 +443,7 @@ REFUSED = {
     ),
     "error.xlsx": (
         excel(T=IN_LOGS.assign(s1="#DIV/0!")),
-        ["row 2, column s1: found the error #DIV/0!, allowed: a value"],
+        ["row 2, column s1: found #DIV/0!, allowed: a value that Excel"],
     ),
     "decibel_by_name.csv": (csv(DECIBEL), ["--columns s1=s1_dB,s2=s2_dB", "--unit dB"]),
     "decibel.csv": (
