@@ -11,7 +11,6 @@ from scipy.special import ndtr, xlogy
 import bayes_toe as bt
 from bayes_toe.classical.fit import PenalisedLikelihood, SubjectFit, resample, subject_fit
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 
 CASES = hard_cases()
@@ -144,9 +143,3 @@ def test_intervals_bands_and_notes_are_those_of_the_replicates():
     failed, outside = fit.notes
     assert failed == "2 of 401 searches did not converge"
     assert outside.startswith("outside the 95 % interval: mu1, because")
-
-
-def test_wrong_options_raise(small_study):
-    for options in ({"replicates": 0}, {"level": 1.0}, {"seed": -1}, {"workers": 0}):
-        with pytest.raises(InputError):
-            bt.fit(small_study, **options)
