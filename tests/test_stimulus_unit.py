@@ -188,13 +188,6 @@ def test_one_mistyped_stimulus_merges_no_others():
     assert (study.reading.doubts, study["A"].n_pairs) == ((), 4)
 
 
-def test_real_studies_in_natural_logs_are_read(real_data):
-    for path in real_data.glob("*/*.csv"):
-        codes = bt.ReadOptions(equal_code="1" if "vibro" in str(path) else None)
-        findings = bt.check(bt.read_study(path, codes))
-        assert "raw_stimuli" not in {finding.code for finding in findings}
-
-
 @pytest.mark.parametrize(
     "size, unit, expected",
     [

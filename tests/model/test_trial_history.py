@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import definitions
 import mpmath as mp
 import numpy as np
 import pytest
@@ -50,32 +51,25 @@ def log_likelihood_at(posterior, points):
     return posterior.array.likelihood.plain_value(points[None])[0]
 
 
-def loop_log_likelihood(subject, value, kappa, rho):
+def loop_log_likelihood(subject, values, kappa, rho):
     """By the formulas of the module, trial by trial in 40 digits."""
     answers, sbar = subject.answers, float(np.average(subject.s1, weights=subject.n_trials))
     begins = np.diff(answers.place, prepend=-2) > 1
     total, expectation, response = mp.mpf(0), mp.mpf(0), 0
     with mp.workdps(40):
-        c, p, sigma, b, lapse = (
-            mp.mpf(float(value[name]))
-            for name in ("constant_error", "contraction", "noise", "noise_slope", "lapse_rate")
-        )
-        for t, (first, second) in enumerate(answers.keys):
-            s1, s2 = mp.mpf(float(first)), mp.mpf(float(second))
+        values = {name: mp.mpf(float(value)) for name, value in values.items()}
+        p = values["contraction"]
+        bare_k = definitions.criterion(values["q0"]) if "q0" in values else None
+        for t, (first, second) in enumerate(answers.keys.tolist()):
+            s1, s2 = mp.mpf(first), mp.mpf(second)
             if begins[t]:
                 expectation, response = mp.mpf(0), 0
-            middle = (s1 + s2) / 2 - sbar
-            z = (s2 - s1 - c + p * (s1 - sbar - expectation)) / (sigma * mp.exp(b * middle))
-            if subject.task == SAME_DIFFERENT:
-                k = mp.erfinv(mp.mpf(float(value["q0"]))) * mp.sqrt(2)
-                k *= mp.exp(float(value["criterion_slope"]) * middle + kappa * response)
-                equal = mp.ncdf(k - z) - mp.ncdf(-k - z)
-                yes = lapse * (2 * mp.ncdf(k) - 1) + (1 - lapse) * equal
-            else:
-                yes = lapse / 2 + (1 - lapse) * mp.ncdf(z + kappa * response)
+            trial_before = {"expectation": expectation, "response": kappa * response}
+            p_responses = definitions.observer_answers(values, bare_k, sbar, s1, s2, **trial_before)
             is_answered, is_yes = answers.n_trials[t], answers.n_yes[t]
             if is_answered:
-                total += mp.log(yes if is_yes else 1 - yes)
+                yes, no = p_responses
+                total += mp.log(yes if is_yes else no)
             moved = (1 - p) * (s2 - sbar) + p * (1 - p) * (s1 - sbar) + p**2 * expectation
             expectation = rho * moved
             response = int(is_answered * (2 * is_yes - 1))
