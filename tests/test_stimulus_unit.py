@@ -118,7 +118,7 @@ def trials(pairs, names=("s1", "s2")):
 
 
 @pytest.mark.parametrize(
-    "pairs, names, sign, units",
+    "pairs, names, problem, units",
     [
         (GRAMS, ("s1", "s2"), "columns s1 and s2: found whole numbers from 740 to 1350", "a.u. ln"),
         ([(4.5, 7.6), (7.6, 4.5)], ("s1", "s2"), "row 0, columns s1 and s2: found 4.5", "a.u. ln"),
@@ -126,12 +126,12 @@ def trials(pairs, names=("s1", "s2")):
         ([(1.1, 1.2), (1.2, 1.1)], ("a1 (mm)", "a2 (mm)"), "a1 (mm) seems to be in mm", "mm ln"),
     ],
 )
-def test_what_cannot_be_a_natural_log_is_refused_with_units_that_work(pairs, names, sign, units):
+def test_what_cannot_be_a_natural_log_is_refused_with_units_that_work(pairs, names, problem, units):
     columns = dict(zip(("s1", "s2"), names, strict=True))
     table = trials(pairs, names)
     with pytest.raises(bt.InputError) as refusal:
         bt.read_study(table, bt.ReadOptions(columns=columns))
-    assert sign in refusal.value.problems[0]
+    assert problem in refusal.value.problems[0]
     assert [remedy.value for remedy in refusal.value.remedies] == units.split()
     for remedy in refusal.value.remedies:
         options = bt.ReadOptions(columns=columns, unit=remedy.value)
@@ -162,7 +162,7 @@ def test_the_first_choice_has_unit_and_code_and_works(names, typed):
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.01])
-def test_natural_logs_of_any_reference_are_read(scale):
+def test_natural_logs_need_no_unit_whatever_their_reference(scale):
     logs = np.log(GRAMS)
     for shift in (0.0, 5.0, 20.72):
         pairs = (scale * (logs - logs.min()) + shift).tolist()

@@ -334,7 +334,8 @@ def test_a_full_disk_is_a_line_on_the_page(server, home, job):
     folders = {*home.iterdir()}
     earlier = server.state(f"/api/jobs/{job}")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, (0, limits[1]))
+    no_bytes = (0, limits[1])
+    resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, no_bytes)
     answers = [server.upload(("new.csv", b"subject,s1,s2\nA,0,1\n"))]
     answers.append(server.ask(f"/api/jobs/{job}/options", "{}"))
     resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, limits)

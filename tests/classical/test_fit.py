@@ -60,16 +60,16 @@ def best_of_random_starts(subject, prior, n_starts=3):
 
 
 @pytest.mark.parametrize("subject, prior", FITTED, ids=lambda value: getattr(value, "name", ""))
-def test_never_below_a_general_optimiser_and_parameters_have_the_value(subject, prior):
+def test_the_maximum_is_that_of_a_general_optimiser_and_the_parameters_reach_it(subject, prior):
     fit = subject_fit(subject, prior, seed=1, replicates=1)
-    mu1, sigma_p, sigma_l, last = fit.parameters
+    mu1, sigma_p, sigma_l, q0_or_lapse_rate = fit.parameters
     likelihood = PenalisedLikelihood(subject, *prior.mu1_normal)
     starts = likelihood.starts(subject.n_yes[None])[0]
     highest = likelihood.search(subject.n_yes, starts).value.max()
     # Widths and shares have bounds, which cost less than a thousandth of a nat.
     assert highest >= best_of_random_starts(subject, prior) - 1e-3
     if np.isfinite(fit.parameters).all() and not fit.at_edge:
-        theta = (mu1, sigma_p, (sigma_l / sigma_p) ** 2, last)
+        theta = (mu1, sigma_p, (sigma_l / sigma_p) ** 2, q0_or_lapse_rate)
         assert highest == pytest.approx(-minus_objective(subject, prior)(theta))
         penalty = 0.5 * ((mu1 - prior.mu1_mean) / prior.mu1_sd) ** 2
         assert fit.log_likelihood == pytest.approx(highest + penalty, rel=1e-12)

@@ -30,7 +30,7 @@ def test_mixtures_fit_the_four_models(model):
 
 
 def test_a_fit_survives_sparse_answers():
-    # Laplace's normal reaches far beyond the posterior here.
+    """Five trials a pair, for which Laplace's normal reaches far beyond the posterior."""
     design = reference_design(batches=5)
     order = np.lexsort((design.s2, design.s1))
     answers = [0, 2, 3, 2, 1, 3, 5, 3, 1, 2, 5, 1, 5]
