@@ -410,7 +410,7 @@ def test_results_equal_those_of_the_command_to_the_bit(finished, file, tmp_path)
     server, folder = finished
     command = server.state(f"/api/jobs/{folder.name}")["command"]
     shutil.copy(file, tmp_path)
-    good(*shlex.split(command)[1:], cwd=tmp_path)
+    good(*shlex.split(command)[1:], "--figures", "none", cwd=tmp_path)
     tables = {path.name: path.read_bytes() for path in (tmp_path / "results").glob("*.csv")}
     assert len(tables["evidence.csv"].splitlines()) == 4
     for name, content in tables.items():
@@ -587,6 +587,15 @@ def test_answers_belong_to_their_study_while_another_is_on_its_way_and_a_failure
     page.locator("#message", has_text="full.").wait_for()
     page.wait_for_function("document.querySelector('#decimal').value === '.'")
     page.close()
+
+
+def test_a_column_is_one_question_with_its_values(opened, tmp_path):
+    lines = [f"A,0,.3,{word}\n" for word in ("yes", "no", "yes", "later", "never", "later")]
+    (tmp_path / "words.csv").write_text("subject,s1,s2,response\n" + "".join(lines))
+    opened.add(tmp_path / "words.csv")
+    opened.choose(("[data-text=yes]", "second"), ("[data-text=no]", "first"))
+    (question,) = opened.page.locator(".question").all_inner_texts()
+    assert [question.count(word) for word in ("'later'", "'never'", "allowed")] == [1, 1, 1]
 
 
 def test_all_studies_that_are_not_analysed_are_deleted_together(opened):

@@ -28,6 +28,10 @@ def evidence():
     return order_evidence([SHIFTED], seed=3)[0]
 
 
+def test_laplace_is_near(evidence):
+    assert np.abs(evidence.laplace - evidence.log_evidence).max() < 0.5
+
+
 def without_a_pair(subject):
     columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
     return Subject(subject.name, *(column[1:] for column in columns), task=subject.task)
