@@ -175,18 +175,21 @@ def three_answers(values, bare_k, sbar, s1, s2):
     return equal, *unequal
 
 
-def observer_answers(values, bare_k, sbar, s1, s2):
+def observer_answers(values, bare_k, sbar, s1, s2, expectation=0, response=0):
     """P of the counted answer to a pair and of the other one.
 
-    The criterion at the mean intensity.
+    `bare_k` is the criterion at the mean intensity. The trial before leaves an expectation, and its
+    response times kappa.
     """
     middle = (s1 + s2) / 2 - sbar
-    shifted = s2 - s1 - values["constant_error"] + values["contraction"] * (s1 - sbar)
+    attraction = values["contraction"] * (s1 - sbar - expectation)
+    shifted = s2 - s1 - values["constant_error"] + attraction
     z = shifted / (values["noise"] * exp(values["noise_slope"] * middle))
     rate = values["lapse_rate"]
     if "q0" not in values:
+        z += response
         return rate / 2 + (1 - rate) * ncdf(z), rate / 2 + (1 - rate) * ncdf(-z)
-    k = bare_k * exp(values["criterion_slope"] * middle)
+    k = bare_k * exp(values["criterion_slope"] * middle + response)
     blind, attending = areas(mpf(0), k), areas(z, k)
     return tuple(rate * b + (1 - rate) * a for b, a in zip(blind, attending, strict=True))
 

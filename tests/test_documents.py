@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import tomllib
 from functools import cache
 from importlib import import_module
 from itertools import chain
@@ -19,6 +20,7 @@ from bayes_toe.cli.app import app
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
 DOCS = ROOT / "docs"
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 TEXTS = [README, *sorted(DOCS.glob("*.md"))]
 OTHER_PAGES = [
     ROOT / "CONTRIBUTING.md",
@@ -29,6 +31,12 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 OURS = ("bayes_toe", "constraints", "docs", "notebooks", "scripts", "tests")
 
 
+IN_SDIST = [
+    ROOT / name for name in SETTINGS["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
+]
+EACH_PAGE = pytest.mark.parametrize(
+    "path", [*TEXTS, *OTHER_PAGES, *NOTEBOOKS], ids=lambda path: path.name
+)
 EACH_TEXT = pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
 
 
@@ -78,15 +86,25 @@ def words(path):
     return "\n\n".join("".join(cell["source"]) for cell in cells)
 
 
-@pytest.mark.parametrize("path", [*TEXTS, *OTHER_PAGES, *NOTEBOOKS], ids=lambda path: path.name)
-def test_links_lead_to_files(path):
-    links = re.findall(r"\]\(([^)#\s]+)", words(path))
-    targets = [(path.parent / link).resolve() for link in links if not re.match("[a-z]+:", link)]
-    assert [target for target in targets if not target.exists()] == []
-    assert path == README or README not in targets  # it is no page of the site
+def anchors(path):
+    """The anchors of the headings of a page."""
+    headings = re.findall("^#+ (.+)$", words(path).lower(), flags=re.MULTILINE)
+    return [re.sub(r"[^\w -]", "", heading).replace(" ", "-") for heading in headings]
 
 
-@pytest.mark.parametrize("path", [*TEXTS, *OTHER_PAGES, *NOTEBOOKS], ids=lambda path: path.name)
+@EACH_PAGE
+def test_links_lead_to_files_of_the_sdist_and_to_headings(path):
+    for link in re.findall(r"\]\(([^)\s]+)", words(path)):
+        if not re.match("[a-z]+:", link):
+            file, _, anchor = link.partition("#")
+            target = (path.parent / file).resolve() if file else path
+            assert target.exists(), link
+            assert any(target.is_relative_to(included) for included in IN_SDIST), link
+            assert not anchor or anchor in anchors(target), link
+            assert target != README or path == README, "it is no page of the site"
+
+
+@EACH_PAGE
 def test_modules_and_places_in_the_checkout_are_there(path):
     """What a paragraph says of an earlier commit is that commit's."""
     labelled = rf"(?<![\w/.-])(?:(?:{'|'.join(OURS)})/[\w./-]*\w|[\w/]+\.py\b)"
@@ -101,16 +119,6 @@ def our_files():
     """The files of the checkout, a line each."""
     paths = chain.from_iterable((ROOT / folder).rglob("*.*") for folder in OURS)
     return "".join(f"/{path.relative_to(ROOT).as_posix()}\n" for path in paths)
-
-
-@pytest.mark.parametrize("path", [*TEXTS, *OTHER_PAGES], ids=lambda path: path.name)
-def test_headings_that_links_lead_to_are_there(path):
-    for file, anchor in re.findall(r"\]\(([\w./-]*)#([\w-]+)\)", path.read_text(encoding="utf-8")):
-        target = path.parent / file if file else path
-        text = target.read_text(encoding="utf-8").lower()
-        headings = re.findall("^#+ (.+)$", text, flags=re.MULTILINE)
-        anchors = [re.sub(r"[^\w -]", "", heading).replace(" ", "-") for heading in headings]
-        assert anchor in anchors, file
 
 
 def test_documents_are_short():

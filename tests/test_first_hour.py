@@ -12,15 +12,12 @@ import shlex
 from itertools import product
 
 import numpy as np
+import pandas as pd
 import pytest
 from commands import inside
 
 STANDARDS, RATIOS = (60.0, 100.0, 160.0), (0.75, 0.87, 1.15, 1.33)
 N_REPEATS, N_PRACTICE = 10, 6
-KEYS, SIGNS = {True: "j", False: "f"}, {True: 1.0, False: -1.0}
-PSYCHOPY_ORDERS = {True: "standard_first", False: "comparison_first"}
-GERMAN_ORDERS = {True: "Standard zuerst", False: "Vergleich zuerst"}
-GERMAN_PARTS = {"practice": "Übung", "main": "Hauptteil"}
 NOISE, CONSTANT_ERRORS = 0.12, (0.1, 0.0, -0.1, 0.05, 0.0, 0.1)
 #: What the user knows: keys, columns and the question. A line with one of the others is wrong.
 NOT_TRUE = ("--equal-code", "--different-code", "--comparison-code", "--correct", "--unit ln")
@@ -29,58 +26,60 @@ MOST_REFUSALS = 2
 
 
 def made_up_trials():
-    """One record for each trial, practice among them: what was shown and answered."""
+    """A table with a row for each trial, practice among them: what was shown and answered."""
     rng = np.random.default_rng(63)
-    pairs = list(product(STANDARDS, RATIOS, (True, False)))
-    trials = []
-    for observer, constant_error in enumerate(CONSTANT_ERRORS, start=1):
-        main = [*pairs] * N_REPEATS
-        rng.shuffle(main)
-        for part, pairs_shown in (("practice", main[:N_PRACTICE]), ("main", main)):
-            for number, (standard, ratio, is_first) in enumerate(pairs_shown):
-                comparison = ratio * standard
-                difference = np.log(ratio) * SIGNS[is_first]
-                is_second = difference - constant_error + rng.normal(0.0, NOISE) > 0.0
-                trials.append(
-                    {
-                        "observer": f"VP{observer:02}",
-                        "part": part,
-                        "number": number,
-                        "standard": standard,
-                        "comparison": comparison,
-                        "is_standard_first": is_first,
-                        "key": KEYS[bool(is_second)],
-                        "rt": f"{rng.uniform(0.3, 1.2):.4f}",
-                    }
-                )
-    missed = next(i for i, trial in enumerate(trials) if trial["observer"] == "VP03")
-    trials[missed + 40] |= {"key": "None", "rt": ""}
+    stimuli = product(STANDARDS, RATIOS, (True, False))
+    pairs = pd.DataFrame(stimuli, columns=["standard", "ratio", "is_standard_first"])
+    tables = []
+    for number, constant_error in enumerate(CONSTANT_ERRORS, start=1):
+        main = pd.concat([pairs] * N_REPEATS).sample(frac=1.0, random_state=rng)
+        practice = main[:N_PRACTICE].assign(part="practice")
+        table = pd.concat([practice, main.assign(part="main")])
+        difference = np.log(table.ratio) * np.where(table.is_standard_first, 1.0, -1.0)
+        is_second = difference - constant_error + rng.normal(0.0, NOISE, len(table)) > 0.0
+        tables.append(table.assign(observer=f"VP{number:02}", key=np.where(is_second, "j", "f")))
+    trials = pd.concat(tables, ignore_index=True)
+    trials["comparison"] = (trials.ratio * trials.standard).map("{:g}".format)
+    missed = 40 + trials.observer.eq("VP03").idxmax()
+    trials.loc[missed, "key"] = None
     return trials
 
 
 def psychopy_file(folder):
     """The study as PsychoPy writes it."""
-    head = "participant,block,trials.thisRepN,trials.thisN,amp_standard,amp_comparison,order,"
-    lines = [f"{head}key_resp.keys,key_resp.rt,date,frameRate"]
-    for trial in made_up_trials():
-        order = PSYCHOPY_ORDERS[trial["is_standard_first"]]
-        cells = [trial["observer"], trial["part"], "0", trial["number"], trial["standard"]]
-        cells += [f"{trial['comparison']:g}", order, trial["key"], trial["rt"]]
-        cells += ["2026-11-02", "60.01"]
-        lines.append(",".join(map(str, cells)))
-    (folder / "study.csv").write_text("\n".join(lines), encoding="utf-8")
+    trials = made_up_trials()
+    reaction_times = np.random.default_rng(1).uniform(0.3, 1.2, len(trials)).round(4)
+    columns = {
+        "participant": trials.observer,
+        "block": trials.part,
+        "trials.thisRepN": 0,
+        "trials.thisN": trials.groupby(["observer", "part"]).cumcount(),
+        "amp_standard": trials.standard,
+        "amp_comparison": trials.comparison,
+        "order": np.where(trials.is_standard_first, "standard_first", "comparison_first"),
+        "key_resp.keys": trials.key.fillna("None"),
+        "key_resp.rt": np.where(trials.key.isna(), np.nan, reaction_times),
+        "date": "2026-11-02",
+        "frameRate": "60.01",
+    }
+    pd.DataFrame(columns).to_csv(folder / "study.csv", index=False)
     return "study.csv"
 
 
 def german_file(folder):
     """The study as a German spreadsheet saves it."""
-    lines = ["Versuchsperson;Phase;Standard (µm);Vergleich (µm);Reihenfolge;Taste;Prüfgröße"]
-    for trial in made_up_trials():
-        order, part = GERMAN_ORDERS[trial["is_standard_first"]], GERMAN_PARTS[trial["part"]]
-        key = trial["key"].replace("None", "")
-        cells = [trial["observer"], part, f"{trial['standard']:g}", f"{trial['comparison']:g}"]
-        lines.append(";".join([*cells, order, key, "größer"]).replace(".", ","))
-    (folder / "studie.csv").write_bytes("\r\n".join(lines).encode("cp1252"))
+    trials = made_up_trials()
+    columns = {
+        "Versuchsperson": trials.observer,
+        "Phase": trials.part.replace({"practice": "Übung", "main": "Hauptteil"}),
+        "Standard (µm)": trials.standard,
+        "Vergleich (µm)": trials.comparison.str.replace(".", ","),
+        "Reihenfolge": np.where(trials.is_standard_first, "Standard zuerst", "Vergleich zuerst"),
+        "Taste": trials.key,
+        "Prüfgröße": "größer",
+    }
+    format_of_file = {"sep": ";", "decimal": ",", "lineterminator": "\r\n", "encoding": "cp1252"}
+    pd.DataFrame(columns).to_csv(folder / "studie.csv", index=False, **format_of_file)
     return "studie.csv"
 
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from conftest import made_subject
+from conftest import made_subject, text_table
 
 import bayes_toe as bt
 
@@ -63,40 +63,34 @@ def test_every_verb_says_what_a_study_is(argument):
             verb(argument)
 
 
-@pytest.mark.parametrize(
-    "verb, option, value, message",
-    [
-        (bt.run, "prior", 3, "prior: found 3, allowed: 'default', 'paper', a TOML file"),
-        (bt.run, "prior", "papre", "no such preset or file, allowed: 'default', 'paper'"),
-        (bt.run, "workers", "all", "workers='all': allowed is a number of processes"),
-        (bt.run, "keep", 3, "keep: found 3, allowed: the path of a folder"),
-        (bt.evidence, "draws", 2.5, "draws: found 2.5, allowed: a whole number from 1"),
-        (bt.sample, "seed", "1", "seed='1': allowed is a whole number"),
-        (bt.sample, "model", 3, "model: found 3, allowed: one of: none, constant-error"),
-        (bt.fit, "level", "x", "level: found 'x', allowed: a number between 0 and 1"),
-        (bt.fit, "replicates", 1.5, "replicates: found 1.5, allowed: a whole number from 1"),
-        (bt.population, "hyperprior", 3, "hyperprior: found 3, allowed: a Hyperprior, or the path"),
-        (bt.population, "covariates", 3, "found 'int', allowed: the path of a file"),
-        (bt.explore, "truths", None, "draws: found Study, allowed: Draws"),
-    ],
-)
-def test_an_option_of_a_wrong_kind_is_refused(small_study, verb, option, value, message):
-    with pytest.raises(bt.InputError, match=message):
-        verb(small_study, **{option: value})
+#: A call that is typed at a prompt, and what it is refused with.
+REFUSED = """
+    bt.run(study, prior=3) | prior: found 3, allowed: 'default', 'paper', a TOML file
+    bt.run(study, prior='papre') | no such preset or file, allowed: 'default', 'paper'
+    bt.run(study, workers='all') | workers='all': allowed is a number of processes
+    bt.run(study, keep=3) | keep: found 3, allowed: the path of a folder
+    bt.evidence(study, draws=2.5) | draws: found 2.5, allowed: a whole number from 1
+    bt.sample(study, seed='1') | seed='1': allowed is a whole number
+    bt.sample(study, model=3) | model: found 3, allowed: one of: none, constant-error
+    bt.fit(study, level='x') | level: found 'x', allowed: a number between 0 and 1
+    bt.fit(study, level=1.0) | level=1 must lie between 0 and 1
+    bt.fit(study, replicates=1.5) | replicates: found 1.5, allowed: a whole number from 1
+    bt.fit(study, replicates=0) | replicates=0 must be at least 1
+    bt.population(study, hyperprior=3) | hyperprior: found 3, allowed: a Hyperprior, or the path
+    bt.population(study, covariates=3) | found 'int', allowed: the path of a file
+    bt.explore(study, truths=None) | draws: found Study, allowed: Draws
+    bt.predict('S', 'A', 0.0, 0.3) | draws: found 'S', allowed: Draws, such as bt.sample
+    bt.plots.corner('posterior.nc', 'A') | draws: found 'posterior.nc', allowed: Draws
+    bt.load(5) | file: found 5, allowed: the path of a posterior.nc or population.nc
+    bt.read_study(5) | allowed: the path of a file, or a pandas or polars DataFrame
+    bt.read_study('x.csv', {}) | options: found dict, allowed: a ReadOptions
+    bt.Study('S01') | Study: found 'S', allowed: Subjects, in a list
+    bt.Prior('x') | prior: mu1_mean: found 'x', allowed:
+"""
 
 
-@pytest.mark.parametrize(
-    "verb, argument, message",
-    [
-        (bt.predict, ("S", "A", 0.0, 0.3), "draws: found 'S', allowed: Draws, such as bt.sample"),
-        (bt.plots.corner, ("posterior.nc", "A"), "draws: found 'posterior.nc', .*bt.load"),
-        (bt.load, (5,), "file: found 5, allowed: the path of a posterior.nc or population.nc"),
-        (bt.read_study, (5,), "allowed: the path of a file, or a pandas or polars DataFrame"),
-        (bt.read_study, ("x.csv", {}), "options: found dict, allowed: a ReadOptions"),
-        (bt.Study, ("S01",), "Study: found 'S', allowed: Subjects, in a list"),
-        (bt.Prior, ("x",), "prior: mu1_mean: found 'x', allowed: "),
-    ],
-)
-def test_what_is_of_a_wrong_kind_is_refused(verb, argument, message):
-    with pytest.raises(bt.InputError, match=message):
-        verb(*argument)
+@pytest.mark.parametrize("call, message", text_table(REFUSED))
+def test_an_argument_of_a_wrong_kind_is_refused(small_study, call, message):
+    with pytest.raises(bt.InputError) as refusal:
+        eval(call, {"bt": bt, "study": small_study})
+    assert message in str(refusal.value)

@@ -18,39 +18,31 @@ FORBIDDEN = re.compile(
 )
 #: The word of the answer, code, and tables of numbers.
 ALLOWED_WORDS = re.compile(r"cannot be told|`[^`]*`|\bpull\(|^\|.*\|$", re.MULTILINE)
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-TEMPLATES = sorted((ROOT / "bayes_toe" / "cli").glob("*.html"))
 
 
-def forbidden(text):
-    """Forbidden words of a text, code aside."""
-    prose = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
-    return [match.group() for match in FORBIDDEN.finditer(ALLOWED_WORDS.sub("", prose))]
+def texts():
+    """What users read, by name: documents, templates of the report, help and docstrings."""
+    text_by_name = {}
+    for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
+        text_by_name[path.name] = path.read_text(encoding="utf-8")
+    for path in (ROOT / "bayes_toe" / "cli").glob("*.html"):
+        template = path.read_text(encoding="utf-8")
+        text_by_name[path.name] = re.sub(r"\{%.*?%\}|\{\{.*?\}\}", "", template, flags=re.DOTALL)
+    for command in typer.main.get_command(app).commands.values():
+        helps = [command.help, *(parameter.help for parameter in command.params)]
+        text_by_name[f"bayes-toe {command.name}"] = "\n".join(filter(None, helps))
+    for face in ("bayes_toe", "bayes_toe.model", "bayes_toe.design", "bayes_toe.plots"):
+        module = importlib.import_module(face)
+        for name in module.__all__:
+            text_by_name[f"{face}.{name}"] = inspect.getdoc(getattr(module, name)) or ""
+    return text_by_name
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
-def test_documents(path):
-    assert forbidden(path.read_text(encoding="utf-8")) == []
+TEXTS = texts()
 
 
-@pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: path.name)
-def test_templates_of_the_report(path):
-    text = re.sub(r"\{%.*?%\}|\{\{.*?\}\}", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
-    assert forbidden(text) == []
-
-
-def test_help_of_every_command():
-    for name, command in typer.main.get_command(app).commands.items():
-        texts = [command.help or "", *(parameter.help or "" for parameter in command.params)]
-        assert [words for text in texts if (words := forbidden(text))] == [], name
-
-
-@pytest.mark.parametrize("face", ["", ".model", ".design", ".plots"])
-def test_public_docstrings(face):
-    module = importlib.import_module(f"bayes_toe{face}")
-    observed = {}
-    for name in module.__all__:
-        words = forbidden(inspect.getdoc(getattr(module, name)) or "")
-        if words:
-            observed[name] = words
-    assert observed == {}
+@pytest.mark.parametrize("name", TEXTS)
+def test_no_forbidden_word(name):
+    prose = re.sub(r"^```.*?^```", "", TEXTS[name], flags=re.MULTILINE | re.DOTALL)
+    prose = ALLOWED_WORDS.sub("", prose)
+    assert [match.group() for match in FORBIDDEN.finditer(prose)] == []

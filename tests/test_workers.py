@@ -40,7 +40,7 @@ def test_an_interrupt_of_a_job_or_of_who_listens_leaves_no_worker_at_work(second
     assert error.tb is not None
 
 
-def test_who_wants_no_more_results_is_not_warned(recwarn):
+def test_a_caller_that_stops_after_one_result_is_not_warned(recwarn):
     assert next(run_jobs([partial(slow, k, 0.3) for k in range(9)], 2)) in {(0, 0), (1, 1)}
     assert not recwarn.list
 

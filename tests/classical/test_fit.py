@@ -11,7 +11,6 @@ from scipy.special import ndtr, xlogy
 import bayes_toe as bt
 from bayes_toe.classical.fit import PenalisedLikelihood, SubjectFit, resample, subject_fit
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 
 CASES = hard_cases()
@@ -61,16 +60,16 @@ def best_of_random_starts(subject, prior, n_starts=3):
 
 
 @pytest.mark.parametrize("subject, prior", FITTED, ids=lambda value: getattr(value, "name", ""))
-def test_never_below_a_general_optimiser_and_parameters_have_the_value(subject, prior):
+def test_the_maximum_is_that_of_a_general_optimiser_and_the_parameters_reach_it(subject, prior):
     fit = subject_fit(subject, prior, seed=1, replicates=1)
-    mu1, sigma_p, sigma_l, last = fit.parameters
+    mu1, sigma_p, sigma_l, q0_or_lapse_rate = fit.parameters
     likelihood = PenalisedLikelihood(subject, *prior.mu1_normal)
     starts = likelihood.starts(subject.n_yes[None])[0]
     highest = likelihood.search(subject.n_yes, starts).value.max()
     # Widths and shares have bounds, which cost less than a thousandth of a nat.
     assert highest >= best_of_random_starts(subject, prior) - 1e-3
     if np.isfinite(fit.parameters).all() and not fit.at_edge:
-        theta = (mu1, sigma_p, (sigma_l / sigma_p) ** 2, last)
+        theta = (mu1, sigma_p, (sigma_l / sigma_p) ** 2, q0_or_lapse_rate)
         assert highest == pytest.approx(-minus_objective(subject, prior)(theta))
         penalty = 0.5 * ((mu1 - prior.mu1_mean) / prior.mu1_sd) ** 2
         assert fit.log_likelihood == pytest.approx(highest + penalty, rel=1e-12)
@@ -144,9 +143,3 @@ def test_intervals_bands_and_notes_are_those_of_the_replicates():
     failed, outside = fit.notes
     assert failed == "2 of 401 searches did not converge"
     assert outside.startswith("outside the 95 % interval: mu1, because")
-
-
-def test_wrong_options_raise(small_study):
-    for options in ({"replicates": 0}, {"level": 1.0}, {"seed": -1}, {"workers": 0}):
-        with pytest.raises(InputError):
-            bt.fit(small_study, **options)

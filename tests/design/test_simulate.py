@@ -64,14 +64,6 @@ def test_the_bundled_studies_are_what_their_commands_write(tmp_path, command):
         assert written.read_text() == (data / written.name).read_text()
 
 
-def test_answers_of_the_papers_observers_follow_its_model():
-    study, truth = bt.simulate({"A": PAPER, "B": {**PAPER, "mu1": 0.9}}, batches=4000, seed=1)
-    assert truth["B"]["mu1"] == 0.9
-    for subject in study:
-        q = bt.model.equal_probability(subject.s1, subject.s2, **truth[subject.name])
-        assert agree(subject.n_yes, 4000, q)
-
-
 def test_answers_of_the_papers_observers_to_which_is_stronger():
     """Memory decays toward mu1, both stimuli are measured anew and the stored value diffuses."""
     study, truth = bt.simulate({"A": PAPER_2AFC}, batches=4000, seed=1, task="2afc")

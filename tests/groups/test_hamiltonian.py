@@ -55,8 +55,8 @@ def test_a_cliff_makes_trajectories_diverge_and_none_crosses_it():
 
 
 def test_last_bits_do_not_change_the_draws_of_a_group():
-    study = simulated_group(1, n_subjects=6)
-    posterior = group_posterior(study, Hyperprior(), np.zeros((6, 0)))
+    study = simulated_group(1, n_subjects=3)
+    posterior = group_posterior(study, Hyperprior(), np.zeros((3, 0)))
     rows = posterior.rows
 
     def warm_trace(relative_error):

@@ -99,7 +99,7 @@ def test_the_unit_of_a_covariate_changes_nothing():
         ),
     ],
 )
-def test_what_cannot_be_used_is_one_line(columns, message):
+def test_covariates_that_cannot_be_used_are_refused_in_one_line(columns, message):
     (line,) = problems(regressors, columns, NAMES)
     assert line.startswith(message)
 

@@ -14,7 +14,6 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.fitted import find_maxima
 from bayes_toe.inference.goodness_of_fit import binomial_deviance
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
-from bayes_toe.model.models import MODEL_NAMES
 from bayes_toe.model.prior import DEFAULT
 
 NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
@@ -24,7 +23,7 @@ PARAMETERS = (*NATURAL, "gamma", "sigma1", "gain", "width", "pse_shift", "jnd")
 # --- of any model ---------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=MODEL_NAMES)
+@pytest.fixture(scope="module", params=["none", "both", "paper"])
 def draws(small_study, request):
     """Draws of two subjects, one of them without two of the pairs."""
     first, second = small_study["A"], small_study["B"]

@@ -84,32 +84,39 @@ def test_any_two_levels_differ_by_half_a_unit_beforehand():
         assert log_ratio.std() == pytest.approx(0.5, rel=0.02)
 
 
-def test_the_evidence_by_quadrature():
-    """One pair in either order, so that few parameters matter, against a grid over all of them."""
-    s1, s2 = np.array([-0.5, 0.5]), np.array([0.5, -0.5])
-    models = condition_models(n_levels=2, s1=s1, s2=s2, counts=((15, 4), (19, 9)), n_trials=20)
-    evidence, _ = condition_evidences(models, seed=1)
-    of_error = CHOICES.index((CONSTANT_ERROR,))
+def test_the_evidence_is_an_integral_over_a_grid():
+    """One pair in both orders at two levels: five parameters matter if only c differs.
 
-    # Stimuli about sbar = 0 in units of D = 1; R = 1/2; middle 0, so that no slope matters.
-    u = np.linspace(-4.5, 4.5, 19)
-    normal = stats.norm.logpdf(u) + np.log(u[1] - u[0])
-    # c by quantiles of its prior, as the tails of Student's t are long.
-    share = (np.arange(40) + 0.5) / 40
-    c = 0.5 * stats.t(3).ppf(share)
-    log_noise, lapse, p, a, shift = np.meshgrid(0.7 * u, u, 0.25 * u, u, c, indexing="ij")
-    log_weight = sum(
-        np.meshgrid(normal, normal, normal, normal, -np.log(40.0 + 0.0 * c), indexing="ij")
+    The mean first stimulus is 0, D is 1, and R is 1/2. No slope matters, because the mean of each
+    pair is 0.
+    """
+    s1, s2 = np.array([-0.5, 0.5]), np.array([0.5, -0.5])
+    counts, n_trials = ((15, 4), (19, 9)), 20
+    models = condition_models(n_levels=2, s1=s1, s2=s2, counts=counts, n_trials=n_trials)
+    evidence, _ = condition_evidences(models, seed=1)
+    only_c_differs = CHOICES.index((CONSTANT_ERROR,))
+
+    score = np.linspace(-4.5, 4.5, 19)
+    # Quantiles of the prior of c: the tails of Student's t are too long for a grid.
+    c_quantiles = 0.5 * stats.t(3).ppf((np.arange(40) + 0.5) / 40)
+    noise_score, lapse_score, p_score, difference_score, mean_c = np.meshgrid(
+        score, score, score, score, c_quantiles, indexing="ij"
     )
-    lapse_rate = 1.0 - ndtr(-lapse) ** (1.0 / 9.0)
-    value = log_weight + np.where(np.abs(p) < 1.0, 0.0, -np.inf)
-    for side, counts in ((-0.5, (15, 4)), (0.5, (19, 9))):
-        c_here = shift + 0.5 * 0.5 * side * a
-        for first, second, n_second in zip(s1, s2, counts, strict=True):
-            z = (second - first - c_here + p * first) / np.exp(log_noise)
+    noise, p = np.exp(0.7 * noise_score), 0.25 * p_score
+    lapse_rate = 1.0 - ndtr(-lapse_score) ** (1.0 / 9.0)
+
+    log_density = np.where(np.abs(p) < 1.0, 0.0, -np.inf)
+    for scores in (noise_score, lapse_score, p_score, difference_score):
+        log_density = log_density + stats.norm.logpdf(scores)
+    for sign, counts_of_level in zip((-1.0, 1.0), counts, strict=True):
+        c = mean_c + sign * 0.125 * difference_score
+        for first, second, n_second in zip(s1, s2, counts_of_level, strict=True):
+            z = (second - first - c + p * first) / noise
             p_second = 0.5 * lapse_rate + (1.0 - lapse_rate) * ndtr(z)
-            value = value + n_second * np.log(p_second) + (20 - n_second) * np.log1p(-p_second)
-    error = evidence.standard_error[of_error]
-    assert evidence.log_evidence[of_error] == pytest.approx(
-        logsumexp(value), abs=4.0 * error + 0.01
-    )
+            log_density += n_second * np.log(p_second)
+            log_density += (n_trials - n_second) * np.log1p(-p_second)
+
+    log_cell = 4.0 * np.log(score[1] - score[0]) - np.log(len(c_quantiles))
+    expected = logsumexp(log_density) + log_cell
+    error = 4.0 * evidence.standard_error[only_c_differs] + 0.01
+    assert evidence.log_evidence[only_c_differs] == pytest.approx(expected, abs=error)

@@ -2,16 +2,16 @@
 
 from dataclasses import replace
 
+import definitions
+import mpmath as mp
 import numpy as np
 import pytest
 from numpy.random import default_rng
 from scipy import stats
-from scipy.special import ndtr, ndtri
 
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.design.observers import Observer
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.trial_history import (
     TrialHistory,
@@ -51,30 +51,29 @@ def log_likelihood_at(posterior, points):
     return posterior.array.likelihood.plain_value(points[None])[0]
 
 
-def loop_log_likelihood(subject, value, kappa, rho):
-    """Trial by trial: E and the response before, by the formulas of the module."""
+def loop_log_likelihood(subject, values, kappa, rho):
+    """By the formulas of the module, trial by trial in 40 digits."""
     answers, sbar = subject.answers, float(np.average(subject.s1, weights=subject.n_trials))
     begins = np.diff(answers.place, prepend=-2) > 1
-    is_yes, p = 2 * answers.n_yes - answers.n_trials, value["contraction"]
-    expectation, response = np.zeros((2, len(answers.keys)))
-    for t in np.flatnonzero(~begins):
-        s1, s2 = answers.keys[t - 1] - sbar
-        moved = (1 - p) * s2 + p * (1 - p) * s1 + p**2 * expectation[t - 1]
-        expectation[t], response[t] = rho * moved, is_yes[t - 1]
-
-    def p_yes(**changed):
-        observer = Observer("A", "both", {**value, **changed}, subject.task)
-        return observer.p_yes(*answers.keys.T, sbar, expectation)
-
-    if subject.task == SAME_DIFFERENT:
-        criterion = ndtri(0.5 + 0.5 * value["q0"]) * np.exp(kappa * response)
-        yes = p_yes(q0=2.0 * ndtr(criterion) - 1.0)
-    else:
-        attending, lapse_rate = p_yes(lapse_rate=0.0), value["lapse_rate"]
-        moved = ndtr(ndtri(attending) + kappa * response)
-        yes = 0.5 * lapse_rate + (1.0 - lapse_rate) * moved
-    probability = np.where(is_yes > 0, yes, 1.0 - yes)
-    return float(np.log(probability[is_yes != 0]).sum())
+    total, expectation, response = mp.mpf(0), mp.mpf(0), 0
+    with mp.workdps(40):
+        values = {name: mp.mpf(float(value)) for name, value in values.items()}
+        p = values["contraction"]
+        bare_k = definitions.criterion(values["q0"]) if "q0" in values else None
+        for t, (first, second) in enumerate(answers.keys.tolist()):
+            s1, s2 = mp.mpf(first), mp.mpf(second)
+            if begins[t]:
+                expectation, response = mp.mpf(0), 0
+            trial_before = {"expectation": expectation, "response": kappa * response}
+            p_responses = definitions.observer_answers(values, bare_k, sbar, s1, s2, **trial_before)
+            is_answered, is_yes = answers.n_trials[t], answers.n_yes[t]
+            if is_answered:
+                yes, no = p_responses
+                total += mp.log(yes if is_yes else no)
+            moved = (1 - p) * (s2 - sbar) + p * (1 - p) * (s1 - sbar) + p**2 * expectation
+            expectation = rho * moved
+            response = int(is_answered * (2 * is_yes - 1))
+    return float(total)
 
 
 @TASKS

@@ -1,16 +1,10 @@
-"""Calibration: a correct posterior passes, wrong densities are caught, files say what was found."""
+"""Calibration by simulation: a correct posterior passes, and wrong densities are caught."""
 
-import sys
-
-import calibration as calibration_script
 import numpy as np
-import pandas as pd
 import pytest
-from calibration import PRODUCTS
 from reference.calibration import (
     Job,
     Plan,
-    calibrate,
     calibration_settings,
     judged,
     work,
@@ -56,24 +50,3 @@ def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
     prior = ranks_under(bt.Prior(mu1_sd=3.0, sigma_p_scale=0.3), FEWER)
     assert prior.verdict["sigma_p"] == "outside"
     assert prior.largest_difference["sigma_p"] < 0
-
-
-@pytest.fixture(scope="module")
-def table():
-    return calibrate(studies=1, data_sets=2, seed=3, workers=1)
-
-
-def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(calibration_script, "calibrate", lambda **_: table)
-    monkeypatch.setattr(sys, "argv", ["calibration.py", "-o", str(tmp_path), "--seed", "3"])
-    assert calibration_script.main() == 0
-    assert {path.name for path in tmp_path.iterdir()} == set(PRODUCTS)
-    assert len(pd.read_csv(tmp_path / "evidence_data_sets.csv")) == 4
-    assert calibration_script.main() == 2  # the folder is taken
-    monkeypatch.setattr(type(table), "failures", ["made to fail"])
-    monkeypatch.setattr(sys, "argv", [*sys.argv, "--overwrite"])
-    assert calibration_script.main() == 3
-    message = capsys.readouterr().out
-    assert "The ranks of 16 of 16 rows are inside" in message
-    assert "NOT calibrated: made to fail" in message
-    assert "seed 3; results in" in message
