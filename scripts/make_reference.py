@@ -49,7 +49,7 @@ def belongs(subject: bt.Subject, model: str | None) -> dict[str, str]:
 def case(subject: bt.Subject, model: str | None) -> dict[str, object]:
     """One reference as plain numbers; of the four models it is the evidence alone."""
     if model is None:
-        scores = PaperScores(subject, bt.Prior())
+        scores = PaperScores(subject)
         points, log_weights = tempered_points(scores, 4, particles=4000, size=100_000)
         theta = np.stack(scores.natural(points.reshape(-1, 4)))
         moments = weighted_moments(theta, np.exp(log_weights.ravel() - log_weights.max()))

@@ -8,10 +8,13 @@ expected counts, so a case has no seed.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
@@ -94,3 +97,9 @@ def _many_pairs() -> Subject:
     return Subject(
         "case", s1, s2, (thresholds.reshape(-1, 3) < q[:, None]).sum(axis=1), np.full(len(s1), 3)
     )
+
+
+def stored_references(file: str) -> pd.DataFrame:
+    """The reference of every case of a file in tests/reference, a column a case."""
+    path = Path(__file__).parents[2] / "tests" / "reference" / file
+    return pd.DataFrame(json.loads(path.read_text(encoding="utf-8"))["cases"])

@@ -17,18 +17,22 @@ from bayes_toe.data.whole_files import require_writable, whole_file
 
 
 def markdown(table: pd.DataFrame) -> str:
-    """A table in Markdown.
+    """A table in Markdown, with three digits of each number, and '-' where there is none.
 
     Examples
     --------
-    >>> print(markdown(pd.DataFrame({"case": ["funnel"], "nats": [0.1]})))
+    >>> print(markdown(pd.DataFrame({"case": ["funnel", "peak"], "nats": [0.1, np.nan]})))
     | case | nats |
     |---|---|
     | funnel | 0.1 |
+    | peak | - |
     """
     lines = ["| " + " | ".join(map(str, table.columns)) + " |"]
     lines.append("|---" * len(table.columns) + "|")
-    for row in table.itertuples(index=False):
+    texts = table.copy()
+    for name in table.select_dtypes("float"):
+        texts[name] = table[name].map("{:,.3g}".format).replace("nan", "-")
+    for row in texts.fillna("-").itertuples(index=False):
         lines.append("| " + " | ".join(map(str, row)) + " |")
     return "\n".join(lines)
 

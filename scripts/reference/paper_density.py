@@ -8,8 +8,10 @@ depends on c, sigma_p or w alone on b, and gamma on a only:
 
     d mu1/dc = 1/p,   d gamma/da = p (1 - p/p_max) (1 + p)/(1 - p)^3,   d q0/dl = q0 (1 - q0)
 
-A namespace of array functions, such as `jax.numpy` or `pytensor.tensor`, may take the place of
-NumPy, so that other programs sample this same density.
+The coordinates are x, which are 'identified', or y = (mu1, log sigma_p, logit gamma, logit q0),
+which are 'natural'. The prior is the paper's: mu1 is normal, sigma_p half-normal, gamma and q0 are
+uniform. A namespace of array functions, such as `jax.numpy` or `pytensor.tensor`, may take the
+place of NumPy, so that other programs sample this same density.
 """
 
 from __future__ import annotations
@@ -17,14 +19,15 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import betaln, erfinv, log_ndtr, ndtr, ndtri
+from scipy.special import erfinv, log_ndtr, ndtr, ndtri
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.paper_equations import MAX_PULL, Natural
-from bayes_toe.model.prior import Prior
 
-_LN2, _LOG_2PI = float(np.log(2.0)), float(np.log(2.0 * np.pi))
+#: Standard deviation of mu1, whose mean is 0, and scale of sigma_p.
+MU1_SD, SIGMA_P_SCALE = 10.0, 1.0
+_LN2 = float(np.log(2.0))
 
 
 class Counts(NamedTuple):
@@ -44,62 +47,29 @@ class Counts(NamedTuple):
         return cls(subject.s1, subject.s2 - subject.s1, subject.n_yes, n_no, sbar)
 
 
-class PaperDensity:
-    """Log posterior of a subject of same or different, and the natural parameters, at points.
-
-    The coordinates are x, or y = (mu1, log sigma_p, logit gamma, logit q0), which are 'natural'.
-    """
-
-    def __init__(self, subject: Subject, prior: Prior, coordinates: str = "x") -> None:
-        self.prior, self.counts = prior.for_subjects(subject), Counts.of_subject(subject)
-        self.sbar: float = self.counts.sbar
-        self.coordinates = coordinates
-
-    def natural(self, points: FloatArray) -> Natural:
-        """Natural parameters, (..., 4) -> (...) each."""
-        if self.coordinates == "natural":
-            points = np.stack(identified(points, self.sbar)[0], axis=-1)
-        return natural(points, self.sbar)
-
-    def log_density(self, points: FloatArray) -> FloatArray:
-        """Log posterior density, (points, 4) -> (points,)."""
-        with np.errstate(over="ignore", divide="ignore"):
-            return np.asarray(self.log_density_of(points, self.counts))
-
-    def log_density_of(self, points: Any, counts: Counts, xp: Any = np) -> Any:
-        """The density for other counts, by the functions of a namespace."""
-        if self.coordinates == "natural":
-            columns, log_volume = identified(points, counts.sbar, xp)
-            x = xp.stack(columns, axis=-1)
-            return log_posterior(x, counts, self.prior, xp) + log_volume
-        return log_posterior(points, counts, self.prior, xp)
-
-
 class PaperScores:
     """The log likelihood of a subject at normal scores of the paper's parameters.
 
-    The scores of mu1, sigma_p, gamma and q0 are independent under the paper's prior: mu1 is
-    normal, sigma_p half-normal, gamma and q0 are uniform.
+    The scores of mu1, sigma_p, gamma and q0 are independent under the prior.
     """
 
-    def __init__(self, subject: Subject, prior: Prior) -> None:
-        self.prior, self.counts = prior.for_subjects(subject), Counts.of_subject(subject)
+    def __init__(self, subject: Subject) -> None:
+        self.counts = Counts.of_subject(subject)
 
     def _coordinates(self, scores: FloatArray) -> FloatArray:
         """The coordinates x at scores, (points, 4) each."""
         mu1, spread, gamma, q0 = scores.T
-        mean, sd = self.prior.mu1_normal
         with np.errstate(divide="ignore"):
             from_below = np.log(np.sqrt(2.0) * erfinv(ndtr(spread)))
             from_above = np.log(-ndtri(0.5 * ndtr(-spread)))
         log_sigma_p = np.where(spread < 0.0, from_below, from_above)
         columns = [
-            mean + sd * mu1,
-            np.log(self.prior.spread_scale) + log_sigma_p,
+            MU1_SD * mu1,
+            np.log(SIGMA_P_SCALE) + log_sigma_p,
             log_ndtr(gamma) - log_ndtr(-gamma),
             log_ndtr(q0) - log_ndtr(-q0),
         ]
-        return np.stack(identified(np.column_stack(columns), self.counts.sbar)[0], axis=-1)
+        return identified(np.column_stack(columns), self.counts.sbar)[0]
 
     def natural(self, scores: FloatArray) -> Natural:
         """Natural parameters, (points, 4) -> (points,) each."""
@@ -117,8 +87,8 @@ class PaperScores:
         return value
 
 
-def identified(y: Any, sbar: Any, xp: Any = np) -> tuple[list[Any], Any]:
-    """The coordinates x of points y, (...) each, and log |dx/dy|."""
+def identified(y: Any, sbar: Any, xp: Any = np) -> tuple[Any, Any]:
+    """The coordinates x of points y, (..., 4) each, and log |dx/dy|, (...)."""
     log_gamma, log_rest = log_expit(y[..., 2], xp), log_expit(-y[..., 2], xp)
     gamma = xp.exp(log_gamma)
     log_p = _LN2 + log_gamma - xp.log(1.0 + 2.0 * gamma + xp.sqrt(1.0 + 4.0 * gamma))
@@ -130,12 +100,15 @@ def identified(y: Any, sbar: Any, xp: Any = np) -> tuple[list[Any], Any]:
     columns = [p * (y[..., 0] - sbar), log_p - log_left, log_width, y[..., 3]]
     # da/d(logit gamma) = p_max (1 - p) (1 - gamma) / ((p_max - p) (1 + p))
     log_slope = np.log(MAX_PULL) + log_complement + log_rest - log_left - xp.log1p(p)
-    return columns, log_p + log_slope
+    return xp.stack(columns, axis=-1), log_p + log_slope
 
 
-def log_posterior(x: Any, counts: Counts, prior: Prior, xp: Any = np) -> Any:
-    """Log posterior density, (points, 4) -> (points,), by the functions of a namespace."""
-    return _log_likelihood(x, counts, xp) + _log_prior(x, counts.sbar, prior, xp)
+def log_density(points: Any, counts: Counts, coordinates: str, xp: Any = np) -> Any:
+    """Log posterior density without its constant, (points, 4) -> (points,)."""
+    if coordinates == "natural":
+        x, log_volume = identified(points, counts.sbar, xp)
+        return log_density(x, counts, "identified", xp) + log_volume
+    return _log_likelihood(points, counts, xp) + _log_prior(points, counts.sbar, xp)
 
 
 def log_expit(x: Any, xp: Any = np) -> Any:
@@ -155,29 +128,17 @@ def _log_likelihood(x: Any, counts: Counts, xp: Any) -> Any:
     return (equal + different).sum(axis=1)
 
 
-def _log_prior(x: Any, sbar: Any, prior: Prior, xp: Any) -> Any:
+def _log_prior(x: Any, sbar: Any, xp: Any) -> Any:
     log_pull = np.log(MAX_PULL) + log_expit(x[:, 1], xp)
     pull = xp.exp(log_pull)
-    mean, sd = prior.mu1_normal
-    score = (sbar - mean + x[:, 0] / pull) / sd
-    mu1 = -0.5 * (score**2 + _LOG_2PI) - np.log(sd) - log_pull
+    log_complement = xp.log1p(-pull)
 
-    scale = prior.spread_scale
-    if prior.width_median is None:
-        log_relative = x[:, 2] + 1.5 * xp.log1p(-pull) - np.log(scale)
-        spread = 0.5 * np.log(2.0 / np.pi) - 0.5 * xp.exp(2.0 * log_relative) + log_relative
-    else:
-        score = (x[:, 2] - np.log(scale)) / prior.width_sd
-        spread = -0.5 * (score**2 + _LOG_2PI) - np.log(prior.width_sd)
-
-    log_gamma = log_pull - 2.0 * xp.log1p(-pull)
-    gamma = (prior.gamma_a - 1.0) * log_gamma - betaln(prior.gamma_a, prior.gamma_b)
-    if prior.gamma_b != 1.0:
-        gamma = gamma + (prior.gamma_b - 1.0) * xp.log1p(-xp.exp(log_gamma))
-    gamma = gamma + log_pull + log_expit(-x[:, 1], xp) + xp.log1p(pull) - 3.0 * xp.log1p(-pull)
-
-    share = prior.q0_a * log_expit(x[:, 3], xp) + prior.q0_b * log_expit(-x[:, 3], xp)
-    return mu1 + spread + gamma + share - betaln(prior.q0_a, prior.q0_b)
+    mu1 = -0.5 * ((sbar + x[:, 0] / pull) / MU1_SD) ** 2 - log_pull
+    log_sigma_p = x[:, 2] + 1.5 * log_complement
+    sigma_p = log_sigma_p - 0.5 * xp.exp(2.0 * log_sigma_p) / SIGMA_P_SCALE**2
+    gamma = log_pull + log_expit(-x[:, 1], xp) + xp.log1p(pull) - 3.0 * log_complement
+    q0 = log_expit(x[:, 3], xp) + log_expit(-x[:, 3], xp)
+    return mu1 + sigma_p + gamma + q0
 
 
 def natural(x: FloatArray, sbar: float) -> Natural:

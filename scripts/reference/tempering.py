@@ -248,11 +248,14 @@ def log_mean(log_weights: FloatArray) -> tuple[float, float]:
     return log_total - float(np.log(size)), float(error)
 
 
-def refined(
-    log_likelihood: LogLikelihood, x: FloatArray, rng: np.random.Generator, size: int
-) -> tuple[float, float]:
-    """The same mean by importance sampling about particles of the posterior, and its error."""
-    return log_mean(weighted_points(log_likelihood, x, rng, size)[1])
+def estimate_by_tempering(
+    log_likelihood: LogLikelihood, k: int, _size: int, seed: int
+) -> tuple[FloatArray, FloatArray, float]:
+    """Points, the logs of their weights, and the log evidence, by a run of 4,000 points."""
+    rng = np.random.default_rng(seed)
+    x, _ = tempered(log_likelihood, k, rng, 1000)
+    points, log_weights = weighted_points(log_likelihood, x, rng, 4000)
+    return points, log_weights, log_mean(log_weights)[0]
 
 
 def _draw_t(rng: np.random.Generator, n: int, factor: FloatArray) -> FloatArray:

@@ -64,14 +64,14 @@ def test_stored_cases_belong_to_todays_counts_prior_and_method():
 @pytest.mark.parametrize("name", hard_cases())
 def test_the_likelihood_of_the_paper_in_separate_code(name):
     scores = 4.0 * default_rng(1).standard_normal((500, 4))
-    value = PaperScores(SUBJECTS[name], bt.Prior())(scores)
+    value = PaperScores(SUBJECTS[name])(scores)
     expected = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()).log_likelihood(scores)
     np.testing.assert_allclose(value, expected, rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.parametrize("name", ["S02", "one batch", "single pair"])
 def test_tempering_confirms_the_integration(name):
-    scores = PaperScores(SUBJECTS[name], bt.Prior())
+    scores = PaperScores(SUBJECTS[name])
     points, log_weights = tempered_points(scores, 4, runs=4, particles=2000, size=4000)
     value, error = tempered_evidence(log_weights)
     case = STORED["cases"][name]
