@@ -161,8 +161,8 @@ def test_shares_of_second_have_all_digits(k):
                 second, first = (guess + attend * ncdf(sign * mpf(z) - mpf(k)) for sign in (1, -1))
                 shares = [mpmath.log(part / (second + first)) for part in (second, first)]
             expected = [float(share) for share in shares]
-            got = [float(log[0]) for log in answers]
-            assert got == pytest.approx(expected, rel=1e-12, abs=1e-12)
+            computed = [float(log[0]) for log in answers]
+            assert computed == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
 def test_mirrored_stimuli_exchange_the_answers(study):
@@ -170,7 +170,7 @@ def test_mirrored_stimuli_exchange_the_answers(study):
     mirrored = replace(
         subject, s1=-subject.s1, s2=-subject.s2, n_second=subject.n_first, answers=None
     )
-    posterior, other = (OrderModel("both").posterior(one) for one in (subject, mirrored))
+    posterior, other = (OrderModel("both").posterior(counts) for counts in (subject, mirrored))
     x = posterior.sample_prior(default_rng(1), 50)
     signs = np.ones(len(posterior.coordinates))
     for name in ("constant_error", "noise_slope", "criterion_slope"):
@@ -180,16 +180,20 @@ def test_mirrored_stimuli_exchange_the_answers(study):
 
 
 def test_the_second_question_leaves_h1_against_h0_and_the_scales_alone(study):
+    subjects = [
+        replace(subject, task=SAME_DIFFERENT, n_second=None, answers=None) for subject in study
+    ]
+    same_different = bt.Study(subjects)
     of_three = bt.evidence(study, seed=1, workers=1)
-    same = [replace(one, task=SAME_DIFFERENT, n_second=None, answers=None) for one in study]
-    of_same = bt.evidence(bt.Study(same), seed=1, workers=1)
-    for three, two, subject in zip(of_three.rows, of_same.rows, study, strict=True):
+    of_two = bt.evidence(same_different, seed=1, workers=1)
+    for three, two, subject in zip(of_three.rows, of_two.rows, study, strict=True):
         assert three.log_bayes_factor == pytest.approx(two.log_bayes_factor, abs=1e-9)
-        asked = subject.two_answers
-        assert asked.task == WHICH_STRONGER
-        by_question = frequency_evidence(bt.Study(same)[subject.name]), frequency_evidence(asked)
+        which_stronger = subject.two_answers
+        assert which_stronger.task == WHICH_STRONGER
+        questions = same_different[subject.name], which_stronger
+        by_question = [frequency_evidence(question) for question in questions]
         assert three.log_evidence_h0 == pytest.approx(sum(by_question), rel=1e-12)
-    assert [subject.scales for subject in study] == [subject.scales for subject in same]
+    assert [subject.scales for subject in study] == [subject.scales for subject in subjects]
     assert of_three.answers[1].words["contraction"] == "yes"
     assert of_three.answers[0].words["contraction"] != "yes"
 
@@ -206,15 +210,15 @@ def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_sa
     order, subject = OrderModel("both"), study["B"]
     with_history = TrialHistoryPosterior(subject, TrialHistory(order, True, True))
     x = order.posterior(subject).sample_prior(default_rng(1), 20)
-    nothing = np.column_stack([x, np.zeros(20), np.full(20, -40.0)])  # kappa and rho are 0
+    without = np.column_stack([x, np.zeros(20), np.full(20, -40.0)])  # kappa and rho are 0
     expected = order.posterior(subject).log_likelihood(x)
-    got = with_history.array.likelihood.plain_value(nothing[None])[0]
-    assert got == pytest.approx(expected, rel=1e-10)
+    computed = with_history.array.likelihood.plain_value(without[None])[0]
+    assert computed == pytest.approx(expected, rel=1e-10)
 
-    repeating = nothing + np.eye(len(nothing[0]))[-2]
+    repeating = without + np.eye(len(without[0]))[-2]
     trials = with_history.rows.trials
     previous = trials.answer[trials.earlier(1)]
-    change = with_history.trial_probabilities(repeating) - with_history.trial_probabilities(nothing)
+    change = with_history.trial_probabilities(repeating) - with_history.trial_probabilities(without)
     for sign in (-1.0, 0.0, 1.0):
         assert (np.sign(change[:, 1:][:, previous[1:] == sign]) == sign).all()
 

@@ -283,7 +283,7 @@ def test_quantities_are_those_of_the_definition_and_points_their_inverse(posteri
 def test_other_pairs_keep_the_scales(posterior):
     x = prior_draws(posterior, 30)
     part = posterior.for_subject(first_pairs(posterior.subject, 3))
-    of_part, of_all = (one.log_answers(x).yes[:, :3] for one in (part, posterior))
+    of_part, of_all = (target.log_answers(x).yes[:, :3] for target in (part, posterior))
     assert of_part == pytest.approx(of_all, rel=1e-13)
 
 
