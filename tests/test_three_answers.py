@@ -210,15 +210,15 @@ def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_sa
     order, subject = OrderModel("both"), study["B"]
     with_history = TrialHistoryPosterior(subject, TrialHistory(order, True, True))
     x = order.posterior(subject).sample_prior(default_rng(1), 20)
-    without = np.column_stack([x, np.zeros(20), np.full(20, -40.0)])  # kappa and rho are 0
+    no_history = np.column_stack([x, np.zeros(20), np.full(20, -40.0)])  # kappa and rho are 0
     expected = order.posterior(subject).log_likelihood(x)
-    computed = with_history.array.likelihood.plain_value(without[None])[0]
+    computed = with_history.array.likelihood.plain_value(no_history[None])[0]
     assert computed == pytest.approx(expected, rel=1e-10)
 
-    repeating = without + np.eye(len(without[0]))[-2]
+    repeating = no_history + np.eye(len(no_history[0]))[-2]
     trials = with_history.rows.trials
     previous = trials.answer[trials.earlier(1)]
-    change = with_history.trial_probabilities(repeating) - with_history.trial_probabilities(without)
+    change = with_history.trial_probabilities(repeating) - with_history.trial_probabilities(no_history)
     for sign in (-1.0, 0.0, 1.0):
         assert (np.sign(change[:, 1:][:, previous[1:] == sign]) == sign).all()
 
