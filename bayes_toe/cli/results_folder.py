@@ -102,8 +102,8 @@ def write_results(
         for name in names:
             corners[name] = target / "corner" / f"{stems[name]}.png"
             curves[name] = Path(pictures, f"{stems[name]}.png")
-            about = draws[name], analysis.settings.prior, truths, analysis.curve(name)
-            jobs.append(partial(_draw_subject, *about, corners[name], curves[name]))
+            source = draws[name], analysis.settings.prior, truths, analysis.curve(name)
+            jobs.append(partial(_draw_subject, *source, corners[name], curves[name]))
         run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in names])
         write_report(analysis, Facts(marked, check, curves, corners, figures), target)
     return Path(folder)

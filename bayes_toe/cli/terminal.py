@@ -98,20 +98,6 @@ class Terminal:
         else:
             self.lines(["", f"All {n_subjects:,} subjects: {file}"])
 
-    def table_of_subjects(
-        self,
-        headings: Sequence[str],
-        rows: Sequence[Sequence[str]],
-        n_subjects: int,
-        file: str,
-        **options: Any,
-    ) -> None:
-        """A table of subjects, or the file that has it if they are many."""
-        if n_subjects < MANY_SUBJECTS:
-            self.table(headings, rows, **options)
-        else:
-            self.lines(["", f"All {n_subjects:,} subjects: {file}"])
-
     def notes(
         self, notes: Iterable[tuple[str, str, str]], mark: str = "!", *, file: str = OUTPUT
     ) -> None:
