@@ -55,7 +55,8 @@ _COUNTS = ("n_pairs", "n_trials")
 class SubjectEvidence:
     """The answer and log evidences (nats) of one subject.
 
-    None where a value does not exist, with the reason in `notes` or `footnotes`.
+    None where a value does not exist. The Laplace approximation of H1 does not exist if the
+    Hessian at the maximum is not negative definite.
 
     Attributes
     ----------
@@ -65,8 +66,6 @@ class SubjectEvidence:
         Goodness of fit of the paper's model (H1), of chains.
     notes : tuple of str
         What is not reported, and why.
-    footnotes : tuple of str
-        The same of Laplace's approximations.
     """
 
     subject: str
@@ -81,7 +80,6 @@ class SubjectEvidence:
     answer: OrderEffect | None = None
     fit: GoodnessOfFit | None = None
     notes: tuple[str, ...] = ()
-    footnotes: tuple[str, ...] = ()
 
     @property
     def cells(self) -> Mapping[str, object]:
@@ -165,15 +163,11 @@ def subject_evidence(result: SubjectResult, answer: OrderEffect | None = None) -
     """The row of one subject in the evidence table, from the fit of H1."""
     estimate = cast(Evidence, result.evidence)
     subject, fitted = result.subject, result.fitted
-    notes, footnotes = list[str](), list[str]()
+    notes = list[str]()
     of_direction = direction_evidence(subject)
     if estimate.why_not:
         notes.append(f"H1: {estimate.why_not}")
     by_laplace = float(laplace(fitted.target.array, [fitted.maxima])[1][0])
-    if np.isnan(by_laplace):
-        footnotes.append(
-            "Laplace of H1 does not exist: the Hessian at the maximum is not negative definite"
-        )
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
@@ -187,7 +181,6 @@ def subject_evidence(result: SubjectResult, answer: OrderEffect | None = None) -
         answer=answer,
         fit=result.fit,
         notes=tuple(notes),
-        footnotes=tuple(footnotes),
     )
 
 

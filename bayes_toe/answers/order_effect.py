@@ -487,21 +487,23 @@ def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit
     """Median and 95 % interval of so many effective draws.
 
     Numbers end with the decimal in which the largest of their Monte Carlo errors begins. An error
-    above 1 leaves tens or hundreds.
+    above 1 leaves tens or hundreds. A number that is not 0 has as many decimals as it needs not to
+    look like 0.
 
     Examples
     --------
-    >>> format_draws(np.linspace(0.0, 1.0, 201), 201.0, 3)
-    '0.50 [0.02, 0.98]'
+    >>> format_draws(np.linspace(0.0, 2.0, 201), 201.0, 3)
+    '1.00 [0.05, 1.95]'
     """
     probabilities = list(QUANTILES.values())
     quantiles = np.quantile(draws, probabilities)
     error = float(quantile_errors(draws, probabilities, n_effective).max())
     decimals = most_decimals
-    if error > 0.0:  # 0.0096 is 0.01 as it is printed with one digit
+    if 0.0 < error < np.inf:  # 0.0096 is 0.01 as it is printed with one digit
         decimals = min(decimals, -int(f"{error:.0e}".partition("e")[2]))
-    size = Size(*np.round(quantiles, decimals).tolist())
-    return _format_interval(size, unit, max(decimals, 0), "")
+    if decimals < 0:
+        quantiles, decimals = np.round(quantiles, decimals), 0
+    return _format_interval(Size(*quantiles.tolist()), unit, decimals, "")
 
 
 def format_decimals(value: float) -> str:

@@ -170,11 +170,11 @@ def _direction(answer: OrderEffect, effect: str) -> str:
     """How the first stimulus seems by an effect; empty without one or without a direction."""
     if not answer.words[effect].is_positive:
         return ""
-    one, other = _DIRECTIONS[effect]
-    is_one = answer.first_is_overestimated
+    is_positive = answer.first_is_overestimated
     if effect == CONTRACTION.name:
-        is_one = answer.direction == "contraction"
-    return {True: one, False: other, None: ""}[is_one]
+        is_positive = answer.direction == "contraction"
+    positive, negative = _DIRECTIONS[effect]
+    return {True: positive, False: negative, None: ""}[is_positive]
 
 
 def _direction_sentences(

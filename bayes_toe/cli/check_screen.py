@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -64,12 +65,10 @@ def _print_problems(out: Terminal, study: Study, by_subject: dict[str, list[Find
         if findings:
             sentence = findings[0].message.partition(". ")[0].rstrip(".")
             problem = f"{sentence[0].lower()}{sentence[1:]}"
-        is_long = len(problem) > _LONGEST_PROBLEM
-        full += findings if is_long else findings[1:]
-        if is_long:
-            problem = f"{problem[: _LONGEST_PROBLEM - 3].rstrip()}..."
+        short = textwrap.shorten(problem, _LONGEST_PROBLEM, placeholder="...")
+        full += findings if short != problem else findings[1:]
         share = f"{100.0 * subject.fraction_yes:.0f} %"
-        rows.append([name, str(subject.total_trials), share, problem])
+        rows.append([name, str(subject.total_trials), share, short])
 
     n_others = len(study) - len(names)
     if n_others:
@@ -98,21 +97,17 @@ def answer_of_check(
 
     exclude = [option.replace("--swap", "--exclude", 1) for option in options]
     commands = []
-    has_swap = exclude != options
-    if has_swap:
+    if exclude != options:
         commands.append(f"{run} {' '.join(options)}")
+    if {f"--exclude {cli_argument(name)}" for name in study.names}.issubset(exclude):
+        lines.append("Without the subjects that need a decision, no subject is left.")
+    else:
+        commands.append(f"{run} {' '.join(exclude)}")
 
     verb = "needs" if len(options) == 1 else "need"
     decision = f"{len(options)} of {plural(len(study), 'subject')} {verb} a decision."
-    if not {f"--exclude {cli_argument(name)}" for name in study.names}.issubset(exclude):
-        commands.append(f"{run} {' '.join(exclude)}")
-    elif commands:
-        lines.append("Without the subjects that need a decision, no subject is left.")
-    else:
-        lines += [decision, "Without the subjects that need a decision, no subject is left."]
-        return lines, []
-    choice = "one of these" if len(commands) > 1 else "this"
-    return [*lines, f"{decision} Type {choice}:"], commands
+    what_to_type = ("", " Type this:", " Type one of these:")[len(commands)]
+    return [*lines, decision + what_to_type], commands
 
 
 def _obstacle(study: Study, findings: Sequence[Finding]) -> str:

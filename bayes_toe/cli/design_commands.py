@@ -381,12 +381,12 @@ def _list_trials(
     write_table(pd.concat(tables), lists.list_output, overwrite=context.overwrite)
 
     n_trials = study_design.total * max(1, len(levels))
-    each = " each" if lists.subjects > 1 else ""
+    suffix = " each" if lists.subjects > 1 else ""
     split = ""
     if levels:
         split = f" ({study_design.total} in each of {join_names(levels)}, mixed within blocks)"
     context.print_written(
-        f"{lists.list_output}: {plural(lists.subjects, 'subject')}, {n_trials} trials{each} in "
+        f"{lists.list_output}: {plural(lists.subjects, 'subject')}, {n_trials} trials{suffix} in "
         f"{plural(lists.blocks, 'block')}{split}. Within each block, both orders of a pair are as "
         f"frequent as in the design. At most {MOST_EQUAL} equal pairs follow each other",
         seed,

@@ -97,8 +97,7 @@ def contrast(
     from bayes_toe.plots.figure_files import picture_beside
 
     figure_file = picture_beside(output)
-    context.require_files(output, figure_file)
-    keep = context.partial_folder(output)
+    keep = context.prepare(output, figure_file)
     read, prior = context.read_and_describe(study)
     n_subjects = len({subject.subject_name for subject in read})
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from bayes_toe.answers.contrast import ORDER_EFFECT
 from bayes_toe.answers.group_answer import (
     LABELS,
     comparison_tables,
@@ -18,7 +19,7 @@ from bayes_toe.answers.group_answer import (
 )
 from bayes_toe.answers.serial_dependence import EFFECT_MODELS
 from bayes_toe.answers.study_summary import count_words
-from bayes_toe.cli.terminal import MANY_SUBJECTS, OUTPUT, Terminal
+from bayes_toe.cli.terminal import OUTPUT, Terminal
 from bayes_toe.data.messages import capitalized, plural
 from bayes_toe.inference.diagnostics import worst
 
@@ -60,11 +61,7 @@ def print_problems(out: Terminal, result: PopulationResult, contradictions: Sequ
 
 def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> None:
     """A row for each subject, comparison and quantity; what is not compared."""
-    if len(table.subjects) < MANY_SUBJECTS:
-        out.table(*_contrast_table(table))
-    else:
-        out.line()
-        out.line(f"All {len(table.subjects):,} subjects: {file}")
+    out.table_of_subjects(*_contrast_table(table), len(table.subjects), file)
     if len({row.comparison for row in table}) > 1:
         out.line("BF and word refer to a difference between any two conditions.")
     if any(row.robust == "no" for row in table):
@@ -76,27 +73,26 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
 def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
     """Headings and rows; a subject and a comparison are named in their first rows."""
     comparisons = {row.comparison for row in table}
-    has_one_comparison = len(comparisons) == 1
+    headings = ["subject", "difference", "", "[95 % interval]", "BF", "differs"]
     rows = []
-    label_before = ("", "")
+    labels = ["", ""]
     for row in table:
-        if row.quantity == "order effect":
+        if row.quantity == ORDER_EFFECT:
             continue
-        label = (row.subject, row.comparison)
-        first_cells = ["", ""] if label == label_before else [*label]
-        label_before = label
+        earlier_labels, labels = labels, [row.subject, row.comparison]
+        label_cells = ["", ""] if labels == earlier_labels else labels
         word, size = row.short_word, "-"
-        if row.short_word not in ("no", "probably not"):
+        if word not in ("no", "probably not"):
             size = row.size(table.unit)
         if row.robust == "no":
             word += " ?"
-        rows.append([*first_cells, row.quantity, size, row.factor, word])
+        rows.append([*label_cells, row.quantity, size, row.factor, word])
 
-    if has_one_comparison:
-        (title,) = comparisons
-        rows = [[name, *cells] for name, _, *cells in rows]
-        return ["subject", "", f"{title} [95 % interval]", "BF", "differs"], rows
-    return ["subject", "difference", "", "[95 % interval]", "BF", "differs"], rows
+    if len(comparisons) == 1:
+        headings[3] = f"{comparisons.pop()} [95 % interval]"
+        for cells in [headings, *rows]:
+            del cells[1]
+    return headings, rows
 
 
 # --- Serial dependence ---------------------------------------------------------------------------
@@ -116,11 +112,8 @@ def print_history(out: Terminal, table: SerialDependence, file: str = OUTPUT) ->
         rows.append(cells)
 
     headings = ["subject", "carry-over", "rho [95 %]", "previous\nresponse", "kappa [95 %]"]
-    if len(rows) >= MANY_SUBJECTS:
-        out.line()
-        out.line(f"All {len(rows):,} subjects: {file}")
-    elif rows:
-        out.table(headings, rows)
+    if rows:
+        out.table_of_subjects(headings, rows, len(rows), file)
         out.line(
             "rho is the share of a stimulus that is carried over to the next trial. If kappa is "
             "above 0, a subject repeats responses. If kappa is below 0, a subject alternates."

@@ -10,7 +10,6 @@ import bayes_toe as bt
 from bayes_toe.cli.options import ModelName, StudyFile, flag, rare, writes
 from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.cli.terminal import (
-    MANY_SUBJECTS,
     OUTPUT,
     Terminal,
     names_to_show,
@@ -155,8 +154,7 @@ def sample(
     """
     from bayes_toe.checks.design_checks import identification_findings
 
-    context.require_files(output)
-    keep = context.partial_folder(output)
+    keep = context.prepare(output)
     read, prior = context.read(study)
     _require_fitting(context, read, prior, model)
     context.introduce(read, prior)
@@ -205,8 +203,7 @@ def evidence(
     """
     from bayes_toe.cli.answer_screen import print_answer, print_subjects, without_decision
 
-    context.require_files(output)
-    keep = context.partial_folder(output)
+    keep = context.prepare(output)
     read, prior = context.read_and_describe(study)
     table = context.work("evidence", len(read), bt.evidence, read, prior=prior, keep=keep)
     table.save(output, **context.saving_of(read))
@@ -278,10 +275,7 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT
         rows.append(cells)
 
     title = "Log model evidence. * marks the largest of the four models."
-    if len(rows) < MANY_SUBJECTS:
-        out.table(headings, rows, range(1, 8), title)
-    else:
-        out.lines(["", title, f"All {len(rows):,} subjects: {file}"])
+    out.table_of_subjects(headings, rows, len(rows), file, numeric=range(1, 8), title=title)
     out.line()
     out.line(describe_h1(table))
     out.notes(notes_of(table), file=file)

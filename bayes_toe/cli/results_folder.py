@@ -98,16 +98,12 @@ def write_results(
             explore(draws, truths=truths).save(target / "explorer.html")
         if names:
             (target / "corner").mkdir()
-        corners, curves = dict[str, Path](), dict[str, Path]()
+        corners, curves, jobs = dict[str, Path](), dict[str, Path](), []
         for name in names:
             corners[name] = target / "corner" / f"{stems[name]}.png"
             curves[name] = Path(pictures, f"{stems[name]}.png")
-        prior = analysis.settings.prior
-        jobs = []
-        for name in names:
-            files = (corners[name], curves[name])
-            fitted = analysis.curve(name)
-            jobs.append(partial(_draw_subject, draws[name], prior, truths, fitted, *files))
+            source = draws[name], analysis.settings.prior, truths, analysis.curve(name)
+            jobs.append(partial(_draw_subject, *source, corners[name], curves[name]))
         run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in names])
         write_report(analysis, Facts(marked, check, curves, corners, figures), target)
     return Path(folder)

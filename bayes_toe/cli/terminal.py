@@ -84,6 +84,20 @@ class Terminal:
         self.lines(lines[:n_heading_lines], "bold")
         self.lines(lines[n_heading_lines:])
 
+    def table_of_subjects(
+        self,
+        headings: Sequence[str],
+        rows: Sequence[Sequence[str]],
+        n_subjects: int,
+        file: str,
+        **options: Any,
+    ) -> None:
+        """A table of subjects, or the file that has it if they are many."""
+        if n_subjects < MANY_SUBJECTS:
+            self.table(headings, rows, **options)
+        else:
+            self.lines(["", f"All {n_subjects:,} subjects: {file}"])
+
     def notes(
         self, notes: Iterable[tuple[str, str, str]], mark: str = "!", *, file: str = OUTPUT
     ) -> None:
@@ -208,12 +222,17 @@ def format_table(
     >>> format_table(["subject", "order\neffect"], [["A01", "yes"], ["A02", "no"]])
     ['         order', 'subject  effect', 'A01      yes', 'A02      no']
     """
-    if not is_narrow(headings, rows):
-        return _split_table(headings, rows, numeric)
-    lines = [*_heading_rows(headings), *rows]
+    n = len(headings)
+    while n > 2 and not is_narrow(headings[:n], [row[:n] for row in rows]):
+        n -= 1
+    lines = [row[:n] for row in (*_heading_rows(headings[:n]), *rows)]
     widths, gap = _column_widths(lines)
-    widths[0] -= max(sum(widths) + gap * (len(widths) - 1) - WIDTH, 0)
-    return [_table_line(row, widths, gap, numeric) for row in lines]
+    widths[0] -= max(sum(widths) + gap * (n - 1) - WIDTH, 0)
+    table = [_table_line(row, widths, gap, numeric) for row in lines]
+    if n < len(headings):
+        other_columns = [headings[0], *headings[n:]], [[row[0], *row[n:]] for row in rows]
+        table += ["", *format_table(*other_columns, [i - n + 1 for i in numeric if i >= n])]
+    return table
 
 
 def is_narrow(headings: Sequence[str], rows: Sequence[Sequence[str]], first_width: int = 8) -> bool:
@@ -237,20 +256,6 @@ def _column_widths(rows: Sequence[Sequence[str]]) -> tuple[list[int], int]:
         for i, cell in enumerate(cells):
             widths[i] = max(widths[i], cell_width(cell))
     return widths, 2 if sum(widths) + 2 * (n_columns - 1) <= WIDTH else 1
-
-
-def _split_table(
-    headings: Sequence[str], rows: Sequence[Sequence[str]], numeric: Collection[int]
-) -> list[str]:
-    """A table whose last columns follow below, with the first column again."""
-    n = len(headings) - 1
-    while n > 2 and not is_narrow(headings[:n], [row[:n] for row in rows]):
-        n -= 1
-    upper = format_table(headings[:n], [row[:n] for row in rows], numeric)
-    lower_numeric = [i - n + 1 for i in numeric if i >= n]
-    lower_rows = [[row[0], *row[n:]] for row in rows]
-    lower = format_table([headings[0], *headings[n:]], lower_rows, lower_numeric)
-    return [*upper, "", *lower]
 
 
 def _table_line(

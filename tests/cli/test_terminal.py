@@ -140,8 +140,8 @@ def test_estimates_and_options_stay_on_one_line():
 
 #: Draws from 0 to this, how many are effective, the most decimals, and what is shown.
 DIGITS = """
-    1 | 201 | 3 | 0.50 [0.02, 0.98]
-    1 | 201 | 1 | 0.5 [0.0, 1.0]
+    2 | 201 | 3 | 1.00 [0.05, 1.95]
+    2 | 201 | 1 | 1.0 [0.1, 1.9]
     1000 | 201 | 3 | 500 [20, 980]
     1e6 | 20 | 2 | 500000 [0, 1000000]
     0 | 201 | 2 | 0.00 [0.00, 0.00]

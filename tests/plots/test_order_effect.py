@@ -29,18 +29,19 @@ def renamed(table, size, pattern="S{}"):
 
 def medians(ax):
     """The markers of a forest, by their rows."""
-    points = []
+    by_row = {}
     for line in [*marks_of(ax, "s"), *marks_of(ax, "D")]:
-        points += zip(line.get_ydata(), line.get_xdata(), strict=True)
-    return [median for _, median in sorted(points)]
+        by_row |= zip(line.get_ydata(), line.get_xdata(), strict=True)
+    return [by_row[row] for row in sorted(by_row)]
 
 
 def intervals(ax):
     """The ends of the lines of a forest, by their rows."""
-    lines = []
+    by_row = {}
     for collection in ax.collections:
-        lines += [(line[0, 1], *line[:, 0]) for line in collection.get_segments()]
-    return [(low, high) for _, low, high in sorted(lines)]
+        for (low, row), (high, _) in collection.get_segments():
+            by_row[row] = (low, high)
+    return [by_row[row] for row in sorted(by_row)]
 
 
 def test_forests_have_sizes_and_words_of_every_subject(analysis):
