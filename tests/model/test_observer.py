@@ -6,7 +6,6 @@ import definitions
 import mpmath
 import numpy as np
 import pytest
-from conftest import made_subject
 from numpy.random import default_rng
 from scipy import stats
 from scipy.integrate import quad
@@ -182,9 +181,6 @@ def test_scales_by_hand():
     assert scales.first_spread == pytest.approx(np.repeat(s1, n).std())
     assert StimulusScales(0.0, 0.0, 2.0, 5.0, 20.0).roving_share == pytest.approx(0.4)
     assert StimulusScales.from_pairs(s1, s1, n) is None
-    subject = made_subject("0 0 0 1, 1 1 1 1")
-    with pytest.raises(bt.InputError, match="no pair has two different stimuli"):
-        ObserverRows.from_subjects([subject])
 
 
 # --- Prior, quantities ----------------------------------------------------------------------------
