@@ -102,6 +102,15 @@ def test_far_out_the_log_density_is_the_definition_and_never_nan(posterior, valu
         assert log_likelihood == pytest.approx(float(expected), rel=1e-11), name
 
 
+@pytest.mark.parametrize("signs", [1.0, -1.0])
+def test_all_coordinates_far_out_at_once_give_no_nan(posterior, signs):
+    rng = default_rng(3)
+    x = signs * rng.choice([700.0, -700.0, 40.0, -40.0, 0.0], (400, len(posterior.coordinates)))
+    assert not np.isnan(posterior.log_density(x)).any()
+    for answers in posterior.log_answers(x):
+        assert (answers <= 1e-15).all()  # the rounding of a sum of two shares
+
+
 def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
     best = find_maxima(posterior).x[0]
     rng = default_rng(2)
