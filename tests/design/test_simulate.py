@@ -132,9 +132,9 @@ def test_populations_of_files(tmp_path):
 
     paper = only_observer("subject,mu1,sigma_p,sigma_l,q0\nx,0,0.3,0.1,0.9\n")
     assert (paper.name, paper.parameters["q0"]) == ("x", 0.9)
-    both = only_observer("subject,noise,q0,contraction\ny,0.2,0.9,0.25\n")
-    assert both.parameters["contraction"] == 0.25
-    assert both.parameters["lapse_rate"] == 0.0
+    four_models = only_observer("subject,noise,q0,contraction\ny,0.2,0.9,0.25\n")
+    assert four_models.parameters["contraction"] == 0.25
+    assert four_models.parameters["lapse_rate"] == 0.0
 
 
 FILES = {
