@@ -79,19 +79,19 @@ def terms(target, x):
     return result
 
 
-def assert_agrees(target, x, tolerance=1e-12, digits=120, slope_tolerance=1e-11):
+def assert_agrees(target, x, digits=120):
     """Value and gradient within so much of the sum of their terms' sizes, as rounding is."""
     value, gradient = target.gradient([x])
     with mpmath.workdps(digits):
         point, step = [mpf(float(v)) for v in x], mpf(10) ** (25 - digits // 2)
-        assert_sum_of_terms(value[0], terms(target, point), tolerance)
+        assert_sum_of_terms(value[0], terms(target, point), 1e-12)
         for i, slope in enumerate(gradient[0]):
             ahead, backward = list(point), list(point)
             ahead[i] += step
             backward[i] -= step
             ends = zip(terms(target, ahead), terms(target, backward), strict=True)
             slopes = [(high - low) / (2 * step) for high, low in ends]
-            assert_sum_of_terms(slope, slopes, slope_tolerance)
+            assert_sum_of_terms(slope, slopes, 1e-11)
 
 
 def assert_sum_of_terms(value, summands, tolerance):

@@ -1,7 +1,7 @@
 """Observers whose responses depend on the trial before, by the formulas of the documents."""
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
@@ -39,7 +39,7 @@ def answered(
     session = np.arange(n_trials) * sessions // n_trials
     centre = keys[:, 0].mean()
     walk = drift * np.sin(2.0 * np.pi * np.arange(n_trials) / 80.0)
-    criterion = norm.ppf(0.5 + 0.5 * Q0)
+    criterion = ndtri(0.5 + 0.5 * Q0)
     n_yes = np.zeros(n_trials, int)
     expectation = 0.0
     for t, (s1, s2) in enumerate(keys):
@@ -48,10 +48,10 @@ def answered(
             expectation = 0.0
         z = (s2 - s1 + p * (s1 - centre - expectation) + walk[t]) / noise
         if task == SAME_DIFFERENT:
-            attending = norm.cdf(criterion - z) - norm.cdf(-criterion - z)
+            attending = ndtr(criterion - z) - ndtr(-criterion - z)
             probability = LAPSE_RATE * Q0 + (1.0 - LAPSE_RATE) * attending
         else:
-            probability = LAPSE_RATE / 2.0 + (1.0 - LAPSE_RATE) * norm.cdf(z)
+            probability = LAPSE_RATE / 2.0 + (1.0 - LAPSE_RATE) * ndtr(z)
         n_yes[t] = rng.random() < probability
         if not is_first and rng.random() < share_repeated:
             n_yes[t] = n_yes[t - 1]

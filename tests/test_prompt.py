@@ -70,7 +70,6 @@ REFUSED = """
     bt.run(study, workers='all') | workers='all': allowed is a number of processes
     bt.run(study, keep=3) | keep: found 3, allowed: the path of a folder
     bt.evidence(study, draws=2.5) | draws: found 2.5, allowed: a whole number from 1
-    bt.sample(study, seed='1') | seed='1': allowed is a whole number
     bt.sample(study, model=3) | model: found 3, allowed: one of: none, constant-error
     bt.fit(study, level='x') | level: found 'x', allowed: a number between 0 and 1
     bt.fit(study, level=1.0) | level=1 must lie between 0 and 1

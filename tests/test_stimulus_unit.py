@@ -207,18 +207,6 @@ def test_sizes_beyond_1000_percent_are_logs_and_small_ones_have_their_digits(siz
     assert format_difference(Size(*size), StimulusUnit(unit)) == expected
 
 
-@pytest.fixture(scope="module")
-def wide():
-    """Two subjects with steps of a factor of 400, and a large constant error."""
-    return made_up(6.0, 0.0)
-
-
-@pytest.fixture(scope="module")
-def fine():
-    """Two subjects with steps of 2e-5 about 20.72."""
-    return made_up(2e-5, 20.72)
-
-
 def made_up(step, level):
     """Observers of neighbouring levels who overestimate or underestimate the first stimulus."""
     levels = level + step * np.arange(4)
@@ -236,28 +224,36 @@ def made_up(step, level):
 FORBIDDEN = re.compile(r"\b(inf|nan)\b|0\.0+ % \[[+-]?0\.0+,|[1-9]\d{3,}(\.\d+)? %")
 
 
-@pytest.mark.parametrize("name, unit", [("wide", "--unit ln"), ("fine", "")])
-def test_nothing_shows_an_infinite_a_huge_or_an_empty_size(name, unit, request, tmp_path):
-    study = request.getfixturevalue(name)
+#: Steps of a factor of 400, which are shown as logs, and steps of 2e-5 about 20.72.
+WIDE, FINE = {"step": 6.0, "level": 0.0}, {"step": 2e-5, "level": 20.72}
+
+
+@pytest.mark.parametrize(
+    "levels, unit, is_in_logs", [(WIDE, "--unit ln", True), (FINE, "", False)], ids=["wide", "fine"]
+)
+def test_nothing_shows_an_infinite_a_huge_or_an_empty_size(levels, unit, is_in_logs, tmp_path):
+    study = made_up(**levels)
     study.frame().to_csv(tmp_path / "study.csv", index=False)
     line = f"run study.csv {unit} -o results --seed 1 --draws 100 --figures none"
     screen = good(line, cwd=tmp_path)
-    report = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
-    texts = [screen, re.sub("<[^>]+>", " ", re.sub("base64,[^\"']+", "", report))]
-    texts += [path.read_text(encoding="utf-8") for path in (tmp_path / "results").glob("*.md")]
+    assert (" ln [" in screen) == is_in_logs
+
+    results = tmp_path / "results"
+    report = (results / "report.html").read_text(encoding="utf-8")
+    report_without_figures = re.sub("base64,[^\"']+", "", report)
+    texts = [screen, re.sub("<[^>]+>", " ", report_without_figures)]
+    texts += [path.read_text(encoding="utf-8") for path in results.glob("*.md")]
     for text in texts:
         assert FORBIDDEN.search(text) is None, FORBIDDEN.search(text)
-    table = pd.read_csv(tmp_path / "results" / "evidence.csv")
+    table = pd.read_csv(results / "evidence.csv")
     assert not np.isinf(table.select_dtypes("number")).any().any()
-    assert (" ln [" in screen) == (name == "wide")
-    labels = " ".join(
-        words_of(texts_of(bt.plots.order_effect(bt.evidence(study.select("up"), seed=1))))
-    )
-    assert ("PSE shift (ln)" in labels) == (name == "wide")
+
+    figure = bt.plots.order_effect(bt.evidence(study.select("up"), seed=1))
+    assert ("PSE shift (ln)" in " ".join(words_of(texts_of(figure)))) == is_in_logs
 
 
-def test_a_percentage_that_is_no_number_is_an_empty_cell(wide):
-    answer = bt.evidence(wide, seed=1).answers[0]
+def test_a_percentage_that_is_no_number_is_an_empty_cell():
+    answer = bt.evidence(made_up(**WIDE), seed=1).answers[0]
     sizes = {**answer.sizes, "jnd_percent": Size(1.0, np.inf, np.inf)}
     cells = replace(answer, sizes=sizes).cells
     assert (cells["jnd_percent_q025"], cells["jnd_percent_q50"]) == (1.0, None)

@@ -31,7 +31,7 @@ def test_jobs_that_failed_are_named_and_an_error_if_all_did():
 
 @needs_proc
 @pytest.mark.parametrize("second", [partial(interrupted), partial(slow, 2, 0.3)])
-def test_an_interrupt_of_a_job_or_of_who_listens_leaves_no_worker_at_work(second):
+def test_an_interrupt_in_a_job_or_in_its_progress_leaves_no_worker_at_work(second):
     jobs = [partial(slow, 1, 0.3), second, *[partial(slow, 3, 0.3)] * 50]
     # The traceback keeps what was under way, as a session does.
     with pytest.raises(KeyboardInterrupt) as error:

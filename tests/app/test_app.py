@@ -276,7 +276,7 @@ def test_only_files_of_the_results_are_sent(server, job, path):
     assert server.ask(f"/results/0123/{job}{path}").code == 403
 
 
-def test_the_token_sets_a_cookie_and_goes_before_an_old_one(server):
+def test_the_token_sets_a_cookie_that_replaces_an_old_one(server):
     old = f"{server.cookie.partition('=')[0]}=old"
     answer = server.ask(f"/?token={server.token}", Cookie=old)
     assert answer.code == 200
@@ -431,7 +431,7 @@ def test_the_report_has_an_origin_of_its_own_and_the_archive_repeats_the_run(fin
     assert archive.read("command.txt").startswith(b"bayes-toe run 'my study.csv' -o results")
 
 
-def test_a_run_ends_with_the_program_and_with_no_second_one(tmp_path, file):
+def test_a_run_ends_with_its_server_and_not_with_a_second_server(tmp_path, file):
     with serving(tmp_path) as server:
         job = server.add_trials(file)
         server.state(f"/api/jobs/{job}/run", "")

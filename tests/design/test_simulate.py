@@ -121,14 +121,17 @@ def test_named_populations():
 
 
 def test_populations_of_files(tmp_path):
-    paper, separate = tmp_path / "paper.csv", tmp_path / "own.csv"
-    paper.write_text("subject,mu1,sigma_p,sigma_l,q0\nx,0,0.3,0.1,0.9\n")
-    separate.write_text("subject,noise,q0,contraction\ny,0.2,0.9,0.25\n")
-    (observer,) = draw_population(str(paper), 99, 1, reference_design())
-    assert (observer.name, observer.parameters["q0"]) == ("x", 0.9)
-    (observer,) = draw_population(str(separate), 99, 1, reference_design())
-    assert observer.parameters["contraction"] == 0.25
-    assert observer.parameters["lapse_rate"] == 0.0
+    def only_observer(text):
+        path = tmp_path / "population.csv"
+        path.write_text(text)
+        (observer,) = draw_population(str(path), 99, 1, reference_design())
+        return observer
+
+    paper = only_observer("subject,mu1,sigma_p,sigma_l,q0\nx,0,0.3,0.1,0.9\n")
+    assert (paper.name, paper.parameters["q0"]) == ("x", 0.9)
+    four_models = only_observer("subject,noise,q0,contraction\ny,0.2,0.9,0.25\n")
+    assert four_models.parameters["contraction"] == 0.25
+    assert four_models.parameters["lapse_rate"] == 0.0
 
 
 FILES = {

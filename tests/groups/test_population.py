@@ -20,6 +20,15 @@ def result():
     return bt.population(study, seed=1)
 
 
+@pytest.fixture(scope="module")
+def public(vibrotactile):
+    """The group of the public vibrotactile study, with its swapped blocks turned back."""
+    study = vibrotactile.swap("946", (2, 4, 6)).swap("865", (2,))
+    result = bt.population(study, seed=1)
+    assert result.is_reliable
+    return result
+
+
 def test_a_group_of_known_observers(result):
     assert result.is_reliable
     assert result.problems == ()
@@ -135,37 +144,16 @@ def test_what_is_refused(study, arguments, message):
         bt.population(study, **arguments)
 
 
-#: Public studies: mean, interval and sd of c/D and of p, and ln Bayes factors of a zero mean.
-VIBROTACTILE = {
-    "constant_error": ((0.000, 0.047, 0.094), (0.035, 0.062, 0.117), 0.9),
-    "contraction": ((-0.047, 0.019, 0.076), (0.032, 0.073, 0.141), 1.6),
-}
-AUDITORY = {
-    "constant_error": ((-0.192, -0.111, -0.021), (0.222, 0.281, 0.357), -0.65),
-    "contraction": ((0.243, 0.279, 0.316), (0.089, 0.113, 0.145), None),
-}
-TOLERANCE = {"constant_error": 0.015, "contraction": 0.01}
-
-
-def require_public(result, expected):
-    assert result.is_reliable
-    for name, (mean, sd, log_bf) in expected.items():
-        effect = result.effect(name)
-        assert effect.mean == pytest.approx(mean, abs=TOLERANCE[name])
-        assert effect.sd == pytest.approx(sd, abs=TOLERANCE[name])
-        if log_bf is None:
-            assert effect.zero_mean.log_bf < -10.0
-        else:
-            assert effect.zero_mean.log_bf == pytest.approx(log_bf, abs=0.2)
-
-
 @pytest.mark.slow
-def test_vibrotactile_study(vibrotactile):
-    study = vibrotactile.swap("946", (2, 4, 6)).swap("865", (2,))
-    require_public(bt.population(study, seed=1), VIBROTACTILE)
-
-
-@pytest.mark.slow
-def test_auditory_study(real_data):
-    study = bt.read_study(real_data / "auditory_pwm" / "trials.csv")
-    require_public(bt.population(study, seed=1), AUDITORY)
+@pytest.mark.parametrize(
+    "name, mean, sd, log_bf, tolerance",
+    [
+        ("constant_error", (0.000, 0.047, 0.094), (0.035, 0.062, 0.117), 0.9, 0.015),
+        ("contraction", (-0.047, 0.019, 0.076), (0.032, 0.073, 0.141), 1.6, 0.01),
+    ],
+)
+def test_a_public_study_has_its_mean_sd_and_bayes_factor(public, name, mean, sd, log_bf, tolerance):
+    effect = public.effect(name)
+    assert effect.mean == pytest.approx(mean, abs=tolerance)
+    assert effect.sd == pytest.approx(sd, abs=tolerance)
+    assert effect.zero_mean.log_bf == pytest.approx(log_bf, abs=0.2)

@@ -39,8 +39,10 @@ def test_impossible_is_minus_infinity():
 
 
 NUMBERS = {"mu1_mean": 0.4, "mu1_sd": 2.0}
-PRIOR = Prior(sigma_p_scale=0.7, **NUMBERS)
-OF_WIDTH = Prior(width_median=0.3, width_sd=0.8, q0_a=4.0, **NUMBERS)
+PRIORS = {
+    "sigma_p": Prior(sigma_p_scale=0.7, **NUMBERS),
+    "width": Prior(width_median=0.3, width_sd=0.8, q0_a=4.0, **NUMBERS),
+}
 OF_ALL = pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER])
 
 
@@ -53,7 +55,7 @@ def subject(task, scale=1, shift=0.0):
 @OF_ALL
 @settings(max_examples=12, deadline=None, phases=[Phase.explicit, Phase.generate])
 @given(
-    prior=st.sampled_from([PRIOR, OF_WIDTH]),
+    prior=st.sampled_from([*PRIORS.values()]),
     x=st.tuples(
         st.floats(-3, 3, allow_subnormal=False),
         st.floats(-3, 3, allow_subnormal=False),
@@ -72,7 +74,7 @@ def test_any_point(task, prior, x):
 
 MIDDLE = (0.31, -0.3, 0.4, 1.1)
 FAR = [(1, -25.0), (1, -19.0), (1, 12.0), (2, -30.0), (2, -9.0), (2, 7.0), (3, -9.0), (3, 12.0)]
-FAR_POINTS = [(PRIOR, *far) for far in FAR] + [(OF_WIDTH, *far) for far in FAR[:3]]
+FAR_POINTS = [("sigma_p", *far) for far in FAR] + [("width", *far) for far in FAR[:3]]
 
 
 @OF_ALL
@@ -81,7 +83,8 @@ def test_far_out(task, prior, coordinate, value):
     """The prior of the width has a formula of its own for the second coordinate only."""
     x = [*MIDDLE]
     x[coordinate] = value
-    assert_agrees(paper_posterior(subject(task, scale=1000), prior), x, digits=700)
+    posterior = paper_posterior(subject(task, scale=1000), PRIORS[prior])
+    assert_agrees(posterior, x, digits=700)
 
 
 def test_a_hessian_by_differences():
@@ -96,11 +99,11 @@ def test_a_hessian_by_differences():
 
 
 @OF_ALL
-@pytest.mark.parametrize("prior", [PRIOR, OF_WIDTH], ids=["sigma_p", "width"])
+@pytest.mark.parametrize("prior", PRIORS)
 def test_far_beyond_any_float_nothing_is_nan(task, prior):
     far = np.array([-1e4, -745.0, -40.0, 0.0, 40.0, 745.0, 1e4])
     x = np.stack(np.meshgrid([0.0, 1e-320, 0.5], far, far, far), axis=-1).reshape(-1, 4)
-    posterior = paper_posterior(subject(task), prior)
+    posterior = paper_posterior(subject(task), PRIORS[prior])
     assert not np.isnan(posterior.log_density(x)).any()
     # Without a warning, though slopes may be infinite.
     assert not np.isnan(posterior.array.likelihood.scoring(x[None])[0]).any()
