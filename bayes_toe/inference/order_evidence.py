@@ -16,7 +16,7 @@ import numpy as np
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
-from bayes_toe.inference.engine import USUAL, Precision, mixture_of_maxima, weighted_draws
+from bayes_toe.inference.engine import USUAL, Precision, fitted_draws, mixture_of_maxima
 from bayes_toe.inference.maxima import laplace
 from bayes_toe.inference.model_set import AveragedDraws, ModelSet
 from bayes_toe.inference.searches import observer_maxima
@@ -173,7 +173,7 @@ def _evidences(
     generators = []
     for subject in subjects:
         generators += [generator(seed, subject.name, "order evidence")] * _N_MODELS
-    draws = weighted_draws(array, mixtures, generators, families, precision)
+    _, draws = fitted_draws(array, mixtures, generators, families, precision)
 
     results = list[OrderEvidence | NumericalError]()
     for i, subject in enumerate(subjects):

@@ -116,7 +116,7 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     answered = np.flatnonzero(trials.is_answered)
     residual = 0.5 * (trials.answer[answered] + 1.0) - expected
     residuals = _Residuals(residual, expected * (1.0 - expected), change)
-    previous = trials.earlier(1)[answered]
+    previous = trials.previous[answered]
     rows = np.flatnonzero(previous >= 0)
     previous = previous[rows]
 
