@@ -24,7 +24,6 @@ from bayes_toe.inference.mixture import (
     joined_draws,
     tempered,
 )
-from bayes_toe.model.funnel import FunnelArray
 from bayes_toe.model.posterior_array import PosteriorArray
 
 # --- Mixture ---
@@ -111,10 +110,6 @@ SHARP = Precision(
     most_returns=12,
     has_cover=True,
 )
-
-
-#: Posteriors in the coordinates w of their mixtures, (posteriors, points, d).
-EngineArray = PosteriorArray | FunnelArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +214,7 @@ def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:
     return clouds
 
 
-def with_prior_components(mixture: PriorMixture, array: EngineArray, rng: Rng) -> PriorMixture:
+def with_prior_components(mixture: PriorMixture, array: PosteriorArray, rng: Rng) -> PriorMixture:
     """The mixture, and components at draws of the prior that a flattened likelihood chose.
 
     They find what lies far from every maximum, such as a ridge.
@@ -256,7 +251,7 @@ def _degrees_of_freedom(is_free: BoolArray) -> int:
 
 
 def fitted_draws(
-    array: EngineArray,
+    array: PosteriorArray,
     mixtures: Sequence[PriorMixture],
     generators: Sequence[Rng],
     families: IndexArray,
@@ -266,7 +261,8 @@ def fitted_draws(
 
     Parameters
     ----------
-    array : EngineArray
+    array : PosteriorArray
+        In the coordinates w of the mixtures, (posteriors, points, d).
     mixtures : sequence of PriorMixture
         To begin with, one for each posterior.
     generators : sequence of Generator
@@ -295,7 +291,7 @@ def fitted_draws(
 
 
 def fresh_draws(
-    array: EngineArray, mixtures: Sequence[PriorMixture], generators: Sequence[AnyRng], size: int
+    array: PosteriorArray, mixtures: Sequence[PriorMixture], generators: Sequence[AnyRng], size: int
 ) -> list[WeightedDraws]:
     """So many draws of every posterior, each from its own mixture."""
     shape = (len(array), size, len(array.names))
@@ -358,7 +354,7 @@ class _State:
 
 
 def _round(
-    array: EngineArray, states: Sequence[_State], active: Sequence[int], precision: Precision
+    array: PosteriorArray, states: Sequence[_State], active: Sequence[int], precision: Precision
 ) -> list[WeightedDraws]:
     """Draws of some posteriors, each from its own mixture."""
     mixtures = [states[i].mixture for i in active]
