@@ -34,7 +34,7 @@ from bayes_toe.data.study import Study, Subject, require_study, units_by_subject
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
-from bayes_toe.inference.engine import Precision, mixture_of_maxima, weighted_draws
+from bayes_toe.inference.engine import Precision, fitted_draws, mixture_of_maxima
 from bayes_toe.inference.maxima import ascend_from
 from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.searches import observer_maxima
@@ -424,7 +424,8 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
         mixtures.append(mixture_of_maxima(searches.part(owners == i), array.is_free[i]))
         names = [parameter.name for parameter in choice]
         generators.append(generator(seed, models.subject.name, "contrast", *names))
-    draws = weighted_draws(array, mixtures, generators, np.zeros(len(array), int), _PRECISION)
+    family = np.zeros(len(array), np.intp)
+    _, draws = fitted_draws(array, mixtures, generators, family, _PRECISION)
 
     n, prior_probabilities = len(CHOICES), np.full(len(CHOICES), 1.0 / len(CHOICES))
     without_lapses = ModelSet.from_draws(draws[:n], prior_probabilities)

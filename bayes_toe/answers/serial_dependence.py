@@ -26,7 +26,7 @@ from bayes_toe.data.messages import format_estimate
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import NumericalError
-from bayes_toe.inference.engine import Precision, mixture_of_points, weighted_draws
+from bayes_toe.inference.engine import Precision, fitted_draws, mixture_of_points
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.model_set import ModelSet, weighted_quantiles
 from bayes_toe.inference.order_evidence import (
@@ -314,7 +314,8 @@ def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
     of_history = _START_SPREAD * rng.standard_normal((_CLOUD, n_history))
     cloud = np.concatenate([of_order, of_history], axis=1)
     mixture = mixture_of_points(cloud, posterior.array.is_free[0])
-    (draws,) = weighted_draws(posterior.array, [mixture], [rng], np.zeros(1, int), _PRECISION)
+    family = np.zeros(1, np.intp)
+    _, (draws,) = fitted_draws(posterior.array, [mixture], [rng], family, _PRECISION)
     return draws
 
 

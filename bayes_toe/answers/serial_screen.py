@@ -110,7 +110,7 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
 def _scores(subject: Subject, slopes: FloatArray) -> ArrayPair:
     """U and V of all three regressors."""
     trials = TrialSequence.from_subject(subject)
-    previous = trials.earlier(1)
+    previous = trials.previous
     rows = np.flatnonzero(trials.is_answered & (previous >= 0))
     previous, pair = previous[rows], trials.pair[rows]
     is_yes = 0.5 * (trials.answer[rows] + 1.0)

@@ -396,7 +396,7 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
             observer = _from_point(f"{kind} {number}", kind, posterior, x)
             if kind == "none":
                 no_effects = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
-                observer = Observer(observer.name, kind, no_effects, task)
+                observer = replace(observer, parameters=no_effects)
             observers.append(observer)
     return observers
 
@@ -408,7 +408,7 @@ def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None
         for observer in observers:
             if observer.kind == kind:
                 attentive = {**observer.parameters, "lapse_rate": 0.0}
-                p_yes.append(Observer("", kind, attentive, observer.task).p_design(design))
+                p_yes.append(replace(observer, parameters=attentive).p_design(design))
         task = design.task
         for answer, highest in ((task.yes, np.max(p_yes)), (task.no, 1.0 - np.min(p_yes))):
             if highest <= 0.01:  # the other answer is practically certain

@@ -169,10 +169,6 @@ class OptimalDesign:
             return ""
         return f"{join_words(parts)}. Subjects may learn this; the model does not include it."
 
-    def in_unit(self, logs: FloatArray) -> FloatArray:
-        """Stimuli in their unit; natural logs if it is not known."""
-        return self.unit.stimuli(logs) if self.unit.of_stimuli else logs
-
     def frame(self) -> pd.DataFrame:
         """The design, with the stimuli in the columns of its unit."""
         columns = stimulus_columns(self.design.s1, self.design.s2, self.unit)

@@ -29,11 +29,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, IntArray, Rng
+from bayes_toe.arrays import ArrayPair, FloatArray, IntArray, Rng
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
-from bayes_toe.inference.maxima import Expansion, ascend
 from bayes_toe.model.densities import half_normal_score
 from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.parameters import ObserverPrior, group_parameters, task_parameters
@@ -41,6 +40,9 @@ from bayes_toe.model.posterior_array import LinearLikelihood
 
 #: With these units a coordinate of the likelihood is c/D, p, log(sigma_d/D) or logit q0 itself.
 PLAIN_UNITS = ObserverPrior(noise_sd=1.0, constant_error_scale=1.0, contraction_sd=1.0)
+_SCORING_STEPS = 40
+#: Expected gain, nats, below which rounding errors hide whether a value is the larger one.
+_SMALL_GAIN = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,15 +151,26 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     centre[:q] = numbers.mean
     precision[:q] = 1.0 / (np.square(numbers.mean_scale) + np.square(numbers.sd_scale))
 
-    def expand(w: FloatArray, index: IndexArray) -> Expansion:
-        value, slope, information = rows.part(index).scoring(w[:, None])
+    def scored(w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        value, slope, information = rows.scoring(w[:, None])
         offset = w - centre
-        log_density = value[:, 0] - 0.5 * (precision * np.square(offset)).sum(axis=1)
-        curvature = information[:, 0] + np.diag(precision)
-        return Expansion(log_density, slope[:, 0] - precision * offset, curvature)
+        value = value[:, 0] - 0.5 * (precision * np.square(offset)).sum(axis=1)
+        return value, slope[:, 0] - precision * offset, information[:, 0] + np.diag(precision)
 
-    maxima = ascend(expand, np.tile(centre, (n, 1)))
-    w, information = maxima.x, maxima.curvature
+    w = np.tile(centre, (n, 1))
+    value, slope, information = scored(w)
+    share = np.ones((n, 1))
+    for _ in range(_SCORING_STEPS):
+        step = np.linalg.solve(information, slope[..., None])[..., 0]
+        trial = w + share * step
+        new_value, new_slope, new_information = scored(trial)
+        gain = (step * slope).sum(axis=1)
+        is_better = (new_value > value) | (gain < _SMALL_GAIN)
+        w[is_better] = trial[is_better]
+        value = np.where(is_better, new_value, value)
+        slope[is_better] = new_slope[is_better]
+        information[is_better] = new_information[is_better]
+        share = np.where(is_better[:, None], np.minimum(1.0, 2.0 * share), 0.25 * share)
     variance = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)
     by_responses = np.maximum(1.0 / variance[:, :q] - precision[:q], 0.0)
     weighted_centre = w[:, :q] / variance[:, :q] - precision[:q] * centre[:q]

@@ -14,7 +14,7 @@ rejected and counted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -302,23 +302,22 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     sampler = Hamiltonian(posterior, start, metric, rng)
     sampler.warm_up()
     n_each = -(-n_draws // N_CHAINS)
-    trace = sampler.advance(n_each)
-    draws = _group_draws(posterior, trace)
+    traces = [sampler.advance(n_each)]
+    draws = _group_draws(posterior, traces)
     if not draws.shortfall:
         return draws
     if draws.n_divergent:
         sampler.step *= _SECOND_STEP
-        return _group_draws(posterior, sampler.advance(2 * n_each))
-    later = sampler.advance(n_each)
-    x = np.concatenate([trace.x, later.x])
-    is_divergent = np.concatenate([trace.is_divergent, later.is_divergent])
-    return _group_draws(posterior, Trace(x, is_divergent))
+        return _group_draws(posterior, [sampler.advance(2 * n_each)])
+    traces.append(sampler.advance(n_each))
+    return _group_draws(posterior, traces)
 
 
-def _group_draws(posterior: GroupPosterior, trace: Trace) -> GroupDraws:
+def _group_draws(posterior: GroupPosterior, traces: Sequence[Trace]) -> GroupDraws:
     """The parameters of the draws."""
-    n_draws, n_chains, n_coordinates = trace.x.shape
-    theta = trace.x.swapaxes(0, 1).reshape(-1, n_coordinates)
+    x = np.concatenate([trace.x for trace in traces])
+    n_draws, n_chains, n_coordinates = x.shape
+    theta = x.swapaxes(0, 1).reshape(-1, n_coordinates)
     point = posterior.points(theta)
     lead = n_chains, n_draws
     subjects = point.w.swapaxes(0, 1)
@@ -327,5 +326,5 @@ def _group_draws(posterior: GroupPosterior, trace: Trace) -> GroupDraws:
         point.sd.reshape(*lead, -1),
         point.effects.reshape(*lead, *point.effects.shape[1:]),
         subjects.reshape(*lead, *subjects.shape[1:]),
-        int(trace.is_divergent.sum()),
+        sum(int(trace.is_divergent.sum()) for trace in traces),
     )

@@ -1,6 +1,6 @@
 """Weighted draws of posteriors, from mixtures that are adapted to them: the evidences follow.
 
-`weighted_draws` draws many posteriors at once. Each has a mixture of Student-t densities, to which
+`fitted_draws` draws many posteriors at once. Each has a mixture of Student-t densities, to which
 the prior joins. The mixture is adapted to a pool of draws (Cornuet et al. 2012) and then fixed:
 **fresh draws of the fixed mixture give the evidence**. Draws that helped to choose a mixture would
 give too small an evidence, which the spread over seeds cannot show.
@@ -24,7 +24,6 @@ from bayes_toe.inference.mixture import (
     joined_draws,
     tempered,
 )
-from bayes_toe.model.funnel import FunnelArray
 from bayes_toe.model.posterior_array import PosteriorArray
 
 # --- Mixture ---
@@ -111,10 +110,6 @@ SHARP = Precision(
     most_returns=12,
     has_cover=True,
 )
-
-
-#: Posteriors in the coordinates w of their mixtures, (posteriors, points, d).
-EngineArray = PosteriorArray | FunnelArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +214,7 @@ def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:
     return clouds
 
 
-def with_prior_components(mixture: PriorMixture, array: EngineArray, rng: Rng) -> PriorMixture:
+def with_prior_components(mixture: PriorMixture, array: PosteriorArray, rng: Rng) -> PriorMixture:
     """The mixture, and components at draws of the prior that a flattened likelihood chose.
 
     They find what lies far from every maximum, such as a ridge.
@@ -255,19 +250,8 @@ def _degrees_of_freedom(is_free: BoolArray) -> int:
     return 2 * ((len(is_free) + 5) // 2) - int(is_free.sum())
 
 
-def weighted_draws(
-    array: EngineArray,
-    mixtures: Sequence[PriorMixture],
-    generators: Sequence[Rng],
-    families: IndexArray,
-    precision: Precision = USUAL,
-) -> list[WeightedDraws]:
-    """Fresh draws of every posterior's fixed mixture; see :func:`fitted_draws`."""
-    return fitted_draws(array, mixtures, generators, families, precision)[1]
-
-
 def fitted_draws(
-    array: EngineArray,
+    array: PosteriorArray,
     mixtures: Sequence[PriorMixture],
     generators: Sequence[Rng],
     families: IndexArray,
@@ -277,7 +261,8 @@ def fitted_draws(
 
     Parameters
     ----------
-    array : EngineArray
+    array : PosteriorArray
+        In the coordinates w of the mixtures, (posteriors, points, d).
     mixtures : sequence of PriorMixture
         To begin with, one for each posterior.
     generators : sequence of Generator
@@ -287,13 +272,26 @@ def fitted_draws(
         of its family needs no precision.
     precision : Precision
     """
-    engine = _Engine(array, list(mixtures), generators, families, precision)
-    draws = engine.run()
-    return engine.mixtures, draws
+    no_draws = WeightedDraws(np.empty((0, len(array.names))), *np.empty((3, 0)))
+    states = []
+    for mixture, rng in zip(mixtures, generators, strict=True):
+        states.append(_State(mixture, rng, no_draws, [], no_draws))
+    every = range(len(array))
+    for _ in range(precision.pool_rounds):
+        for state, draws in zip(states, _round(array, states, every, precision), strict=True):
+            state.join(draws)
+            state.mixture = state.mixture.updated(state.pool, precision)
+
+    active = list(every)
+    while active:
+        for i, draws in zip(active, _round(array, states, active, precision), strict=True):
+            states[i].fresh = joined_draws([states[i].fresh, draws])
+        active = _unfinished(active, states, families, precision)
+    return [state.mixture for state in states], [state.fresh for state in states]
 
 
 def fresh_draws(
-    array: EngineArray, mixtures: Sequence[PriorMixture], generators: Sequence[AnyRng], size: int
+    array: PosteriorArray, mixtures: Sequence[PriorMixture], generators: Sequence[AnyRng], size: int
 ) -> list[WeightedDraws]:
     """So many draws of every posterior, each from its own mixture."""
     shape = (len(array), size, len(array.names))
@@ -318,104 +316,89 @@ def fresh_draws(
 
 
 @dataclass(eq=False)
-class _Pool:
-    """Draws of one posterior, of all rounds by which its mixture was adapted."""
+class _State:
+    """One posterior, from its first mixture to fresh draws.
 
-    draws: WeightedDraws  # their proposal: the sum over rounds of draws times density
-    mixtures: list[tuple[PriorMixture, int]]  # of every round, with its number of draws
+    Attributes
+    ----------
+    mixture : PriorMixture
+    rng : Generator
+    pool : WeightedDraws
+        The draws by which the mixture was adapted; their proposal is the sum over rounds of the
+        number of draws times the density.
+    rounds : list of (PriorMixture, int)
+        The mixture of every round of the pool, with its number of draws.
+    fresh : WeightedDraws
+        Draws of the present mixture, which did not choose it.
+    returns, poor_returns : int
+        How often the mixture went back, and how often for a poor efficiency alone.
+    """
 
-    def join(self, mixture: PriorMixture, draws: WeightedDraws) -> None:
-        """Add the draws that a mixture made."""
-        self.mixtures.append((mixture, len(draws.x)))
-        pooled = joined_draws([self.draws, draws])
-        densities = []
-        for earlier, count in self.mixtures:
-            log_density = earlier.log_density(pooled.x, pooled.log_prior)
-            densities.append(log_density + np.log(count))
-        self.draws = replace(pooled, log_proposal=np.logaddexp.reduce(densities))
-
-
-@dataclass(eq=False)
-class _Fresh:
-    """Fresh draws of one posterior's fixed mixture, and how often it went back."""
-
-    draws: WeightedDraws
+    mixture: PriorMixture
+    rng: Rng
+    pool: WeightedDraws
+    rounds: list[tuple[PriorMixture, int]]
+    fresh: WeightedDraws
     returns: int = 0
     poor_returns: int = 0
 
-
-@dataclass(eq=False)
-class _Engine:
-    """The posteriors of an array, from the first mixtures to fresh draws."""
-
-    array: EngineArray
-    mixtures: list[PriorMixture]
-    generators: Sequence[Rng]
-    families: IndexArray
-    precision: Precision
-
-    def run(self) -> list[WeightedDraws]:
-        """The fresh draws of every posterior."""
-        n = len(self.array)
-        no_draws = WeightedDraws(np.empty((0, len(self.array.names))), *np.empty((3, 0)))
-        pools = [_Pool(no_draws, []) for _ in range(n)]
-        for _ in range(self.precision.pool_rounds):
-            for i, draws in enumerate(self._round(range(n))):
-                pools[i].join(self.mixtures[i], draws)
-                self.mixtures[i] = self.mixtures[i].updated(pools[i].draws, self.precision)
-
-        fresh = [_Fresh(no_draws) for _ in range(n)]
-        active = list(range(n))
-        while active:
-            for i, draws in zip(active, self._round(active), strict=True):
-                fresh[i].draws = joined_draws([fresh[i].draws, draws])
-            active = self._unfinished(active, fresh, pools)
-        return [entry.draws for entry in fresh]
-
-    def _round(self, active: Sequence[int]) -> list[WeightedDraws]:
-        """Draws of some posteriors, each from its own mixture."""
-        mixtures = [self.mixtures[i] for i in active]
-        generators = [self.generators[i] for i in active]
-        array = self.array.part(np.array(active))
-        return fresh_draws(array, mixtures, generators, self.precision.round_draws)
-
-    def _unfinished(
-        self, active: Sequence[int], fresh: Sequence[_Fresh], pools: Sequence[_Pool]
-    ) -> list[int]:
-        """The posteriors that need more draws; those that fit badly get a new mixture first."""
-        log_evidences = np.array([entry.draws.log_evidence for entry in fresh])
-        going = []
-        for i in active:
-            draws, log_evidence = fresh[i].draws, log_evidences[i]
-            best = log_evidences[self.families == self.families[i]].max()
-            if log_evidence + 3.0 * draws.standard_error < best - _FAR:
-                continue
-            if _must_return(fresh[i], self.precision):
-                self.mixtures[i] = _refitted(self.mixtures[i], pools[i], fresh[i], self.precision)
-                going.append(i)
-                continue
-            if len(draws.x) >= self.precision.most_draws:
-                continue
-            is_precise = draws.standard_error <= self.precision.standard_error
-            if not is_precise or draws.effective_number < self.precision.effective_draws:
-                going.append(i)
-        return going
+    def join(self, draws: WeightedDraws) -> None:
+        """Add draws of the present mixture to the pool."""
+        self.rounds.append((self.mixture, len(draws.x)))
+        pooled = joined_draws([self.pool, draws])
+        densities = []
+        for mixture, count in self.rounds:
+            log_density = mixture.log_density(pooled.x, pooled.log_prior)
+            densities.append(log_density + np.log(count))
+        self.pool = replace(pooled, log_proposal=np.logaddexp.reduce(densities))
 
 
-def _must_return(fresh: _Fresh, precision: Precision) -> bool:
+def _round(
+    array: PosteriorArray, states: Sequence[_State], active: Sequence[int], precision: Precision
+) -> list[WeightedDraws]:
+    """Draws of some posteriors, each from its own mixture."""
+    mixtures = [states[i].mixture for i in active]
+    generators = [states[i].rng for i in active]
+    return fresh_draws(array.part(np.array(active)), mixtures, generators, precision.round_draws)
+
+
+def _unfinished(
+    active: Sequence[int], states: Sequence[_State], families: IndexArray, precision: Precision
+) -> list[int]:
+    """The posteriors that need more draws; those that fit badly get a new mixture first."""
+    log_evidences = np.array([state.fresh.log_evidence for state in states])
+    going = []
+    for i in active:
+        draws = states[i].fresh
+        best = log_evidences[families == families[i]].max()
+        if log_evidences[i] + 3.0 * draws.standard_error < best - _FAR:
+            continue
+        if _must_return(states[i], precision):
+            _refit(states[i], precision)
+            going.append(i)
+            continue
+        if len(draws.x) >= precision.most_draws:
+            continue
+        is_precise = draws.standard_error <= precision.standard_error
+        if not is_precise or draws.effective_number < precision.effective_draws:
+            going.append(i)
+    return going
+
+
+def _must_return(state: _State, precision: Precision) -> bool:
     """Whether a mixture misses a part of its posterior; counts how often it did."""
-    draws, n_draws = fresh.draws, len(fresh.draws.x)
-    if n_draws < _FEWEST_ASSESSED or fresh.returns >= precision.most_returns:
+    draws, n_draws = state.fresh, len(state.fresh.x)
+    if n_draws < _FEWEST_ASSESSED or state.returns >= precision.most_returns:
         return False
     largest = float(draws.shares.max())
     is_heavy = largest > precision.largest_share or largest * n_draws > precision.largest_weight
     # A poor efficiency sends a posterior back, twice at most.
-    is_poor = draws.effective_number < 0.25 * n_draws and fresh.poor_returns < 2
+    is_poor = draws.effective_number < 0.25 * n_draws and state.poor_returns < 2
     has_tail = precision.largest_k < np.inf and _pareto_k(draws) > precision.largest_k
     if not (is_heavy or is_poor or has_tail):
         return False
-    fresh.returns += 1
-    fresh.poor_returns += not (is_heavy or has_tail)
+    state.returns += 1
+    state.poor_returns += not (is_heavy or has_tail)
     return True
 
 
@@ -427,15 +410,13 @@ def _pareto_k(draws: WeightedDraws) -> float:
     return pareto_k(draws.log_weights)
 
 
-def _refitted(
-    mixture: PriorMixture, pool: _Pool, fresh: _Fresh, precision: Precision
-) -> PriorMixture:
-    """A mixture with components at its heaviest draws, adapted to all draws that were made."""
-    draws, n_added = fresh.draws, precision.n_added
+def _refit(state: _State, precision: Precision) -> None:
+    """Give a mixture components at its heaviest draws, adapted to all draws that were made."""
+    mixture, draws, n_added = state.mixture, state.fresh, precision.n_added
     heaviest = draws.x[np.argsort(-draws.log_weights)[:n_added]][:, mixture.is_free]
-    pool.join(mixture, draws)
-    fresh.draws = draws.part(slice(0))  # because the mixture changes
-    points = pool.draws.x[:, mixture.is_free]
+    state.join(draws)
+    state.fresh = draws.part(slice(0))  # because the mixture changes
+    points = state.pool.x[:, mixture.is_free]
     n_near = 120  # draws that give a component its shape
     sds = points.std(axis=0)
     scales = []
@@ -447,4 +428,4 @@ def _refitted(
     weights, core = np.full(n_added, 1.0 / n_added), mixture.core
     added = StudentMixture(weights, heaviest, np.array(scales), core.df)
     widened = replace(mixture, core=core.joined([added], precision.added_share))
-    return widened.updated(pool.draws, precision)
+    state.mixture = widened.updated(state.pool, precision)

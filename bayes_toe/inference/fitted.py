@@ -15,7 +15,6 @@ from bayes_toe.arrays import AnyRng, FloatArray, Rng
 from bayes_toe.inference.diagnostics import pareto_k
 from bayes_toe.inference.engine import (
     SHARP,
-    EngineArray,
     PriorMixture,
     fitted_draws,
     fresh_draws,
@@ -25,13 +24,13 @@ from bayes_toe.inference.engine import (
 )
 from bayes_toe.inference.maxima import POLISH_GAIN, Ascent, ascend_from, polished
 from bayes_toe.inference.mixture import WeightedDraws
+from bayes_toe.inference.order_evidence import MODEL_NAMES, order_posteriors
 from bayes_toe.inference.searches import funnel_of_maxima, observer_maxima, paper_maxima
 from bayes_toe.model.funnel import FunnelArray
-from bayes_toe.model.models import ObserverPosterior, OrderModel
+from bayes_toe.model.models import ObserverPosterior
 from bayes_toe.model.paper_model import PaperPosterior
-from bayes_toe.model.parameters import ORDER_MODELS
 from bayes_toe.model.posterior import SubjectPosterior
-from bayes_toe.model.posterior_array import independent_array
+from bayes_toe.model.posterior_array import PosteriorArray
 
 #: Pareto k above which, and efficiency below which, weights are not trusted.
 TRUSTED_K, TRUSTED_EFFICIENCY = 0.7, 0.02
@@ -46,7 +45,7 @@ class Fitted:
     target : SubjectPosterior
     maxima : Ascent
         Distinct maxima, the highest first, with all coordinates of the task.
-    array : EngineArray
+    array : PosteriorArray
         The posterior as an array of one, in the coordinates w of the mixture.
     mixture : PriorMixture
     draws : WeightedDraws
@@ -56,7 +55,7 @@ class Fitted:
 
     target: SubjectPosterior
     maxima: Ascent
-    array: EngineArray
+    array: PosteriorArray
     mixture: PriorMixture
     draws: WeightedDraws
 
@@ -111,11 +110,12 @@ def fit_posterior(
     """
     ends, array = _distinct_ends(target), target.array
     clouds = normal_clouds(ends, rng)
-    engine_array: EngineArray = array
+    engine_array: PosteriorArray = array
     if isinstance(target, PaperPosterior):
         # Far from a maximum, the normal about it does not follow the funnel; its points do.
-        engine_array = FunnelArray(array, funnel_of_maxima(array, [ends]))
-        clouds = [engine_array.funnel.forward(cloud[None])[0][0] for cloud in clouds]
+        funnel = funnel_of_maxima(array, [ends])
+        engine_array = FunnelArray.from_array(array, funnel)
+        clouds = [funnel.forward(cloud[None])[0][0] for cloud in clouds]
     first = mixture_of_clouds(clouds, ends, target.is_free, SHARP.prior_share)
     precision = replace(SHARP, most_draws=judging_draws)
     first = with_prior_components(first, engine_array, rng)
@@ -151,10 +151,8 @@ def _searches(target: SubjectPosterior) -> Ascent:
     if not isinstance(target, ObserverPosterior):
         return paper_maxima(target.array)[0]
     # A search begins at the maxima of its neighbour, so that the four models belong together.
-    coordinates = [OrderModel(name).coordinates(target.subject.task) for name in ORDER_MODELS]
-    rows = target.array.likelihood.rows.part(np.zeros(len(coordinates), np.intp))
-    maxima = observer_maxima(independent_array(rows, coordinates))
-    return maxima[list(ORDER_MODELS).index(target.model.name)]
+    maxima = observer_maxima(order_posteriors(target.rows, target.subject.task))
+    return maxima[MODEL_NAMES.index(target.model.name)]
 
 
 @dataclass(frozen=True)

@@ -231,15 +231,13 @@ def _differenced(array: PosteriorArray, sizes: FloatArray) -> Expand:
         ahead = points + _difference_steps(points, sizes[index])
         part = array.part(np.resize(index, (k + 1) * n_points))
         w = np.concatenate([points[None], ahead]).reshape(-1, 1, k)
-        log_likelihood, slope = part.likelihood.gradient(w)
-        value = (log_likelihood + part.log_prior(w))[:n_points, 0]
-        slope = (slope + part.prior_slopes(w)[0])[:, 0]
-        gradient = np.where(part.is_free, slope, 0.0).reshape(k + 1, n_points, k)
+        value, gradient = part.gradient(w)
+        gradient = gradient.reshape(k + 1, n_points, k)
 
         second = hessian(gradient[1:] - gradient[0], ahead - points)
         diagonal = np.abs(np.diagonal(second, axis1=1, axis2=2))
         sizes[index] = np.where(np.isfinite(diagonal), diagonal, sizes[index])
-        return Expansion(value, gradient[0], -second)
+        return Expansion(value[:n_points, 0], gradient[0], -second)
 
     return expand
 

@@ -15,8 +15,9 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import Task
 from bayes_toe.errors import NumericalError
-from bayes_toe.inference.engine import USUAL, Precision, mixture_of_maxima, weighted_draws
+from bayes_toe.inference.engine import USUAL, Precision, fitted_draws, mixture_of_maxima
 from bayes_toe.inference.maxima import laplace
 from bayes_toe.inference.model_set import AveragedDraws, ModelSet
 from bayes_toe.inference.searches import observer_maxima
@@ -31,7 +32,7 @@ from bayes_toe.model.parameters import (
     ObserverPrior,
     Parameter,
 )
-from bayes_toe.model.posterior_array import independent_array
+from bayes_toe.model.posterior_array import PosteriorArray, independent_array
 from bayes_toe.seeds import generator
 
 #: Names of the four models, in the order of all arrays.
@@ -158,22 +159,27 @@ def try_order_evidence(
     return [results[i] for i in range(len(subjects))]
 
 
+def order_posteriors(rows: ObserverRows, task: Task) -> PosteriorArray:
+    """The four posteriors of every row, one row after the other."""
+    n_rows = len(rows.n_yes)
+    of_models = rows.part(np.repeat(np.arange(n_rows), _N_MODELS))
+    coordinates = [OrderModel(name).coordinates(task) for name in MODEL_NAMES]
+    return independent_array(of_models, coordinates * n_rows)
+
+
 def _evidences(
     subjects: Sequence[Subject], seed: int, prior: ObserverPrior, precision: Precision
 ) -> list[OrderEvidence | NumericalError]:
     """The evidences of a few subjects, four posteriors each, computed together."""
     families = np.repeat(np.arange(len(subjects)), _N_MODELS)
-    rows = ObserverRows.from_subjects(subjects, prior).part(families)
-    coordinates = [OrderModel(name).coordinates(subjects[0].task) for name in MODEL_NAMES]
-    array = independent_array(rows, coordinates * len(subjects))
-
+    array = order_posteriors(ObserverRows.from_subjects(subjects, prior), subjects[0].task)
     maxima = observer_maxima(array)
     modes, by_laplace = laplace(array, maxima)
     mixtures = [mixture_of_maxima(*pair) for pair in zip(maxima, array.is_free, strict=True)]
     generators = []
     for subject in subjects:
         generators += [generator(seed, subject.name, "order evidence")] * _N_MODELS
-    draws = weighted_draws(array, mixtures, generators, families, precision)
+    _, draws = fitted_draws(array, mixtures, generators, families, precision)
 
     results = list[OrderEvidence | NumericalError]()
     for i, subject in enumerate(subjects):

@@ -52,7 +52,7 @@ class SamplerSettings:
         Limit on the effort: sampling gives up after a pass that keeps only every max_thin-th step.
     max_quantile_error : float
         Largest Monte Carlo standard error of the 5 and 95 % quantiles of natural quantities, in
-        units of the range between the two; infinite where quantiles are not wanted.
+        units of the range between the two.
 
     Raises
     ------
@@ -80,11 +80,9 @@ class SamplerSettings:
         """Steps that are kept of every walker, at least 16.
 
         All walkers together keep at least twice the effective draws asked for, and at least 10,000
-        draws if quantiles are judged.
+        draws, because quantiles are judged.
         """
-        n_draws = 2 * self.draws
-        if self.max_quantile_error < np.inf:
-            n_draws = max(n_draws, _QUANTILE_DRAWS)
+        n_draws = max(2 * self.draws, _QUANTILE_DRAWS)
         return max(16, -(-n_draws // (self.ensembles * self.walkers)))
 
     @property
@@ -290,8 +288,6 @@ def _uncertain_quantile(
     The text is empty if that quantile is precise enough. The second value is whether draws further
     apart would not help, because as many independent draws would not be enough either.
     """
-    if limit == np.inf:
-        return "", False
     errors = {}
     for name, values in natural.items():
         errors[name] = tail_error(values, diagnostics[name].ess_tail)

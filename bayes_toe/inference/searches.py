@@ -17,7 +17,8 @@ from bayes_toe.inference.maxima import Ascent, ascend_from
 from bayes_toe.model.densities import probit_of_logit
 from bayes_toe.model.funnel import Funnel
 from bayes_toe.model.observer import ObserverRows
-from bayes_toe.model.paper_rows import PaperRows, pull_at
+from bayes_toe.model.paper_equations import pull
+from bayes_toe.model.paper_rows import PaperRows
 from bayes_toe.model.parameters import CONSTANT_ERROR, LAPSE_RATE
 from bayes_toe.model.posterior_array import PosteriorArray
 
@@ -149,9 +150,9 @@ def _starts(row: PaperRows) -> FloatArray:
     log_widths = (-1.0, 0.0, 1.0)  # over D
     axes = np.meshgrid(offsets, noise_ratios, log_widths, shares)
     offset, gamma, log_width, logit_share = np.reshape(axes, (4, -1))
-    pull, width = pull_at(gamma), step * np.exp(log_width)
-    mu1 = _mean_first(row) + offset * step / pull
-    spread = row.spread_score(np.log(width), pull)[0]
+    share_pulled, width = pull(gamma), step * np.exp(log_width)
+    mu1 = _mean_first(row) + offset * step / share_pulled
+    spread = row.spread_score(np.log(width), share_pulled)[0]
     probits = ndtri(gamma), probit_of_logit(logit_share)
     return np.stack([(mu1 - row.mu1_mean[0]) / row.mu1_sd[0], spread, *probits], -1)
 

@@ -13,10 +13,11 @@ coordinates y have (u_0 - mean)/s in the place of u_0, and the others as they ar
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Self
 
 import numpy as np
 
-from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
+from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray
 from bayes_toe.model.paper_rows import PaperRows
 from bayes_toe.model.posterior_array import PosteriorArray
 
@@ -80,40 +81,31 @@ class Funnel:
 
 
 @dataclass(frozen=True, eq=False)
-class FunnelArray:
+class FunnelArray(PosteriorArray):
     """Posteriors of H1 in the coordinates y of their funnels.
 
-    Densities are with respect to y, those of the array with respect to u.
+    Densities are with respect to y.
     """
 
-    array: PosteriorArray
     funnel: Funnel
 
-    def __len__(self) -> int:
-        return len(self.array)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the four coordinates."""
-        return self.array.names
-
-    @property
-    def is_free(self) -> BoolArray:
-        """The coordinates that each posterior has, (posteriors, 4): all."""
-        return self.array.is_free
+    @classmethod
+    def from_array(cls, array: PosteriorArray, funnel: Funnel) -> Self:
+        """The posteriors of an array of H1."""
+        return cls(array.likelihood, array.names, array.further_priors, array.is_free, funnel)
 
     def part(self, index: IndexArray) -> FunnelArray:
         """Some posteriors, in this order; one may come more than once."""
-        return FunnelArray(self.array.part(index), self.funnel.part(index))
+        return self.from_array(super().part(index), self.funnel.part(index))
 
     def prior_points(self, probability: FloatArray) -> FloatArray:
         """Points of the prior by the quantiles of its coordinates, (posteriors, points, 4)."""
-        return self.funnel.forward(self.array.prior_points(probability))[0]
+        return self.funnel.forward(super().prior_points(probability))[0]
 
     def densities(self, y: FloatArray) -> ArrayPair:
         """Log prior and log posterior density, (posteriors, points)."""
         u, log_volume = self.funnel.inverse(y)
-        log_prior, log_posterior = self.array.densities(u)
+        log_prior, log_posterior = super().densities(u)
         return log_prior - log_volume, log_posterior - log_volume
 
     def original(self, y: FloatArray) -> ArrayPair:

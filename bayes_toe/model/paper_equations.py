@@ -70,7 +70,9 @@ def pull(gamma: npt.ArrayLike) -> FloatArray:
     >>> float(pull(2.0)), float(pull(1e-300))
     (0.5, 1e-300)
     """
-    return np.asarray(gamma, np.float64) / variance_ratio(gamma) ** 2
+    ratio = np.asarray(gamma, np.float64)
+    # G^2 = (1 + 2 gamma + (1 + 4 gamma)^(1/2)) / 2
+    return 2.0 * ratio / (1.0 + 2.0 * ratio + np.sqrt(1.0 + 4.0 * ratio))
 
 
 def width(sigma_p: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:

@@ -16,7 +16,6 @@ from functools import cached_property
 from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 
 from bayes_toe.arrays import FloatArray, NamedArrays
@@ -25,8 +24,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.model.densities import probit_of_logit
 from bayes_toe.model.observer import JND_OVER_NOISE
 from bayes_toe.model.paper_equations import (
-    NATURAL,
-    Natural,
     natural_names,
     noise_ratio,
     variance_ratio,
@@ -198,11 +195,6 @@ class PaperPosterior(SubjectPosterior):
                 ndtri(share),
             )
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
-
-    def natural(self, x: npt.ArrayLike) -> Natural:
-        """The paper's parameters of same or different at points, shape (..., 4)."""
-        quantities = self.quantities(np.asarray(x, np.float64))
-        return Natural(*(quantities[name] for name in NATURAL))
 
 
 def _logit_gamma(sigma_p: FloatArray, sigma_l: FloatArray, rounding: float = 1e-15) -> FloatArray:

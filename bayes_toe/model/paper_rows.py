@@ -39,7 +39,7 @@ from bayes_toe.model.densities import (
     logit_rise,
     normal_hazard,
 )
-from bayes_toe.model.paper_equations import LN2, log_different, log_equal
+from bayes_toe.model.paper_equations import LN2, log_different, log_equal, pull
 from bayes_toe.model.prior import Prior
 
 #: Of G = 1 / (1 - p) in the width sigma_p G^power, by the parameter of the task.
@@ -119,7 +119,7 @@ class PaperRows(AnswerRows):
 
     def pull(self, u: FloatArray) -> FloatArray:
         """Pull p, (rows, points)."""
-        return pull_at(ndtr(u[..., 2]))
+        return pull(ndtr(u[..., 2]))
 
     def _pull_slope(self, u: FloatArray) -> FloatArray:
         """Its derivative in the third coordinate.
@@ -228,20 +228,6 @@ class PaperRows(AnswerRows):
                 slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2))
         yes_slopes, no_slopes = slopes
         return answers, yes_slopes, no_slopes
-
-
-# --- Pull ----------------------------------------------------------------------------------------
-
-
-def pull_at(gamma: FloatArray) -> FloatArray:
-    """The pull p at a noise ratio gamma; nothing cancels.
-
-    Examples
-    --------
-    >>> pull_at(np.array([1e-300, 0.5])).round(4).tolist()
-    [0.0, 0.2679]
-    """
-    return 2.0 * gamma / (1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
 
 
 # --- Curves of both answers ----------------------------------------------------------------------

@@ -166,10 +166,8 @@ class SubjectPosterior(ABC):
 
     def gradient(self, x: npt.ArrayLike) -> ArrayPair:
         """Log posterior density, (points,), and its gradient, (points, k)."""
-        full = self.full_points(x)
-        value, slope = self.array.likelihood.gradient(full)
-        slope = slope + self.array.prior_slopes(full)[0]
-        return (value + self.array.log_prior(full))[0], slope[0][:, self.is_free]
+        value, slope = self.array.gradient(self.full_points(x))
+        return value[0], slope[0][:, self.is_free]
 
     # --- Prior -----------------------------------------------------------------------------------
 

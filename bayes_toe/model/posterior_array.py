@@ -148,6 +148,12 @@ class PosteriorArray:
             curvatures[..., j] = density.curvature(w[..., j])
         return slopes, curvatures
 
+    def gradient(self, w: FloatArray) -> ArrayPair:
+        """Log posterior density, and its gradient, which is 0 in coordinates that are held."""
+        value, slope = self.likelihood.gradient(w)
+        slope = np.where(self.is_free[:, None], slope + self.prior_slopes(w)[0], 0.0)
+        return value + self.log_prior(w), slope
+
     def prior_points(self, probability: FloatArray) -> FloatArray:
         """Quantiles of the prior, (posteriors, points, d); 0 where a coordinate is held."""
         points = np.empty_like(probability)

@@ -113,7 +113,7 @@ class HistoryRows(ObserverRows):
         """
         trials, scales = TrialSequence.from_subject(observer.subject), observer.scales
         answered = np.flatnonzero(trials.is_answered)
-        earlier = trials.earlier(1)[answered]
+        earlier = trials.previous[answered]
         pair, answer = trials.pair[answered], trials.answer[answered]
         # The first trial of a session has no earlier one.
         previous = np.where(earlier >= 0, trials.answer[earlier], 0.0)
@@ -349,13 +349,11 @@ class TrialSequence:
             answers.is_session_start,
         )
 
-    def earlier(self, lag: int) -> IndexArray:
-        """Index of the trial `lag` trials before, of the same session; -1 where there is none."""
-        session = np.cumsum(self.is_session_start)
-        index = np.full(len(session), -1, np.intp)
-        is_same_session = session[lag:] == session[:-lag]
-        index[lag:][is_same_session] = np.flatnonzero(is_same_session)
-        return index
+    @property
+    def previous(self) -> IndexArray:
+        """Index of the trial before in the same session; -1 where there is none."""
+        index = np.arange(len(self.answer)) - 1
+        return np.where(self.is_session_start, -1, index)
 
 
 def require_order(subject: Subject) -> Answers:

@@ -114,7 +114,7 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     answered = np.flatnonzero(trials.is_answered)
     residual = (trials.answer[answered] > 0.0) - expected
     residuals = _Residuals(residual, expected * (1.0 - expected), change)
-    previous = trials.earlier(1)[answered]
+    previous = trials.previous[answered]
     rows = np.flatnonzero(previous >= 0)
     previous = previous[rows]
 

@@ -257,7 +257,8 @@ def observed(job: Job) -> tuple[Subject, Natural | None]:
 def prior_draw(prior: Prior, pairs: Subject, rng: Rng) -> Natural:
     """One draw of the paper's parameters for these pairs, each of shape (1,)."""
     posterior = paper_posterior(pairs, prior)
-    return posterior.natural(posterior.sample_prior(rng, 1))
+    values = posterior.quantities(posterior.sample_prior(rng, 1))
+    return Natural(*(values[name] for name in NATURAL))
 
 
 def appendix_c_evidence(fit: SubjectFit, prior: Prior) -> float:

@@ -101,12 +101,12 @@ def test_evidence_and_draws_agree(name):
             case["log_evidence"], abs=4 * estimate.se + case["log_evidence_error"]
         )
     chains = sample_chains(fitted, SamplerSettings(draws=4000), 1)
-    theta = posterior.natural(chains.x)
+    quantities = posterior.quantities(chains.x)
     if not chains.converged:
         assert "required" in chains.reason
         return
     for i, key in enumerate(("mu1", "sigma_p", "sigma_l", "q0")):
-        values = getattr(theta, key)
+        values = quantities[key]
         # 21 cases, 4 parameters, 4 looks: |z| < 5 for 4,000 effective draws.
         assert values.mean() == pytest.approx(
             case["means"][i], abs=5 * case["sds"][i] / np.sqrt(4000) * 1.5
