@@ -119,7 +119,7 @@ FILES = {
         {f"bids/sub-{name}/beh/sub-{name}_task-same_events.tsv": EVENTS for name in ("01", "02")},
         [
             "2 subjects, 2 trials",
-            "sub-01_task-same_events.tsv: 1 trial without a response dropped",
+            "2 files, such as sub-01_task-same_events.tsv: 1 trial without a response dropped",
         ],
     ),
     "MATLAB": ({}, ["2 subjects, 8 trials", "MATLAB"]),

@@ -118,17 +118,19 @@ def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
 
 
 def _lines_once(lines: Iterable[str]) -> Iterator[str]:
-    """The first of lines `FILE: TEXT` that differ in numbers, or in their order, only.
+    """The first of lines `FILE: TEXT` of several files that differ in numbers or in their order only.
 
-    It says how many more files there are.
+    It says how many files there are of the kind.
     """
-    alike = defaultdict[str, list[str]](list)
+    n_of_kind = Counter[tuple[str, str]]()
+    alike = defaultdict[tuple[str, int], list[str]](list)
     for line in lines:
-        _, _, text = line.partition(": ")
-        alike["".join(sorted(re.sub(r"[\d,]", "", text)))].append(line)
-    for first, *others in alike.values():
-        files = plural(len(others), "more file")
-        yield f"{first} (and in {files})" if others else first
+        file, _, text = line.partition(": ")
+        kind = "".join(sorted(re.sub(r"[\d,]", "", text)))
+        n_of_kind[file, kind] += 1  # lines of one file stay apart
+        alike[kind, n_of_kind[file, kind]].append(line)
+    for same in alike.values():
+        yield same[0] if len(same) == 1 else f"{len(same)} files, such as {same[0]}"
 
 
 def _together(studies: Sequence[Study]) -> Study:

@@ -360,8 +360,8 @@ def test_of_several_files_the_first_problems_are_told(tmp_path):
     files = written(tmp_path, a=numerous, b=bad, c=bad, d=other)
     assert problems(bt.read_study, files)[-1] == "... and more problems"
     assert problems(bt.read_study, files[1:]) == [
-        "b.csv: column s1: found 'x' in 3 rows, the first is row 2, allowed: a finite number (and "
-        "in 1 more file)",
+        "2 files, such as b.csv: column s1: found 'x' in 3 rows, the first is row 2, allowed: a "
+        "finite number",
         "d.csv: row 2, column s1: found 'y', allowed: a finite number",
     ]
 
