@@ -118,7 +118,7 @@ def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
 
 
 def _lines_once(lines: Iterable[str]) -> Iterator[str]:
-    """The first of lines `FILE: TEXT` of several files that differ in numbers or in their order only.
+    """The first of lines `FILE: TEXT` of several files that differ in numbers or in order only.
 
     It says how many files there are of the kind.
     """
