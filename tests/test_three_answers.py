@@ -218,7 +218,9 @@ def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_sa
     repeating = no_history + np.eye(len(no_history[0]))[-2]
     trials = with_history.rows.trials
     previous = trials.answer[trials.previous]
-    change = with_history.trial_probabilities(repeating) - with_history.trial_probabilities(no_history)
+    change = with_history.trial_probabilities(repeating) - with_history.trial_probabilities(
+        no_history
+    )
     for sign in (-1.0, 0.0, 1.0):
         assert (np.sign(change[:, 1:][:, previous[1:] == sign]) == sign).all()
 

@@ -164,11 +164,11 @@ def taken_out_texts(name: str, texts: Sequence[str]) -> list[str]:
     (['1'], ['no'])
     """
     words = set[str]()
-    if is_flag(texts) and plain_name(name) in VOCABULARY["taken_out"]["by_1"]:
+    if plain_name(name) in VOCABULARY["taken_out"]["by_1"]:
         words = {*TRUE_WORDS}
-    elif is_flag(texts) and plain_name(name) in VOCABULARY["taken_out"]["by_0"]:
+    elif plain_name(name) in VOCABULARY["taken_out"]["by_0"]:
         words = {*FALSE_WORDS} - {""}
-    return [text for text in texts if text.lower() in words]
+    return [text for text in texts if is_flag(texts) and text.lower() in words]
 
 
 def is_flag(texts: Iterable[str]) -> bool:
@@ -276,16 +276,15 @@ def _with_intensities(names: Sequence[str], options: ReadOptions) -> ReadOptions
 def _likely_answers(names: Sequence[str], options: ReadOptions) -> dict[str, str]:
     """Columns of responses or of counts that are there under another name."""
     present = {ours for ours in (*_COUNTS, "response") if options.name(ours) in names}
-    likely_response = _likely(names, options, ("response",))
-    likely_counts = _likely(names, options, _COUNTS)
-    answer_roles = present | likely_counts.keys()
+    counts = _likely(names, options, _COUNTS)
+    response = _likely(names, options, ("response",))
+    answer_roles = present | counts.keys()
+    may_be_counts = not response
     if "n_trials" in answer_roles:
         may_be_counts = len(answer_roles) == 2
-    else:
-        may_be_counts = not likely_response
     if may_be_counts and "response" not in present:
-        return likely_counts
-    return {} if present else likely_response
+        return counts
+    return {} if present else response
 
 
 def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
@@ -320,10 +319,7 @@ def columns_to_read(
     (['subject', 's1', 's2', 'n_equal', 'n_trials'], [], [])
     """
     roles_read = _roles_read(names, options)
-    problems = [
-        *_answer_problems(roles_read, options),
-        *_meaning_problems(names, roles_read, options),
-    ]
+    problems = [*_role_problems(names, roles_read, options)]
     if options.subject_from is not None:
         roles_read.remove("subject")
     response = options.name("response")
@@ -355,10 +351,20 @@ def columns_to_read(
     return roles_read, problems, [*_remedies(names, roles_read, options)]
 
 
-def _meaning_problems(
+def _role_problems(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> Iterator[str]:
-    """Problems of columns with two meanings, and of two columns for the subject."""
+    """Problems of two columns for the subject or the answers, and of a column with two meanings."""
+    answers = [ours for ours in ("response", *_COUNTS) if ours in roles_read]
+    if len(answers) > 2 or (len(answers) == 2 and "response" in answers):
+        first, *others = [display_name(options.name(ours)) for ours in answers]
+        finding = f"found together with {' and '.join(others)}"
+        rule = (
+            "responses (one row per trial), counts of one response (one row per pair), or n_first, "
+            "n_equal and n_second"
+        )
+        yield f"column {first}: {finding}, allowed: {rule}"
+
     theirs = [options.name(ours) for ours in roles_read]
     for name in dict.fromkeys(theirs):
         if theirs.count(name) > 1:
@@ -394,11 +400,9 @@ def _required(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> Iterable[str]:
     """Columns that must be there once."""
-    required = dict.fromkeys(options.where)
-    for ours in (*COLUMNS, "correct", "standard_interval"):
-        if ours in roles_read or (ours in options.columns and options.name(ours) not in names):
-            required[options.name(ours)] = None
-    return required
+    roles = [ours for ours in (*COLUMNS, "correct", "standard_interval") if ours in roles_read]
+    missing = [ours for ours in options.columns if options.name(ours) not in names]
+    return dict.fromkeys([*options.where, *map(options.name, [*roles, *missing])])
 
 
 def _roles_read(names: Sequence[str], options: ReadOptions) -> list[str]:
@@ -424,7 +428,7 @@ def _answer_roles(names: Sequence[str], options: ReadOptions) -> list[str]:
         return [*_THREE_COUNTS]
     if counts == ["n_trials"]:
         return ["n_equal", "n_trials"]
-    return [*(ours for ours in counts if ours != "n_trials"), "n_trials"]
+    return list(dict.fromkeys([*counts, "n_trials"]))
 
 
 def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]:
@@ -441,21 +445,6 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
             yield ours
 
 
-def _answer_problems(roles_read: Sequence[str], options: ReadOptions) -> Iterator[str]:
-    """Problems of responses that are there twice or belong to two tasks."""
-    answers = [ours for ours in ("response", *_COUNTS) if ours in roles_read]
-    is_trials = answers == ["response"]
-    is_counts = len(answers) == 2 and "response" not in answers
-    if not is_trials and not is_counts and "correct" not in roles_read:
-        first, *others = [display_name(options.name(ours)) for ours in answers]
-        finding = f"found together with {' and '.join(others)}"
-        rule = (
-            "responses (one row per trial), counts of one response (one row per pair), or n_first, "
-            "n_equal and n_second"
-        )
-        yield f"column {first}: {finding}, allowed: {rule}"
-
-
 def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
     """The columns of a standard and a comparison, where nothing says which came first."""
     if options.has_standard:
@@ -463,10 +452,11 @@ def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
     theirs = [*map(options.name, options.stimuli)]
     if set(theirs).isdisjoint(names):
         theirs = [*names]
-    columns = []
-    for ours in ("standard", "comparison"):
-        columns += [name for name in theirs if looks_like(name, ours)][:1]
-    return " and ".join(map(display_name, columns)) if len(columns) == 2 else ""
+    standards = [name for name in theirs if looks_like(name, "standard")]
+    comparisons = [name for name in theirs if looks_like(name, "comparison")]
+    if not standards or not comparisons:
+        return ""
+    return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
 
 
 def _has_comparison_only(names: Sequence[str]) -> bool:
@@ -477,7 +467,7 @@ def _has_comparison_only(names: Sequence[str]) -> bool:
 
 def _order_remedies(orders: Sequence[str]) -> Iterator[Remedy]:
     """Options to type if a table has a standard and a comparison."""
-    for name in [*orders, "NAME"][: max(1, len(orders))]:
+    for name in orders or ["NAME"]:
         stimuli, places, _ = named_places(name)
         for owner in ("standard", "comparison"):
             if stimuli in ([], [owner]) or (places and owner == "standard"):

@@ -66,7 +66,7 @@ def read_covariates(path: StrPath) -> Covariates:
     table = read_table(path, set)
     has_one_name_each = len(table.names) == len(table.columns) and "" not in table.names
     if "subject" not in table.names or len(table.names) < 2 or not has_one_name_each:
-        finding = join_names([*map(quoted, table.names)])
+        finding = join_names(map(quoted, table.names))
         table.require(
             [
                 f"found columns {finding}, allowed: subject and at least one covariate, each with "

@@ -31,7 +31,7 @@ from bayes_toe.data.column_roles import (
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
-from bayes_toe.data.text_table import Column, TextTable, repeated_columns
+from bayes_toe.data.text_table import CELL, PAIR, Column, TextTable, repeated_columns
 from bayes_toe.data.validation import (
     ambiguous_number,
     number,
@@ -39,8 +39,6 @@ from bayes_toe.data.validation import (
 )
 from bayes_toe.errors import InputError, Remedy
 
-#: No natural log of an intensity is as large.
-_NO_LOG_INTENSITY = 100.0
 #: What the column of the interval may hold.
 ALLOWED_INTERVALS = (
     "1 or 2, the interval of the standard (also first or second, standard_first or "
@@ -92,25 +90,23 @@ class StandardOrder:
         comparison_code = options.comparison_code
         texts = [*filter(None, column.texts)]
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
-            table.problems.ask(
-                f"column {display_name(column.name)}: found {join_names(column.counts(texts))}, "
-                f"allowed: {quoted(comparison_code)} for 'comparison' and one other code for "
-                "'standard'",
-                (),
-            )
-            table.problems.refuse()
+            finding = f"found {join_names(column.counts(texts))}"
+            rule = f"{quoted(comparison_code)} for 'comparison' and one other code for 'standard'"
+            _ask_order(table, column, f"{finding}, allowed: {rule}", [])
         is_comparison = {}
         for text in texts:
             if comparison_code is not None:
                 is_comparison[text] = text == comparison_code
-            elif named_places(text) in ((["standard"], [], set()), (["comparison"], [], set())):
-                is_comparison[text] = named_places(text)[0] == ["comparison"]
+            else:
+                stimuli, places, other_words = named_places(text)
+                if len(stimuli) == 1 and not places and not other_words:
+                    is_comparison[text] = stimuli == ["comparison"]
         words = np.array(column.texts, object)[column.codes]
         is_named = column.map(is_comparison.__contains__, np.bool_)
         is_second = column.map(is_comparison.get, np.bool_) == self.is_first
         words[is_named & is_second] = "second"
         words[is_named & ~is_second] = "first"
-        return Column.from_texts(column.name, words, range(len(words)))
+        return Column.from_texts(column.name, words)
 
 
 def _standard_first_by_text(
@@ -205,11 +201,9 @@ def _require_decimal_sign(
     text = ambiguous_number(stimuli, sign)
     if not text:
         return
-    other_texts = [text for column in stimuli for text in column.texts if sign not in text]
-    has_large = any(abs(number(text)) >= _NO_LOG_INTENSITY for text in other_texts)
-    if not options.has_intensities and not has_large:
-        # Logarithms of intensities are no thousands.
-        return
+    texts = [text for column in stimuli for text in column.texts if sign not in text]
+    if not options.has_intensities and not any(abs(number(text)) >= 100.0 for text in texts):
+        return  # no natural log of an intensity is as large as a thousand
     digits, decimal = text.replace(sign, ""), text.replace(sign, ".")
     other_sign = "," if sign == "." else "."
     remedies = [
@@ -226,13 +220,11 @@ def _stimulus_logs(table: TextTable, column: Column, options: ReadOptions) -> Fl
         values = [number(text, table.decimal_comma) for text in column.texts]
     else:
         values = [number_by_sign(text, options.decimal) for text in column.texts]
-    if options.unit in LOG_UNITS:
-        values = [value * LOG_UNITS[options.unit] for value in values]
     if options.has_intensities:
         # The difference of logs, because the ratio itself may overflow.
         log_reference = options.stimulus_unit.log_reference
         values = [math.log(value) - log_reference if value > 0 else math.nan for value in values]
-    return np.array(values, np.float64)[column.codes]
+    return np.array(values, np.float64)[column.codes] * LOG_UNITS.get(options.unit or "ln", 1.0)
 
 
 def require_logs(
@@ -259,8 +251,6 @@ def require_logs(
 
 # --- Pairs in the names of columns ----------------------------------------------------------------
 
-#: What a wide table becomes: the names of its columns by row, and their cells.
-PAIR, CELL = "pair", "cell"
 _STIMULUS = r"(-?[\d.,]+)"
 
 
@@ -315,11 +305,10 @@ def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
     n_rows = len(table.rows)
     columns[PAIR] = Column(PAIR, list(names), np.tile(np.arange(len(names)), n_rows))
     cells = [table.columns[name].text(row) for row in range(n_rows) for name in names]
-    columns[CELL] = Column.from_texts(CELL, cells, range(len(cells)))
+    columns[CELL] = Column.from_texts(CELL, cells)
     all_names = [*(name for name in table.names if name not in names), PAIR, CELL]
     rows = np.repeat(table.rows, len(names))
-    origin = {CELL: columns[PAIR]}
-    return replace(table, names=all_names, columns=columns, rows=rows, origin=origin)
+    return replace(table, names=all_names, columns=columns, rows=rows)
 
 
 def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:

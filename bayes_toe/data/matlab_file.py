@@ -12,6 +12,7 @@ import json
 import subprocess
 import sys
 import warnings
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,11 @@ from typing import Any
 import numpy as np
 
 from bayes_toe.arrays import Record
-from bayes_toe.data.messages import display_name, join_names
-from bayes_toe.data.text_table import NoValue, damaged, require_size, value_text
+from bayes_toe.data.text_table import damaged, require_size, value_text
 from bayes_toe.errors import InputError
 
-_SAVED = (
+#: What MATLAB saves so that it can be read.
+SAVED = (
     "one struct, or vectors of one length: S = table2struct(T, 'ToScalar', true); "
     "save('trials.mat', '-struct', 'S', '-v7')"
 )
@@ -39,16 +40,13 @@ _READER = (
 )
 
 
-def matlab_columns(source: str, data: bytes) -> dict[str, list[str | NoValue]]:
-    """The columns of a file, as text, all of one length.
-
-    Trials are fields of one struct, of vectors or of a struct array, or vectors of one length by
-    name. A single value stands in every row. An array in a cell is no value.
+def matlab_values(source: str, data: bytes) -> Any:
+    """The variables of a file by name: texts, structs by field, and arrays as lists.
 
     Raises
     ------
     InputError
-        If the file is damaged, or holds anything else.
+        If the file is damaged, or holds an object of MATLAB's own.
     """
     # -P keeps the working folder off the search path.
     package_parent = str(Path(__file__).resolve().parents[2])
@@ -65,10 +63,7 @@ def matlab_columns(source: str, data: bytes) -> dict[str, list[str | NoValue]]:
     result = json.loads(reader.stdout)
     if "problems" in result:
         raise InputError(result["problems"])
-    columns = {}
-    for name, cells in result["columns"].items():
-        columns[name] = [cell if isinstance(cell, str) else NoValue(*cell) for cell in cells]
-    return columns
+    return result["variables"]
 
 
 # --- In the process of the reader -----------------------------------------------------------------
@@ -82,9 +77,10 @@ def write_texts(source: str) -> None:
 
             with suppress(OSError, ValueError):  # where the system cannot
                 resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
-        columns = _columns(source, _variables(source, sys.stdin.buffer.read()))
-        texts = {name: [*map(value_text, cells)] for name, cells in columns.items()}
-        json.dump({"columns": texts}, sys.stdout)
+        variables = _variables(source, sys.stdin.buffer.read())
+        sizes = [*_sizes(variables)]
+        require_size(source, len(sizes), len(sizes) * max(sizes, default=0))
+        json.dump({"variables": _plain(variables)}, sys.stdout)
     except InputError as error:
         json.dump({"problems": error.problems}, sys.stdout)
     except MemoryError:
@@ -103,7 +99,7 @@ def _variables(source: str, data: bytes) -> Record:
     if _OBJECTS & variables.keys():
         # MATLAB's own table objects are in no documented format.
         raise InputError(
-            f"{source}: found a table or another object of MATLAB's own, allowed: {_SAVED}"
+            f"{source}: found a table or another object of MATLAB's own, allowed: {SAVED}"
         )
     return {name: value for name, value in variables.items() if not name.startswith(("__", "#"))}
 
@@ -154,40 +150,23 @@ def _hdf5_value(group: Any, name: str) -> Any:
     return values.item() if values.size == 1 else np.squeeze(values)
 
 
-def _columns(source: str, variables: Record) -> dict[str, list[Any]]:
-    """The values of every column, all of one length."""
-    columns = {}
-    for name, value in _fields(source, variables).items():
-        columns[name] = np.atleast_1d(np.squeeze(np.asarray(value)))
-    n_rows = max((column.size for column in columns.values()), default=0)
-    if not n_rows:
-        raise InputError(f"{source}: found nothing, allowed: {_SAVED}")
-    require_size(source, len(columns), n_rows * len(columns))  # a small file may unpack to many
-    wrong, values = [], {}
-    for name, column in columns.items():
-        if column.shape not in ((1,), (n_rows,)):
-            wrong.append(display_name(name))
-            continue
-        cells = list(column)
-        values[name] = cells * (n_rows // len(cells))
-    if wrong:
-        finding = f"{join_names(wrong)}, not a column of {n_rows}"
-        raise InputError(f"{source}: found {finding}, allowed: {_SAVED}")
-    return values
+def _sizes(value: Any) -> Iterator[int]:
+    """The size of each array in a variable or in structs."""
+    if not isinstance(value, dict):
+        yield np.size(value)
+        return
+    for field in value.values():
+        yield from _sizes(field)
 
 
-def _fields(source: str, variables: Record) -> Record:
-    """The fields of the one struct or struct array; the variables where there is none."""
-    structs = {}
-    for name, value in variables.items():
-        is_array = np.ndim(value) == 1 and len(value) and isinstance(value[0], dict)
-        if is_array or isinstance(value, dict):
-            structs[name] = value
-    if len(structs) > 1:
-        several = join_names([*map(display_name, structs)])
-        raise InputError(f"{source}: found the structs {several}, allowed: {_SAVED}")
-    for struct in structs.values():
-        if isinstance(struct, dict):
-            return struct
-        return {name: np.array([trial[name] for trial in struct], object) for name in struct[0]}
-    return variables
+def _plain(value: Any) -> Any:
+    """A value as JSON has it, with texts for all that is no struct and no array.
+
+    A value without a text is itself in words.
+    """
+    if isinstance(value, dict):
+        return {name: _plain(field) for name, field in value.items()}
+    if isinstance(value, np.ndarray | list):
+        return [*map(_plain, value)]
+    text = value_text(value)
+    return text if isinstance(text, str) else text.problem

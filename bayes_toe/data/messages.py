@@ -10,7 +10,7 @@ import hashlib
 import re
 import shlex
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -58,8 +58,9 @@ def format_path(path: Path) -> str:
     return str(path) if str(path).isprintable() else repr(str(path))
 
 
-def join_names(items: Sequence[str], max_items: int = MAX_LINES) -> str:
-    """The first items, and how many there are beyond them."""
+def join_names(names: Iterable[str], max_items: int = MAX_LINES) -> str:
+    """The first names, and how many there are beyond them."""
+    items = list(names)
     ending = [f"... and {len(items) - max_items:,} more"] if len(items) > max_items else []
     return ", ".join([*items[:max_items], *ending])
 
@@ -72,7 +73,7 @@ def join_counts(counts: Mapping[str, int]) -> str:
     >>> join_counts({"S01": 2, "S02": 0, "S03": 5})
     'S01 2, S03 5'
     """
-    return join_names([f"{display_name(name)} {n}" for name, n in counts.items() if n])
+    return join_names(f"{display_name(name)} {n}" for name, n in counts.items() if n)
 
 
 def join_words(words: Sequence[str]) -> str:
@@ -137,7 +138,7 @@ def describe_p_value(value: float) -> str:
 
 def join_few(names: Sequence[str]) -> str:
     """The first four names, and how many there are beyond them."""
-    return join_names([*map(repr, names)], 4)
+    return join_names(map(repr, names), 4)
 
 
 def name_from_key(name: object) -> str:

@@ -149,8 +149,7 @@ class ReadOptions:
     def __post_init__(self) -> None:
         self._strip_texts()
         problems = [*self._text_problems(), *self._number_problems()]
-        problems += self._code_problems()
-        problems += self._name_problems()
+        problems += [*self._code_problems(), *self._name_problems()]
         if problems:
             raise InputError(problems)
 
@@ -179,62 +178,52 @@ class ReadOptions:
                 option = key.replace("_", "-")
                 yield f"--{option}: found '', allowed: a text that is not empty"
 
-    def _number_problems(self) -> list[str]:
+    def _number_problems(self) -> Iterator[str]:
         """Problems of numbers, and of options that exclude or need each other, a line each."""
-        problems = list[str]()
         intensity = 1.0 if self.intensity is None else self.intensity
         is_number = isinstance(intensity, Real)
         if not is_number or not 0.0 < intensity < sys.float_info.max:
-            problems.append(
-                f"--intensity: found {self.intensity!r}, allowed: a positive finite number"
-            )
+            yield f"--intensity: found {self.intensity!r}, allowed: a positive finite number"
         try:
             StimulusUnit(self.unit or "")
         except InputError as error:
-            problems += error.problems
+            yield from error.problems
         if self.intensity is not None and self.unit in LOG_UNITS:
-            problems.append(
-                f"--intensity: found with --unit {self.unit}, allowed: --unit alone for logarithms"
-            )
+            rule = "--unit alone for logarithms"
+            yield f"--intensity: found with --unit {self.unit}, allowed: {rule}"
         if self.decimal not in (None, ".", ","):
-            problems.append(f"--decimal: found {self.decimal!r}, allowed: '.' or ','")
+            yield f"--decimal: found {self.decimal!r}, allowed: '.' or ','"
+
         columns = {self.standard_interval, self.comparison_interval} - {None}
         if self.standard_first + len(columns) > 1:
-            problems.append(
+            yield (
                 "--standard-first, --standard-interval, --comparison-interval: found together, "
                 "allowed: one of them"
             )
-        for option, is_used in (
-            ("--comparison-code", self.comparison_code is None or self.has_standard),
-            ("--standard-first-code", self.standard_first_code is None or columns),
-        ):
-            if not is_used:
-                problems.append(f"{option}: found alone, allowed: with --standard-interval COLUMN")
-        return problems
+        rule = "found alone, allowed: with --standard-interval COLUMN"
+        if self.comparison_code is not None and not self.has_standard:
+            yield f"--comparison-code: {rule}"
+        if self.standard_first_code is not None and not columns:
+            yield f"--standard-first-code: {rule}"
 
-    def _code_problems(self) -> list[str]:
+    def _code_problems(self) -> Iterator[str]:
         """Problems of the codes of responses, a line each.
 
         Both codes may be one text, and two options may tell the task.
         """
-        problems = []
-        answers_with_code = {code: answer for answer, code in self._code_by_answer.items()}
+        answer_of_code = {code: answer for answer, code in self._code_by_answer.items()}
         for answer, code in self._code_by_answer.items():
-            other = answers_with_code[code]
+            other = answer_of_code[code]
             if other != answer:
-                problems.append(
-                    f"--{other}-code: found {quoted(code)} as --{answer}-code, allowed: different "
-                    "texts"
-                )
+                finding = f"found {quoted(code)} as --{answer}-code"
+                yield f"--{other}-code: {finding}, allowed: different texts"
         options = [f"--{answer}-code" for answer in self._code_by_answer]
         if self.correct is not None:
             options.append("--correct")
         has_task = self.task is not None or not options
         if not has_task or (self.correct is not None and len(options) > 1):
-            problems.append(
-                f"{', '.join(options)}: found together, allowed: what tells one task in one way"
-            )
-        return problems
+            rule = "what tells one task in one way"
+            yield f"{', '.join(options)}: found together, allowed: {rule}"
 
     def _name_problems(self) -> Iterator[str]:
         """Problems of the names of columns and files, a line each."""
@@ -394,13 +383,12 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
     With conditions it is a subject in one of them, or in all.
     """
     all_names = {*study.names, *(unit.subject_name for unit in study)}
-    names = [name for name in all_names if text == name or text.startswith(f"{name}:")]
-    name = max(names, key=len, default=text.partition(":")[0])
+    names = [name for name in all_names if f"{text}:".startswith(f"{name}:")]
     if not names:
-        subject_names = join_names([*map(display_name, study.names)])
-        raise InputError(
-            f"{option} {text}: no subject {quoted(name)}; the subjects are {subject_names}"
-        )
+        name = quoted(text.partition(":")[0])
+        subject_names = join_names(map(display_name, study.names))
+        raise InputError(f"{option} {text}: no subject {name}; the subjects are {subject_names}")
+    name = max(names, key=len)
     if text == name:
         return name, []
     blocks = text[len(name) + 1 :]

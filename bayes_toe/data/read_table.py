@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.matlab_file import matlab_columns
+from bayes_toe.data.matlab_file import SAVED, matlab_values
 from bayes_toe.data.messages import display_name, join_names, join_words, one_line, quoted, visible
 from bayes_toe.data.text_table import (
     EXCEL,
@@ -215,7 +215,7 @@ def _table_of_values(
             texts.append(text)
         if name in chosen:
             problems.add(wrong[:1])
-        columns[name] = Column.from_texts(name, texts, range(len(texts)))
+        columns[name] = Column.from_texts(name, texts)
     row_numbers = np.array(rows, np.int64)
     return TextTable(form, "", head, names, columns, row_numbers, problems, tuple(notes))
 
@@ -243,7 +243,7 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     heads = {title: _sheet_names(rows, choice) for title, rows in sheets.items()}
     title = _chosen_sheet(source, sheets, heads, choice) if sheet is None else sheet
     if title not in sheets:
-        finding = join_names([*map(display_name, sheets)])
+        finding = join_names(map(display_name, sheets))
         raise InputError(f"{source}: found the sheets {finding}, allowed: one of them")
 
     (first, names), rows = heads[title], sheets[title]
@@ -371,13 +371,19 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
         n_fields += len(record)
         require_size(source, len(record), n_fields)
         records.append(record)
+    return _table_of_records((source, f"JSON, {label}", "keys"), records, choice)
+
+
+def _table_of_records(
+    head_words: tuple[str, str, str], records: Sequence[Mapping[str, object]], choice: Choice
+) -> TextTable:
+    """The table of records by name."""
     names = list(dict.fromkeys(key for record in records for key in record))
-    require_size(source, len(names), len(names) * len(records))
-    rows = range(1, len(records) + 1)
+    require_size(head_words[0], len(names), len(names) * len(records))
     values = {}
     for name in names:
         values[name] = [record.get(name) for record in records]
-    return _table_of_values((source, f"JSON, {label}", "keys"), names, values, rows, choice)
+    return _table_of_values(head_words, names, values, range(1, len(records) + 1), choice)
 
 
 def _parse_json(source: str, text: str) -> object:
@@ -423,10 +429,11 @@ def _json_records(
         )
     fields = {**shared, **value}
     lists = {key: item for key, item in fields.items() if isinstance(item, list)}
-    lists_of_trials = [key for key, item in lists.items() if item and isinstance(item[0], dict)]
-    if len(lists_of_trials) == 1:
-        nested = fields.pop(lists_of_trials[0])
-        yield from _json_records(source, nested, fields)
+    nested = [key for key, item in lists.items() if item and isinstance(item[0], dict)]
+    nested += [key for key, item in fields.items() if isinstance(item, dict)]
+    if len(nested) == 1:
+        trials = fields.pop(nested[0])
+        yield from _json_records(source, trials, fields)
     elif len(lists) > 1 and len(set(map(len, lists.values()))) == 1:
         for items in zip(*lists.values(), strict=True):
             yield {**fields, **dict(zip(lists, items, strict=True))}
@@ -438,11 +445,16 @@ def _json_records(
 
 
 def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
-    """Row 1 is the first trial."""
-    columns = matlab_columns(source, data)
-    n_rows = len(next(iter(columns.values())))
-    head = (source, "MATLAB", "variables")
-    return _table_of_values(head, [*columns], columns, range(1, n_rows + 1), choice)
+    """Fields of a struct, a struct array, or vectors by name; row 1 is the first trial.
+
+    A single value stands in every row.
+    """
+    records = list(_json_records(source, matlab_values(source, data), {}))
+    no_columns = [name for name, value in records[0].items() if isinstance(value, list)]
+    if len(records) == 1 and (no_columns or not records[0]):
+        finding = join_names(map(display_name, no_columns)) or "nothing"
+        raise InputError(f"{source}: found {finding}, no columns of one length, allowed: {SAVED}")
+    return _table_of_records((source, "MATLAB", "variables"), records, choice)
 
 
 def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:

@@ -78,28 +78,26 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
     return f"{first[widest]:g} and {second[widest]:g} in one pair", widest
 
 
-def _without_rounding(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Stimuli of the pairs of a subject, of which those that differ by rounding only are equal.
+def _without_rounding(pairs: FloatArray) -> FloatArray:
+    """Pairs of a subject, shape (2, pairs), of which stimuli that differ by rounding are equal.
 
     The stimulus that was shown most often stands for its neighbours. If every trial has stimuli of
     its own, only those of one pair are taken together.
 
     Examples
     --------
-    >>> s1, s2 = np.array([0.1 + 0.2, 0.3, 0.3]), np.array([0.3, 0.0, 0.0])
-    >>> [stimuli.tolist() for stimuli in _without_rounding(s1, s2)]
+    >>> _without_rounding(np.array([[0.1 + 0.2, 0.3, 0.3], [0.3, 0.0, 0.0]])).tolist()
     [[0.3, 0.3, 0.3], [0.3, 0.0, 0.0]]
     """
-    stimuli = np.concatenate([first, second])
-    values, index, n_shown = np.unique(stimuli, return_inverse=True, return_counts=True)
-    low, high = np.quantile(stimuli, (0.05, 0.95))  # without one that was mistyped
+    values, index, n_shown = np.unique(pairs, return_inverse=True, return_counts=True)
+    low, high = np.quantile(pairs, (0.05, 0.95))  # without one that was mistyped
     limit = ROUNDED * (high - low)
     is_near = (np.diff(values) <= limit) & (np.maximum(n_shown[1:], n_shown[:-1]) > _BY_CHANCE)
     group = np.concatenate([[0], np.cumsum(~is_near)])
     most_first = np.lexsort([-n_shown, group])
     _, places = np.unique(group[most_first], return_index=True)
-    first, second = values[most_first][places][group][index].reshape(2, -1)
-    return first, np.where(np.abs(second - first) <= limit, first, second)
+    first, second = values[most_first][places][group][index].reshape(pairs.shape)
+    return np.stack([first, np.where(np.abs(second - first) <= limit, first, second)])
 
 
 @dataclass(frozen=True)
@@ -249,15 +247,14 @@ def merge_rounded(stimuli: list[FloatArray], subject: Column, unit: StimulusUnit
     valid = np.flatnonzero(~np.isnan(stimuli).any(axis=0))
     for rows in subject.rows_by_text(valid).values():
         pairs = np.stack([values[rows] for values in stimuli])
-        merged = np.stack(_without_rounding(*pairs))
+        merged = _without_rounding(pairs)
         is_changed = merged != pairs
         levels.update(merged[is_changed].tolist())
         n_changed += int(is_changed.any(axis=0).sum())
-        for values, column in zip(stimuli, merged, strict=True):
-            values[rows] = column
+        stimuli[0][rows], stimuli[1][rows] = merged
     if not n_changed:
         return []
-    names = join_names([*map(unit.describe, sorted(levels))], 3)
+    names = join_names(map(unit.describe, sorted(levels)), 3)
     are = "s differ" if n_changed > 1 else " differs"
     return [f"stimuli in {n_changed:,} row{are} by rounding only, and are read as one: {names}"]
 

@@ -21,7 +21,6 @@ from bayes_toe.arrays import IntArray, StrPath
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import (
     MAX_LINES,
-    TWICE,
     display_name,
     join_counts,
     join_words,
@@ -30,8 +29,6 @@ from bayes_toe.data.messages import (
 from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.study import Study, Subject, pooled
 from bayes_toe.errors import InputError
-
-_FEWEST = 20  # answers to one sequence of pairs that are not the same by chance
 
 
 def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
@@ -121,17 +118,19 @@ def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
 
 
 def _lines_once(lines: Iterable[str]) -> Iterator[str]:
-    """The first of lines `FILE: TEXT` that differ in numbers, or in their order, only.
+    """The first of lines `FILE: TEXT` of several files that differ in numbers or in order only.
 
-    It says how many more files there are.
+    It says how many files there are of the kind.
     """
-    alike = defaultdict[str, list[str]](list)
+    n_of_kind = Counter[tuple[str, str]]()
+    alike = defaultdict[tuple[str, int], list[str]](list)
     for line in lines:
-        _, _, text = line.partition(": ")
-        alike["".join(sorted(re.sub(r"[\d,]", "", text)))].append(line)
-    for first, *others in alike.values():
-        files = plural(len(others), "more file")
-        yield f"{first} (and in {files})" if others else first
+        file, _, text = line.partition(": ")
+        kind = "".join(sorted(re.sub(r"[\d,]", "", text)))
+        n_of_kind[file, kind] += 1  # lines of one file stay apart
+        alike[kind, n_of_kind[file, kind]].append(line)
+    for same in alike.values():
+        yield same[0] if len(same) == 1 else f"{len(same)} files, such as {same[0]}"
 
 
 def _together(studies: Sequence[Study]) -> Study:
@@ -142,14 +141,9 @@ def _together(studies: Sequence[Study]) -> Study:
     for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
         files = [study for study in studies if name in study.names]
         subjects.append(_subject_of_files(name, files))
-        doubts += _copies(name, files)
         if len(files) > 1:
             n_files[name] = len(files)
-    common = [note for note in studies[0].notes if all(note in study.notes for study in studies)]
-    own_notes = []
-    for study in studies:
-        own_notes += [f"{study.source}: {note}" for note in study.notes if note not in common]
-    notes = [*common, *_lines_once(own_notes)]
+    notes = _common_notes(studies)
     if n_files:
         subjects_in_words = plural(len(n_files), "subject")
         notes.append(f"{subjects_in_words} in several files, put together: {join_counts(n_files)}")
@@ -161,6 +155,17 @@ def _together(studies: Sequence[Study]) -> Study:
     source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
     is_synthetic = all(study.synthetic for study in studies)
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
+
+
+def _common_notes(studies: Sequence[Study]) -> list[str]:
+    """The notes that all files share, then those of some files, each kind of them once."""
+    common = [*studies[0].notes]
+    for study in studies:
+        common = [note for note in common if note in study.notes]
+    own_notes = []
+    for study in studies:
+        own_notes += [f"{study.source}: {note}" for note in study.notes if note not in common]
+    return [*common, *_lines_once(own_notes)]
 
 
 def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:
@@ -179,26 +184,13 @@ def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:
 
 def _require_alike(studies: Sequence[Study]) -> None:
     """Refuse files of two tasks."""
-    by_task = {study.task.name: study.source for study in studies}
-    if len(by_task) > 1:
-        (task, source), (other_task, other_source) = by_task.items()
-        raise InputError(
-            f"{other_source}: asked {other_task}, and {source} {task}; allowed: files of one task"
-        )
-
-
-def _copies(name: str, studies: Sequence[Study]) -> Iterable[str]:
-    """Doubts about files that have the same answers of a subject, trial by trial."""
-    first_source: dict[tuple[bytes, bytes], str] = {}
+    first = studies[0]
     for study in studies:
-        answers = study[name].answers
-        if answers is None or not answers.has_trial_rows or len(answers.n_yes) < _FEWEST:
-            continue
-        content = answers.keys.tobytes(), answers.counts.tobytes()
-        earlier = first_source.setdefault(content, study.source)
-        if earlier != study.source:
-            trials = f"{len(answers.n_yes)} trials of subject {display_name(name)}"
-            yield f"{study.source} has the same {trials} as {earlier}: {TWICE}, remove one file"
+        if study.task != first.task:
+            raise InputError(
+                f"{study.source}: asked {study.task.name}, and {first.source} {first.task.name}; "
+                "allowed: files of one task"
+            )
 
 
 def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
@@ -223,17 +215,15 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
             place = place - place[0] + next_place
             next_place = place[-1] + 2  # the gap starts a session
         place_parts.append(place)
-    files = [in_order for _, in_order in answers]
+    columns = {}
+    for key in ("keys", "n_yes", "n_trials", "n_second", "iti"):
+        columns[key] = _concatenated([getattr(in_order, key) for _, in_order in answers])
     return Answers(
-        keys=np.concatenate([file.keys for file in files]),
-        n_yes=np.concatenate([file.n_yes for file in files]),
-        n_trials=np.concatenate([file.n_trials for file in files]),
+        **columns,
         block=np.concatenate(block_parts),
         blocks=tuple(block_names),
-        has_trial_rows=all(file.has_trial_rows for file in files),
+        has_trial_rows=all(in_order.has_trial_rows for _, in_order in answers),
         place=_concatenated(place_parts),
-        iti=_concatenated([file.iti for file in files]),
-        n_second=_concatenated([file.n_second for file in files]),
     )
 
 

@@ -186,10 +186,8 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
     n_alike = Counter(name.lower() for name in {*names})
     stems = {}
     for name in names:
-        is_plain = _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name)
-        is_short = len(name) <= _LONGEST_STEM
-        is_safe = is_plain and is_short and n_alike[name.lower()] == 1
-        stems[name] = name if is_safe else _marked(name)
+        is_safe = _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name) and len(name) < 52
+        stems[name] = name if is_safe and n_alike[name.lower()] == 1 else _marked(name)
     if len({stem.lower() for stem in stems.values()}) < len(stems):  # one looks like a mark
         stems = {name: _marked(name) for name in names}
     return stems

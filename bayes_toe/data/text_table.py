@@ -13,11 +13,11 @@ import io
 import itertools
 import re
 from array import array
-from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from operator import itemgetter
+from sys import intern
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -35,13 +35,14 @@ Choice: TypeAlias = Callable[[Sequence[str]], Collection[str]]
 Record: TypeAlias = tuple[int, list[str] | csv.Error]
 #: The form of a spreadsheet.
 EXCEL = "Excel"
+#: Of a table whose columns are pairs: the name of the column of each cell, and the cells.
+PAIR, CELL = "name of the pair", "cell"
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 
 #: Of a table; Excel has as many columns. More would fill the memory.
 _MOST_COLUMNS, _MOST_CELLS = 2**14, 5 * 10**7
 #: Records among which the names are looked for.
 MOST_RECORDS = 10
-_BATCH = 2**6  # records that are put into columns together
 #: A column that is not chosen and has more texts marks no rows, and is left out.
 _MOST_TEXTS = 2**14
 _DELIMITER_LINE = re.compile(r"\Asep=[,;\t]?(?=\r|\n)")
@@ -70,13 +71,16 @@ class Column:
     codes: IntArray
 
     @classmethod
-    def from_texts(cls, name: str, texts: Iterable[str], codes: npt.ArrayLike) -> Column:
-        """The column whose texts have space around them, so that some may be the same."""
+    def from_texts(cls, name: str, texts: Iterable[str], codes: IntArray | None = None) -> Column:
+        """The column whose texts have space around them, so that some may be the same.
+
+        Without codes, each row has a text.
+        """
         code_of_text: dict[str, int] = {}
         places = np.array(
             [code_of_text.setdefault(text.strip(), len(code_of_text)) for text in texts], np.int64
         )
-        return cls(name, list(code_of_text), places[np.asarray(codes, np.int64)])
+        return cls(name, list(code_of_text), places if codes is None else places[codes])
 
     def map(self, convert: Callable[[str], object], dtype: type) -> npt.NDArray[Any]:
         """One value per row; each distinct text is converted once."""
@@ -189,7 +193,7 @@ class TextTable:
 
     `columns` has the columns by their names in the source. `form` is an encoding, a format or a
     library. `delimiter` is empty if the source is no CSV file. `head` is the place of the names in
-    messages. If a column was made from several, `origin` has the file's column of every row.
+    messages.
     """
 
     form: str
@@ -200,7 +204,6 @@ class TextTable:
     rows: IntArray
     problems: Problems
     notes: tuple[str, ...] = ()
-    origin: Mapping[str, Column] = field(default_factory=dict)
 
     @property
     def source(self) -> str:
@@ -219,11 +222,11 @@ class TextTable:
             return ","
         return {";": ".", "\t": ",", " ": ","}.get(self.delimiter, "")
 
-    def only(self, kept: BoolArray) -> TextTable:
-        """The table of these rows."""
+    def only(self, kept: BoolArray, *notes: str) -> TextTable:
+        """The table of these rows, with more notes."""
         columns = {name: column.only(kept) for name, column in self.columns.items()}
-        origin = {name: column.only(kept) for name, column in self.origin.items()}
-        return replace(self, rows=self.rows[kept], columns=columns, origin=origin)
+        all_notes = (*self.notes, *notes)
+        return replace(self, rows=self.rows[kept], columns=columns, notes=all_notes)
 
     def require(self, lines: Sequence[str], remedies: Iterable[Remedy] = ()) -> None:
         """Refuse a head with problems, a table without rows, and cells without a value.
@@ -244,23 +247,21 @@ class TextTable:
 
         `rule` says what would have been right, of the index of a record where it differs.
         """
-        wrong = column.only(bad)
-        first_places = np.unique(wrong.codes, return_index=True)[1]
-        first_rows = np.flatnonzero(bad)[first_places].tolist()
-        counts, lines = np.bincount(wrong.codes).tolist(), []
-        for index, count in sorted(zip(first_rows, counts, strict=True))[:MAX_LINES]:
+        places_of = column.rows_by_text(np.flatnonzero(bad))
+        lines = []
+        for places in sorted(places_of.values(), key=itemgetter(0))[:MAX_LINES]:
+            index, count = int(places[0]), len(places)
             right = rule if isinstance(rule, str) else rule(index)
             row, finding = int(self.rows[index]), quoted(column.text(index))
             name = column.name
-            if name in self.origin:
-                name = self.origin[name].text(index)
+            if name == CELL and PAIR in self.columns:
+                name = self.columns[PAIR].text(index)
             location = f"row {row}, column {display_name(name)}"
             if count > 1:
                 location = f"column {display_name(name)}"
                 finding += f" in {count:,} rows, the first is row {row}"
             lines.append((row, f"{location}: found {finding}, allowed: {right}"))
-        if lines:
-            self.problems.add(lines, len(counts))
+        self.problems.add(lines, len(places_of))
 
 
 def require_size(source: str, n_columns: int, n_cells: int) -> None:
@@ -306,13 +307,8 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they
     # are.
     text = _DELIMITER_LINE.sub("", text, count=1)
-    delimiter, place, first_records = _layout(text, choice)
-    if not first_records:
-        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
+    delimiter, place, first_records = _layout(source, text, choice)
     first_row, head = first_records[0]
-    if isinstance(head, csv.Error):
-        raise InputError(f"{source}: {_broken(first_row, head, 0)}")
-
     names = _names(head)
     n_names = len(names)
     require_size(source, n_names, n_names)
@@ -322,47 +318,33 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
 
     problems, chosen = Problems(source), {*choice(names), ""}
     places = name_places(names)
-    rows, codes = array("q"), {name: array("q") for name in places}
-    # Most texts are there many times.
-    texts: dict[str, dict[str, int]] = {
-        name: defaultdict(itertools.count().__next__) for name in places
-    }
-    records = itertools.islice(_records(text, delimiter), place + 1, None)
-    whole_records = _whole_records(records, len(names), problems)
-    while batch := list(itertools.islice(whole_records, _BATCH)):
-        row_numbers, batch_records = zip(*batch, strict=True)
-        rows.extend(row_numbers)
-        cells = list(zip(*batch_records, strict=True))
-        for name, column in places.items():
-            codes[name].extend(map(texts[name].__getitem__, cells[column]))
-        for name in {*places} - chosen:
-            if len(texts[name]) > _MOST_TEXTS:
-                del places[name]
-    if has_row_names and [*texts[""]] != [*map(str, range(1, len(rows) + 1))]:
+    rows, texts = array("q"), {name: list[str]() for name in places}
+    for row, cells in itertools.islice(_records(text, delimiter), place + 1, None):
+        if isinstance(cells, csv.Error) or len(cells) != len(names):
+            is_listed = problems.count < MAX_LINES
+            problems.add([(row, _broken(row, cells, len(names)))] if is_listed else [], 1)
+            continue
+        rows.append(row)
+        for name, index in places.items():
+            texts[name].append(intern(cells[index]))  # most texts are there many times
+
+    if has_row_names and texts[""] != [*map(str, range(1, len(rows) + 1))]:
         finding = f"found {n_names + 1} cells below {n_names} names"
         raise InputError(
             f"{source}: row {first_records[1][0]}: {finding}, allowed: a name for each column"
         )
 
-    columns = {name: Column.from_texts(name, texts[name], codes[name]) for name in places}
+    columns = {}
+    for name in places:
+        column = Column.from_texts(name, texts.pop(name))
+        if name in chosen or len(column.texts) <= _MOST_TEXTS:
+            columns[name] = column
     notes = (f"rows above row {first_row} left out",) if place else ()
     head_name, record_rows = f"row {first_row}", np.array(rows, np.int64)
     return TextTable(label, delimiter, head_name, names, columns, record_rows, problems, notes)
 
 
-def _whole_records(
-    records: Iterable[Record], width: int, problems: Problems
-) -> Iterator[tuple[int, list[str]]]:
-    """The records with as many cells as the header; the others are problems."""
-    for row, record in records:
-        if isinstance(record, csv.Error) or len(record) != width:
-            is_listed = problems.count < MAX_LINES
-            problems.add([(row, _broken(row, record, width))] if is_listed else [], 1)
-        else:
-            yield row, record
-
-
-def _layout(text: str, choice: Choice) -> tuple[str, int, list[Record]]:
+def _layout(source: str, text: str, choice: Choice) -> tuple[str, int, list[Record]]:
     """The delimiter, which record has the names, and the first records from the names on."""
     best_fit = (-1, -1)
     best: tuple[str, int, list[Record]] = ("", 0, [])
@@ -375,6 +357,13 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, list[Record]]:
         fit = n_chosen(head, choice), n_cells
         if fit > best_fit:
             best_fit, best = fit, (delimiter, place, records[place:])
+
+    _, _, first_records = best
+    if not first_records:
+        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
+    row, head_cells = first_records[0]
+    if isinstance(head_cells, csv.Error):
+        raise InputError(f"{source}: {_broken(row, head_cells, 0)}")
     return best
 
 
@@ -477,9 +466,6 @@ def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
     if not isinstance(record, csv.Error):
         finding, rule = plural(len(record), "cell"), plural(width, "cell")
         return f"row {row}: found {finding}, allowed: {rule} as in the header"
-    finding = str(record)
-    for part, words in _SPLIT_ERRORS.items():
-        if part in str(record):
-            finding = words
-            break
+    findings = [words for part, words in _SPLIT_ERRORS.items() if part in str(record)]
+    finding = (findings or [str(record)])[0]
     return f"row {row}: found {finding}, allowed: quotes around whole cells, doubled inside"

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TypeVar
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from bayes_toe.data.tasks import task_counted
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
 
-Numbers = TypeVar("Numbers", FloatArray, IntArray)
 #: Runs in which numbers of trials may begin anew, the shortest first; memory does so at each of the
 #: longest kind that there is.
 _RUNS = ("block", "session")
@@ -45,34 +43,42 @@ def answers_in_order(
     runs = {name: _ranked(table, columns[name]) for name in _RUNS if name in columns}
     blocks, block_rank = runs.get("block", ((), None))
     ranks = np.column_stack([np.zeros(len(pairs), np.int64), *(rank for _, rank in runs.values())])
-    trial, iti = _trial_numbers(table, columns) if is_trials else (None, None)
-    if trial is None:
-        rows_with_pair = parts
-    else:
+    trial, rows_with_pair, times = None, parts, np.full(len(pairs), math.nan)
+    if is_trials and "trial" in columns:
+        trial = numbers(table, columns["trial"])
         rows_with_pair = _rows_with_a_pair(subject, pairs, "condition" in columns)
+    if "iti" in columns:
+        times = numbers(table, columns["iti"])
+        times[times < 0.0] = math.nan
 
-    answers, unordered, n_missing, n_untimed = dict[str, Answers](), list[str](), {}, 0
+    answers, unordered = dict[str, Answers](), list[str]()
+    n_missing, n_untimed = list[tuple[str, int]](), 0
     for name, part in parts.items():
-        rows, place, n_absent = _in_order((rows_with_pair[name], part), trial, ranks)
-        if trial is not None and place is None:
-            unordered.append(display_name(name))
-        if n_absent:
-            n_missing[name.partition(CONDITION_SEPARATOR)[0]] = n_absent
+        rows, place, iti = part, None, None
+        if trial is not None:
+            # Rows without an answer may be no trials.
+            ordered = _ordered((rows_with_pair[name], part), trial, ranks)
+            if ordered is None:
+                unordered.append(display_name(name))
+            else:
+                rows = ordered
+                place, n_absent = _places(trial[rows], ranks[rows, -1])
+                n_missing.append((name.partition(CONDITION_SEPARATOR)[0], n_absent))
+                iti = times[rows]
         # Rows of the same subject in other conditions stay in the sequence, without answers.
         is_own_row = subject.codes[rows] == subject.codes[part[0]]
         in_order = Answers(
             keys=pairs[rows],
             **{name: np.where(is_own_row, count[rows], 0) for name, count in counts.items()},
-            block=_at_rows(block_rank, rows),
+            block=None if block_rank is None else block_rank[rows],
             blocks=blocks,
             has_trial_rows=is_trials,
             place=place,
-            iti=None if place is None else _at_rows(iti, rows),
+            iti=iti if "iti" in columns else None,
             span=(int(part.min()), int(part.max())) if is_trials else None,
         )
         if in_order.iti is not None:
-            is_untimed = np.isnan(in_order.iti) & ~in_order.is_session_start
-            n_untimed += int(is_untimed.sum())
+            n_untimed += int((np.isnan(in_order.iti) & ~in_order.is_session_start).sum())
         answers[name] = in_order.with_own_blocks()
     notes = _order_notes(columns, unordered, n_missing, n_untimed)
     # No trial is there twice where the order is known.
@@ -80,44 +86,10 @@ def answers_in_order(
     return answers, notes, doubts
 
 
-def _at_rows(column: Numbers | None, rows: IndexArray) -> Numbers | None:
-    """The numbers of a column in these rows, where there is the column."""
-    return None if column is None else column[rows]
-
-
-def _trial_numbers(
-    table: TextTable, columns: Mapping[str, Column]
-) -> tuple[FloatArray | None, FloatArray | None]:
-    """Numbers of trials, and the times before them; None without such a column."""
-    if "trial" not in columns:
-        return None, None
-    trial = numbers(table, columns["trial"])
-    if "iti" not in columns:
-        return trial, None
-    iti = numbers(table, columns["iti"])
-    return trial, np.where(iti >= 0.0, iti, math.nan)
-
-
-def _in_order(
-    choices: Sequence[IndexArray], trial: FloatArray | None, ranks: IntArray
-) -> tuple[IndexArray, IntArray | None, int]:
-    """The rows of a subject in order, their places, and how many trials are missing.
-
-    They are the first choice whose order is known: rows without an answer may be no trials. Where
-    no order is known, they are the last choice, without places.
-    """
-    if trial is not None:
-        for rows in choices:
-            ordered = _ordered(rows, trial, ranks)
-            if ordered is not None:
-                return ordered, *_places(trial[ordered], ranks[ordered, -1])
-    return choices[-1], None, 0
-
-
 def _order_notes(
     columns: Mapping[str, Column],
     unordered: Sequence[str],
-    n_missing: Mapping[str, int],
+    n_missing: Sequence[tuple[str, int]],
     n_untimed: int,
 ) -> list[str]:
     """Notes on trials whose order, number or time is not known."""
@@ -125,9 +97,10 @@ def _order_notes(
     if unordered:
         problem = f"column {display_name(columns['trial'].name)} does not order all trials"
         notes.append(f"{problem}, so the order of the file is used: {join_names(unordered)}")
-    if n_missing:
+    missing = {name: count for name, count in n_missing if count}
+    if missing:
         notes.append(
-            f"trial numbers are missing ({join_counts(n_missing)}); keep trials without a response "
+            f"trial numbers are missing ({join_counts(missing)}); keep trials without a response "
             "in the file, with an empty response"
         )
     if n_untimed:
@@ -167,20 +140,20 @@ def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray
     return names, np.argsort(order)[column.codes]
 
 
-def _ordered(rows: IndexArray, trial: FloatArray, ranks: IntArray) -> IndexArray | None:
-    """Rows in the order in which their trials were given; None if that is not known.
+def _ordered(
+    choices: Sequence[IndexArray], trial: FloatArray, ranks: IntArray
+) -> IndexArray | None:
+    """The first of these rows whose order is known, in it; None if that is not known of any.
 
-    By their numbers where these are unique, else by block, or session, too.
+    By the numbers of trials where these are unique, else by block, or session, too.
     """
-    numbers_of_rows = trial[rows]
-    if np.isnan(numbers_of_rows).any():
-        return None
-    for last in range(1, ranks.shape[1] + 1):
-        keys = (numbers_of_rows, *ranks[rows, :last].T)
-        order = np.lexsort(keys)
-        is_unique = len(run_starts(*(key[order] for key in keys))) == len(rows)
-        if is_unique:
-            return rows[order]
+    for rows in choices:
+        for last in range(1, ranks.shape[1] + 1):
+            keys = (trial[rows], *ranks[rows, :last].T)
+            order = np.lexsort(keys)
+            is_unique = len(run_starts(*(key[order] for key in keys))) == len(rows)
+            if is_unique and not np.isnan(trial[rows]).any():
+                return rows[order]
     return None
 
 
@@ -210,26 +183,17 @@ def _repeated(
     """
     import pandas as pd
 
-    subject = columns["subject"]
-    runs = {name: columns[name].codes for name in _RUNS if name in columns}
-    trial = numbers(table, columns["trial"])
-    is_numbered = (counts["n_trials"] > 0) & ~np.isnan(trial)
-    identity = pd.DataFrame({"subject": subject.codes, **runs, "trial": trial})[is_numbered]
-    columns_of_content = {"s1": keys[0], "s2": keys[1], **counts}
-    content = identity.assign(
-        **{name: values[is_numbered] for name, values in columns_of_content.items()}
-    )
-    is_repeat = content.duplicated()
+    numbered_by = [name for name in ("subject", *_RUNS) if name in columns]
+    rows = pd.DataFrame({name: columns[name].codes for name in numbered_by})
+    rows["trial"] = numbers(table, columns["trial"])
+    is_answered = counts["n_trials"] > 0
+    rows = rows.assign(s1=keys[0], s2=keys[1], **counts)[is_answered].dropna(subset="trial")
+    is_repeat = rows.duplicated()
     n_repeats = int(is_repeat.sum())
-    if not n_repeats or identity.duplicated().sum() > n_repeats:
+    if not n_repeats or rows.duplicated([*numbered_by, "trial"]).sum() > n_repeats:
         return []
 
-    later = content.index[is_repeat][0]
-    is_same = (content == content.loc[later]).all(axis=1)
-    earlier = content.index[is_same][0]
-    verb = "repeats" if n_repeats == 1 else "repeat"
-    number_words = "block and trial" if "block" in columns else "trial"
-    problem = f"{plural(n_repeats, 'row')} {verb} {number_words} of another row"
-    row, other, name = table.rows[later], table.rows[earlier], display_name(subject.text(later))
-    location = f"first row {row}, which repeats row {other} (subject {name})"
-    return [f"{problem} with the same stimuli and answer, {location}: {TWICE}, remove them"]
+    later = rows.index[is_repeat][0]
+    name = display_name(columns["subject"].text(later))
+    problem = f"{plural(n_repeats, 'row')} with the trial number and all else of an earlier row"
+    return [f"{problem}, first row {table.rows[later]} (subject {name}): {TWICE}, remove them"]

@@ -6,7 +6,6 @@ What is left out is counted in the notes of the table.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from bayes_toe.data.column_roles import (
     practice_texts,
     taken_out_texts,
 )
-from bayes_toe.data.messages import display_name, join_names, plural, quoted
+from bayes_toe.data.messages import display_name, join_counts, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, MISSING_WORDS, number
@@ -53,12 +52,13 @@ def _chosen_rows(table: TextTable, options: ReadOptions) -> TextTable:
     is_chosen_row = np.ones(len(table.rows), np.bool_)
     for name, asked in options.where.items():
         column = table.columns[name]
-        if asked not in column.texts:
+        is_asked = column.map(asked.__eq__, np.bool_)
+        if not is_asked.any():
             location = f"{table.source}: column {display_name(name)}"
-            finding = f"found {join_names([*map(quoted, column.texts)])}"
+            finding = f"found {join_names(map(quoted, column.texts))}"
             rule = f"{quoted(asked)}, as --where has it, in some row"
             raise InputError(f"{location}: {finding}, allowed: {rule}")
-        is_chosen_row &= column.codes == column.texts.index(asked)
+        is_chosen_row &= is_asked
     if not is_chosen_row.any():
         asked_names = ", ".join(options.where)
         raise InputError(
@@ -90,10 +90,10 @@ def _without_practice(
         if np.isin(n_marked * (np.bincount(subject) - n_marked), 0).all():
             continue
         rows = plural(int(is_marked.sum()), "row")
-        marks = join_names([*map(quoted, practice)])
+        marks = join_names(map(quoted, practice))
         reason = f"as practice (column {display_name(name)}: {marks})"
         note = f"{rows} left out {reason}; --ignore practice reads them"
-        table = replace(table.only(~is_marked), notes=(*table.notes, note))
+        table = table.only(~is_marked, note)
     return table
 
 
@@ -107,24 +107,20 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
     for name, column in table.columns.items():
         if is_response_sign(name):  # a key or a reaction time shows a trial
             is_zero &= _is_zero(table, [column]) | column.map(is_no_response, np.bool_)
-    subject = _subjects(table, options)
     pair = np.column_stack([column.codes for column in stimuli])
-    is_unfilled, counts = np.zeros(len(is_zero), np.bool_), []
-    for code in np.unique(subject.codes[is_zero]).tolist():
-        rows = np.flatnonzero(subject.codes == code)
+    is_unfilled, counts = np.zeros(len(is_zero), np.bool_), {}
+    all_rows = np.arange(len(is_zero))
+    for name, rows in _subjects(table, options).rows_by_text(all_rows).items():
         n_unfilled = _count_unfilled(is_zero[rows], pair[rows])
-        name = subject.texts[code]
-        if is_zero[rows].all() and number(name) == 0 and not is_zero.all():
+        if number(name) == 0 and is_zero[rows].all() and not is_zero.all():
             n_unfilled = len(rows)  # in a matrix the subject is zero, too
-        if n_unfilled:
-            is_unfilled[rows[-n_unfilled:]] = True
-            counts.append(f"{name or table.source} {n_unfilled}")
-    if not counts:
+        is_unfilled[rows[len(rows) - n_unfilled :]] = True
+        counts[name or table.source] = n_unfilled
+    if not is_unfilled.any():
         return table
     rows_left_out = plural(int(is_unfilled.sum()), "row")
     reason = "as unfilled (stimuli and response are 0 in the last rows)"
-    note = f"{rows_left_out} left out {reason}: {join_names(counts)}"
-    return replace(table.only(~is_unfilled), notes=(*table.notes, note))
+    return table.only(~is_unfilled, f"{rows_left_out} left out {reason}: {join_counts(counts)}")
 
 
 def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
@@ -165,7 +161,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Sequence[str]) -> list[st
         if not texts or not other_texts:
             continue
         n_rows = int(column.map(texts.__contains__, np.bool_).sum())
-        marks = join_names([*map(quoted, texts)])
+        marks = join_names(map(quoted, texts))
         doubt = f"{plural(n_rows, 'row')} with {marks} in column {display_name(name)} are counted"
         if len(other_texts) == 1:
             doubt += f"; --where {display_name(name)}={other_texts[0]} leaves them out"

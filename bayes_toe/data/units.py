@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import compress, product
 
 import numpy as np
 
@@ -113,7 +114,7 @@ def _level_order(unit_levels: Sequence[str], options: ReadOptions) -> tuple[list
     if reference not in order:
         raise InputError(
             f"--reference: found {quoted(reference)}, "
-            f"allowed: {join_names([*map(display_name, order)])}"
+            f"allowed: {join_names(map(display_name, order))}"
         )
     order.sort(key=lambda level: level != reference)
     return order, is_numeric
@@ -143,12 +144,10 @@ def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
     for units in units_of_subjects:
         if len(units) == 1:
             continue
-        outcomes = list[tuple[float, float, bool]]()
+        outcomes = list[tuple[tuple[float, float], bool]]()
         for unit in units:
-            for answer, counts in ((True, unit.n_yes), (False, unit.n_trials - unit.n_yes)):
-                for pair, count in zip(unit.pairs, counts.tolist(), strict=True):
-                    if count:
-                        outcomes.append((*pair, answer))
+            outcomes += product(compress(unit.pairs, unit.n_yes), [True])
+            outcomes += product(compress(unit.pairs, unit.n_trials - unit.n_yes), [False])
         n_distinct = len(set(outcomes))
         if n_distinct < len(outcomes):
             return False

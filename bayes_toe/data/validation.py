@@ -75,8 +75,8 @@ def ambiguous_number(columns: Sequence[Column], sign: str) -> str:
 
     Examples
     --------
-    >>> first = Column.from_texts("i1", ["740", "1.050"], [0, 1])
-    >>> second = Column.from_texts("i2", ["0.95"], [0])
+    >>> first = Column.from_texts("i1", ["740", "1.050"])
+    >>> second = Column.from_texts("i2", ["0.95"])
     >>> ambiguous_number([first], "."), ambiguous_number([first, second], ".")
     ('1.050', '')
     """
@@ -108,15 +108,9 @@ def bare_names(table: TextTable, column: Column) -> Column:
 
     They stay as they are where two of them would become one.
     """
-    texts = []
-    for text in column.texts:
-        has_apostrophe = text[:1] == "'" and is_formula(text[1:])
-        texts.append(text[1:] if has_apostrophe else text)
-    return (
-        Column(column.name, texts, column.codes)
-        if table.delimiter and len(set(texts)) == len(texts)
-        else column
-    )
+    texts = [text.removeprefix("'") if is_formula(text) else text for text in column.texts]
+    is_csv = table.delimiter != ""
+    return replace(column, texts=texts) if is_csv and len({*texts}) == len(texts) else column
 
 
 def numbers(table: TextTable, column: Column) -> FloatArray:
@@ -147,9 +141,8 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     has_percent_sign = any("%" in text for text in column.texts)
     whole = 100.0 if has_percent_sign or (shares > 1.0).any() else 1.0
     finite = shares[np.isfinite(shares)]
-    n_decimals = 0
-    while n_decimals < 16 and (finite.round(n_decimals) != finite).any():
-        n_decimals += 1
+    decimals = (d for d in range(16) if (finite.round(d) == finite).all())
+    n_decimals = next(decimals, 16)
     largest_error = 0.5 * 10.0**-n_decimals / whole * n
     exact_counts = shares / whole * n
     counts = np.rint(exact_counts)
@@ -227,15 +220,10 @@ def read_numbers(
     keys = () if key is None else (key,)
     table = _with_columns(source, (*keys, *names), optional)
     if not names and len(table.columns) < 2:
-        finding = join_names([*map(quoted, table.names)])
-        table.require(
-            [
-                f"found {finding}, allowed: {', '.join(map(display_name, keys))} and some of "
-                f"{', '.join(optional)}"
-            ]
-        )
-    for name in keys:
-        require_texts(table, table.columns[name], once=True)
+        rule = f"{', '.join(keys)} and some of {', '.join(optional)}"
+        table.require([f"found {join_names(map(quoted, table.names))}, allowed: {rule}"])
+    if key is not None:
+        require_texts(table, table.columns[key], once=True)
     columns = {}
     for name, column in table.columns.items():
         if name == key:
@@ -251,8 +239,8 @@ def read_numbers(
     table.problems.refuse()
     if key is None:
         return [], columns
-    texts = bare_names(table, table.columns[key]) if key == "subject" else table.columns[key]
-    return [texts.text(row) for row in range(len(table.rows))], columns
+    texts = bare_names(table, table.columns[key])
+    return texts.map(str, object).tolist(), columns
 
 
 def _with_columns(
@@ -262,7 +250,7 @@ def _with_columns(
     names = (*required, *optional)
     table = source if isinstance(source, TextTable) else read_table(source, lambda _: {*names})
     problems = repeated_columns(table.names, names)
-    other_names = join_names([*map(quoted, table.names)])
+    other_names = join_names(map(quoted, table.names))
     for name in required:
         if name not in table.names:
             finding = f"missing, found {other_names}, allowed: a column of this name"

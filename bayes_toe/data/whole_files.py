@@ -12,15 +12,12 @@ side; no command reads two of them.
 from __future__ import annotations
 
 import os
-import platform
-import re
-import secrets
-import shutil
 import stat
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import format_path, join_names
@@ -204,7 +201,7 @@ def unfinished(home: Path) -> Iterator[Path]:
     """A new hidden folder in another one, which is made where it is missing.
 
     Both vanish in the end, the outer one only if nothing is in it. Entering the block shows whether
-    anything can be written there, and cleans up after processes that were killed.
+    anything can be written there.
     """
     with ExitStack() as cleanup:  # left in reverse order
         for part in reversed((home, *home.parents)):
@@ -212,39 +209,10 @@ def unfinished(home: Path) -> Iterator[Path]:
                 cleanup.callback(remove_empty, part)
         with reporting(home):
             home.mkdir(parents=True, exist_ok=True)
-        sweep(home)
-        folder = home / f"{_hidden()}{os.getpid()}-{secrets.token_hex(8)}"
-        cleanup.callback(shutil.rmtree, folder, ignore_errors=True)
-        with reporting(home):
-            folder.mkdir()
+            hidden = TemporaryDirectory(prefix=HIDDEN, dir=home, ignore_cleanup_errors=True)
+            folder = Path(cleanup.enter_context(hidden), "new")
+            folder.mkdir()  # with the permissions of other folders
         yield folder
-
-
-def sweep(home: Path) -> None:
-    """Remove the hidden folders of processes of this machine that have ended."""
-    pattern = rf"{re.escape(_hidden())}([0-9]{{1,9}})-[0-9a-f]{{16}}"
-    with suppress(OSError):
-        for path in list(home.iterdir()):
-            match = re.fullmatch(pattern, path.name)
-            if match and not path.is_symlink() and not _alive(int(match[1])):
-                shutil.rmtree(path, ignore_errors=True)
-
-
-def _hidden() -> str:
-    """Beginning of the names of hidden folders of this machine; the process follows."""
-    machine = re.sub(r"\W", "_", platform.node())
-    return f"{HIDDEN}{machine}-"
-
-
-def _alive(pid: int) -> bool:
-    """Whether there is such a process; assumed where that cannot be asked without harm."""
-    if os.name != "posix":
-        return True
-    try:
-        os.kill(pid, 0)
-    except OSError as error:
-        return not isinstance(error, ProcessLookupError)
-    return True
 
 
 # --- How far the work of a command is -----------------------------------------------------------

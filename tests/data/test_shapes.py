@@ -522,7 +522,9 @@ REFUSED = {
     "table_73.mat": (
         matlab_73({"#subsystem#": [1.0]}), ["a table or another object of MATLAB's own"],
     ),
-    "matrix.mat": (matlab({"data": TRIALS[["s1", "s2"]].to_numpy()}), ["not a column"]),
+    "matrix.mat": (
+        matlab({"data": TRIALS[["s1", "s2"]].to_numpy()}), ["found data, no columns of one length"],
+    ),
     "two_tasks.csv": (
         csv(with_rows(IN_LOGS, [["P03", 0, 0, "different"]])), ["words of two tasks"],
     ),

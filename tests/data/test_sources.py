@@ -267,7 +267,7 @@ def test_only_columns_that_are_read_must_hold_texts(tmp_path):
     savemat(path, {**columns, "response": frames})
     (problem,) = problems(bt.read_study, path)
     assert problem.startswith("trials.mat: row 1, column response: found")
-    assert problem.endswith("of type ndarray, allowed: text, numbers or truth values")
+    assert problem.endswith("of type list, allowed: text, numbers or truth values")
 
 
 @pytest.mark.parametrize("suffix, changes", [("mat", 3), ("xlsx", 20)])
