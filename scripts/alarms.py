@@ -11,7 +11,6 @@ studies of 12, whose limits are those of a user's study.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -52,6 +51,7 @@ ALARM_OF_FAULT = {
     "swapped keys": "reversed_answers",
     "one swapped block": "swapped_blocks",
     "repeated trials": "repeated_trials",
+    "other task": "another_task",
 }
 #: Names of the alarms of the page, and how they act.
 ALARMS = {
@@ -73,6 +73,8 @@ _SHORT_NAMES = {
     "history_p": "previous trial",
     "fit_p": "fit",
 }
+_QUESTIONS = ("constant_error", "contraction")
+_REFUSING = ("reversed_answers", "swapped_blocks", "repeated_trials")
 _TIME = ("block_dispersion", "drift")
 _PRECISION = Precision(standard_error=0.2, effective_draws=100.0, most_draws=1000)
 
@@ -216,78 +218,74 @@ def kind_observers(kind: str, task: Task, n_observers: int, seed: int) -> list[S
 
 @dataclass(frozen=True)
 class Judged:
-    """An observer with what the program finds."""
+    """An observer with what the program finds; there is no answer where only faults are looked for.
+
+    The code `another_task` says that the other task explains the responses.
+    """
 
     subject: Subject
     alternatives: Alternatives | None
-    answer: OrderEffect
+    answer: OrderEffect | None = None
 
     def alarms(self, n_subjects: int) -> set[str]:
         """The alarms in a study of so many subjects, without those that concern the whole study."""
         codes = set[str]()
         for finding in subject_findings(self.subject, n_subjects, self.alternatives):
             codes.add("time" if finding.code in _TIME else finding.code)
+        if self.alternatives is not None and has_other_task(self.alternatives, self.subject.task):
+            codes.add("another_task")
         for name in P_VALUES:
-            p_value = getattr(self.answer, name)
+            p_value = getattr(self.answer, name, None)
             if p_value is not None and p_value < flag_limit(n_subjects):
                 codes.add(name)
         return codes
 
 
+def find_faults(subjects: list[Subject]) -> list[Judged]:
+    """Observers of one task with the other models that explain their responses."""
+    alternatives = compare_alternatives(Study(tuple(subjects)))
+    return [Judged(subject, alternatives.get(subject.name)) for subject in subjects]
+
+
 def judge(subjects: list[Subject], seed: int) -> list[Judged]:
     """What the program finds for observers of one task."""
-    alternatives = compare_alternatives(Study(tuple(subjects)))
-    judged = []
+    answers = []
     for evidence in order_evidence(subjects, seed, precision=_PRECISION):
-        answer = answer_evidence(evidence, seed)
-        subject = evidence.subject
-        judged.append(Judged(subject, alternatives.get(subject.name), answer))
-    return judged
+        answers.append(answer_evidence(evidence, seed))
+    found = zip(find_faults(subjects), answers, strict=True)
+    return [replace(observer, answer=answer) for observer, answer in found]
 
 
 def study_rates(observers: list[Judged], task: Task) -> pd.DataFrame:
     """Share of studies in which an alarm is raised at all, %, by alarm and number of subjects."""
+    own = "other_task" if task == WHICH_STRONGER else "like_2afc"
     columns = {}
     for n_subjects in STUDIES:
-        counts = dict.fromkeys(ALARMS, 0)
-        for observer in observers:
-            for code in observer.alarms(n_subjects) & ALARMS.keys():
-                counts[code] += 1
-        shares = pd.Series(counts) / len(observers)
+        codes = pd.Series([observer.alarms(n_subjects) for observer in observers])
+        shares = pd.Series(
+            {
+                code: codes.map(lambda of, code=code: code in of).mean()
+                for code in (*ALARMS, "another_task")
+            }
+        )
         rates = 1.0 - (1.0 - shares) ** n_subjects
-        own = "other_task" if task == WHICH_STRONGER else "like_2afc"
-        rates = rates.drop(["other_task", "like_2afc"])
-        is_other = [has_other(observer, task) for observer in observers]
-        rates[own] = binom.sf(n_subjects // 2, n_subjects, np.mean(is_other))
-        columns[n_subjects] = rates
-    return pd.DataFrame(columns)
-
-
-def has_other(observer: Judged, task: Task) -> bool:
-    """Whether the other task explains the responses of an observer."""
-    return observer.alternatives is not None and has_other_task(observer.alternatives, task)
+        rates[own] = binom.sf(n_subjects // 2, n_subjects, shares["another_task"])
+        columns[f"{n_subjects}"] = 100.0 * rates
+    return pd.DataFrame(columns).drop({"other_task", "like_2afc", "another_task"} - {own})
 
 
 def found_faults(fault: str, n_observers: int, seed: int) -> dict[str, str]:
     """How many observers with a fault get its alarm in a study of 12, by task."""
     row = {"fault": fault}
     for task in TASKS:
-        made = task
         if fault == "other task":
             (made,) = (other for other in TASKS if other != task)
-        subjects = sound_observers(made, n_observers, seed, fault)
-        if fault == "other task":
+            subjects = sound_observers(made, n_observers, seed, fault)
             subjects = [replace(subject, task=task, answers=None) for subject in subjects]
-        alternatives = compare_alternatives(Study(tuple(subjects)))
-        n_found = 0
-        for subject in subjects:
-            of_subject = alternatives.get(subject.name)
-            codes = {found.code for found in subject_findings(subject, 12, of_subject)}
-            if fault == "other task":
-                n_found += of_subject is not None and has_other_task(of_subject, task)
-            else:
-                n_found += ALARM_OF_FAULT[fault] in codes
-        row[task.name] = f"{n_found} of {len(subjects)}"
+        else:
+            subjects = sound_observers(task, n_observers, seed, fault)
+        found = [ALARM_OF_FAULT[fault] in one.alarms(12) for one in find_faults(subjects)]
+        row[task.name] = f"{sum(found)} of {len(found)}"
     return row
 
 
@@ -297,29 +295,26 @@ def found_faults(fault: str, n_observers: int, seed: int) -> dict[str, str]:
 def kind_row(kind: str, task: Task, observers: list[Judged]) -> dict[str, str]:
     """Refusals, flags, words and coverage of the observers of one kind."""
     alarms = [observer.alarms(STUDY_OF_KINDS) for observer in observers]
-    effects = [EFFECTS[i % len(EFFECTS)] for i in range(len(observers))]
-    refusing = {"reversed_answers", "swapped_blocks", "repeated_trials"}
     row = {"observers": kind, "task": "2AFC" if task == WHICH_STRONGER else "same"}
-    row["refused"] = f"{sum(bool(codes & refusing) for codes in alarms)}"
+    row["refused"] = f"{sum(not codes.isdisjoint(_REFUSING) for codes in alarms)}"
     for code, name in _SHORT_NAMES.items():
         row[name] = f"{sum(code in codes for codes in alarms)}"
-    for index, (question, symbol) in enumerate((("constant_error", "c"), ("contraction", "p"))):
-        has_effect = [effect[index] != 0.0 for effect in effects]
-        is_yes = [str(observer.answer.words[question]) == "yes" for observer in observers]
-        row[f"false {symbol}"] = count(is_yes, [not present for present in has_effect])
-        row[f"found {symbol}"] = count(is_yes, has_effect)
-    is_covered = []
-    for observer, (_, contraction) in zip(observers, effects, strict=True):
-        size = observer.answer.sizes["contraction_p"]
-        is_covered.append(size.q025 <= contraction <= size.q975)
-    row["p covered"] = count(is_covered, [effect[1] != 0.0 for effect in effects])
+
+    effects = np.resize(np.array(EFFECTS), (len(observers), 2))
+    for true_sizes, question, symbol in zip(effects.T, _QUESTIONS, "cp", strict=True):
+        is_yes = np.array([one.answer.words[question] == "yes" for one in observers])
+        row[f"false {symbol}"] = count(is_yes[true_sizes == 0.0])
+        row[f"found {symbol}"] = count(is_yes[true_sizes != 0.0])
+    sizes = [observer.answer.sizes["contraction_p"] for observer in observers]
+    low, high = np.array([(size.q025, size.q975) for size in sizes]).T
+    is_covered = (low <= effects[:, 1]) & (effects[:, 1] <= high)
+    row["p covered"] = count(is_covered[effects[:, 1] != 0.0])
     return row
 
 
-def count(is_there: Iterable[bool], chosen: Iterable[bool]) -> str:
-    """How many of the chosen ones are there."""
-    values = [there for there, is_chosen in zip(is_there, chosen, strict=True) if is_chosen]
-    return f"{sum(values)} of {len(values)}"
+def count(is_there: np.ndarray) -> str:
+    """How many are there."""
+    return f"{is_there.sum()} of {len(is_there)}"
 
 
 # --- The page ------------------------------------------------------------------------------------
@@ -374,19 +369,12 @@ contraction too narrow.
 
 def sound_table(rates: dict[Task, pd.DataFrame]) -> pd.DataFrame:
     """Rates of both tasks in per cent, an alarm a row."""
-    rows = []
-    for code, (name, action) in ALARMS.items():
-        row = {"alarm": name, "what it does": action}
-        for n_subjects in STUDIES:
-            cells = []
-            for task in TASKS:
-                if code in rates[task].index:
-                    cells.append(f"{100.0 * rates[task].loc[code, n_subjects]:.1f}")
-                else:
-                    cells.append("-")
-            row[f"{n_subjects}"] = ", ".join(cells)
-        rows.append(row)
-    return pd.DataFrame(rows).rename(columns={"1": "1 subject"})
+    texts = []
+    for task in TASKS:
+        texts.append(rates[task].reindex(ALARMS).map("{:.1f}".format).replace("nan", "-"))
+    table = texts[0] + ", " + texts[1]
+    names = pd.DataFrame(ALARMS, index=["alarm", "what it does"]).T
+    return names.join(table).rename(columns={"1": "1 subject"})
 
 
 def main() -> None:

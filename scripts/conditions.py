@@ -65,22 +65,16 @@ def simulated_answers(
 
 def print_counts(label: str, table: ContrastTable) -> None:
     """How many subjects have which Bayes factor."""
-    for quantity in table.quantities:
-        rows = table.select(quantity)
-        log_bf = np.array([row.log_bf_differs for row in rows], np.float64)
-        counts = {
-            "BF > 3": log_bf > np.log(3.0),
-            "> 20": log_bf > np.log(20.0),
-            "< 1/3": log_bf < -np.log(3.0),
-        }
-        words = ", ".join(f"{limit} {int(reached.sum())}" for limit, reached in counts.items())
-        not_robust = sum(row.robust == "no" for row in rows)
-        mean, sd = np.mean([row.mean for row in rows]), np.mean([row.sd for row in rows])
-        print(
-            f"{label} | {quantity} | of {len(rows)}: {words}; not robust {not_robust}; "
-            f"mean {mean:+.3f}, sd {sd:.3f}",
-            flush=True,
-        )
+    rows = table.frame(full=True)
+    log_bf = rows["log_bf_differs"].astype(float)
+    counts = rows.assign(
+        above_3=log_bf > np.log(3.0),
+        above_20=log_bf > np.log(20.0),
+        below_third=log_bf < -np.log(3.0),
+        not_robust=rows["robust"] == "no",
+    ).groupby("quantity", sort=False)
+    sums = counts[["above_3", "above_20", "below_third", "not_robust"]].sum()
+    print(label, sums.join(counts[["mean", "sd"]].mean()).round(3), sep="\n", flush=True)
 
 
 def main() -> None:

@@ -11,26 +11,35 @@ one are left out, because they get few draws on purpose.
 Example: python scripts/error_bars.py -o docs --seeds 100 --overwrite
 """
 
-import json
 import sys
 from functools import partial
-from pathlib import Path
+from itertools import chain
 
 import numpy as np
 import pandas as pd
-from reference.hard_cases import hard_cases
+from reference.hard_cases import hard_cases, stored_references
 from reference.order_cases import order_cases
-from reference.pages import page_parser, versions, write_page
+from reference.pages import markdown, page_parser, versions, write_page
 
 import bayes_toe as bt
 from bayes_toe.inference.fitted import fit_posterior, importance_evidence
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.workers import run_in_order
 
-REFERENCES = Path(__file__).parents[1] / "tests" / "reference"
 BAND, PRECISE = (0.8, 1.25), 0.012
 #: Nats below the best model of a subject from which on a model is left out.
 FAR = 6.0
+#: Titles of the columns on the page.
+TITLES = {
+    "withheld": "not reported",
+    "mean_z": "mean z",
+    "sd_z": "SD of z",
+    "largest_z": "largest absolute z",
+    "median_se": "median s.e. (nats)",
+    "largest_se": "largest s.e.",
+    "largest_pareto_k": "largest k-hat",
+    "least_effective_draws": "least effective draws",
+}
 PAGE = """# Are the standard errors of {evidences} right?
 
 We estimate each case with {seeds} seeds. The number z is the difference between an estimate and the reference, divided by
@@ -41,13 +50,8 @@ changes this standard deviation by about {precision:.0f} %, because the seeds ar
 `python scripts/error_bars.py -o docs --seeds {seeds} {option}--overwrite` writes this page and [{table}]({table}). The references are in
 `tests/reference`. The versions were bayes_toe {version}, Python {python} and numpy {numpy}.
 
-| case | not reported | mean z | SD of z | largest absolute z | median s.e. (nats) | largest s.e. | {quality} |
-|---|--:|--:|--:|--:|--:|--:|--:|
+{rows}
 """
-ROW = (
-    "| {0.case} | {0.withheld} | {0.mean_z:.2f} | {0.sd_z:.2f} | {0.largest_z:.1f} "
-    "| {0.median_se:.4f} | {0.largest_se:.4f} | {1} |\n"
-)
 
 
 def main() -> int:
@@ -61,124 +65,102 @@ def main() -> int:
         help="the four models of the observer; writes error_bars_order.csv and .md",
     )
     options = parser.parse_args()
-    jobs = order_jobs(options.seeds) if options.order else paper_jobs(options.seeds)
-    names = list(jobs) if options.subjects is None else options.subjects
+    estimate, subjects, stem = paper_estimates, paper_subjects(), "error_bars"
+    if options.order:
+        estimate, subjects, stem = order_estimates, order_cases(), "error_bars_order"
+    names = options.subjects or list(subjects)
     for name in names:
-        if name not in jobs:
-            parser.error(f"--subjects: no subject named {name!r}; there are {'; '.join(jobs)}")
-    stem = "error_bars_order" if options.order else "error_bars"
+        if name not in subjects:
+            parser.error(f"--subjects: no subject named {name!r}; there are {'; '.join(subjects)}")
 
     def work() -> tuple[pd.DataFrame, str]:
-        chosen = [jobs[name] for name in names]
-        tables = run_in_order(chosen, options.workers, print, [(name,) for name in names])
-        table = pd.DataFrame([row for rows in tables for row in rows])
+        jobs = [partial(estimate, subjects[name], options.seeds) for name in names]
+        rows = run_in_order(jobs, options.workers, print, [(name,) for name in names])
+        table = judged(pd.DataFrame(chain.from_iterable(rows)), options.order)
         return table, page(table, f"{stem}.csv", options.order)
 
     return 0 if write_page(options, stem, work)["honest"].all() else 3
 
 
-def _references(file: str) -> dict[str, dict[str, float]]:
-    """The stored cases by name."""
-    return json.loads((REFERENCES / file).read_text(encoding="utf-8"))["cases"]
+def paper_subjects() -> dict[str, bt.Subject]:
+    """The subjects whose evidence under the paper's model is known."""
+    subjects = [*bt.example_study("same/different"), *hard_cases().values()]
+    references = stored_references("reference.json")
+    return {subject.name: subject for subject in subjects if subject.name in references}
 
 
-def paper_jobs(seeds: int) -> dict[str, partial]:
-    """By subject, the rows of the paper's model."""
-    subjects = {
-        **{subject.name: subject for subject in bt.example_study("same/different")},
-        **hard_cases(),
-    }
-    return {
-        name: partial(paper_rows, subjects[name], case["log_evidence"], seeds)
-        for name, case in _references("reference.json").items()
-    }
-
-
-def order_jobs(seeds: int) -> dict[str, partial]:
-    """By subject, the rows of the four models."""
-    known = _references("order_models.json")
-    jobs = {}
-    for name, subject in order_cases().items():
-        cases = {model: known[f"{name}: {model}"] for model in MODEL_NAMES}
-        best = max(case["log_evidence"] for case in cases.values())
-        references = {
-            model: case["log_evidence"]
-            for model, case in cases.items()
-            if case["log_evidence"] > best - FAR and case["log_evidence_error"] < PRECISE
-        }
-        jobs[name] = partial(order_rows, subject, references, seeds)
-    return jobs
-
-
-def paper_rows(subject: bt.Subject, reference: float, seeds: int) -> list[dict[str, object]]:
-    """The row of the paper's model."""
+def paper_estimates(subject: bt.Subject, seeds: int) -> list[dict[str, object]]:
+    """A row a seed for the paper's model; a number is None where the evidence is not reported."""
+    reference = stored_references("reference.json")[subject.name]["log_evidence"]
     posterior = bt.model.paper_posterior(subject, bt.Prior())
-    evidences = []
+    rows = []
     for seed in range(seeds):
         rng = np.random.default_rng([seed, 7])
-        evidences.append(importance_evidence(fit_posterior(posterior, rng).fresh(rng, 20_000)))
-    # NaN where an evidence is not reported.
-    values = np.array([evidence.value for evidence in evidences], np.float64)
-    errors = np.array([evidence.se for evidence in evidences], np.float64)
-    largest = max(evidence.pareto_k for evidence in evidences)
-    return [row(subject.name, values - reference, errors, largest_pareto_k=largest)]
-
-
-def order_rows(
-    subject: bt.Subject, references: dict[str, float], seeds: int
-) -> list[dict[str, object]]:
-    """The rows of a subject's models, by the names of their references."""
-    evidences = [order_evidence([subject], seed)[0] for seed in range(seeds)]
-    values = np.array([evidence.log_evidence for evidence in evidences])
-    errors = np.array([evidence.standard_error for evidence in evidences])
-    effective = np.array([evidence.effective_draws for evidence in evidences])
-    rows = []
-    for model, reference in references.items():
-        i = MODEL_NAMES.index(model)
-        differences, least = values[:, i] - reference, float(effective[:, i].min())
-        name = f"{subject.name}: {model}"
-        rows.append(row(name, differences, errors[:, i], least_effective_draws=least))
+        evidence = importance_evidence(fit_posterior(posterior, rng).fresh(rng, 20_000))
+        row = {"case": subject.name, "reference": reference, "value": evidence.value}
+        rows.append(row | {"se": evidence.se, "quality": evidence.pareto_k})
     return rows
 
 
-def row(
-    name: str, differences: np.ndarray, errors: np.ndarray, **quality: float
-) -> dict[str, object]:
-    """The row of one case: differences from the reference, NaN where none is reported."""
-    is_reported = ~np.isnan(differences)
-    z = pd.Series(differences[is_reported] / errors[is_reported])
-    return {
-        "case": name,
-        "seeds": len(differences),
-        "withheld": len(differences) - len(z),
-        "mean_z": z.mean(),
-        "sd_z": z.std(),
-        "largest_z": z.abs().max(),
-        "median_se": pd.Series(errors[is_reported]).median(),
-        "largest_se": pd.Series(errors[is_reported]).max(),
-        **quality,
-        "honest": len(z) == 0 or bool(BAND[0] < z.std() < BAND[1]),
-    }
+def order_estimates(subject: bt.Subject, seeds: int) -> list[dict[str, object]]:
+    """A row a seed and model, without the models far below the best one."""
+    cases = [f"{subject.name}: {model}" for model in MODEL_NAMES]
+    references = stored_references("order_models.json")[cases]
+    known = references.loc["log_evidence"].to_numpy(float)
+    is_used = known > known.max() - FAR
+    is_used &= references.loc["log_evidence_error"].to_numpy(float) < PRECISE
+    rows = []
+    for seed in range(seeds):
+        (evidence,) = order_evidence([subject], seed)
+        for i in np.flatnonzero(is_used):
+            row = {"case": cases[i], "reference": known[i], "value": evidence.log_evidence[i]}
+            row |= {"se": evidence.standard_error[i], "quality": evidence.effective_draws[i]}
+            rows.append(row)
+    return rows
+
+
+def judged(estimates: pd.DataFrame, is_order: bool) -> pd.DataFrame:
+    """A row a case: how far the estimates are from the reference in standard errors."""
+    errors = estimates["se"].astype(float)
+    z = (estimates["value"].astype(float) - estimates["reference"]) / errors
+    groups = estimates.assign(se=errors, z=z, distance=z.abs()).groupby("case", sort=False)
+    table = groups.agg(
+        seeds=("z", "size"),
+        withheld=("z", "count"),
+        mean_z=("z", "mean"),
+        sd_z=("z", "std"),
+        largest_z=("distance", "max"),
+        median_se=("se", "median"),
+        largest_se=("se", "max"),
+    )
+    n_reported = table["withheld"]
+    table["withheld"] = table["seeds"] - n_reported
+    if is_order:
+        table["least_effective_draws"] = groups["quality"].min()
+    else:
+        table["largest_pareto_k"] = groups["quality"].max()
+    table["honest"] = (n_reported == 0) | table["sd_z"].between(*BAND, inclusive="neither")
+    return table.reset_index()
 
 
 def page(table: pd.DataFrame, file: str, is_order: bool) -> str:
     """The table as Markdown, what it shows, and single estimates that are far off."""
     bad, seeds = table.loc[~table["honest"], "case"], int(table["seeds"].iloc[0])
-    far = "; ".join(
-        f"`{row.case}` ({row.largest_z:.1f} standard errors, about "
-        f"{row.largest_z * row.median_se:.2f} nat)"
-        for row in table[table["largest_z"] > 5.0].itertuples()
-    )
+    far = []
+    for row in table[table["largest_z"] > 5.0].itertuples():
+        nats = row.largest_z * row.median_se
+        far.append(f"`{row.case}` ({row.largest_z:.1f} standard errors, about {nats:.2f} nat)")
     far_line = ""
     if far:
         far_line = (
             "In these cases, the largest error of an estimate exceeds 5 standard errors without a "
-            f"warning: {far}.\n"
+            f"warning: {'; '.join(far)}.\n"
         )
     conclusion = "All cases lie in this range."
     if not bad.empty:
         conclusion = f"These cases lie outside this range: `{'`, `'.join(bad)}`."
-    head = PAGE.format(
+    shown = table.drop(columns=["seeds", "honest"]).round({"least_effective_draws": 0})
+    return PAGE.format(
         table=file,
         evidences="the four models' evidences" if is_order else "the evidence",
         option="--order " if is_order else "",
@@ -187,17 +169,9 @@ def page(table: pd.DataFrame, file: str, is_order: bool) -> str:
         precision=100 / np.sqrt(2 * (seeds - 1)),
         conclusion=conclusion,
         far=far_line,
-        quality="least effective draws" if is_order else "largest k-hat",
+        rows=markdown(shown.convert_dtypes().rename(columns=TITLES)),
         **versions(),
     )
-    rows = []
-    for entries in table.itertuples():
-        if is_order:
-            quality = f"{entries.least_effective_draws:.0f}"
-        else:
-            quality = f"{entries.largest_pareto_k:.2f}"
-        rows.append(ROW.format(entries, quality))
-    return head + "".join(rows)
 
 
 if __name__ == "__main__":

@@ -10,12 +10,10 @@ Example: python scripts/make_reference.py -o tests/reference --order
 import argparse
 import hashlib
 import json
-import platform
-import time
+from itertools import product
 from pathlib import Path
 
 import numpy as np
-import scipy
 from reference.hard_cases import hard_cases
 from reference.order_cases import order_cases
 from reference.paper_density import PaperScores
@@ -31,6 +29,7 @@ from reference.tempering import (
 import bayes_toe as bt
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.whole_files import whole_file
+from bayes_toe.libraries import library_versions
 
 LEVELS = (0.05, 0.5, 0.95)
 
@@ -63,17 +62,15 @@ def case(subject: bt.Subject, model: str | None) -> dict[str, object]:
 
 def weighted_moments(theta: FloatArray, weights: FloatArray) -> dict[str, object]:
     """Means, standard deviations and quantiles of parameters, (parameters, points)."""
-    means = np.average(theta, axis=1, weights=weights)
-    variances = np.average(np.square(theta - means[:, None]), axis=1, weights=weights)
-    quantiles = []
-    for values in theta:
-        order = np.argsort(values)
-        cumulative = np.cumsum(weights[order]) / weights.sum()
-        quantiles.append(np.interp(LEVELS, cumulative, values[order]).tolist())
+    shares = np.tile(weights / weights.sum(), (len(theta), 1))
+    means = (shares * theta).sum(axis=1)
+    variances = (shares * np.square(theta - means[:, None])).sum(axis=1)
+    options = {"axis": 1, "weights": shares, "method": "inverted_cdf"}
+    quantiles = np.quantile(theta, LEVELS, **options).T
     return {
         "means": means.tolist(),
         "sds": np.sqrt(variances).tolist(),
-        "quantiles": quantiles,
+        "quantiles": quantiles.tolist(),
     }
 
 
@@ -85,43 +82,27 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("tests/reference"))
     parser.add_argument("--order", action="store_true", help="the four models of the observer")
     options = parser.parse_args()
-    cases: dict[str, tuple[bt.Subject, str | None]]
+    path = options.output / "reference.json"
+    subjects = [*hard_cases().values(), *bt.example_study("same/different")]
+    cases = {subject.name: (subject, None) for subject in subjects}
     if options.order:
-        path, head = options.output / "order_models.json", {}
-        cases = {
-            f"{name}: {model}": (subject, model)
-            for name, subject in order_cases().items()
-            for model in MODELS
-        }
-    else:
-        subjects = {
-            **hard_cases(),
-            **{subject.name: subject for subject in bt.example_study("same/different")},
-        }
-        path, head = options.output / "reference.json", {"levels": LEVELS}
-        cases = {name: (subject, None) for name, subject in subjects.items()}
-    head["versions"] = {
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "python": platform.python_version(),
-    }
-    stored = json.loads(path.read_text(encoding="utf-8"))["cases"] if path.exists() else {}
+        path = options.output / "order_models.json"
+        pairs = product(order_cases().values(), MODELS)
+        cases = {f"{subject.name}: {model}": (subject, model) for subject, model in pairs}
+
+    stored = {"levels": LEVELS, "cases": {}}
+    if path.exists():
+        stored = json.loads(path.read_text(encoding="utf-8"))
     for name, (subject, model) in cases.items():
         key = belongs(subject, model)
-        if key.items() <= stored.get(name, {}).items():
+        if key.items() <= stored["cases"].get(name, {}).items():
             continue
-        began = time.perf_counter()
-        made = stored[name] = {**key, **case(subject, model)}
+        made = stored["cases"][name] = {**key, **case(subject, model)}
+        stored["versions"] = library_versions()
         with whole_file(path, overwrite=True) as target:
-            target.write_text(
-                json.dumps({**head, "cases": stored}, indent=1, sort_keys=True) + "\n",
-                encoding="utf-8",
-            )
-        took = time.perf_counter() - began
-        print(
-            f"{name}: {made['log_evidence']:.6f} +- {made['log_evidence_error']:.1e}, {took:.0f} s",
-            flush=True,
-        )
+            text = json.dumps(stored, indent=1, sort_keys=True)
+            target.write_text(text + "\n", encoding="utf-8")
+        print(name, made["log_evidence"], "+-", made["log_evidence_error"], flush=True)
 
 
 if __name__ == "__main__":

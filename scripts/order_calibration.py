@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 from order_effect import DESIGNS, Design, has_effect
 from reference.calibration_statistics import place, rank_verdict, reliability
-from reference.pages import page_parser, versions, write_page
+from reference.pages import markdown, page_parser, versions, write_page
 from reference.tempering import Observer, answer_probabilities
 
 import bayes_toe as bt
@@ -41,6 +41,16 @@ LEAST_P = 0.001
 RANKED = ("constant_error", "contraction", "jnd")
 _DRAWS = 100  # among which a true value is ranked
 _CHUNK = 40  # observers of a job
+_SHARED = {"design": "design", "what": "question", "observers": "observers"}
+#: Columns of the page, with their titles, for each part.
+COLUMNS = {
+    "probability": _SHARED
+    | {"with_effect": "with the effect", "ece": "ECE", "floor": "floor", "p_value": "p"}
+    | {"log_score_bits": "log score", "calibrated": "calibrated"},
+    "rank": _SHARED
+    | {"what": "quantity", "largest_difference": "largest difference", "at": "at", "p_value": "p"}
+    | {"calibrated": "uniform"},
+}
 PAGE = """# Calibration of the four models
 
 For each of six designs, we draw {observers} observers from the prior. For each observer, we first draw one of the four
@@ -57,9 +67,8 @@ above 0 by chance. The column *floor* has the mean ECE of correct probabilities.
 correct probabilities have an ECE at least as large as the observed ECE. A row is calibrated if p is at least
 {least_p:g}. The log score is in bits, and a lower score is better.
 
-| design | question | observers | with the effect | ECE | floor | p | log score | calibrated |
-|---|---|--:|--:|--:|--:|--:|--:|---|
 {probabilities}
+
 ## Ranks
 
 If the intervals are correct, the ranks of the true values among posterior draws have a uniform distribution. We rank a
@@ -67,9 +76,8 @@ true constant error or contraction among {draws} draws of the models that have t
 {draws} draws of all models. The p-value tests the largest difference between the distribution of the ranks and the
 uniform distribution. Ranks count as uniform if p is at least {least_p:g}.
 
-| design | quantity | observers | largest difference | at | p | ranks |
-|---|---|--:|--:|--:|--:|---|
 {ranks}
+
 `python scripts/order_calibration.py -o docs --observers {observers} --seed {seed} --overwrite` writes this page and
 [{table}]({table}). The versions were bayes_toe {version}, Python {python} and numpy {numpy}.
 """
@@ -176,21 +184,14 @@ def judged_ranks(table: pd.DataFrame) -> Iterator[dict[str, object]]:
 
 def page(table: pd.DataFrame, observers: int, seed: int) -> str:
     """The judgements as Markdown."""
-    probabilities, ranks = [], []
-    for entry in table.itertuples():
-        words = entry.what.replace("_", " ").replace("jnd", "JND")
-        if entry.part == "probability":
-            probabilities.append(
-                f"| {entry.design} | {words} | {entry.observers} | {entry.with_effect:.0f} "
-                f"| {entry.ece:.4f} | {entry.floor:.4f} | {entry.p_value:.2g} "
-                f"| {entry.log_score_bits:.2f} | {'yes' if entry.calibrated else '**no**'} |\n"
-            )
-        else:
-            ranks.append(
-                f"| {entry.design} | {words} | {entry.observers} | {entry.largest_difference:+.3f} "
-                f"| {entry.at:.2f} | {entry.p_value:.2g} "
-                f"| {'uniform' if entry.calibrated else '**not uniform**'} |\n"
-            )
+    shown = table.convert_dtypes().assign(
+        what=table["what"].str.replace("_", " ").replace("jnd", "JND"),
+        calibrated=table["calibrated"].map({True: "yes", False: "**no**"}),
+    )
+    tables = {}
+    for part, columns in COLUMNS.items():
+        rows = shown.loc[shown["part"] == part, list(columns)]
+        tables[part] = markdown(rows.rename(columns=columns))
     return PAGE.format(
         observers=observers,
         seed=seed,
@@ -198,8 +199,8 @@ def page(table: pd.DataFrame, observers: int, seed: int) -> str:
         conclusion="\n".join(f"* {line}" for line in conclusion(table)),
         draws=_DRAWS,
         least_p=LEAST_P,
-        probabilities="".join(probabilities),
-        ranks="".join(ranks),
+        probabilities=tables["probability"],
+        ranks=tables["rank"],
         **versions(),
     )
 

@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -42,6 +43,7 @@ _PAPER_PAIRS = [
 ]
 CONSTANT_ERRORS = (0.3, 1.0, 2.5)  # D
 CONTRACTIONS = (0.1, 0.2, 0.35)
+COVERED = ("c_covered", "p_covered", "jnd_covered")
 COMBINATIONS = ("none", "constant error", "contraction", "both")
 
 
@@ -66,12 +68,11 @@ DESIGNS = (
 )
 
 
-@dataclass(frozen=True)
-class Truth:
+class Truth(NamedTuple):
     """What a simulated observer is: c in D, p, and the JND in D where it has one."""
 
-    constant_error: float
-    contraction: float
+    c: float
+    p: float
     jnd: float
     curve: str
 
@@ -131,31 +132,25 @@ def judged(design: Design, made: list[tuple[Subject, Truth]], seed: int) -> pd.D
     everything = Identification(True, True, True, {})
     subjects = [subject for subject, _ in made]
     evidences = order_evidence(subjects, seed)
-    all_flags = answer_flags(Study(tuple(subjects)))
     rows = []
-    for (subject, truth), evidence, flags in zip(made, evidences, all_flags, strict=True):
+    for (subject, truth), evidence, flags in zip(
+        made, evidences, answer_flags(Study(tuple(subjects))), strict=True
+    ):
         answer = order_effect(evidence, everything, flags)
-        row: dict[str, object] = {
-            "design": design.name,
-            "observer": subject.name,
-            "curve": truth.curve,
-            "c": truth.constant_error,
-            "p": truth.contraction,
-        }
+        row = {"design": design.name, "observer": subject.name}
+        row |= {"curve": truth.curve, "c": truth.c, "p": truth.p}
         for question in QUESTIONS:
             row[f"word_{question}"] = answer.words[question].value
             row[f"p_{question}"] = answer.probabilities[question]
         row["direction"] = answer.direction
         row["depends_on_prior"] = any(flag.startswith("depends") for flag in answer.flags)
-        shift = answer.sizes["pse_shift_percent"]
-        true_shift = 100.0 * np.expm1(truth.constant_error * evidence.subject.scales.step)
-        row["c_covered"] = bool(shift.q025 <= true_shift <= shift.q975)
-        size = answer.sizes["contraction_p"]
-        row["p_covered"] = bool(size.q025 <= truth.contraction <= size.q975)
-        jnd = answer.sizes["jnd_percent"]
-        true_jnd = 100.0 * np.expm1(truth.jnd * evidence.subject.scales.step)
-        covered = bool(jnd.q025 <= true_jnd <= jnd.q975)
-        row["jnd_covered"] = covered if np.isfinite(true_jnd) else None
+        shift, jnd = 100.0 * np.expm1(np.array([truth.c, truth.jnd]) * subject.scales.step)
+        true_sizes = {"pse_shift_percent": shift, "contraction_p": truth.p, "jnd_percent": jnd}
+        for column, (name, size) in zip(COVERED, true_sizes.items(), strict=True):
+            interval = answer.sizes[name]
+            row[column] = bool(interval.q025 <= size <= interval.q975)
+            if np.isnan(size):
+                row[column] = None
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -169,61 +164,44 @@ def has_effect(table: pd.DataFrame, question: str) -> pd.Series:
 
 
 def words_table(table: pd.DataFrame) -> pd.DataFrame:
-    """How often each word was given, and how often it was right."""
-    rows = []
-    undecided = (Word.UNDECIDED, Word.NOT_INTERPRETABLE)
-    for word in (Word.YES, Word.PROBABLY, Word.NO, Word.PROBABLY_NOT, *undecided):
-        row: dict[str, object] = {"word": word.value}
-        for question in QUESTIONS:
-            given = table[table[f"word_{question}"] == word.value]
-            is_right = has_effect(given, question)
-            if not word.is_positive:
-                is_right = ~is_right
-            row[question] = f"{len(given)}"
-            if word not in undecided:
-                row[question] = f"{int(is_right.sum())}/{len(given)}"
-        rows.append(row)
-    return pd.DataFrame(rows)
+    """How often each word was right, and given; 'undecided' counts as the absence of an effect."""
+    cells = {}
+    for question in QUESTIONS:
+        words = table[f"word_{question}"]
+        is_right = has_effect(table, question) == words.isin([Word.YES, Word.PROBABLY])
+        counts = is_right.groupby(words).agg(["sum", "size"]).astype(str)
+        cells[question] = counts["sum"] + "/" + counts["size"]
+    return pd.DataFrame(cells).reindex(map(str, Word))
 
 
 def design_table(table: pd.DataFrame) -> pd.DataFrame:
     """Log scores in bits, and how often each size got the word 'yes'."""
     rows = []
     for design, group in table.groupby("design", sort=False):
-        row: dict[str, object] = {"design": design}
+        row = {"design": design}
         for question in QUESTIONS:
-            probability = group[f"p_{question}"].astype(float).to_numpy()
-            is_there = has_effect(group, question).to_numpy()
-            assigned = np.where(is_there, probability, 1.0 - probability)
-            row[f"log score {question}"] = f"{float(-np.log2(assigned).mean()):.2f}"
-        for column, question, sizes in (
-            ("c", "constant_error", CONSTANT_ERRORS),
-            ("p", "contraction", CONTRACTIONS),
-        ):
-            counts = []
-            for size in sizes:
-                chosen = group[np.isclose(group[column].abs(), size)]
-                counts.append(f"{int((chosen[f'word_{question}'] == 'yes').sum())}/{len(chosen)}")
-            row[f"yes {column}"] = " ".join(counts)
+            probability = group[f"p_{question}"].astype(float)
+            assigned = probability.where(has_effect(group, question), 1.0 - probability)
+            row[f"log score {question}"] = f"{-np.log2(assigned).mean():.2f}"
+        for column, question in (("c", "constant_error"), ("p", "contraction")):
+            is_yes = group[f"word_{question}"] == "yes"
+            counts = is_yes.groupby(group[column].abs().round(2)).agg(["sum", "size"])
+            row[f"yes {column}"] = " ".join(f"{n}/{size}" for n, size in counts.iloc[1:].to_numpy())
         rows.append(row)
     return pd.DataFrame(rows)
 
 
 def coverage_lines(table: pd.DataFrame) -> list[str]:
     """Coverage of the 95 % intervals, of observers who have the effect."""
-    with_error, with_contraction = table[table["c"] != 0.0], table[table["p"] != 0.0]
-    small = with_error[with_error["c"].abs() < 2.0]
-    large = with_error[with_error["c"].abs() > 2.0]
-    known = table[table["jnd_covered"].notna()]
+    groups = {
+        "p": table.loc[table["p"] != 0.0, "p_covered"],
+        "c up to 1 D": table.loc[table["c"].abs().between(0.1, 2.0), "c_covered"],
+        "c of 2.5 D": table.loc[table["c"].abs() > 2.0, "c_covered"],
+        "JND": table["jnd_covered"].dropna(),
+    }
     lines = []
-    for name, column, rows in (
-        ("p", "p_covered", with_contraction),
-        ("c up to 1 D", "c_covered", small),
-        ("c of 2.5 D", "c_covered", large),
-        ("JND", "jnd_covered", known),
-    ):
-        n_covered = int(rows[column].astype(bool).sum())
-        lines.append(f"95 % intervals of {name}: {n_covered} of {len(rows)}")
+    for name, is_covered in groups.items():
+        lines.append(f"95 % intervals of {name}: {is_covered.sum()} of {len(is_covered)}")
     return lines
 
 
@@ -269,7 +247,7 @@ def main() -> None:
             chosen = replace(design, observers=given.observers)
         tables.append(judged(chosen, list(observers(chosen, given.seed + number)), given.seed))
     table = pd.concat(tables, ignore_index=True)
-    print(words_table(table).to_string(index=False))
+    print(words_table(table).to_string())
     print(design_table(table).to_string(index=False))
     print("\n".join(coverage_lines(table)))
     if given.output is not None:

@@ -16,7 +16,7 @@ from reference.tempering import Observer, estimate_by_tempering
 from scipy.special import logit, ndtri, softmax
 
 import bayes_toe as bt
-from bayes_toe.groups.population import study_scales, subject_rows
+from bayes_toe.groups.population import subject_rows
 from bayes_toe.inference.order_evidence import MODEL_NAMES
 
 WARM_UP, N_CHAINS, WALKERS = 1000, 4, 32
@@ -133,7 +133,8 @@ def h1_by_scores(program, posterior, size, seed):
 
 def weighted_draws(posterior, points, log_weights, log_evidence):
     """Weighted draws at normal scores of the prior, and the log evidence."""
-    draws = np.stack(posterior.natural(points))[:, None]
+    values = posterior.quantities(points)
+    draws = np.stack([values[name] for name in NATURAL])[:, None]
     return {"draws": draws, "weights": softmax(log_weights), "log_evidence": log_evidence}
 
 
@@ -184,9 +185,9 @@ def require_end(n_calls):
 
 def group_by_numpyro(study, size, seed):
     """Draw by NumPyro."""
-    rows = subject_rows(study, study_scales(study)).rows
+    rows = subject_rows(study).rows
     names = ("slope_unit", "first", "difference", "middle", "n_yes", "n_no")
-    columns = [np.squeeze(getattr(rows, name)) for name in names]
+    columns = [np.reshape(getattr(rows, name), (len(study), -1)) for name in names]
     draws = numpyro_sampler(numpyro_group, None, size, 0.95)(seed, None, *columns)
     return {"draws": np.moveaxis(np.asarray(draws["group"]), -1, 0)}
 

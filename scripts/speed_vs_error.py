@@ -284,8 +284,8 @@ def measure(program, function, data, reference, size, seed):
     """Processor seconds and errors, or the reason of a failure."""
     try:
         with threadpool_limits(1), warnings.catch_warnings(action="ignore"):
-            if program in ("nutpie", "numpyro"):
-                function(data, size, 0)  # compiles
+            if program in ("emcee", "nutpie", "numpyro"):
+                function(data, size, 0)  # compiles, and draws the starting points
             start = cpu_seconds()
             result = function(data, size, seed)
             seconds = cpu_seconds() - start

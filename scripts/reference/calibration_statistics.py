@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.special import expit, gammaln, log_expit
-from scipy.stats import beta, binom
+from scipy.stats import binom
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.errors import InputError, NumericalError
@@ -62,10 +62,6 @@ class Band:
             inside, start = reached[low - start : high - start + 1], low
         total = self.size * np.log(self.size) - self.size - gammaln(self.size + 1.0)
         return float(min(1.0, inside[0] * np.exp(-total)))
-
-    def differences(self) -> tuple[FloatArray, FloatArray]:
-        """The band as it is drawn: lower and upper share of the numbers, minus the uniform one."""
-        return self.lower / self.size - POINTS, self.upper / self.size - POINTS
 
 
 def band(size: int, level: float) -> Band:
@@ -138,17 +134,6 @@ def _cut(size: int, log_tail: float) -> Band:
 # --- probabilities --------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class Bins:
-    """The reliability diagram: equal bins of the probability that are not empty, (bins,) each."""
-
-    count: IntArray
-    stated: FloatArray  # mean stated probability
-    observed: FloatArray  # frequency with which the statement was true
-    lower: FloatArray  # exact (Clopper-Pearson) 95 % binomial interval of the frequency
-    upper: FloatArray
-
-
 @dataclass(frozen=True)
 class Reliability:
     """How good stated probabilities are."""
@@ -194,16 +179,6 @@ def log_score(log_odds: npt.ArrayLike, true: npt.ArrayLike) -> float:
     """Mean of minus the log probability given to what was true, nats."""
     odds, _, y, _ = _statements(log_odds, true)
     return float(-np.mean(log_expit(np.where(y, odds, -odds))))
-
-
-def reliability_bins(log_odds: npt.ArrayLike, true: npt.ArrayLike) -> Bins:
-    """The reliability diagram of probabilities given as natural log odds."""
-    _, p, y, member = _statements(log_odds, true)
-    sums = np.array([np.ones(len(p)), p, y]) @ member
-    count, stated, hits = sums[:, sums[0] > 0]
-    lower = np.where(hits == 0, 0.0, beta.ppf(0.025, np.maximum(hits, 1), count - hits + 1))
-    upper = np.where(hits == count, 1.0, beta.ppf(0.975, hits + 1, np.maximum(count - hits, 1)))
-    return Bins(count.astype(np.int64), stated / count, hits / count, lower, upper)
 
 
 def _statements(
