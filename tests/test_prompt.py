@@ -2,10 +2,16 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from conftest import made_subject
 
 import bayes_toe as bt
+from bayes_toe.design.observers import Observer
+from bayes_toe.design.simulate import PaperObserver
+from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.inference.subject import Settings
+from bayes_toe.model.paper_equations import Natural
 
 
 def test_everything_fits_on_a_line(analysis):
@@ -71,10 +77,9 @@ def test_every_verb_says_what_a_study_is(argument):
         (bt.run, "workers", "all", "workers='all': allowed is a number of processes"),
         (bt.run, "keep", 3, "keep: found 3, allowed: the path of a folder"),
         (bt.evidence, "draws", 2.5, "draws: found 2.5, allowed: a whole number from 1"),
-        (bt.sample, "seed", "1", "seed='1': allowed is a whole number"),
+        (bt.sample, "seed", "1", "seed: found '1', allowed: a whole number"),
         (bt.sample, "model", 3, "model: found 3, allowed: one of: none, constant-error"),
         (bt.fit, "level", "x", "level: found 'x', allowed: a number between 0 and 1"),
-        (bt.fit, "replicates", 1.5, "replicates: found 1.5, allowed: a whole number from 1"),
         (bt.population, "hyperprior", 3, "hyperprior: found 3, allowed: a Hyperprior, or the path"),
         (bt.population, "covariates", 3, "found 'int', allowed: the path of a file"),
         (bt.explore, "truths", None, "draws: found Study, allowed: Draws"),
@@ -95,8 +100,17 @@ def test_an_option_of_a_wrong_kind_is_refused(small_study, verb, option, value, 
         (bt.read_study, ("x.csv", {}), "options: found dict, allowed: a ReadOptions"),
         (bt.Study, ("S01",), "Study: found 'S', allowed: Subjects, in a list"),
         (bt.Prior, ("x",), "prior: mu1_mean: found 'x', allowed: "),
+        (bt.Hyperprior, (3,), "hyperprior: constant_error: found 3, allowed: a ParameterHyper"),
+        (Settings, (-1,), "seed: found -1, allowed: a whole number from 0"),
+        (SamplerSettings, (4000, -1), "ensembles: found -1, allowed: a whole number from 4"),
+        (SamplerSettings, (4000, 4, 8, np.nan), "max_r_hat: found nan, allowed: a number from 1"),
+        (Observer, ("A", "none", {"q0": 2.0}), "observer 'A': q0: found 2"),
+        (PaperObserver, ("A", Natural(0.0, -1.0, 0.1, 0.9)), "sigma_p must be finite and pos"),
+        (bt.model.evolved_mean, (0.0, 0.3, -1.0), "gamma not negative"),
+        (bt.model.normalised_distance, (0.0, 0.3, 0.0, -1.0, 0.1), "sigma_p must be finite"),
+        (bt.design.power, (None, [np.inf]), "trials: found inf, allowed: a whole number"),
     ],
 )
-def test_what_is_of_a_wrong_kind_is_refused(verb, argument, message):
-    with pytest.raises(bt.InputError, match=message):
+def test_what_is_of_a_wrong_kind_or_out_of_range_is_refused_at_once(verb, argument, message):
+    with pytest.raises(bt.BayesToeError, match=message):
         verb(*argument)
