@@ -2,7 +2,8 @@
 
 Every exception is a :class:`BayesToeError`; the command line turns each into one line per problem
 and exit code 2. `Remedy` is an option that solves a problem. `with_next_questions` adds what is
-asked after the first answers. `require_kind` and `require_share` refuse arguments.
+asked after the first answers. `require_kind`, `require_number` and
+`require_share` refuse arguments.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any, NamedTuple
 
 
@@ -235,14 +236,34 @@ def require_kind(name: str, given: object, kinds: type | tuple[type, ...], rule:
 
     Examples
     --------
-    >>> require_kind("draws", "4000", int, "a whole number from 1")
+    >>> require_kind("draws", "4000", int, "a whole number")
     Traceback (most recent call last):
     ...
-    bayes_toe.errors.InputError: draws: found '4000', allowed: a whole number from 1
+    bayes_toe.errors.InputError: draws: found '4000', allowed: a whole number
     """
     if not isinstance(given, kinds):
         finding = repr(given) if isinstance(given, str | Real) else type(given).__name__
         raise InputError(f"{name}: found {finding}, allowed: {rule}")
+
+
+def require_number(
+    name: str, given: Any, smallest: float = 1, largest: float = 10**6, kind: type = Integral
+) -> None:
+    """Refuse what is no number of a range, which is one of whole numbers by default.
+
+    Examples
+    --------
+    >>> require_number("draws", 0)
+    Traceback (most recent call last):
+    ...
+    bayes_toe.errors.InputError: draws: found 0, allowed: a whole number from 1 to 1000000
+    """
+    words = "a whole number" if kind is Integral else "a number"
+    rule = f"{words} from {smallest} to {largest}"
+    require_kind(name, given, kind, rule)
+    # bool is an int for Python, not for a reader; a NaN is in no range.
+    if isinstance(given, bool) or not smallest <= given <= largest:
+        raise InputError(f"{name}: found {given}, allowed: {rule}")
 
 
 def require_share(name: str, given: float) -> None:

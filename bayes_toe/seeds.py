@@ -6,12 +6,11 @@ The same numbers in any order and on any number of workers.
 from __future__ import annotations
 
 import hashlib
-import operator
 import secrets
 
 import numpy as np
 
-from bayes_toe.errors import InputError
+from bayes_toe.errors import require_number
 
 #: The largest integer that a NetCDF file keeps.
 LARGEST_SEED = 2**63 - 1
@@ -22,18 +21,15 @@ def root_seed(seed: int | None) -> int:
 
     An InputError where it is none of 0 to 2**63 - 1.
     """
-    return secrets.randbits(32) if seed is None else _whole(seed)
+    if seed is None:
+        return secrets.randbits(32)
+    return require_seed(seed)
 
 
-def _whole(seed: int) -> int:
-    problem = f"seed={seed!r}: allowed is a whole number from 0 to 2**63 - 1"
-    try:
-        number = operator.index(seed)  # NumPy's integers too
-    except TypeError:
-        raise InputError(problem) from None
-    if not 0 <= number <= LARGEST_SEED:
-        raise InputError(problem)
-    return number
+def require_seed(seed: int) -> int:
+    """Refuse what is no seed."""
+    require_number("seed", seed, 0, LARGEST_SEED)
+    return int(seed)  # NumPy's integers too
 
 
 def stream(seed: int, *keys: str | int) -> np.random.SeedSequence:
@@ -44,7 +40,7 @@ def stream(seed: int, *keys: str | int) -> np.random.SeedSequence:
     # Length-prefixed, so that no two lists of keys run together to the same text.
     text = "".join(f"{len(str(key))}:{key};" for key in keys)
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).digest()
-    return np.random.SeedSequence([_whole(seed), *np.frombuffer(digest, np.uint32).tolist()])
+    return np.random.SeedSequence([require_seed(seed), *np.frombuffer(digest, np.uint32).tolist()])
 
 
 def generator(seed: int, *keys: str | int) -> np.random.Generator:

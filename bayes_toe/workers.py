@@ -22,7 +22,7 @@ from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import threadpool_limits
 
 from bayes_toe.cluster import DEAD_WORKER, count_workers, run_on
-from bayes_toe.errors import InputError, NumericalError, WorkerError
+from bayes_toe.errors import NumericalError, WorkerError, require_number
 from bayes_toe.libraries import ignore_settings_of_folder
 
 if TYPE_CHECKING:
@@ -55,8 +55,7 @@ def count_processes(workers: Workers) -> int:
         return cpu_count()
     if not isinstance(workers, Integral):  # NumPy's integers too
         return count_workers(workers)
-    if workers < 1:
-        raise InputError(f"workers={workers} must be at least 1")
+    require_number("workers", workers)
     return int(workers)
 
 

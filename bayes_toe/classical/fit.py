@@ -18,7 +18,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
-from numbers import Integral
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -31,7 +30,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.errors import InputError, require_kind, require_share
+from bayes_toe.errors import require_number, require_share
 from bayes_toe.model.paper_equations import (
     LN2,
     Natural,
@@ -406,9 +405,7 @@ def fit(
     'q0=1'
     """
     require_share("level", level)
-    require_kind("replicates", replicates, Integral, "a whole number from 1")
-    if replicates < 1:
-        raise InputError(f"replicates={replicates} must be at least 1")
+    require_number("replicates", replicates)
     require_study(study)
     root, penalty = root_seed(seed), prior_for(study, prior)
     jobs: list[Callable[[], SubjectFit]] = []

@@ -107,7 +107,7 @@ def power(
 
     with whole_folder(output, products, overwrite=context.overwrite) as folder:
         table.save(folder / "power.csv")
-        write_table(table.data_sets_frame(), folder / "power_data_sets.csv")
+        write_table(table.data_sets_frame(), folder / "power_data_sets.csv", table.seed)
         if sizes:
             groups.save(folder / _GROUP_FILE)
         for name in ("power.png", "power.pdf"):

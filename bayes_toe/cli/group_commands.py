@@ -66,18 +66,20 @@ def population(
     )
     check = predictive_check(result)
 
+    seed = result.settings.seed
+    save_subjects = partial(write_table, result.subject_table, seed=seed)
     written = context.write(
         {
             output: result.save,
             table: partial(result.table.save, overwrite=context.overwrite),
-            subjects: partial(write_table, result.subject_table, overwrite=context.overwrite),
+            subjects: partial(save_subjects, overwrite=context.overwrite),
             figure: partial(bt.plots.save_figure, bt.plots.population(result, check)),
         }
     )
 
     print_group(context.out, result, check)
     context.print_uninterpretable(read)
-    context.out.answer([*group_answer(result), f"{written} Seed {result.settings.seed}."])
+    context.out.answer([*group_answer(result), f"{written} Seed {seed}."])
     context.end({} if result.is_reliable else {"group": result.draws.shortfall})
 
 

@@ -111,9 +111,9 @@ def write_results(
 
 def _write_tables(analysis: Analysis, folder: Path) -> None:
     """The tables of subjects, and the figure of their conditions."""
-    study, contrast = analysis.study, analysis.contrast
+    study, contrast, seed = analysis.study, analysis.contrast, analysis.settings.seed
     units = study.conditions is not None
-    write_table(analysis.summary(), folder / "summary.csv", units=units)
+    write_table(analysis.summary(), folder / "summary.csv", seed, units=units)
     analysis.evidence.save(folder / "evidence.csv", units=units)
     if contrast is not None:
         contrast.save(folder / "contrast.csv")
@@ -126,7 +126,7 @@ def _write_group(analysis: Analysis, check: PredictiveCheck | None, folder: Path
     group = analysis.group
     if group is not None:
         group.table.save(folder / "population.csv")
-        write_table(group.subject_table, folder / "population_subjects.csv")
+        write_table(group.subject_table, folder / "population_subjects.csv", group.settings.seed)
         (folder / "population.png").write_bytes(png(plots.population(group, check)))
         group.save(folder / "population.nc")
 

@@ -94,7 +94,9 @@ class Table(ABC, Generic[Row]):
 
         See :func:`write_table`.
         """
-        return write_table(self.frame(full=True), path, overwrite=overwrite, units=units)
+        # Nothing random decides a table without a seed.
+        seed = getattr(self, "seed", None)
+        return write_table(self.frame(full=True), path, seed, overwrite=overwrite, units=units)
 
 
 def frame_of(rows: Iterable[object], columns: Sequence[str]) -> pd.DataFrame:
@@ -128,6 +130,7 @@ class SubjectTable(Table[Row]):
 def write_table(
     frame: pd.DataFrame,
     path: StrPath,
+    seed: int | None = None,
     *,
     overwrite: bool = False,
     units: bool = False,
@@ -138,7 +141,8 @@ def write_table(
     missing values are empty. A text that a spreadsheet would run gets an apostrophe, which our
     readers take off the names of subjects. Control characters become escapes.
 
-    With `units`, subjects are units such as S01@left, which become columns subject and condition.
+    A root seed becomes the last column `seed`, which tells tables of two runs apart. With `units`,
+    subjects are units such as S01@left, which become columns subject and condition.
 
     Raises
     ------
@@ -153,6 +157,8 @@ def write_table(
         parts = frame["subject"].str.partition(CONDITION_SEPARATOR)
         frame = frame.assign(subject=parts[0])
         frame.insert([*frame].index("subject") + 1, "condition", parts[2])
+    if seed is not None:
+        frame = frame.assign(seed=seed)
     if not is_parquet(target):
         frame = frame.map(_inert).rename(columns=_inert)
     with whole_file(target, overwrite=overwrite) as temporary:

@@ -23,7 +23,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.design.power import observer_prior
 from bayes_toe.design.study_design import StudyDesign, each_once
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_number
 from bayes_toe.inference.engine import SHARP, PriorMixture, fresh_draws
 from bayes_toe.inference.fitted import fit_posterior
 from bayes_toe.inference.mixture import WeightedDraws
@@ -155,8 +155,7 @@ class Adaptive:
     ) -> None:
         if about not in (MODEL, PARAMETERS):
             raise InputError(f"about={about!r}: allowed: {MODEL}, {PARAMETERS}")
-        if draws < _FEWEST_JUDGES:
-            raise InputError(f"draws={draws}: allowed is at least {_FEWEST_JUDGES}")
+        require_number("draws", draws, _FEWEST_JUDGES)
         asked_task = task_of(task)
         if not isinstance(pairs, StudyDesign):
             pairs = _make_design(pairs, asked_task)

@@ -22,7 +22,7 @@ from bayes_toe.data.read_table import toml_table
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.design.study_design import StudyDesign, each_once
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_number
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR
 from bayes_toe.model.parameters import (
@@ -87,6 +87,12 @@ class Observer:
     kind: str
     parameters: Mapping[str, float]
     task: Task = SAME_DIFFERENT
+
+    def __post_init__(self) -> None:
+        problems = _problems(self.parameters, parameter_names(self.task))
+        lines = [f"observer {self.name!r}: {problem}" for problem in problems]
+        if lines:
+            raise InputError(lines)
 
     @property
     def has_effect(self) -> dict[str, bool]:
@@ -172,15 +178,10 @@ def make_observer(name: str, kind: str, values: Mapping[str, float], task: Task)
         If a parameter is missing, unknown or out of its range.
     """
     names = parameter_names(task)
-    problems = []
     for key in ("noise", "q0"):
         if key in names and key not in values:
-            problems.append(f"{key} is missing")
-    problems += _problems(values, names)
-    if problems:
-        raise InputError([f"observer {name!r}: {problem}" for problem in problems])
-    parameters = {key: float(values.get(key, 0.0)) for key in names}
-    return Observer(name, kind, parameters, task)
+            raise InputError(f"observer {name!r}: {key} is missing")
+    return Observer(name, kind, {**dict.fromkeys(names, 0.0), **values}, task)
 
 
 def _problems(
@@ -241,8 +242,7 @@ def assume_observers(
     >>> [observer.name for observer in some]
     ['both 1', 'both 2']
     """
-    if size < 1:
-        raise InputError(f"data_sets={size}: allowed is at least 1")
+    require_number("data_sets", size)
     task = designs[0].task
     ranges: Mapping[str, Mapping[str, Range]] = {}
     observers: Sequence[Observer] = ()

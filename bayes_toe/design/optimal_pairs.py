@@ -31,7 +31,7 @@ from bayes_toe.design.study_design import (
     stimulus_names,
     to_logs,
 )
-from bayes_toe.errors import InputError, Remedy
+from bayes_toe.errors import InputError, Remedy, require_number
 from bayes_toe.model.observer import DEFAULT_PRIOR
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
@@ -75,8 +75,7 @@ class DesignGoal:
         object.__setattr__(self, "task", task_of(self.task))
         if self.aim not in AIMS:
             raise InputError(f"--for: found {self.aim!r}, allowed: {', '.join(AIMS)}")
-        if self.max_pairs < _FEWEST:
-            raise InputError(f"--max-pairs {self.max_pairs}: allowed is at least {_FEWEST}")
+        require_number("--max-pairs", self.max_pairs, _FEWEST)
         if self.keep is not None and self.is_even:
             raise InputError("--even and --keep exclude each other.")
 
@@ -346,6 +345,7 @@ def best_design(
 
     The second value is what one more trial of each pair adds.
     """
+    require_number("--trials", trials)
     plane = _pairs_to_show(levels, goal)
     fixed = np.zeros(plane.n_pairs, np.int64)
     if goal.keep is not None:

@@ -456,6 +456,8 @@ GROUP_COLUMNS = tuple(field.name for field in fields(GroupPower))
 class GroupPowerTable(Table[GroupPower]):
     """A row for each kind of observers, question and number of subjects."""
 
+    seed: int
+
     def select(self, design: str, trials: int, question: str) -> dict[str, list[GroupPower]]:
         """The rows of one design and one question, by kind of observers."""
         rows = defaultdict(list)
@@ -518,7 +520,7 @@ def group_power(
                 if question != "order_effect":
                     row = _with_group_mean(row, members, table.seed, prior)
                 rows.append(row)
-    return GroupPowerTable(tuple(rows))
+    return GroupPowerTable(tuple(rows), table.seed)
 
 
 def _with_group_mean(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
@@ -43,7 +44,7 @@ from bayes_toe.design.study_design import (
     reference_design,
     stimulus_columns,
 )
-from bayes_toe.errors import InputError, Remedy
+from bayes_toe.errors import InputError, Remedy, require_number
 from bayes_toe.model.paper_equations import (
     Natural,
     natural_names,
@@ -90,6 +91,7 @@ class PaperObserver:
     task: Task = SAME_DIFFERENT
 
     def __post_init__(self) -> None:
+        require_natural(*self.natural)
         if self.task == THREE_ANSWERS:
             raise InputError(
                 f"--observers: found those of the paper's model with the task {self.task.name!r}, "
@@ -353,8 +355,7 @@ def simulate_trials(
     differences : ConditionDifferences, optional
     """
     for option, value in (("--carry-over", carry_over), ("--missed", missed)):
-        if not 0.0 <= value < 1.0:
-            raise InputError(f"{option}: found {value:g}, allowed: a number from 0 to below 1")
+        require_number(option, value, 0, 0.999, Real)
     trials = []
     for observer in observers:
         if differences is None:
@@ -468,11 +469,8 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     simulated: Sequence[SimulatedObserver]
     if isinstance(observers, Mapping):
         simulated = _stated_observers(observers, task)
-    elif isinstance(observers, bool) or not isinstance(observers, int) or observers < 1:
-        raise InputError(
-            f"observers: found {observers!r}, allowed: a whole number from 1, or parameters by name"
-        )
     else:
+        require_number("observers", observers)
         simulated = draw_population(population, observers, root, study_design, task)
 
     trials = simulate_trials(
@@ -566,10 +564,9 @@ def _stated_observer(
         )
     natural = Natural(*(np.asarray(values[key], np.float64) for key in names))
     try:
-        require_natural(*natural)
+        return PaperObserver(name, natural, task)
     except ArithmeticError as error:
         raise InputError(f"{source}: {str(error).replace('q0', task.lapses)}") from error
-    return PaperObserver(name, natural, task)
 
 
 def require_file(text: str, option: str, words: Iterable[str]) -> None:
@@ -597,8 +594,7 @@ def make_design(
     if isinstance(design, StudyDesign):
         return design
     options = ReadOptions() if options is None else options
-    if batches < 1:
-        raise InputError(f"design: batches={batches} must be at least 1")
+    require_number("batches", batches)
     if design in _DESIGNS:
         study_design = _DESIGNS[design](_amplitudes(amplitudes, options), batches)
     else:

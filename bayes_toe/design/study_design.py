@@ -27,7 +27,7 @@ from bayes_toe.data.tables import write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.text_table import TextTable
 from bayes_toe.data.validation import read_numbers
-from bayes_toe.errors import InputError, Remedy
+from bayes_toe.errors import InputError, Remedy, require_number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -116,6 +116,7 @@ class StudyDesign:
         InputError
             If there are fewer trials than pairs.
         """
+        require_number("trials", trials)
         if trials < self.n_pairs:
             raise InputError(
                 f"{trials} trials for {self.n_pairs} pairs: allowed is at least one trial a pair"

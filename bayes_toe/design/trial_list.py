@@ -7,6 +7,7 @@ follow each other.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Integral
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,7 @@ from bayes_toe.arrays import BoolArray, IndexArray, IntArray, Rng
 from bayes_toe.data.messages import join_names
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.design.study_design import StudyDesign, stimulus_columns
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.seeds import generator
 
 #: Equal pairs that may follow each other.
@@ -95,6 +96,7 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
             pairs, n_times = repeated[i]
             first = i // len(units) * design.n_pairs
             hands += [np.add(first, pairs)] * n_times
+    require_kind("--blocks", blocks, Integral, "a whole number")
     if not 1 <= blocks <= len(hands):
         raise InputError(
             f"--blocks {blocks}: allowed is 1 to {len(hands)}, so that every block has a trial and "

@@ -14,7 +14,6 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from numbers import Integral
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +29,7 @@ from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, join_names
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
-from bayes_toe.errors import ConvergenceWarning, InputError, require_kind
+from bayes_toe.errors import ConvergenceWarning, InputError, require_kind, require_number
 from bayes_toe.groups.group_posterior import (
     PLAIN_UNITS,
     GroupPosterior,
@@ -72,7 +71,7 @@ from bayes_toe.model.parameters import (
 )
 from bayes_toe.model.prior import Hyperprior, ParameterHyperprior
 from bayes_toe.model.prior_file import hyperprior_from
-from bayes_toe.seeds import generator, root_seed
+from bayes_toe.seeds import generator, require_seed, root_seed
 
 #: Draws of all chains together; enough for 95 % intervals, and about 5 s of CPU for 10 subjects.
 DRAWS = 3200
@@ -109,10 +108,8 @@ class GroupSettings:
     draws: int
 
     def __post_init__(self) -> None:
-        number_range = f"a whole number from {_FEWEST_DRAWS} to {_MOST_DRAWS}"
-        require_kind("draws", self.draws, Integral, number_range)
-        if not _FEWEST_DRAWS <= self.draws <= _MOST_DRAWS:
-            raise InputError(f"population: draws={self.draws}; allowed is {number_range}")
+        require_seed(self.seed)
+        require_number("draws", self.draws, _FEWEST_DRAWS, _MOST_DRAWS)
 
 
 class Interval(NamedTuple):
@@ -401,7 +398,7 @@ class PopulationResult:
             rows.append(summary_row(name, "new_subject", values))
         rows += self._covariate_rows()
         rows += self._condition_rows()
-        return PopulationTable(tuple(rows))
+        return PopulationTable(tuple(rows), self.settings.seed)
 
     def _all_quantities(self, coefficients: FloatArray) -> dict[str, FloatArray]:
         """Coefficients by their names, and the quantities that follow from them."""

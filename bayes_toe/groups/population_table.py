@@ -95,6 +95,7 @@ def summary_row(
 class PopulationTable(Table[PopulationRow]):
     """The rows of population.csv."""
 
+    seed: int
     short_columns = (*PopulationRow._fields[:6], "p_direction", "ln_bf_zero")
 
     def _full_frame(self) -> pd.DataFrame:

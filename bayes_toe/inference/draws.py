@@ -56,7 +56,7 @@ from bayes_toe.model.paper_equations import NATURAL, Natural
 from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.prior import Prior, stored_prior
-from bayes_toe.seeds import generator, root_seed
+from bayes_toe.seeds import generator
 
 #: Bytes of draws in one file; they are in memory together.
 LARGEST = 2**33
@@ -106,7 +106,7 @@ class Draws:
         """The settings of the analysis that made these draws."""
         record = json.loads(self.tree.attrs["settings"])
         return Settings(
-            root_seed(int(self.tree.attrs["seed"])),
+            int(self.tree.attrs["seed"]),
             stored_prior(record["prior"]),
             SamplerSettings(**record["sampler"]),
             self.model,

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Integral
+from numbers import Real
 from typing import Any
 
 import emcee
 import numpy as np
 
 from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
-from bayes_toe.errors import InputError, require_kind
+from bayes_toe.errors import require_number
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
 from bayes_toe.inference.fitted import Fitted
 from bayes_toe.inference.mixture import WeightedDraws
@@ -57,7 +57,7 @@ class SamplerSettings:
     Raises
     ------
     InputError
-        If `draws` is out of range.
+        If a setting is out of range.
     """
 
     draws: int = 4000
@@ -68,10 +68,12 @@ class SamplerSettings:
     max_quantile_error: float = 0.05
 
     def __post_init__(self) -> None:
-        rule = "a whole number from 1 to 1000000"
-        require_kind("draws", self.draws, Integral, rule)
-        if not 1 <= self.draws <= 10**6:
-            raise InputError(f"draws: found {self.draws}, allowed: {rule}")
+        require_number("draws", self.draws)
+        require_number("ensembles", self.ensembles, 4)
+        require_number("walkers", self.walkers, 0)
+        require_number("max_thin", self.max_thin)
+        require_number("max_r_hat", self.max_r_hat, 1, 10, Real)
+        require_number("max_quantile_error", self.max_quantile_error, 0, np.inf, Real)
         if self.walkers == 0:
             object.__setattr__(self, "walkers", 2 * min(128, max(32, self.draws // 80)))
 

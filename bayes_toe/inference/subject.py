@@ -35,7 +35,7 @@ from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.model.posterior import SubjectPosterior, posterior_contraction
 from bayes_toe.model.prior import DEFAULT, Prior
-from bayes_toe.seeds import generator
+from bayes_toe.seeds import generator, require_seed
 
 #: Independent draws behind the evidence of H1, unless more are asked for.
 EVIDENCE_DRAWS = 4000
@@ -73,6 +73,9 @@ class Settings:
     prior: Prior = DEFAULT
     sampler: SamplerSettings = field(default_factory=SamplerSettings)
     model: str = ""
+
+    def __post_init__(self) -> None:
+        require_seed(self.seed)
 
 
 @dataclass(frozen=True)

@@ -35,12 +35,20 @@ def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
 
     Source: Eq. axis1.
 
+    Raises
+    ------
+    NumericalError
+        If a gamma is negative or above 1e306. That of a NaN is NaN.
+
     Examples
     --------
     >>> float(variance_ratio(2.0))
     2.0
     """
-    return 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * np.asarray(gamma, np.float64)))
+    squared = np.asarray(gamma, np.float64)
+    if np.any((squared < 0.0) | (squared > 1e306)):
+        raise NumericalError("sigma_l / sigma_p must be below 1e153, and gamma not negative")
+    return 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * squared))
 
 
 def gain(gamma: npt.ArrayLike) -> FloatArray:
@@ -160,6 +168,7 @@ def normalised_distance(
 
     Source: Eqs. mod:qdphi and mod:q.
     """
+    require_natural(mu1, sigma_p, sigma_l, 1.0)
     gamma = noise_ratio(sigma_p, sigma_l)
     first = np.asarray(s1, np.float64)
     displacement = (np.asarray(s2, np.float64) - first) - pull(gamma) * (
@@ -276,6 +285,4 @@ def require_natural(
         if not np.all(holds):
             raise NumericalError(rule)
     with np.errstate(over="ignore"):
-        ratio = variance_ratio(noise_ratio(sigma, noise))
-    if not np.isfinite(ratio).all():
-        raise NumericalError("sigma_l / sigma_p must be below 1e153")
+        variance_ratio(noise_ratio(sigma, noise))

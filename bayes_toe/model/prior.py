@@ -33,7 +33,7 @@ from bayes_toe.arrays import Record
 from bayes_toe.data.messages import display_name, quoted
 from bayes_toe.data.study import Subject, common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.parameters import (
     SCALES,
     STIMULI,
@@ -116,6 +116,7 @@ class Hyperprior:
 
     def __post_init__(self) -> None:
         for name, row in vars(self).items():
+            require_kind(f"hyperprior: {name}", row, ParameterHyperprior, "a ParameterHyperprior")
             row.require_valid(f"hyperprior: [{name}] ")
 
     @classmethod
@@ -210,6 +211,8 @@ class Prior(PriorNumbers):
 
     def __post_init__(self) -> None:
         self.require_valid("prior: ")
+        require_kind("prior: observer", self.observer, ObserverPrior, "an ObserverPrior")
+        require_kind("prior: group", self.group, Hyperprior, "a Hyperprior")
 
     def paper_parameters(self, task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
         """The parameters of the predictive update (H1) that have a distribution.

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_number
 from bayes_toe.plots.style import any_characters
 
 #: Metadata that would differ from one writing to the next, by format.
@@ -53,6 +53,7 @@ def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: 
     InputError
         If matplotlib knows no such format.
     """
+    require_number("dpi", dpi)
     suffix = require_suffix(path)
     with whole_file(path, overwrite=overwrite) as target:
         _write(figure, target, suffix, dpi)

@@ -82,7 +82,7 @@ REFUSED = """
     --covariates people.csv --categorical size | categorical: found 'size', allowed: 'site', 'age'
     -o group.nc | overwrite
     -o study.nc --overwrite | study.csv: this command reads that file
-    --draws 5 | draws=5; allowed is a whole number from 100
+    --draws 5 | draws: found 5, allowed: a whole number from 100
 """
 
 

@@ -151,9 +151,10 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
     out = write_results(bt.run(study, draws=100, seed=1, workers=1), tmp_path / "out", **NO_FIGURES)
     contrast = pd.read_csv(out / "contrast.csv")
     assert contrast[contrast.quantity == "constant error"].word.tolist() == ["differs"]
+    assert contrast.seed.unique().tolist() == [1]
     for name in ("evidence.csv", "summary.csv"):
-        units = pd.read_csv(out / name)[["subject", "condition"]].drop_duplicates()
-        assert units.to_numpy().tolist() == [["P000", "left"], ["P000", "right"]]
+        units = pd.read_csv(out / name)[["subject", "condition", "seed"]].drop_duplicates()
+        assert units.to_numpy().tolist() == [["P000", "left", 1], ["P000", "right", 1]]
     amount = "1 subject in 2 conditions, 1,200 trials, which was stronger (2AFC), 10 pairs · seed"
     text, methods = page(out), page(out, "methods.md")
     for words in (

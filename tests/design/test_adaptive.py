@@ -121,7 +121,6 @@ def test_sessions_of_which_is_stronger_take_true_for_second(tmp_path):
 
 REFUSED = [
     (lambda: start_session(about="gain"), "about='gain': allowed: model, parameters"),
-    (lambda: start_session(draws=10), "draws=10: allowed is at least 512"),
     (lambda: Adaptive([1.0, 2.0]), "found shape (2,)"),
     (lambda: Adaptive([(0.0, 0.1, 1.0)]), "found shape (1, 3), allowed: (pairs, 2)"),
     (lambda: start_session().answer(PAIRS[0], "yes"), "yes='yes'"),

@@ -172,7 +172,7 @@ REFUSED = """
     --levels raw.csv | raw.csv: columns i are intensities without a unit
     --lowest 0 --highest 1 --even --keep given.csv | --even and --keep exclude each other.
     --lowest 0 | No range of stimuli is given. Use --lowest and --highest
-    --lowest 0 --highest 1 --max-pairs 3 | --max-pairs 3: allowed is at least 4
+    --lowest 0 --highest 1 --max-pairs 3 | --max-pairs: found 3, allowed: a whole number from 4
     --lowest 0 --highest 1 --for gain | --for: found 'gain', allowed: order-effect, constant
     --levels l.csv --intensity -1 | --intensity: found -1.0, allowed: a positive
     given.csv | given.csv: a given design needs --list trials.csv, without options of the

@@ -126,8 +126,6 @@ AGES = {"age": {"P000": 20.0, "P001": 30.0}}
 @pytest.mark.parametrize(
     "study, arguments, message",
     [
-        (simulated_group(1, 3), {"draws": 3}, "draws=3; allowed is a whole number from 100 to"),
-        (simulated_group(1, 3), {"draws": 2.5}, "draws"),
         (simulated_group(1, 3), {"hyperprior": "none.toml"}, "none.toml: cannot be read "),
         (simulated_group(1, 3), {"hyperprior": 3}, "a Hyperprior, or the path of a TOML file"),
         (

@@ -180,7 +180,7 @@ DAMAGES = [
     (SUBJECTS, _set("posterior/subject", 0, "Z"), "its draws and its counts are of"),
     (SUBJECTS, _set("observed_data/n_equal", 0, -1), "subject 'A'"),
     (SUBJECTS, _attribute(seed="five"), UNREADABLE),
-    (SUBJECTS, _attribute(seed=-1), "seed=-1: allowed is a whole number"),
+    (SUBJECTS, _attribute(seed=-1), "seed: found -1, allowed: a whole number"),
     (SUBJECTS, _sampler(draws=-1), "draws: found -1, allowed: a whole number from 1 to"),
     (SUBJECTS, _attribute(settings="[" * 60_000), UNREADABLE),
     (SUBJECTS, _attribute(failed="[1"), UNREADABLE),

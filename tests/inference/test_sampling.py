@@ -11,7 +11,7 @@ from reference.hard_cases import hard_cases, twins
 from scipy.special import logsumexp
 
 import bayes_toe as bt
-from bayes_toe.errors import ConvergenceWarning, InputError
+from bayes_toe.errors import ConvergenceWarning
 from bayes_toe.inference.diagnostics import TAIL, convergence, errors
 from bayes_toe.inference.fitted import fit_posterior
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
@@ -160,12 +160,6 @@ def test_subjects_whose_names_differ_in_case_are_two():
     draws = bt.sample(bt.Study(twins()), draws=100, seed=1, workers=1)
     assert draws.names == ("Ann", "ann")
     assert draws.values("Ann", "offset").mean() < 0 < draws.values("ann", "offset").mean()
-
-
-@pytest.mark.parametrize("draws", [0, 10**6 + 1, 4.5])
-def test_settings_out_of_range_are_refused(draws):
-    with pytest.raises(InputError, match=f"draws: found {draws}, allowed: a whole number from 1"):
-        SamplerSettings(draws=draws)
 
 
 def test_walkers_that_never_move_do_not_pass_for_a_converged_sample():
