@@ -18,6 +18,7 @@ from scipy.special import logit, ndtri, softmax
 import bayes_toe as bt
 from bayes_toe.groups.population import subject_rows
 from bayes_toe.inference.order_evidence import MODEL_NAMES
+from bayes_toe.model.paper_equations import NATURAL
 
 WARM_UP, N_CHAINS, WALKERS = 1000, 4, 32
 #: Evaluations of the likelihood after which nested sampling has failed.

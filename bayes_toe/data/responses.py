@@ -353,7 +353,7 @@ def _commonest_with(column: Column, texts: Sequence[str], trend: FloatArray) -> 
     best, largest = "", 0.0
     for text in texts:
         is_code = column.map(text.__eq__, np.float64)[is_number]
-        if np.ptp(is_code) and np.ptp(trend[is_number]):
+        if is_number.any() and np.ptp(is_code) and np.ptp(trend[is_number]):
             correlation = float(np.corrcoef(is_code, trend[is_number])[0, 1])
             if correlation > largest:
                 best, largest = _plain(text), correlation

@@ -21,6 +21,7 @@ from bayes_toe.arrays import IntArray, StrPath
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import (
     MAX_LINES,
+    TWICE,
     display_name,
     join_counts,
     join_words,
@@ -141,6 +142,7 @@ def _together(studies: Sequence[Study]) -> Study:
     for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
         files = [study for study in studies if name in study.names]
         subjects.append(_subject_of_files(name, files))
+        doubts += _copies(name, files)
         if len(files) > 1:
             n_files[name] = len(files)
     notes = _common_notes(studies)
@@ -191,6 +193,23 @@ def _require_alike(studies: Sequence[Study]) -> None:
                 f"{study.source}: asked {study.task.name}, and {first.source} {first.task.name}; "
                 "allowed: files of one task"
             )
+
+
+def _copies(name: str, studies: Sequence[Study], fewest: int = 20) -> Iterator[str]:
+    """Doubts about files that have the same answers of a subject, trial by trial.
+
+    So many answers are not the same by chance.
+    """
+    first_source: dict[tuple[bytes, bytes], str] = {}
+    for study in studies:
+        answers = study[name].answers
+        if answers is None or not answers.has_trial_rows or len(answers.n_yes) < fewest:
+            continue
+        content = answers.keys.tobytes(), answers.counts.tobytes()
+        earlier = first_source.setdefault(content, study.source)
+        if earlier != study.source:
+            trials = f"{len(answers.n_yes)} trials of subject {display_name(name)}"
+            yield f"{study.source} has the same {trials} as {earlier}: {TWICE}, remove one file"
 
 
 def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:

@@ -3,7 +3,6 @@
 import csv
 import io
 import math
-import random
 import re
 import tempfile
 from dataclasses import replace
@@ -343,15 +342,13 @@ def written(folder, **texts):
 
 
 def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
-    rng = random.Random(1)
-    rows = [f"a,0,{rng.randrange(3)},{rng.randrange(2)}\n" for _ in range(40)]
-    text = TRIALS + words("".join(rows))
+    text = TRIALS + words("".join(f"a,0,{row % 3},{row % 2}\n" for row in range(20)))
     other = text.replace("a,", "b,")
-    files = written(tmp_path, first=text, other=other, copy=text)
-    findings = bt.check(bt.read_study(files))
-    (repeated,) = filter(lambda finding: finding.code == "repeated_trials", findings)
-    assert repeated.subject == "a"
-    assert repeated.message.startswith("40 of 80 trials repeat earlier ones")
+    files = written(tmp_path, first=text, other=other, copy=text, longer=text + "a,0,0,same\n")
+    (doubt,) = bt.read_study(files).reading.doubts
+    identical = "copy.csv has the same 20 trials of subject a as first.csv: repeated trials make"
+    assert doubt.startswith(identical)
+    assert bt.read_study([files[0], files[1], files[3]]).reading.doubts == ()
 
 
 def test_of_several_files_the_first_problems_are_told(tmp_path):

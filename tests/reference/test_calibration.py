@@ -4,6 +4,7 @@ import sys
 
 import calibration
 import numpy as np
+import pandas as pd
 import pytest
 from calibration import DRAWS, PRODUCTS, analyse, calibrate, calibration_settings, judged
 
