@@ -17,6 +17,7 @@ from numpy.random import default_rng
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import frequency_evidence
 from bayes_toe.checks.answer_checks import check_answers
+from bayes_toe.classical.frequencies import accuracy
 from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, WHICH_STRONGER
 from bayes_toe.design.simulate import simulate
 from bayes_toe.inference.draws import load_draws
@@ -126,6 +127,13 @@ def test_a_session_takes_three_answers_and_is_resumed(tmp_path):
     assert resumed.answers == session.answers
     assert resumed.probabilities == session.probabilities
     assert resumed.subject.n_second.sum() == 1
+
+
+def test_a_wrong_direction_is_no_correct_answer():
+    subject = bt.Subject(
+        "a", [0.0, 0.0], [0.0, 0.3], [8, 3], [10, 10], n_second=[1, 5], task=THREE_ANSWERS
+    )
+    assert accuracy(subject) == pytest.approx((8 + 5) / 20)
 
 
 # --- Responses that look wrong --------------------------------------------------------------------

@@ -55,6 +55,10 @@ def accuracy(subject: Subject) -> float:
     if not n_judged:
         return float("nan")
     n_wrong = subject.task.wrong(difference, subject.n_yes, subject.n_trials).sum()
+    asked = subject.two_answers
+    if asked is not None and subject.task.has_three_answers:
+        # 'First' or 'second' is wrong, too, where the other one would be right.
+        n_wrong += asked.task.wrong(asked.s2 - asked.s1, asked.n_yes, asked.n_trials).sum()
     return float(1.0 - n_wrong / n_judged)
 
 

@@ -211,13 +211,13 @@ class ReadOptions:
 
         Both codes may be one text, and two options may tell the task.
         """
-        answer_of_code = {code: answer for answer, code in self._code_by_answer.items()}
+        options, answer_of_code = list[str](), dict[str, str]()
         for answer, code in self._code_by_answer.items():
-            other = answer_of_code[code]
+            options.append(f"--{answer}-code")
+            other = answer_of_code.setdefault(code, answer)
             if other != answer:
-                finding = f"found {quoted(code)} as --{answer}-code"
-                yield f"--{other}-code: {finding}, allowed: different texts"
-        options = [f"--{answer}-code" for answer in self._code_by_answer]
+                finding = f"found {quoted(code)} as --{other}-code"
+                yield f"--{answer}-code: {finding}, allowed: different texts"
         if self.correct is not None:
             options.append("--correct")
         has_task = self.task is not None or not options

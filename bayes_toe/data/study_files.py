@@ -149,14 +149,19 @@ def _together(studies: Sequence[Study]) -> Study:
     if n_files:
         subjects_in_words = plural(len(n_files), "subject")
         notes.append(f"{subjects_in_words} in several files, put together: {join_counts(n_files)}")
+    reading = replace(_reading_of_all(studies), doubts=tuple(doubts))
+    source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
+    is_synthetic = all(study.synthetic for study in studies)
+    return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
+
+
+def _reading_of_all(studies: Sequence[Study]) -> Reading:
+    """The names and codes that the files told, without their doubts."""
     names = {}
     for key in ("read", "ignored", "pooled", "codes"):
         of_files = chain.from_iterable(getattr(study.reading, key) for study in studies)
         names[key] = tuple(dict.fromkeys(of_files))
-    reading = Reading(**names, doubts=tuple(doubts))
-    source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
-    is_synthetic = all(study.synthetic for study in studies)
-    return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
+    return Reading(**names)
 
 
 def _common_notes(studies: Sequence[Study]) -> list[str]:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.messages import TWICE, display_name, join_counts, join_names, plural
 from bayes_toe.data.tasks import task_counted
@@ -69,7 +70,7 @@ def answers_in_order(
         is_own_row = subject.codes[rows] == subject.codes[part[0]]
         in_order = Answers(
             keys=pairs[rows],
-            **{name: np.where(is_own_row, count[rows], 0) for name, count in counts.items()},
+            **_counts_at(counts, rows, is_own_row),
             block=None if block_rank is None else block_rank[rows],
             blocks=blocks,
             has_trial_rows=is_trials,
@@ -168,6 +169,13 @@ def _places(trial: FloatArray, run: IntArray) -> tuple[IntArray, int]:
         steps = np.diff(trial)[~is_new_run]
         missing = int((steps[steps > 1] - 1).sum())
     return np.arange(len(trial)) + np.r_[0, np.cumsum(is_new_run)], missing
+
+
+def _counts_at(
+    counts: Mapping[str, IntArray], rows: IndexArray, is_counted: BoolArray
+) -> dict[str, Any]:
+    """The counts of some rows; those of others are 0."""
+    return {name: np.where(is_counted, values[rows], 0) for name, values in counts.items()}
 
 
 def _repeated(

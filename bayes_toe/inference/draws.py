@@ -44,7 +44,6 @@ from bayes_toe.inference.subject import (
     SummaryRow,
     summary_rows,
 )
-from bayes_toe.model.answer_curves import log_likelihoods
 from bayes_toe.model.models import (
     ObserverPosterior,
     SampledModel,
@@ -293,14 +292,13 @@ class Draws:
         The same draws give the same answers.
         """
         target, x = self.posterior(name), self.points(name)
-        subject, row = target.subject, target.rows
-        n_yes, n_trials = row.n_yes[0, 0], (row.n_yes + row.n_no)[0, 0]
+        subject = target.subject
         rng = generator(self.seed, name, self.model, "posterior_predictive")
         log_likelihood, predicted = np.empty((2, *x.shape[:2], subject.n_pairs))
         # One chain at a time: temporaries of a large design stay small.
         for chain, points in enumerate(x):
             answers = target.log_answers(points)
-            by_question = log_likelihoods(n_yes, n_trials, answers)
+            by_question = target.rows.terms(answers)
             by_pair = by_question.reshape(len(points), -1, subject.n_pairs)
             log_likelihood[chain] = by_pair.sum(axis=1)
             p_yes = np.exp(answers.yes[:, : subject.n_pairs])

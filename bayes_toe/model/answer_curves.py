@@ -41,22 +41,6 @@ class LogAnswers(NamedTuple):
 # --- Counts --------------------------------------------------------------------------------------
 
 
-def log_likelihoods(n_yes: FloatArray, n_trials: FloatArray, answers: ArrayPair) -> FloatArray:
-    """Log likelihood of each pair, (points, pairs), without binomial coefficients.
-
-    Parameters
-    ----------
-    n_yes, n_trials : ndarray
-        How often a pair was answered as the task counts, and at all, shape (pairs,), or
-        (points, pairs) where every point has counts of its own.
-    answers : tuple of ndarray
-        Log probability of that answer and of the other one, (points, pairs) each.
-    """
-    yes, no = answers
-    n_no = n_trials - n_yes
-    return times_counts(n_yes, yes) + times_counts(n_no, no)
-
-
 def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
     """Counts times what each answer adds; an answer never given adds 0, also at probability 0."""
     with np.errstate(over="ignore", invalid="ignore"):
@@ -273,9 +257,11 @@ class AnswerRows(ABC):
 
     def log_likelihood(self, u: FloatArray) -> FloatArray:
         """Log likelihood without binomial coefficients, (rows, points, k) -> (rows, points)."""
-        answers = self.log_answers(u)
-        terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
-        return terms.sum(axis=-1)
+        return self.terms(self.log_answers(u)).sum(axis=-1)
+
+    def terms(self, answers: LogAnswers) -> FloatArray:
+        """What each question of each pair adds to the log likelihood."""
+        return times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
 
     def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
         """:meth:`log_likelihood` by a cheaper form, where a model has one."""
@@ -309,7 +295,7 @@ class AnswerRows(ABC):
         self, answers: LogAnswers, yes_slopes: FloatArray, no_slopes: FloatArray
     ) -> ArrayPair:
         """Log likelihood and its gradient, from what an answer to each pair adds."""
-        terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
+        terms = self.terms(answers)
         in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
         in_no = times_counts(self.n_no[:, :, None], no_slopes)
         # Where an answer is impossible the density is 0, and slopes are infinite.

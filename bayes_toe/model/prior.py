@@ -104,7 +104,7 @@ class Hyperprior:
 
     Examples
     --------
-    >>> wide = Hyperprior().changed({"contraction": {"mean_scale": 0.6}})
+    >>> wide = Hyperprior(contraction=ParameterHyperprior(0.0, mean_scale=0.6, sd_scale=0.15))
     >>> wide.contraction.words
     'mean ~ Normal(0, 0.6); SD between subjects ~ half-normal, scale 0.15'
     """
@@ -123,16 +123,6 @@ class Hyperprior:
     def from_record(cls, rows: Mapping[str, Mapping[str, Any]]) -> Self:
         """The hyperprior that a file of results holds."""
         return cls(**{name: ParameterHyperprior(**row) for name, row in rows.items()})
-
-    def changed(self, sections: Mapping[str, Mapping[str, float]]) -> Hyperprior:
-        """The same with other numbers, by parameter and number.
-
-        Raises
-        ------
-        InputError
-            For an unknown parameter or number, and for a number that is out of range.
-        """
-        return changed_prior(replace(DEFAULT, group=self), {GROUP: sections}, "hyperprior").group
 
     def describe(self, task: Task) -> tuple[str, ...]:
         """A line for each parameter of a task."""

@@ -19,6 +19,7 @@ from bayes_toe.cli.methods import _in_paper
 from bayes_toe.groups.population import GroupEffect, Interval
 from bayes_toe.groups.zero_mean import ZeroBayesFactor
 from bayes_toe.inference.subject import Settings
+from bayes_toe.model.prior import ParameterHyperprior
 
 
 def answer(name, words, shift=5.0, **fields):
@@ -217,7 +218,7 @@ def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypat
         lambda study, **options: fitted.append((study.names, options)),
     )
     study = bt.example_study("same/different").select([f"S{i:02d}" for i in range(1, 8)])
-    wide = bt.Hyperprior().changed({"contraction": {"mean_scale": 0.6}})
+    wide = bt.Hyperprior(contraction=ParameterHyperprior(0.0, 0.6, 0.15))
     settings = Settings(4, bt.Prior(group=wide))
 
     def group_without(*names):
