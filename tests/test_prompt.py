@@ -80,7 +80,7 @@ REFUSED = """
     bt.fit(study, level='x') | level: found 'x', allowed: a number between 0 and 1
     bt.fit(study, level=1.0) | level=1 must lie between 0 and 1
     bt.fit(study, replicates=1.5) | replicates: found 1.5, allowed: a whole number from 1
-    bt.fit(study, replicates=0) | replicates=0 must be at least 1
+    bt.fit(study, replicates=0) | replicates: found 0, allowed: a whole number from 1
     bt.population(study, hyperprior=3) | hyperprior: found 3, allowed: a Hyperprior, or the path
     bt.population(study, covariates=3) | found 'int', allowed: the path of a file
     bt.explore(study, truths=None) | draws: found Study, allowed: Draws
@@ -110,7 +110,7 @@ def test_an_argument_of_a_wrong_kind_is_refused(small_study, call, message):
         (SamplerSettings, (4000, 4, 8, np.nan), "max_r_hat: found nan, allowed: a number from 1"),
         (Observer, ("A", "none", {"q0": 2.0}), "observer 'A': q0: found 2"),
         (PaperObserver, ("A", Natural(0.0, -1.0, 0.1, 0.9)), "sigma_p must be finite and pos"),
-        (bt.model.evolved_mean, (0.0, 0.3, -1.0), "gamma not negative"),
+        (bt.model.evolved_mean, (0.0, 0.3, -1.0), "gamma must be finite and not negative"),
         (bt.model.normalised_distance, (0.0, 0.3, 0.0, -1.0, 0.1), "sigma_p must be finite"),
         (bt.design.power, (None, [np.inf]), "trials: found inf, allowed: a whole number"),
     ],

@@ -192,7 +192,9 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
     n_alike = Counter(name.lower() for name in {*names})
     stems = {}
     for name in names:
-        is_safe = _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name) and len(name) < 52
+        is_safe = (
+            _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name) and len(name) <= _LONGEST_STEM
+        )
         stems[name] = name if is_safe and n_alike[name.lower()] == 1 else _marked(name)
     if len({stem.lower() for stem in stems.values()}) < len(stems):  # one looks like a mark
         stems = {name: _marked(name) for name in names}

@@ -79,6 +79,8 @@ def pull(gamma: npt.ArrayLike) -> FloatArray:
     (0.5, 1e-300)
     """
     ratio = np.asarray(gamma, np.float64)
+    if np.any(ratio < 0.0):
+        raise NumericalError("gamma must be finite and not negative")
     # G^2 = (1 + 2 gamma + (1 + 4 gamma)^(1/2)) / 2
     return 2.0 * ratio / (1.0 + 2.0 * ratio + np.sqrt(1.0 + 4.0 * ratio))
 

@@ -106,7 +106,7 @@ def test_what_is_refused():
     paper = paper_study_design()
     with pytest.raises(InputError, match="found 'nobody', allowed: none, small constant error"):
         assume_observers("nobody", 1, 1, [paper])
-    with pytest.raises(InputError, match="data_sets=0"):
+    with pytest.raises(InputError, match="data_sets: found 0"):
         assume_observers(None, 0, 1, [paper])
     other = assume_observers("both", 1, 1, [paper_study_design(task="2afc")])
     with pytest.raises(InputError, match="allowed: 'same/different', the task of the design"):
