@@ -93,7 +93,10 @@ def answer_of_check(
         options += [finding.option for finding in of_subject if finding.option][:1]
     run = typed_command("run")
     if not options:
-        return [*lines, "No subject needs a decision. Type:"], [run]
+        decision = "No subject needs a decision. Type:"
+        if by_subject:
+            decision = "Read the problems above. No subject must be excluded. Type:"
+        return [*lines, decision], [run]
 
     exclude = [option.replace("--swap", "--exclude", 1) for option in options]
     commands = []

@@ -212,7 +212,7 @@ class ReadOptions:
         Both codes may be one text, and two options may tell the task.
         """
         options, answer_of_code = list[str](), dict[str, str]()
-        for answer, code in self._code_by_answer.items():
+        for answer, code in self.code_by_answer.items():
             options.append(f"--{answer}-code")
             other = answer_of_code.setdefault(code, answer)
             if other != answer:
@@ -243,24 +243,19 @@ class ReadOptions:
             yield f"--subject-from: found {quoted(self.subject_from)}, allowed: {rule}"
 
     @property
-    def _code_by_answer(self) -> dict[str, str]:
-        """The codes that are there."""
+    def code_by_answer(self) -> dict[str, str]:
+        """The codes of responses that are there."""
         codes = {answer: getattr(self, f"{answer}_code") for answer in _ANSWERS}
         return {answer: code for answer, code in codes.items() if code is not None}
 
     @property
-    def all_codes(self) -> list[str]:
-        """The codes of responses."""
-        return [*self._code_by_answer.values()]
-
-    @property
     def task(self) -> Task | None:
         """The task that the options tell, if they do."""
-        return WHICH_STRONGER if self.correct is not None else task_with(self._code_by_answer)
+        return WHICH_STRONGER if self.correct is not None else task_with(self.code_by_answer)
 
     def codes(self, task: Task) -> tuple[str | None, ...]:
         """The text that was given for each answer of a task."""
-        return tuple(map(self._code_by_answer.get, task.answers))
+        return tuple(map(self.code_by_answer.get, task.answers))
 
     def name(self, ours: str) -> str:
         """The file's name for a column of ours."""

@@ -188,7 +188,8 @@ def _missed_texts(column: Column, options: ReadOptions) -> list[str]:
 
     -1 is one, as jsPsych has it, beside two texts that are words or given codes.
     """
-    codes = {_plain(code or "") for code in (*options.all_codes, options.comparison_code)} - {""}
+    given_codes = (*options.code_by_answer.values(), options.comparison_code or "")
+    codes = {*map(_plain, given_codes)} - {""}
     declared = {_plain(code) for code in options.missed}
     missed, answers = [], set[str]()
     for text in column.texts:
