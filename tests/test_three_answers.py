@@ -149,6 +149,16 @@ def test_swapped_keys_exchange_first_and_second(study):
     assert check_answers(study) == ()
 
 
+@pytest.mark.parametrize(
+    "n_equal, n_second, answer", [(10, 0, "equal"), (0, 10, "second"), (0, 4, ""), (4, 6, "")]
+)
+def test_only_one_answer_of_three_is_a_fault(n_equal, n_second, answer):
+    counts = {"n_second": [n_second] * 2, "task": THREE_ANSWERS}
+    subject = bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [n_equal] * 2, [10] * 2, **counts)
+    messages = [finding.message for finding in check_answers(bt.Study([subject]))]
+    assert (f"Every response is {answer!r}." in messages) == bool(answer)
+
+
 def test_a_study_whose_directions_are_all_reversed_is_refused(study):
     frame = study.frame().rename(columns={"n_first": "n_second", "n_second": "n_first"})
     with pytest.raises(bt.InputError, match="'second' less often the larger s2 - s1 is"):

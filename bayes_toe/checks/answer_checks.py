@@ -198,9 +198,9 @@ def _few_trials(subject: Subject, n_subjects: int) -> Finding | None:
 
 def _one_answer(subject: Subject, n_subjects: int) -> Finding | None:
     """One response only, in a study of any size."""
-    if subject.n_yes.sum() not in (0, subject.total_trials):
+    answer, *others = subject.answers_given
+    if others:
         return None
-    answer = subject.task.yes if subject.n_yes.any() else subject.task.no
     return Finding(subject.name, "one_answer", f"Every response is {answer!r}.")
 
 

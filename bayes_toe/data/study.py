@@ -301,6 +301,14 @@ class Subject:
         return self.n_trials - self.n_yes - self.n_second
 
     @property
+    def answers_given(self) -> list[str]:
+        """The answers that were given at least once."""
+        counts = [self.n_yes, self.n_trials - self.n_yes]
+        if self.n_second is not None:
+            counts = [self.n_yes, self.n_second, self.n_first]
+        return [answer for answer, n in zip(self.task.answers, counts, strict=True) if n.any()]
+
+    @property
     def total_trials(self) -> int:
         """Number of answered trials."""
         return int(self.n_trials.sum())

@@ -62,8 +62,7 @@ class Task:
     @property
     def counts(self) -> tuple[str, ...]:
         """The names of the counts of a subject."""
-        two_answers = ("n_yes", "n_trials")
-        return (*two_answers, "n_second") if self.has_three_answers else two_answers
+        return ("n_yes", "n_trials", "n_second")[: len(self.answers)]
 
     @property
     def has_criterion(self) -> bool:
@@ -167,8 +166,7 @@ def task_of(given: Task | str, option: str = "--task") -> Task:
 
 def task_counted(columns: Container[Any]) -> Task | None:
     """The task whose answers these columns count; None where none does."""
-    answers = (*SAME_DIFFERENT.answers, *WHICH_STRONGER.answers)
-    return task_with(answer for answer in answers if f"n_{answer}" in columns)
+    return task_with(answer for answer in THREE_ANSWERS.answers if f"n_{answer}" in columns)
 
 
 def task_with(answers: Iterable[str]) -> Task | None:

@@ -149,15 +149,14 @@ class Observer:
         return np.exp(log_yes[:, 0].T).reshape(-1, *trials[0].shape)
 
     def p_design(self, design: StudyDesign) -> FloatArray:
-        """The same for the pairs of a design, shape (pairs,)."""
+        """:meth:`p_questions` for the pairs of a design, shape (questions, pairs)."""
         sbar = float(np.average(design.s1, weights=design.n_trials))
-        return self.p_yes(design.s1, design.s2, sbar)
+        return self.p_questions(design.s1, design.s2, sbar)
 
     def answers(self, design: StudyDesign, seed: int) -> Subject:
         """Simulated counts; the random stream is keyed by the name and the number of trials."""
         rng = generator(seed, self.name, "answers", design.total)
-        sbar = float(np.average(design.s1, weights=design.n_trials))
-        p_yes, *p_second = self.p_questions(design.s1, design.s2, sbar)
+        p_yes, *p_second = self.p_design(design)
         n_yes, n_second = rng.binomial(design.n_trials, p_yes), None
         for p in p_second:  # of three answers, the question after 'not equal'
             n_second = rng.binomial(design.n_trials - n_yes, p)
@@ -408,7 +407,7 @@ def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None
         for observer in observers:
             if observer.kind == kind:
                 attentive = {**observer.parameters, "lapse_rate": 0.0}
-                p_yes.append(replace(observer, parameters=attentive).p_design(design))
+                p_yes.append(replace(observer, parameters=attentive).p_design(design)[0])
         task = design.task
         for answer, highest in ((task.yes, np.max(p_yes)), (task.no, 1.0 - np.min(p_yes))):
             if highest <= 0.01:  # the other answer is practically certain

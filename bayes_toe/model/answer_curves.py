@@ -140,14 +140,7 @@ def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:
 # --- Three answers -------------------------------------------------------------------------------
 
 
-class LogUnequal(NamedTuple):
-    """Log probabilities of 'second' and of 'first', of three answers."""
-
-    second: FloatArray
-    first: FloatArray
-
-
-def unequal_logs(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> LogUnequal:
+def unequal_logs(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> ArrayPair:
     """Log of lambda Phi(-k) + (1 - lambda) Phi(z - k), 'second', and the same of -z, 'first'.
 
     Parameters
@@ -160,7 +153,7 @@ def unequal_logs(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> LogUnequal:
     log_lapse, log_attend = lapses
     guessed = log_lapse + log_ndtr(-k)
     second, first = (np.logaddexp(guessed, log_attend + log_ndtr(x - k)) for x in (z, -z))
-    return LogUnequal(second, first)
+    return second, first
 
 
 def direction_answers(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> LogAnswers:
