@@ -29,7 +29,7 @@ HIGHEST_COMPLEXITY = 15
 LIMITS = {
     "bayes_toe": {
         "files": 139,
-        "nodes": 222_950,
+        "nodes": 223_120,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.62,
@@ -40,7 +40,7 @@ LIMITS = {
     },
     "tests": {
         "files": 106,
-        "nodes": 131_400,
+        "nodes": 131_500,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.70,

@@ -663,6 +663,10 @@ def _three_count_study(rows: _Rows) -> Study:
     for answer in task.answers:
         counts[answer] = column_counts(rows.table, rows.columns[f"n_{answer}"])
     n = np.sum([*counts.values()], axis=0)
+    trials = rows.table.columns.get(rows.options.name("n_trials"))
+    if trials is not None:
+        is_other = column_counts(rows.table, trials) != n
+        rows.table.fault(trials, is_other, lambda index: f"the sum of its counts, {n[index]}")
     rows.require_pairs(np.ones(len(n), np.bool_))
     _require_counts(rows, n, task)
     shares = [f"{count.sum()} '{answer}'" for answer, count in counts.items()]

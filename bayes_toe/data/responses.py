@@ -92,7 +92,7 @@ def responses(
     if options.task is None and options.comparison_code is None:
         problem, remedies = _unknown_meaning(column, _trends(difference, options, order))
     if not problem:
-        problem, remedies = _unknown_texts(column, answer, codes, names)
+        problem, remedies = _unknown_texts(column, answer, codes, names, difference)
     if problem:
         table.problems.ask(f"column {display_name(column.name)}: {problem}", remedies)
     else:
@@ -303,7 +303,11 @@ def _unknown_meaning(column: Column, trends: Mapping[str, FloatArray]) -> tuple[
 
 
 def _unknown_texts(
-    column: Column, answer: IntArray, codes: Sequence[str | None], names: Sequence[str]
+    column: Column,
+    answer: IntArray,
+    codes: Sequence[str | None],
+    names: Sequence[str],
+    difference: FloatArray,
 ) -> tuple[str, list[Remedy]]:
     """The problem of several codes of which one is known; what to type for texts of no answer.
 
@@ -322,7 +326,13 @@ def _unknown_texts(
         return f"the codes are {shares}. None of them is the code that was given.", []
     commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
     problem = f"the other codes are {shares}. Which of them is '{other}'?"
-    return problem, [Remedy(f"{other}_code", commonest, f"if {commonest} is '{other}'")]
+    remedies = [Remedy(f"{other}_code", commonest, f"if {commonest} is '{other}'")]
+    second, _ = _commonest_with(column, unknown.texts, difference)
+    if other == "different" and len(unknown.texts) == 2 and second:
+        remedies.insert(
+            0, Remedy("second_code", second, f"if {second} is 'second' of three answers")
+        )
+    return problem, remedies
 
 
 def _code_remedies(
@@ -339,6 +349,10 @@ def _code_remedies(
         by_correlation.append((correlation, Remedy(option, code or likely, meaning)))
     by_correlation.sort(key=itemgetter(0), reverse=True)
     remedies = [remedy for _, remedy in by_correlation]
+    if len(plain) == 3:  # perhaps 'first', 'equal' and 'second'
+        remedies.sort(key=lambda remedy: remedy.option != "equal_code")
+        code = str(remedies[0].value)
+        remedies[0] = remedies[0]._replace(meaning=f"if {code} is 'equal'")
     if by_word.keys() <= {*_RIGHT_WRONG[0], *_RIGHT_WRONG[1]}:
         meaning = f"if {likely} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))

@@ -200,10 +200,7 @@ class Adaptive:
         InputError
             If something is not allowed; the session is then as it was.
         """
-        task = self.pairs.task
-        if task.has_three_answers and yes not in task.answers:
-            raise InputError(f"yes={yes!r}: allowed is one of {', '.join(task.answers)}")
-        if not task.has_three_answers:
+        if not self.pairs.task.has_three_answers:
             if not isinstance(yes, bool | np.bool_):
                 raise InputError(f"yes={yes!r}: allowed is True or False")
             yes = bool(yes)

@@ -238,7 +238,7 @@ def three_panel(ax: Axes, counts: Subject, fitted: Predictor, firsts: FloatArray
     """
     rows = np.isin(counts.s1, firsts)
     steps, index = np.unique(counts.steps[rows], return_inverse=True)
-    n_trials = np.bincount(index, counts.n_trials[rows])
+    n_trials = np.bincount(index, counts.n_trials[rows]).astype(np.int64)
     share_of_pair = (index[:, None] == np.arange(len(steps))) * counts.n_trials[rows, None]
     expected = fitted.answers(counts.s1[rows], counts.s2[rows])
     answered = {"first": counts.n_first, "equal": counts.n_yes, "second": counts.n_second}
@@ -247,7 +247,7 @@ def three_panel(ax: Axes, counts: Subject, fitted: Predictor, firsts: FloatArray
         draw_band(ax, steps, expected[answer] @ share_of_pair / n_trials, mark.colour)
         shift = position * _SHIFT * np.ptp(steps)
         n_given = np.bincount(index, cast(IntArray, n_answers)[rows])
-        draw_shares(ax, steps + shift, n_given, n_trials, mark)
+        draw_shares(ax, steps + shift, n_given.astype(np.int64), n_trials, mark)
     zero_line(ax)
     difference_scale(counts.unit, ax.get_xlim()).draw(ax)
     ax.set_ylabel("proportion")
