@@ -49,7 +49,7 @@ LIMITS = {
         "filler names": 0.0,
         "import circles": 0,
     },
-    "scripts": {"nodes": 35_200},
+    "scripts": {"nodes": 35_550},
 }
 
 COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp

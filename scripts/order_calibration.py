@@ -11,7 +11,7 @@ Example: python scripts/order_calibration.py -o docs --observers 500 --seed 1 --
 
 import sys
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,9 +21,11 @@ from order_effect import DESIGNS, Design, has_effect
 from reference.calibration_statistics import place, rank_verdict, reliability
 from reference.pages import markdown, page_parser, versions, write_page
 from reference.tempering import Observer, answer_probabilities
+from scipy.stats import norm
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import QUESTIONS
+from bayes_toe.data.tasks import THREE_ANSWERS
 from bayes_toe.inference.order_evidence import (
     EVERY_MODEL,
     HAS_CONTRACTION,
@@ -36,7 +38,13 @@ from bayes_toe.workers import run_in_order
 
 #: Prior probabilities of the models, as the page of the model states them.
 PROBABILITIES = {"none": 1 / 2, "constant error": 1 / 6, "contraction": 1 / 6, "both": 1 / 6}
-#: A p-value below this is not chance; there are 21 of probabilities and 21 of ranks.
+#: The designs of the test of words, and two with three answers.
+ALL_DESIGNS = (
+    *DESIGNS,
+    Design("three answers 640", THREE_ANSWERS, DESIGNS[4].pairs, 40, 0),
+    Design("three answers 192", THREE_ANSWERS, DESIGNS[4].pairs, 12, 0),
+)
+#: A p-value below this is not chance; there are 27 of probabilities and 27 of ranks.
 LEAST_P = 0.001
 RANKED = ("constant_error", "contraction", "jnd")
 _DRAWS = 100  # among which a true value is ranked
@@ -53,7 +61,7 @@ COLUMNS = {
 }
 PAGE = """# Calibration of the four models
 
-For each of six designs, we draw {observers} observers from the prior. For each observer, we first draw one of the four
+For each of eight designs, we draw {observers} observers from the prior. For each observer, we first draw one of the four
 models and then its parameters. Separate code (`scripts/reference/tempering.py`) simulates the responses. `bayes-toe
 run` analyses these responses.
 
@@ -96,7 +104,7 @@ def simulate(design: Design, name: str, seed: list[int]) -> Simulated:
     rng = np.random.default_rng(seed)
     s1, s2 = np.array(design.pairs).T
     n_trials = np.full(len(s1), design.trials)
-    asked = bt.Subject(name, s1, s2, np.zeros_like(n_trials), n_trials, task=design.task)
+    asked = bt.Subject(name, s1, s2, n_trials, n_trials, task=design.task)
     model = str(rng.choice(list(PROBABILITIES), p=list(PROBABILITIES.values())))
     observer = Observer(asked, model)
     values = observer.natural(rng.standard_normal((1, len(observer.parameters))))
@@ -106,13 +114,29 @@ def simulate(design: Design, name: str, seed: list[int]) -> Simulated:
         truth["constant_error"] = values["c"].item()
     if "p" in values:
         truth["contraction"] = values["p"].item()
-    counts = rng.binomial(asked.n_trials, yes[0])
-    return Simulated(replace(asked, n_yes=counts), truth)
+    n_yes, n_second = rng.binomial(asked.n_trials, yes[0]), None
+    if design.task == THREE_ANSWERS:
+        n_second = rng.binomial(asked.n_trials - n_yes, share_of_second(asked, observer, values))
+    return Simulated(replace(asked, n_yes=n_yes, n_second=n_second), truth)
+
+
+def share_of_second(
+    asked: bt.Subject, observer: Observer, values: Mapping[str, np.ndarray]
+) -> np.ndarray:
+    """P('second') where the answer is not 'equal', of three answers, shape (pairs,)."""
+    value = {name: column.item() for name, column in values.items()}
+    first, middle = asked.s1 - observer.sbar, 0.5 * (asked.s1 + asked.s2) - observer.sbar
+    shift = value.get("p", 0.0) * first - value.get("c", 0.0)
+    z = (asked.s2 - asked.s1 + shift) / (value["sigma_d"] * np.exp(value["b"] * middle))
+    k = value["k"] * np.exp(value["g"] * middle)
+    guessed = value["lambda"] * norm.sf(k)
+    second, opposite = (guessed + (1.0 - value["lambda"]) * norm.sf(k - x) for x in (z, -z))
+    return second / (second + opposite)
 
 
 def answered(design: Design, numbers: range, seed: int) -> list[dict[str, object]]:
     """A row for each of some observers: effects, log odds of the questions, ranks."""
-    at = DESIGNS.index(design)
+    at = ALL_DESIGNS.index(design)
     made = [simulate(design, f"{design.name} {i}", [seed, at, i]) for i in numbers]
     evidences = order_evidence([observer.subject for observer in made], seed)
     return [
@@ -223,7 +247,7 @@ def conclusion(table: pd.DataFrame) -> list[str]:
 def judged(options: Namespace) -> tuple[pd.DataFrame, str]:
     """The table of all judgements, and the page."""
     jobs, names = [], []
-    for design in DESIGNS:
+    for design in ALL_DESIGNS:
         for start in range(0, options.observers, _CHUNK):
             numbers = range(start, min(start + _CHUNK, options.observers))
             jobs.append(partial(answered, design, numbers, options.seed))
