@@ -147,18 +147,8 @@ def run(
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
     request = AnalysisRequest(settings.sampler, EVIDENCE_DRAWS)
-    jobs = list(zip(study, answer_flags(study), strict=True))
     faults = not_interpreted(study)
-    results = run_stored(
-        partial(_analysed, settings=settings, request=request),
-        jobs,
-        study.names,
-        seed=settings.seed,
-        folder=keep,
-        workers=workers,
-        progress=progress,
-        batch=BATCH,
-    )
+    results = _analyse(study, settings, request, workers, progress, keep)
     study, analysed, failed = _survivors(study, results)
     drawn, curves = list[SubjectDraws](), list[Predictor]()
     for subject, result in zip(study, analysed, strict=True):
@@ -314,17 +304,7 @@ def evidence(
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
     request = AnalysisRequest(evidence_draws=draws)
-    jobs = list(zip(study, answer_flags(study), strict=True))
-    results = run_stored(
-        partial(_analysed, settings=settings, request=request),
-        jobs,
-        study.names,
-        seed=settings.seed,
-        folder=keep,
-        workers=workers,
-        progress=progress,
-        batch=BATCH,
-    )
+    results = _analyse(study, settings, request, workers, progress, keep)
     analysed, failed = without_failed(study.names, results)
     return _table(analysed, settings, failed, study.task)
 
@@ -418,6 +398,27 @@ def _table(
             row = replace(row, answer=row.answer.in_study(n_subjects))
         rows.append(row)
     return EvidenceTable(tuple(rows), settings.seed, settings.prior, failed, task)
+
+
+def _analyse(
+    study: Study,
+    settings: Settings,
+    request: AnalysisRequest,
+    workers: Workers,
+    progress: Progress | None,
+    keep: StrPath | None,
+) -> list[_Analysed | NumericalError]:
+    """The result of every subject, or its error."""
+    return run_stored(
+        partial(_analysed, settings=settings, request=request),
+        list(zip(study, answer_flags(study), strict=True)),
+        study.names,
+        seed=settings.seed,
+        folder=keep,
+        workers=workers,
+        progress=progress,
+        batch=BATCH,
+    )
 
 
 def _survivors(

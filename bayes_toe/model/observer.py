@@ -280,21 +280,13 @@ class ObserverRows(AnswerRows):
         # P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P;
         # and d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))).
         in_lapse = by_yes * (blind - yes)
-        return value, self._summed_slopes(values, z, in_z, in_log_k, in_lapse)
+        terms = self._slope_terms(values, z, in_z, in_log_k, in_lapse)
+        return value, self._summed_slopes(values, terms)
 
-    def _summed_slopes(
-        self,
-        values: NamedArrays,
-        z: FloatArray,
-        in_z: FloatArray,
-        in_log_k: FloatArray | None,
-        in_lapse: FloatArray,
-    ) -> FloatArray:
-        """The gradient, (rows, points, k), from the slopes of each pair."""
+    def _summed_slopes(self, values: NamedArrays, terms: Sequence[FloatArray]) -> FloatArray:
+        """The gradient, (rows, points, k), from :meth:`_slope_terms`."""
         lapse_rise = np.exp(_log_hazard(values["lapse_score"])) / self.prior.lapse_rate_b
-        sums = [
-            term.sum(axis=-1) for term in self._slope_terms(values, z, in_z, in_log_k, in_lapse)
-        ]
+        sums = [term.sum(axis=-1) for term in terms]
         return np.stack(sums, axis=-1) * self._slope_units(values, lapse_rise)
 
     def _plain_gradient_of_three(
@@ -315,8 +307,8 @@ class ObserverRows(AnswerRows):
             + by_second * (ndtr(-k) - second)
             + by_first * (ndtr(-k) - first)
         )
-        slopes = self._summed_slopes(values, z, upper - lower, in_log_k, in_lapse)
-        return self._trinomial(probabilities), slopes
+        terms = self._slope_terms(values, z, upper - lower, in_log_k, in_lapse)
+        return self._trinomial(probabilities), self._summed_slopes(values, terms)
 
     @np.errstate(over="ignore", invalid="ignore")
     def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
