@@ -6,6 +6,9 @@ mean evidence of the sets in which it differs over that of the others. The Bayes
 effect' compares three cases with none: constant error, contraction or both differ. Each case has
 the weight 1/3. The size of a difference is the average over the sets in which the quantity differs,
 weighted by their evidence.
+
+The conditions may be tasks. Then one observer does all tasks, and :func:`one_observer` has the
+answer of all responses of a subject together.
 """
 
 from __future__ import annotations
@@ -14,29 +17,35 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from bayes_toe.answers.order_effect import (
+    ANSWER_COLUMNS,
+    OrderEffect,
     Size,
     format_bayes_factor,
     format_difference,
     format_share,
+    order_effect,
 )
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import NamedArrays, StrPath
+from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import capitalized, display_name, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import Study, Subject, require_study, units_by_subject
-from bayes_toe.data.tables import Table, frame_of
+from bayes_toe.data.tables import Table, frame_of, write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.inference.engine import Precision, fitted_draws, mixture_of_maxima
 from bayes_toe.inference.maxima import ascend_from
 from bayes_toe.inference.model_set import ModelSet
+from bayes_toe.inference.order_evidence import evidences_of
 from bayes_toe.inference.searches import observer_maxima
 from bayes_toe.model.condition_model import ConditionModels
 from bayes_toe.model.models import OrderModel
@@ -48,6 +57,7 @@ from bayes_toe.model.parameters import (
     PEAK,
     ObserverPrior,
     Parameter,
+    task_parameters,
 )
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
@@ -210,12 +220,15 @@ class ContrastTable(Table[Difference]):
     prior : ObserverPrior
     seed : int
     task : Task
+        Of several tasks, the one with most parameters.
     unit : StimulusUnit
         The unit in which differences are shown.
     left_out : dict of str to str
         Subjects who met no two levels that are compared, and which ones they met.
     failed : dict of str to str
         Subjects whose work was lost, and why.
+    answers : tuple of OrderEffect
+        Of several tasks, the order effect of each subject, if one observer does all of them.
     """
 
     conditions: Conditions
@@ -225,6 +238,7 @@ class ContrastTable(Table[Difference]):
     unit: StimulusUnit = UNKNOWN_UNIT
     left_out: dict[str, str] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
+    answers: tuple[OrderEffect, ...] = ()
     short_columns = ("subject", "quantity", "comparison", "q025", "q50", "q975", "word")
 
     def _full_frame(self) -> pd.DataFrame:
@@ -248,12 +262,24 @@ class ContrastTable(Table[Difference]):
         column, _, levels = self.conditions.about.partition(": ")
         lines = [f"Condition {column}: {levels}."]
         for quantity in self.quantities:
-            first: dict[str, str] = {}
+            first: dict[str, Difference] = {}
             for row in self.select(quantity):
-                first.setdefault(row.subject, row.short_word)
-            counts = count_words(first.values(), f" of {plural(len(first), 'subject')}")
+                first.setdefault(row.subject, row)
+            words = [row.short_word for row in first.values()]
+            counts = count_words(words, f" of {plural(len(first), 'subject')}")
+            if self.answers:
+                factor = format_bayes_factor(sum(row.log_bf_differs for row in first.values()))
+                counts += f"; product of the Bayes factors {factor}"
             lines.append(f"{capitalized(quantity)} differs: {counts}.")
         return lines
+
+    def save_answers(self, path: StrPath, *, overwrite: bool = False) -> Path:
+        """Write :attr:`answers` as a table with the first columns of evidence.csv."""
+        import pandas as pd
+
+        frame = pd.DataFrame([answer.cells for answer in self.answers], columns=[*ANSWER_COLUMNS])
+        prior = self.prior.describe(self.task)
+        return write_table(frame.assign(prior=prior), path, self.seed, overwrite=overwrite)
 
     def select(self, quantity: str, comparison: str | None = None) -> tuple[Difference, ...]:
         """The rows of a quantity, and of a comparison."""
@@ -286,7 +312,7 @@ def contrast(
     WorkerError
         If the work of every subject was lost.
     """
-    require_study(study)
+    require_study(study, several_tasks=True)
     conditions = _require_conditions(study)
     compared = _compared_subjects(study, conditions)
     left_out = {}
@@ -304,16 +330,19 @@ def contrast(
         workers=workers,
         progress=progress,
     )
-    rows_by_subject, failed = without_failed(compared, results)
+    by_subject, failed = without_failed(compared, results)
+    answers = [contrasts.answer for contrasts in by_subject if contrasts.answer is not None]
+    tasks = [subject.task for subject in study]
     return ContrastTable(
-        tuple(chain.from_iterable(rows_by_subject)),
+        tuple(chain.from_iterable(contrasts.rows for contrasts in by_subject)),
         conditions,
         numbers,
         root,
-        task=study.task,
+        task=max(tasks, key=lambda task: len(task_parameters(task))),
         unit=study.unit,
         left_out=left_out,
         failed=failed,
+        answers=tuple(OrderEffect.in_study(answer, len(answers)) for answer in answers),
     )
 
 
@@ -348,10 +377,46 @@ def _compared_subjects(study: Study, conditions: Conditions) -> dict[str, tuple[
 # --- One subject ---------------------------------------------------------------------------------
 
 
+class SubjectContrasts(NamedTuple):
+    """The differences of one subject, and of several tasks the answer of one observer."""
+
+    rows: list[Difference]
+    answer: OrderEffect | None
+
+
 def _contrasts(
     subjects: Sequence[Sequence[Subject]], conditions: Conditions, prior: ObserverPrior, seed: int
-) -> list[list[Difference]]:
-    return [subject_contrast(units, conditions, prior, seed) for units in subjects]
+) -> list[SubjectContrasts]:
+    contrasts = []
+    for units in subjects:
+        answer = None
+        if len({unit.task for unit in units}) > 1:
+            answer = one_observer(units, prior, seed)
+        rows = subject_contrast(units, conditions, prior, seed)
+        contrasts.append(SubjectContrasts(rows, answer))
+    return contrasts
+
+
+def one_observer(units: Sequence[Subject], prior: ObserverPrior, seed: int) -> OrderEffect:
+    """The order effect of a subject, if one observer does the tasks of all units.
+
+    Raises
+    ------
+    NumericalError
+        If an evidence is not finite.
+    """
+    # The differences between conditions are not needed, and their design is neither.
+    models = ConditionModels(tuple(units), np.zeros((len(units), 0)), prior)
+    (evidence,) = evidences_of(models.without_differences, [models.subject], seed, prior)
+    if isinstance(evidence, NumericalError):
+        raise evidence
+
+    # One task may tell what another one cannot.
+    identified = max(
+        map(identify, units),
+        key=lambda found: (found.order_effect, found.constant_error, found.contraction),
+    )
+    return order_effect(evidence, identified)
 
 
 def subject_contrast(
@@ -409,7 +474,8 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
 
     And the same where the lapse rate and, of same or different, the peak differ too.
     """
-    lapses = [parameter for parameter in models.parameters if parameter in (LAPSE_RATE, PEAK)]
+    may_differ = {LAPSE_RATE, PEAK}.intersection(models.differing)
+    lapses = [parameter for parameter in models.parameters if parameter in may_differ]
     all_choices = [*CHOICES, *((*choice, *lapses) for choice in CHOICES)]
     array = models.array(all_choices)
 

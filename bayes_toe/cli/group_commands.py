@@ -6,6 +6,7 @@ estimates how a response depends on the previous trial.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -91,34 +92,44 @@ def contrast(
     ),
     context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
-    """Estimate differences between the conditions of each subject.
+    """Estimate differences between the conditions, or tasks, of each subject.
 
     [bold]Example[/bold]: bayes-toe contrast study.csv --condition hand -o contrast.csv --seed 1
     """
-    from bayes_toe.cli.group_screen import print_contrast
+    from bayes_toe.answers.study_summary import study_lines
+    from bayes_toe.cli.group_screen import print_contrast, print_one_observer
     from bayes_toe.plots.figure_files import picture_beside
 
     figure_file = picture_beside(output)
     keep = context.prepare(output, figure_file)
     read, prior = context.read_and_describe(study)
     n_subjects = len({subject.subject_name for subject in read})
+    answers_file = output.with_name(f"{output.stem}_one_observer{output.suffix}")
+    has_tasks = len(read.by_task) > 1
+    if has_tasks:
+        context.require_files(answers_file)
 
     table = context.work(
         "comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep
     )
     figure = bt.plots.contrast(table, synthetic=read.synthetic)
-    written = context.write(
-        {
-            output: partial(table.save, overwrite=context.overwrite),
-            figure_file: partial(bt.plots.save_figure, figure),
-        }
-    )
+    writers: dict[Path, Callable[[Path], object]] = {
+        output: partial(table.save, overwrite=context.overwrite),
+        figure_file: partial(bt.plots.save_figure, figure),
+    }
+    if has_tasks:
+        writers[answers_file] = partial(table.save_answers, overwrite=context.overwrite)
+    written = context.write(writers)
     context.finish(keep, table.failed)
 
     print_contrast(context.out, table, output.name)
     context.print_uninterpretable(read)
     context.out.reasons("No result", table.failed)
-    context.out.answer([*table.sentences(), f"{written} Seed {table.seed}."])
+    lines = table.sentences()
+    if has_tasks:
+        print_one_observer(context.out, table, answers_file.name)
+        lines += study_lines(table.answers, synthetic=read.synthetic)
+    context.out.answer([*lines, f"{written} Seed {table.seed}."])
     context.end(table.failed)
 
 

@@ -19,6 +19,7 @@ from bayes_toe.answers.group_answer import (
 )
 from bayes_toe.answers.serial_dependence import EFFECT_MODELS
 from bayes_toe.answers.study_summary import count_words
+from bayes_toe.cli.answer_screen import print_subjects
 from bayes_toe.cli.terminal import OUTPUT, Terminal
 from bayes_toe.data.messages import capitalized, plural
 from bayes_toe.inference.diagnostics import worst
@@ -68,6 +69,13 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
         out.line("? The word changes if the lapse rate may differ between conditions.")
     left_out = {name: why for name, why in table.left_out.items() if name not in table.failed}
     out.reasons("Not compared", left_out, "-", file=file)
+
+
+def print_one_observer(out: Terminal, table: ContrastTable, file: str) -> None:
+    """The order effect of each subject, if one observer does all tasks."""
+    out.line()
+    out.line("If one observer does all tasks of a subject:")
+    print_subjects(out, table.answers, file)
 
 
 def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:

@@ -92,13 +92,15 @@ class RunContext:
             self.out.line(f"With {' '.join(study.changes)}")
         if self.prior is not None:
             self.out.line(f"Prior: {self.prior}")
-        self.out.findings(urgent_findings(study, prior))
+        for part in study.by_task:
+            self.out.findings(urgent_findings(part, prior))
 
     def print_uninterpretable(self, study: Study) -> None:
         """Subjects that this command uses although their responses cannot be interpreted."""
         from bayes_toe.checks.answer_checks import uninterpretable_findings
 
-        self.out.findings(uninterpretable_findings(study))
+        for part in study.by_task:
+            self.out.findings(uninterpretable_findings(part))
 
     def ask(self, study: StudyFile) -> tuple[StudyFile, RunContext]:
         """The study that is asked for in a terminal, and the command that reads its files."""

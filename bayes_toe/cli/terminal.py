@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.data.messages import join_names, plural, visible
+from bayes_toe.data.messages import join_names, join_words, plural, visible
 
 if TYPE_CHECKING:
     from bayes_toe.checks.answer_checks import Finding
@@ -356,7 +356,8 @@ def describe_amount(study: Study) -> str:
     pairs = f"{min(numbers):,} to {max(numbers):,} pairs"
     if len(set(numbers)) == 1:
         pairs = plural(numbers[0], "pair")
-    return f"{subjects}, {plural(n_trials, 'trial')}, {study.task.title}, {pairs}"
+    tasks = join_words([part.task.title for part in study.by_task])
+    return f"{subjects}, {plural(n_trials, 'trial')}, {tasks}, {pairs}"
 
 
 # --- numbers --------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import math
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
 
@@ -149,7 +149,15 @@ class ReadOptions:
     def __post_init__(self) -> None:
         self._strip_texts()
         problems = [*self._text_problems(), *self._number_problems()]
-        problems += [*self._code_problems(), *self._name_problems()]
+        if self.condition is None:
+            problems += self._code_problems()
+        problems += self._name_problems()
+        if problems:
+            raise InputError(problems)
+
+    def require_one_task(self) -> None:
+        """Refuse codes of two tasks, which are allowed as long as tasks may be the condition."""
+        problems = [*self._code_problems()]
         if problems:
             raise InputError(problems)
 
@@ -252,6 +260,17 @@ class ReadOptions:
     def task(self) -> Task | None:
         """The task that the options tell, if they do."""
         return WHICH_STRONGER if self.correct is not None else task_with(self.code_by_answer)
+
+    def of_task(self, task: Task, rows: Mapping[str, str]) -> ReadOptions:
+        """The options for the rows of one task, where a column has these texts."""
+        foreign: dict[str, None] = {}
+        for answer in self.code_by_answer:
+            if answer not in task.answers:
+                foreign[f"{answer}_code"] = None
+        if task != WHICH_STRONGER:
+            foreign["correct"] = None
+        where = {**self.where, **rows}
+        return replace(self, condition=None, where=where, **foreign)  # type: ignore[arg-type]
 
     def codes(self, task: Task) -> tuple[str | None, ...]:
         """The text that was given for each answer of a task."""

@@ -51,7 +51,7 @@ from bayes_toe.data.responses import (
 )
 from bayes_toe.data.stimulus_unit import ALLOWED_STIMULI, merge_rounded, out_of_range
 from bayes_toe.data.study import Study, Subject, units_by_subject
-from bayes_toe.data.study_files import read_together, table_files
+from bayes_toe.data.study_files import read_files, table_files, together
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     THREE_ANSWERS,
@@ -71,7 +71,9 @@ from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.trial_rows import nameless_doubts, taken_out_doubts, trial_rows
 from bayes_toe.data.units import (
     follows_from_pairs,
+    options_by_task,
     pooled_conditions,
+    study_of_tasks,
     with_conditions,
     with_units,
 )
@@ -177,7 +179,10 @@ def read_study(
     paths, folder_notes = table_files(paths)
 
     def read(with_options: ReadOptions) -> Study:
-        return read_together(paths, partial(_read, options=with_options))
+        studies = read_files(paths, partial(_read, options=with_options))
+        if with_options.condition is None:
+            return together(studies)
+        return study_of_tasks(studies, with_options)
 
     try:
         study = read(options)
@@ -205,10 +210,22 @@ def _without_condition(
     return replace(study, notes=(*study.notes, note))
 
 
-def _read(path: StrPath | Frame, options: ReadOptions) -> Study:
-    rows = _rows(path, options)
-    answers = rows.columns.get("response", rows.columns.get("correct"))
-    return _count_study(rows) if answers is None else _trial_study(rows, answers)
+def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
+    """The study in a file; a study for each task, where tasks are the condition."""
+    table = read_table(
+        path,
+        lambda names: _known_names(names, options),
+        LARGEST_STUDY,
+        encoding=options.encoding,
+        sheet=options.sheet,
+    )
+    studies = []
+    for options_of_part in options_by_task(table, options):
+        rows = _rows(table, path, options_of_part)
+        answers = rows.columns.get("response", rows.columns.get("correct"))
+        study = _count_study(rows) if answers is None else _trial_study(rows, answers)
+        studies.append(study)
+    return studies
 
 
 def example_study(task: Task | str = WHICH_STRONGER) -> Study:
@@ -389,15 +406,8 @@ class _Rows:
         return notes
 
 
-def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
+def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
-    table = read_table(
-        path,
-        lambda names: _known_names(names, options),
-        LARGEST_STUDY,
-        encoding=options.encoding,
-        sheet=options.sheet,
-    )
     if options.wide is not None:
         table = with_pairs(table, options)
     _require_header(table, options)

@@ -26,7 +26,7 @@ from bayes_toe.data.column_roles import (
 )
 from bayes_toe.data.messages import display_name, join_names, join_words, plural, quoted
 from bayes_toe.data.options import ReadOptions
-from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, Task, task_named, task_with
+from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, Task, task_with, tasks_named
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import MISSING_WORDS, number
 from bayes_toe.errors import InputError, Remedy, with_remedies
@@ -90,7 +90,9 @@ def responses(
     answer = column.map(lambda text: _answer(text, codes, words), np.int64)
     problem, remedies = "", list[Remedy]()
     if options.task is None and options.comparison_code is None:
-        problem, remedies = _unknown_meaning(column, _trends(difference, options, order))
+        told = tasks_named(table.columns["task"].texts) if "task" in table.columns else {}
+        trends = _trends(difference, options, order)
+        problem, remedies = _unknown_meaning(column, told, trends)
     if not problem:
         problem, remedies = _unknown_texts(column, answer, codes, names, difference)
     if problem:
@@ -142,9 +144,8 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
 
     What tells none, such as the name of an experiment, is not looked at.
     """
-    texts = [] if column is None else column.texts
-    for text in texts:
-        if task_named(text) not in (None, task):
+    for text, told in tasks_named([] if column is None else column.texts).items():
+        if told != task:
             finding = f"{table.source}: column task: found {quoted(text)}"
             rule = f"{task.name!r}, which the answers are of; --where task=TEXT chooses rows"
             raise InputError(f"{finding}, allowed: {rule}")
@@ -279,27 +280,49 @@ def _all_codes(column: Column, codes: tuple[str | None, ...]) -> tuple[str | Non
     return tuple(other if code is None else code for code in codes)
 
 
-def _unknown_meaning(column: Column, trends: Mapping[str, FloatArray]) -> tuple[str, list[Remedy]]:
+def _unknown_meaning(
+    column: Column, told: Mapping[str, Task], trends: Mapping[str, FloatArray]
+) -> tuple[str, list[Remedy]]:
     """Problems of a column whose words tell no task, or two, with options to type.
 
-    `trends` are what makes an answer likelier, by the option that names its code.
+    `told` are the tasks that the column `task` tells, by its texts. `trends` are what makes an
+    answer likelier, by the option that names its code.
     """
     texts = [*filter(None, column.texts)]
     words_by_answer = _words_by_answer(column)
+    shares = column.counts(texts)
+    finding = ""
     if words_by_answer and task_with(words_by_answer) is None:
         words = join_words([quoted(words[0]) for words in words_by_answer.values()])
+        finding = f"found {words}, words of two tasks"
+    elif len({*told.values()}) > 1:
+        finding = f"found {join_names(shares, 4)} of the tasks {join_words([*map(quoted, told)])}"
+    if finding:
         problem = (
-            f"found {words}, words of two tasks, allowed: one task, such as the rows that "
-            "--where COLUMN=TEXT chooses"
+            f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
+            "contrast compares the tasks that --condition COLUMN names"
         )
-        return problem, []
+        remedies = []
+        for text, task in told.items():
+            remedies.append(Remedy("where", (("task", text),), f"for the task {task.name!r}"))
+        return problem, remedies
     if words_by_answer or not texts:
         return "", []
-    shares = column.counts(texts)
     problem = f"the codes are {join_names(shares, 4)}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares[0]}. The program does not know what it means."
-    return problem, _code_remedies(column, texts, trends)
+    remedies = _code_remedies(column, texts, trends)
+    if len({*told.values()}) == 1:
+        (task, *_) = told.values()
+        remedies = [remedy for remedy in remedies if _is_of_task(remedy, task)]
+    return problem, remedies
+
+
+def _is_of_task(remedy: Remedy, task: Task) -> bool:
+    """Whether an option says what an answer of this task means."""
+    if remedy.option == "equal_code":
+        return task.has_criterion
+    return task.has_direction
 
 
 def _unknown_texts(
@@ -424,10 +447,9 @@ def direction(study: Study) -> int:
     subjects who guess is called reversed once in three million times. Three reversed subjects of
     13 are findings of :mod:`bayes_toe.checks.answer_checks`.
     """
-    if not study.task.has_direction:
-        return 0
     covariances, variances = list[float](), list[float]()
-    for subject in filter(None, (subject.two_answers for subject in study)):
+    asked = (subject.two_answers for subject in study if subject.task.has_direction)
+    for subject in filter(None, asked):
         covariance, variance = response_trend(subject, subject.s2 - subject.s1)
         if variance > 0.0:  # both answers, and two differences
             covariances.append(covariance)

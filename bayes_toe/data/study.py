@@ -26,6 +26,7 @@ from bayes_toe.data.messages import (
     display_name,
     join_few,
     join_names,
+    join_words,
     name_from_key,
 )
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
@@ -372,7 +373,8 @@ class Study:
             raise InputError(
                 f"subject names must be unique, repeated: {join_names([*map(repr, repeated)])}"
             )
-        if len({subject.task for subject in subjects}) > 1:
+        levels = {subject.condition for subject in subjects}
+        if len({(subject.condition, subject.task) for subject in subjects}) > len(levels):
             raise InputError(
                 "every subject of a study must have been asked the same: same or different, which "
                 "is stronger, or three answers"
@@ -387,8 +389,20 @@ class Study:
 
     @property
     def task(self) -> Task:
-        """The task of all subjects."""
+        """The task of all subjects; of a study of several tasks, that of its first unit."""
         return self.subjects[0].task
+
+    @property
+    def by_task(self) -> tuple[Study, ...]:
+        """A study of the units of each task; this one where there is one task."""
+        tasks = dict.fromkeys(subject.task for subject in self)
+        if len(tasks) == 1:
+            return (self,)
+        studies = []
+        for task in tasks:
+            units = tuple(subject for subject in self if subject.task == task)
+            studies.append(replace(self, subjects=units, conditions=None))
+        return tuple(studies)
 
     @property
     def unit(self) -> StimulusUnit:
@@ -511,6 +525,7 @@ class Study:
         """
         import pandas as pd
 
+        require_study(self)
         n_pairs = [subject.n_pairs for subject in self]
 
         def by_subject(values: list[str]) -> npt.NDArray[Any]:
@@ -591,10 +606,21 @@ def common_scales(*subjects: Subject) -> StimulusScales | None:
     return StimulusScales.from_pairs(s1, s2, n_trials)
 
 
-def require_study(given: object) -> None:
-    """Refuse what stands in the place of a study, with what makes one."""
+def require_study(given: object, several_tasks: bool = False) -> None:
+    """Refuse what stands in the place of a study, with what makes one; and one of several tasks.
+
+    `several_tasks` allows those.
+    """
     rule = "a Study, such as bt.read_study(path or DataFrame) or bt.Study(subjects)"
     require_kind("study", given, Study, rule)
+    assert isinstance(given, Study)
+    studies = given.by_task
+    if len(studies) > 1 and not several_tasks:
+        tasks = join_words([repr(study.task.name) for study in studies])
+        raise InputError(
+            f"{given.source}: found the tasks {tasks}, allowed: one task, in a file of its own or "
+            "in the rows that --where COLUMN=TEXT chooses; contrast compares tasks"
+        )
 
 
 def pairs_in_both_orders(subject: Subject) -> IndexArray:

@@ -1,7 +1,8 @@
 """The files of a study: folders, and tables that are put together.
 
-`table_files` replaces a folder by the tables in it. `read_together` makes one study of several
-files. The answers of a subject who is in more than one file are put together, each file as a block.
+`table_files` replaces a folder by the tables in it, `read_files` reads the files, and `together`
+makes one study of them. The answers of a subject who is in more than one file are put together,
+each file as a block.
 """
 
 from __future__ import annotations
@@ -70,16 +71,13 @@ def _is_table(file: Path) -> bool:
 # --- A study in several files ---------------------------------------------------------------------
 
 
-def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
-    """The study in several files, or frames, each of which `read` reads.
-
-    A note that all files share appears once.
+def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> list[Study]:
+    """The studies in several files, or frames, each of which `read` reads.
 
     Raises
     ------
     InputError
-        If there is no file, a file is given twice, a file has problems, two files are of different
-        tasks, or only some files have intervals.
+        If there is no file, a file is given twice, or a file has problems.
     """
     absolute_paths = [Path(path).absolute() for path in paths if isinstance(path, StrPath)]
     if not paths:
@@ -92,8 +90,7 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     for path in paths:
         folder = _distinguishing_folder(path, absolute_paths)
         try:
-            study = read(path)
-            studies.append(replace(study, source=folder + study.source))
+            studies += [replace(study, source=folder + study.source) for study in read(path)]
         except InputError as error:
             problems = [folder + problem for problem in error.problems]
             faulty.append(InputError(problems, error.remedies))
@@ -104,7 +101,7 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
         if len(problems) > MAX_LINES:
             problems = [*problems[:MAX_LINES], "... and more problems"]
         raise InputError(problems, faulty[0].remedies)
-    return studies[0] if len(studies) == 1 else _together(studies)
+    return studies
 
 
 def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
@@ -134,8 +131,16 @@ def _lines_once(lines: Iterable[str]) -> Iterator[str]:
         yield same[0] if len(same) == 1 else f"{len(same)} files, such as {same[0]}"
 
 
-def _together(studies: Sequence[Study]) -> Study:
-    """One study of the subjects of several."""
+def together(studies: Sequence[Study]) -> Study:
+    """One study of the subjects of several; a note that all files share appears once.
+
+    Raises
+    ------
+    InputError
+        If the studies are of two tasks.
+    """
+    if len(studies) == 1:
+        return studies[0]
     _require_alike(studies)
     doubts = list(chain.from_iterable(study.reading.doubts for study in studies))
     subjects, n_files = list[Subject](), dict[str, int]()
@@ -145,17 +150,17 @@ def _together(studies: Sequence[Study]) -> Study:
         doubts += _copies(name, files)
         if len(files) > 1:
             n_files[name] = len(files)
-    notes = _common_notes(studies)
+    notes = common_notes(studies)
     if n_files:
         subjects_in_words = plural(len(n_files), "subject")
         notes.append(f"{subjects_in_words} in several files, put together: {join_counts(n_files)}")
-    reading = replace(_reading_of_all(studies), doubts=tuple(doubts))
+    reading = replace(reading_of_all(studies), doubts=tuple(doubts))
     source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
     is_synthetic = all(study.synthetic for study in studies)
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
 
 
-def _reading_of_all(studies: Sequence[Study]) -> Reading:
+def reading_of_all(studies: Sequence[Study]) -> Reading:
     """The names and codes that the files told, without their doubts."""
     names = {}
     for key in ("read", "ignored", "pooled", "codes"):
@@ -164,7 +169,7 @@ def _reading_of_all(studies: Sequence[Study]) -> Reading:
     return Reading(**names)
 
 
-def _common_notes(studies: Sequence[Study]) -> list[str]:
+def common_notes(studies: Sequence[Study]) -> list[str]:
     """The notes that all files share, then those of some files, each kind of them once."""
     common = [*studies[0].notes]
     for study in studies:
@@ -196,7 +201,7 @@ def _require_alike(studies: Sequence[Study]) -> None:
         if study.task != first.task:
             raise InputError(
                 f"{study.source}: asked {study.task.name}, and {first.source} {first.task.name}; "
-                "allowed: files of one task"
+                "allowed: files of one task; contrast compares tasks with --condition task"
             )
 
 

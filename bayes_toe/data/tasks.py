@@ -50,6 +50,11 @@ class Task:
     slice_stimulus: str
 
     @property
+    def short_name(self) -> str:
+        """Its name where several tasks are compared."""
+        return self.name if self.has_criterion else "2AFC"
+
+    @property
     def count(self) -> str:
         """The column of files that has how often the first answer was given."""
         return f"n_{self.yes}"
@@ -182,6 +187,22 @@ def task_with(answers: Iterable[str]) -> Task | None:
     if not given:
         return None
     return next((task for task in TASKS if given <= {*task.answers}), None)
+
+
+def tasks_named(texts: Iterable[str]) -> dict[str, Task]:
+    """The texts that name a task, with the task.
+
+    Examples
+    --------
+    >>> [*tasks_named(["2AFC", "practice"])]
+    ['2AFC']
+    """
+    tasks = {}
+    for text in texts:
+        task = task_named(text)
+        if task is not None:
+            tasks[text] = task
+    return tasks
 
 
 def task_named(text: str) -> Task | None:

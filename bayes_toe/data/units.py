@@ -1,7 +1,9 @@
 """Units: a subject in one condition is analysed as a subject of its own, such as S01@left.
 
 `with_units` puts these names into the column of subjects. `with_conditions` gives the study its
-conditions, or takes the names back if no subject has two levels.
+conditions, or takes the names back if no subject has two levels. Where the levels are tasks,
+`options_by_task` has the options with which each task is read, and `study_of_tasks` makes one study
+of them.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import compress, product
+from itertools import chain, compress, product
 
 import numpy as np
 
@@ -19,10 +21,14 @@ from bayes_toe.data.covariates import level_words, levels
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.study import Study, Subject, with_shared_scales
+from bayes_toe.data.study_files import common_notes, reading_of_all, together
+from bayes_toe.data.tasks import Task, tasks_named
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number
 from bayes_toe.errors import InputError
 
+#: The condition whose levels are tasks.
+TASK = "task"
 #: From so many trials with a repeated pair on, it is no chance that each pair keeps its level.
 _REPEATED = 10
 
@@ -72,7 +78,14 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         be used, or if only some files have the column.
     """
     has_options = options.reference is not None or options.categorical
+    if study.conditions is not None:
+        return study
     if "condition" not in study.reading.read:
+        if options.condition is not None:
+            raise InputError(
+                f"{study.source}: --condition {options.condition}: found the task "
+                f"{study.task.name!r} alone, allowed: two tasks or more"
+            )
         if has_options:
             raise InputError(
                 "--reference and --categorical-condition: found without a condition, allowed: with "
@@ -96,6 +109,61 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     conditions = Conditions(column, tuple(order), is_numeric)
     notes = (*study.notes, f"condition {conditions.about}")
     return replace(study, subjects=with_shared_scales(units), conditions=conditions, notes=notes)
+
+
+def options_by_task(table: TextTable, options: ReadOptions) -> list[ReadOptions]:
+    """The options with which each task of a table is read, where tasks are the condition.
+
+    A column has the name of the task of each row. Without a column `task`, `--condition task` means
+    that each file has one task. Otherwise the options stay as they are.
+
+    Raises
+    ------
+    InputError
+        If tasks are not the condition, and the codes of responses are of two tasks.
+    """
+    column = table.columns.get(options.condition or "")
+    if column is None and options.condition == TASK:
+        return [replace(options, condition=None)]
+
+    if column is not None:
+        tasks = tasks_named(column.texts)
+        if len(tasks) == len(column.texts) or len({*tasks.values()}) > 1:
+            return [options.of_task(task, {column.name: text}) for text, task in tasks.items()]
+    options.require_one_task()
+    return [options]
+
+
+def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
+    """One study, in which a unit is a subject's answers to one task, if there are several."""
+    by_task = dict[Task, list[Study]]()
+    for study in studies:
+        by_task.setdefault(study.task, []).append(study)
+    has_other_levels = any("condition" in study.reading.read for study in studies)
+    if len(by_task) == 1 or has_other_levels:
+        return together(studies)
+
+    studies = [*map(together, by_task.values())]
+    names = [study.task.short_name for study in studies]
+    order, _ = _level_order(names, options)
+    units = list[Subject]()
+    for subject_name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
+        for level in order:
+            study = studies[names.index(level)]
+            if subject_name in study.names:
+                unit_name = f"{subject_name}{CONDITION_SEPARATOR}{level}"
+                units.append(replace(study[subject_name], name=unit_name, condition=level))
+
+    doubts = chain.from_iterable(study.reading.doubts for study in studies)
+    conditions = Conditions(options.condition or TASK, tuple(order))
+    return Study(
+        with_shared_scales(units),
+        " and ".join(dict.fromkeys(study.source for study in studies)),
+        all(study.synthetic for study in studies),
+        (*common_notes(studies), f"condition {conditions.about}"),
+        replace(reading_of_all(studies), doubts=tuple(doubts)),
+        conditions=conditions,
+    )
 
 
 def _level_order(unit_levels: Sequence[str], options: ReadOptions) -> tuple[list[str], bool]:

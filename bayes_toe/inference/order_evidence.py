@@ -171,8 +171,19 @@ def _evidences(
     subjects: Sequence[Subject], seed: int, prior: ObserverPrior, precision: Precision
 ) -> list[OrderEvidence | NumericalError]:
     """The evidences of a few subjects, four posteriors each, computed together."""
-    families = np.repeat(np.arange(len(subjects)), _N_MODELS)
     array = order_posteriors(ObserverRows.from_subjects(subjects, prior), subjects[0].task)
+    return evidences_of(array, subjects, seed, prior, precision)
+
+
+def evidences_of(
+    array: PosteriorArray,
+    subjects: Sequence[Subject],
+    seed: int,
+    prior: ObserverPrior,
+    precision: Precision = USUAL,
+) -> list[OrderEvidence | NumericalError]:
+    """The evidences of subjects whose four posteriors each are in an array."""
+    families = np.repeat(np.arange(len(subjects)), _N_MODELS)
     maxima = observer_maxima(array)
     modes, by_laplace = laplace(array, maxima)
     mixtures = [mixture_of_maxima(*pair) for pair in zip(maxima, array.is_free, strict=True)]

@@ -20,18 +20,22 @@ then differ by N(0, (h unit)^2), whichever is the reference. The units are
 The mean first stimulus sbar and the scales D and R are those over all conditions: otherwise c would
 move with the stimuli of a condition. The evidence is one integral over all conditions; where
 nothing differs it is that of the pooled answers.
+
+The conditions may be tasks. Then one observer does all tasks, with the criterion of those that have
+'equal' as an answer. What can differ is what all tasks have.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.study import Subject, pooled
+from bayes_toe.data.study import Subject, common_scales, pooled
+from bayes_toe.data.tasks import Task
 from bayes_toe.model.densities import StandardNormal
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
@@ -40,12 +44,13 @@ from bayes_toe.model.parameters import (
     CONTRACTION,
     LAPSE_RATE,
     NOISE,
+    ORDER_MODELS,
     PEAK,
     ObserverPrior,
     Parameter,
     task_parameters,
 )
-from bayes_toe.model.posterior_array import LinearLikelihood, PosteriorArray
+from bayes_toe.model.posterior_array import JointLikelihood, LinearLikelihood, PosteriorArray
 
 #: Prior standard deviation of the difference between two levels, h unit, as a multiple of the
 #: parameter's coordinate; that of the noise is over its sd.
@@ -87,24 +92,39 @@ class ConditionModels:
     prior: ObserverPrior = DEFAULT_PRIOR
 
     @cached_property
+    def units_by_task(self) -> list[list[int]]:
+        """The positions of the units of each task; first the one with most parameters."""
+        positions = dict[Task, list[int]]()
+        for i, unit in enumerate(self.units):
+            positions.setdefault(unit.task, []).append(i)
+        tasks = sorted(positions, key=lambda task: -len(task_parameters(task)))
+        return [positions[task] for task in tasks]
+
+    @cached_property
     def subject(self) -> Subject:
-        """All answers of the subject."""
-        return pooled(self.units)
+        """All answers of the subject; of several tasks, those to the one with most parameters."""
+        subject = pooled([self.units[i] for i in self.units_by_task[0]])
+        if len(self.units_by_task) > 1:
+            subject = replace(subject, shared_scales=common_scales(*self.units))
+        return subject
 
     @cached_property
     def shared(self) -> ObserverPosterior:
-        """The posterior of all answers, where nothing differs."""
+        """The posterior of these answers, where nothing differs."""
         return OrderModel("both").posterior(self.subject, self.prior)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters of the task, in the order of the coordinates."""
+        """The parameters of all tasks, in the order of the coordinates."""
         return task_parameters(self.subject.task)
 
     @cached_property
     def differing(self) -> tuple[Parameter, ...]:
         """The parameters that may differ."""
-        return tuple(parameter for parameter in DIFFERENCE_SDS if parameter in self.parameters)
+        of_all_tasks = set(self.parameters)
+        for unit in self.units:
+            of_all_tasks &= {*task_parameters(unit.task)}
+        return tuple(parameter for parameter in DIFFERENCE_SDS if parameter in of_all_tasks)
 
     @cached_property
     def loading(self) -> FloatArray:
@@ -122,11 +142,20 @@ class ConditionModels:
             loading[:, row, columns] = sd * self.design
         return loading
 
+    def _likelihood(self, positions: Sequence[int]) -> LinearLikelihood:
+        """The likelihood of the answers of some units, which have one task."""
+        units = [self.units[i] for i in positions]
+        rows = ObserverRows.from_subjects(units, self.prior, [self.shared.scales] * len(units))
+        is_of_task = np.isin([parameter.name for parameter in self.parameters], rows.coordinates)
+        loading = self.loading[positions][:, is_of_task]
+        return LinearLikelihood(rows, loading, np.zeros(1, np.intp))
+
     def array(self, choices: Sequence[Collection[Parameter]]) -> PosteriorArray:
         """The posteriors for these choices of parameters that differ."""
-        scales = [self.shared.scales] * len(self.units)
-        rows = ObserverRows.from_subjects(self.units, self.prior, scales)
-        likelihood = LinearLikelihood(rows, self.loading, np.zeros(1, np.intp))
+        likelihoods = [self._likelihood(positions) for positions in self.units_by_task]
+        likelihood: LinearLikelihood | JointLikelihood = likelihoods[0]
+        if len(likelihoods) > 1:
+            likelihood = JointLikelihood(tuple(likelihoods))
         repeated = likelihood.part(np.zeros(len(choices), np.intp))
 
         n_columns = self.design.shape[1]
@@ -139,6 +168,18 @@ class ConditionModels:
             is_free[i, len(self.parameters) :] = np.repeat(differs, n_columns)
         further_priors = (StandardNormal(),) * (len(names) - len(self.parameters))
         return PosteriorArray(repeated, tuple(names), further_priors, is_free)
+
+    @property
+    def without_differences(self) -> PosteriorArray:
+        """The posteriors of the four models, in which nothing differs between conditions.
+
+        The design has no columns.
+        """
+        array = self.array([()] * len(ORDER_MODELS))
+        is_free = []
+        for name in ORDER_MODELS:
+            is_free.append(np.isin(array.names, OrderModel(name).coordinates(self.subject.task)))
+        return replace(array, is_free=np.array(is_free))
 
     def in_conditions(self, points: FloatArray) -> FloatArray:
         """The observer's coordinates in each condition, (points, d) -> (conditions, points, k)."""

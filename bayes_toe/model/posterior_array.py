@@ -97,6 +97,54 @@ class LinearLikelihood:
 
 
 @dataclass(frozen=True, eq=False)
+class JointLikelihood:
+    """The likelihood of posteriors whose answers are to several tasks: the product of the tasks'.
+
+    Attributes
+    ----------
+    parts : tuple of LinearLikelihood
+        One of each task, with rows of every posterior. The first one has all coordinates of the
+        observer.
+    """
+
+    parts: tuple[LinearLikelihood, ...]
+
+    @property
+    def rows(self) -> AnswerRows:
+        """The rows whose coordinates are those of the observer."""
+        return self.parts[0].rows
+
+    @property
+    def first_row(self) -> IndexArray:
+        """The first one of these rows of every posterior."""
+        return self.parts[0].first_row
+
+    def part(self, index: IndexArray) -> JointLikelihood:
+        """The likelihood of some posteriors, in this order; one may come more than once."""
+        return JointLikelihood(tuple(likelihood.part(index) for likelihood in self.parts))
+
+    def value(self, w: FloatArray) -> FloatArray:
+        """As :meth:`LinearLikelihood.value`."""
+        return np.sum([likelihood.value(w) for likelihood in self.parts], axis=0)
+
+    def plain_value(self, w: FloatArray) -> FloatArray:
+        """As :meth:`LinearLikelihood.plain_value`."""
+        return np.sum([likelihood.plain_value(w) for likelihood in self.parts], axis=0)
+
+    def gradient(self, w: FloatArray) -> ArrayPair:
+        """As :meth:`LinearLikelihood.gradient`."""
+        terms = [likelihood.gradient(w) for likelihood in self.parts]
+        value, slope = (np.sum(term, axis=0) for term in zip(*terms, strict=True))
+        return value, slope
+
+    def scoring(self, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As :meth:`LinearLikelihood.scoring`."""
+        terms = [likelihood.scoring(w) for likelihood in self.parts]
+        value, slope, information = (np.sum(term, axis=0) for term in zip(*terms, strict=True))
+        return value, slope, information
+
+
+@dataclass(frozen=True, eq=False)
 class PosteriorArray:
     """Posteriors that share their coordinates w, (posteriors, points, d).
 
@@ -104,7 +152,7 @@ class PosteriorArray:
 
     Attributes
     ----------
-    likelihood : LinearLikelihood
+    likelihood : LinearLikelihood or JointLikelihood
     names : tuple of str
         Of the d coordinates.
     further_priors : tuple of PriorDensity
@@ -113,7 +161,7 @@ class PosteriorArray:
         The coordinates that each posterior's model has.
     """
 
-    likelihood: LinearLikelihood
+    likelihood: LinearLikelihood | JointLikelihood
     names: tuple[str, ...]
     further_priors: tuple[PriorDensity, ...]
     is_free: BoolArray

@@ -119,7 +119,7 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     >>> prior_for(study).describe().split("; ")[0]
     'mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1), gamma ~ Uniform(0, 1), q0 ~ Beta(4, 1)'
     """
-    require_study(study)
+    require_study(study, several_tasks=True)
     study_prior = preset_or_file(prior)
     for subject in study:
         study_prior.for_subjects(subject)
