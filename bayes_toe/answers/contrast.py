@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -331,10 +331,14 @@ def contrast(
         progress=progress,
     )
     by_subject, failed = without_failed(compared, results)
-    answers = [contrasts.answer for contrasts in by_subject if contrasts.answer is not None]
-    tasks = [subject.task for subject in study]
+    rows, answers = list[Difference](), list[OrderEffect]()
+    for contrasts in by_subject:
+        rows += contrasts.rows
+        if contrasts.answer is not None:
+            answers.append(contrasts.answer.in_study(len(compared)))
+    tasks = map(attrgetter("task"), study)
     return ContrastTable(
-        tuple(chain.from_iterable(contrasts.rows for contrasts in by_subject)),
+        tuple(rows),
         conditions,
         numbers,
         root,
@@ -342,7 +346,7 @@ def contrast(
         unit=study.unit,
         left_out=left_out,
         failed=failed,
-        answers=tuple(OrderEffect.in_study(answer, len(answers)) for answer in answers),
+        answers=tuple(answers),
     )
 
 

@@ -128,6 +128,7 @@ def contrast(
     lines = table.sentences()
     if has_tasks:
         print_one_observer(context.out, table, answers_file.name)
+        lines.append("If one observer does all tasks of a subject:")
         lines += study_lines(table.answers, synthetic=read.synthetic)
     context.out.answer([*lines, f"{written} Seed {table.seed}."])
     context.end(table.failed)

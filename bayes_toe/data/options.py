@@ -261,6 +261,11 @@ class ReadOptions:
         """The task that the options tell, if they do."""
         return WHICH_STRONGER if self.correct is not None else task_with(self.code_by_answer)
 
+    @property
+    def without_condition(self) -> ReadOptions:
+        """The options without a condition, also where a column has its name."""
+        return replace(self, condition=None, ignore=(*self.ignore, "condition"))
+
     def of_task(self, task: Task, rows: Mapping[str, str]) -> ReadOptions:
         """The options for the rows of one task, where a column has these texts."""
         foreign: dict[str, None] = {}
@@ -269,8 +274,8 @@ class ReadOptions:
                 foreign[f"{answer}_code"] = None
         if task != WHICH_STRONGER:
             foreign["correct"] = None
-        where = {**self.where, **rows}
-        return replace(self, condition=None, where=where, **foreign)  # type: ignore[arg-type]
+        of_rows = replace(self, where={**self.where, **rows}, **foreign)  # type: ignore[arg-type]
+        return of_rows.without_condition
 
     def codes(self, task: Task) -> tuple[str | None, ...]:
         """The text that was given for each answer of a task."""

@@ -90,9 +90,8 @@ def responses(
     answer = column.map(lambda text: _answer(text, codes, words), np.int64)
     problem, remedies = "", list[Remedy]()
     if options.task is None and options.comparison_code is None:
-        told = tasks_named(table.columns["task"].texts) if "task" in table.columns else {}
         trends = _trends(difference, options, order)
-        problem, remedies = _unknown_meaning(column, told, trends)
+        problem, remedies = _unknown_meaning(column, table.columns.get("task"), trends)
     if not problem:
         problem, remedies = _unknown_texts(column, answer, codes, names, difference)
     if problem:
@@ -144,7 +143,7 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
 
     What tells none, such as the name of an experiment, is not looked at.
     """
-    for text, told in tasks_named([] if column is None else column.texts).items():
+    for text, told in _told_tasks(column).items():
         if told != task:
             finding = f"{table.source}: column task: found {quoted(text)}"
             rule = f"{task.name!r}, which the answers are of; --where task=TEXT chooses rows"
@@ -281,48 +280,50 @@ def _all_codes(column: Column, codes: tuple[str | None, ...]) -> tuple[str | Non
 
 
 def _unknown_meaning(
-    column: Column, told: Mapping[str, Task], trends: Mapping[str, FloatArray]
+    column: Column, task_column: Column | None, trends: Mapping[str, FloatArray]
 ) -> tuple[str, list[Remedy]]:
     """Problems of a column whose words tell no task, or two, with options to type.
 
-    `told` are the tasks that the column `task` tells, by its texts. `trends` are what makes an
-    answer likelier, by the option that names its code.
+    `trends` are what makes an answer likelier, by the option that names its code.
     """
+    told = _told_tasks(task_column)
     texts = [*filter(None, column.texts)]
     words_by_answer = _words_by_answer(column)
     shares = column.counts(texts)
-    finding = ""
     if words_by_answer and task_with(words_by_answer) is None:
         words = join_words([quoted(words[0]) for words in words_by_answer.values()])
-        finding = f"found {words}, words of two tasks"
-    elif len({*told.values()}) > 1:
-        finding = f"found {join_names(shares, 4)} of the tasks {join_words([*map(quoted, told)])}"
-    if finding:
-        problem = (
-            f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
-            "contrast compares the tasks that --condition COLUMN names"
-        )
-        remedies = []
-        for text, task in told.items():
-            remedies.append(Remedy("where", (("task", text),), f"for the task {task.name!r}"))
-        return problem, remedies
+        return _two_tasks(f"found {words}, words of two tasks", told)
+    if not words_by_answer and len({*told.values()}) > 1:
+        tasks = join_words([*map(quoted, told)])
+        return _two_tasks(f"found {join_names(shares, 4)} of the tasks {tasks}", told)
     if words_by_answer or not texts:
         return "", []
     problem = f"the codes are {join_names(shares, 4)}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares[0]}. The program does not know what it means."
-    remedies = _code_remedies(column, texts, trends)
-    if len({*told.values()}) == 1:
-        (task, *_) = told.values()
-        remedies = [remedy for remedy in remedies if _is_of_task(remedy, task)]
+    remedies = []
+    for remedy in _code_remedies(column, texts, trends):
+        answer = "equal" if remedy.option == "equal_code" else "second"
+        if not told or any(answer in task.answers for task in told.values()):
+            remedies.append(remedy)
     return problem, remedies
 
 
-def _is_of_task(remedy: Remedy, task: Task) -> bool:
-    """Whether an option says what an answer of this task means."""
-    if remedy.option == "equal_code":
-        return task.has_criterion
-    return task.has_direction
+def _two_tasks(finding: str, told: Mapping[str, Task]) -> tuple[str, list[Remedy]]:
+    """The problem of a column with responses to two tasks, with what chooses one of them."""
+    problem = (
+        f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
+        "contrast compares the tasks that --condition COLUMN names"
+    )
+    remedies = []
+    for text, task in told.items():
+        remedies.append(Remedy("where", (("task", text),), f"for the task {task.name!r}"))
+    return problem, remedies
+
+
+def _told_tasks(column: Column | None) -> dict[str, Task]:
+    """The tasks that a column `task` tells, by its texts."""
+    return {} if column is None else tasks_named(column.texts)
 
 
 def _unknown_texts(
@@ -448,8 +449,10 @@ def direction(study: Study) -> int:
     13 are findings of :mod:`bayes_toe.checks.answer_checks`.
     """
     covariances, variances = list[float](), list[float]()
-    asked = (subject.two_answers for subject in study if subject.task.has_direction)
-    for subject in filter(None, asked):
+    for asked in study:
+        subject = asked.two_answers if asked.task.has_direction else None
+        if subject is None:
+            continue
         covariance, variance = response_trend(subject, subject.s2 - subject.s1)
         if variance > 0.0:  # both answers, and two differences
             covariances.append(covariance)

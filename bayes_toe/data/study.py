@@ -373,8 +373,8 @@ class Study:
             raise InputError(
                 f"subject names must be unique, repeated: {join_names([*map(repr, repeated)])}"
             )
-        levels = {subject.condition for subject in subjects}
-        if len({(subject.condition, subject.task) for subject in subjects}) > len(levels):
+        tasks = {(subject.condition, subject.task) for subject in subjects}
+        if len(tasks) > len(dict(tasks)):  # two tasks at one level
             raise InputError(
                 "every subject of a study must have been asked the same: same or different, which "
                 "is stronger, or three answers"
@@ -395,13 +395,14 @@ class Study:
     @property
     def by_task(self) -> tuple[Study, ...]:
         """A study of the units of each task; this one where there is one task."""
-        tasks = dict.fromkeys(subject.task for subject in self)
-        if len(tasks) == 1:
+        units_by_task = dict[Task, list[Subject]]()
+        for subject in self:
+            units_by_task.setdefault(subject.task, []).append(subject)
+        if len(units_by_task) == 1:
             return (self,)
         studies = []
-        for task in tasks:
-            units = tuple(subject for subject in self if subject.task == task)
-            studies.append(replace(self, subjects=units, conditions=None))
+        for units in units_by_task.values():
+            studies.append(replace(self, subjects=tuple(units), conditions=None))
         return tuple(studies)
 
     @property

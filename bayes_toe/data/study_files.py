@@ -142,7 +142,8 @@ def together(studies: Sequence[Study]) -> Study:
     if len(studies) == 1:
         return studies[0]
     _require_alike(studies)
-    doubts = list(chain.from_iterable(study.reading.doubts for study in studies))
+    reading = reading_of_all(studies)
+    doubts = [*reading.doubts]
     subjects, n_files = list[Subject](), dict[str, int]()
     for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
         files = [study for study in studies if name in study.names]
@@ -154,16 +155,16 @@ def together(studies: Sequence[Study]) -> Study:
     if n_files:
         subjects_in_words = plural(len(n_files), "subject")
         notes.append(f"{subjects_in_words} in several files, put together: {join_counts(n_files)}")
-    reading = replace(reading_of_all(studies), doubts=tuple(doubts))
+    reading = replace(reading, doubts=tuple(doubts))
     source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
     is_synthetic = all(study.synthetic for study in studies)
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
 
 
 def reading_of_all(studies: Sequence[Study]) -> Reading:
-    """The names and codes that the files told, without their doubts."""
+    """What all files told."""
     names = {}
-    for key in ("read", "ignored", "pooled", "codes"):
+    for key in ("read", "ignored", "doubts", "pooled", "codes"):
         of_files = chain.from_iterable(getattr(study.reading, key) for study in studies)
         names[key] = tuple(dict.fromkeys(of_files))
     return Reading(**names)

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import chain, compress, product
+from operator import attrgetter
 
 import numpy as np
 
@@ -124,7 +125,7 @@ def options_by_task(table: TextTable, options: ReadOptions) -> list[ReadOptions]
     """
     column = table.columns.get(options.condition or "")
     if column is None and options.condition == TASK:
-        return [replace(options, condition=None)]
+        return [options.without_condition]
 
     if column is not None:
         tasks = tasks_named(column.texts)
@@ -143,25 +144,23 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     if len(by_task) == 1 or has_other_levels:
         return together(studies)
 
-    studies = [*map(together, by_task.values())]
-    names = [study.task.short_name for study in studies]
-    order, _ = _level_order(names, options)
-    units = list[Subject]()
-    for subject_name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
-        for level in order:
-            study = studies[names.index(level)]
-            if subject_name in study.names:
-                unit_name = f"{subject_name}{CONDITION_SEPARATOR}{level}"
-                units.append(replace(study[subject_name], name=unit_name, condition=level))
+    by_level = {task.short_name: together(of_task) for task, of_task in by_task.items()}
+    order, _ = _level_order([*by_level], options)
+    units_by_subject = dict[str, list[Subject]]()
+    for level in order:
+        for subject in by_level[level]:
+            unit_name = f"{subject.name}{CONDITION_SEPARATOR}{level}"
+            unit = replace(subject, name=unit_name, condition=level)
+            units_by_subject.setdefault(subject.name, []).append(unit)
 
-    doubts = chain.from_iterable(study.reading.doubts for study in studies)
+    joined = [*by_level.values()]
     conditions = Conditions(options.condition or TASK, tuple(order))
     return Study(
-        with_shared_scales(units),
-        " and ".join(dict.fromkeys(study.source for study in studies)),
-        all(study.synthetic for study in studies),
-        (*common_notes(studies), f"condition {conditions.about}"),
-        replace(reading_of_all(studies), doubts=tuple(doubts)),
+        with_shared_scales(chain.from_iterable(units_by_subject.values())),
+        " and ".join(dict.fromkeys(map(attrgetter("source"), joined))),
+        all(map(attrgetter("synthetic"), joined)),
+        (*common_notes(joined), f"condition {conditions.about}"),
+        reading_of_all(joined),
         conditions=conditions,
     )
 

@@ -176,10 +176,10 @@ class ConditionModels:
         The design has no columns.
         """
         array = self.array([()] * len(ORDER_MODELS))
-        is_free = []
-        for name in ORDER_MODELS:
-            is_free.append(np.isin(array.names, OrderModel(name).coordinates(self.subject.task)))
-        return replace(array, is_free=np.array(is_free))
+        is_free = array.is_free.copy()
+        for i, name in enumerate(ORDER_MODELS):
+            is_free[i] = np.isin(array.names, OrderModel(name).coordinates(self.subject.task))
+        return replace(array, is_free=is_free)
 
     def in_conditions(self, points: FloatArray) -> FloatArray:
         """The observer's coordinates in each condition, (points, d) -> (conditions, points, k)."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import methodcaller
 
 import numpy as np
 
@@ -121,27 +122,26 @@ class JointLikelihood:
 
     def part(self, index: IndexArray) -> JointLikelihood:
         """The likelihood of some posteriors, in this order; one may come more than once."""
-        return JointLikelihood(tuple(likelihood.part(index) for likelihood in self.parts))
+        return JointLikelihood(tuple(map(methodcaller("part", index), self.parts)))
 
     def value(self, w: FloatArray) -> FloatArray:
         """As :meth:`LinearLikelihood.value`."""
-        return np.sum([likelihood.value(w) for likelihood in self.parts], axis=0)
+        return np.sum([*map(methodcaller("value", w), self.parts)], axis=0)
 
     def plain_value(self, w: FloatArray) -> FloatArray:
         """As :meth:`LinearLikelihood.plain_value`."""
-        return np.sum([likelihood.plain_value(w) for likelihood in self.parts], axis=0)
+        return np.sum([*map(methodcaller("plain_value", w), self.parts)], axis=0)
 
     def gradient(self, w: FloatArray) -> ArrayPair:
         """As :meth:`LinearLikelihood.gradient`."""
-        terms = [likelihood.gradient(w) for likelihood in self.parts]
-        value, slope = (np.sum(term, axis=0) for term in zip(*terms, strict=True))
-        return value, slope
+        values, slopes = zip(*map(methodcaller("gradient", w), self.parts), strict=True)
+        return np.sum(values, axis=0), np.sum(slopes, axis=0)
 
     def scoring(self, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """As :meth:`LinearLikelihood.scoring`."""
-        terms = [likelihood.scoring(w) for likelihood in self.parts]
-        value, slope, information = (np.sum(term, axis=0) for term in zip(*terms, strict=True))
-        return value, slope, information
+        terms = map(methodcaller("scoring", w), self.parts)
+        values, slopes, information = zip(*terms, strict=True)
+        return np.sum(values, axis=0), np.sum(slopes, axis=0), np.sum(information, axis=0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,6 +76,8 @@ def contrast(
         shown_unit = "%" if parameter.scale != 1.0 else unit.of_differences
         label = f"{quantity}, {plain(comparison)} ({shown_unit})"
         quantity_ticks(ax, parameter.name)
+        if len(comparison) > 16:
+            label = f"{quantity} ({shown_unit}),\n{plain(comparison)}"
         ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
         ax.tick_params(labelleft=column == 0)
 

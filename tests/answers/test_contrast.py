@@ -166,6 +166,27 @@ def test_the_commands(tmp_path):
     assert units.to_numpy().tolist() == [["A", "left"], ["A", "right"]]
 
 
+def test_tasks_agree_but_for_what_differs(tmp_path):
+    rng = np.random.default_rng(5)
+    frames = []
+    for task, offset in (("2afc", 0.25), ("same/different", 0.0)):
+        distance = np.repeat((SECOND - FIRST - offset + 0.3 * (FIRST - 0.45)) / 0.25, 60)
+        heard = distance + rng.standard_normal(len(distance))
+        response = np.where(heard > 0.0, "second", "first")
+        if task == "same/different":
+            response = np.where(np.abs(heard) < 1.3, "equal", "different")
+        pairs = {"s1": np.repeat(FIRST, 60), "s2": np.repeat(SECOND, 60)}
+        frames.append(pd.DataFrame({"subject": "A", **pairs, "response": response, "task": task}))
+    pd.concat(frames).to_csv(tmp_path / "study.csv", index=False)
+    screen = good("contrast study.csv --condition task --seed 1", cwd=tmp_path)
+    assert "same/different - 2AFC" in screen
+    words = pd.read_csv(tmp_path / "contrast.csv").set_index("quantity").word
+    assert (words["constant error"], words["contraction"]) == (WORDS[0], WORDS[2])
+    assert words["JND"] in WORDS[2:]
+    (answer,) = pd.read_csv(tmp_path / "contrast_one_observer.csv").itertuples()
+    assert (answer.subject, answer.order_effect) == ("A", "yes")
+
+
 def test_the_mean_differences_of_the_group_are_bands(table):
     study = two_conditions(1, n_subjects=3)
     group = made_result(study)

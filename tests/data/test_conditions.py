@@ -8,6 +8,7 @@ import bayes_toe as bt
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.study import common_scales
 from bayes_toe.data.tables import write_table
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 
 ROWS = """\
 subject,s1,s2,response,condition,isi
@@ -199,3 +200,57 @@ def test_files_have_the_condition_all_or_none(tmp_path):
 def test_a_condition_that_has_a_level_of_practice_is_a_condition(read):
     text = ROWS.replace("left", "practice").replace("condition", "phase")
     assert read(text, condition="phase").conditions.levels == ("practice", "right")
+
+
+# --- Tasks as conditions -------------------------------------------------------------------------
+
+TASKS = """\
+subject,s1,s2,response,task
+a,0.0,0.3,different,same/different
+a,0.3,0.0,equal,same/different
+a,0.0,0.3,second,2afc
+a,0.3,0.0,first,2afc
+b,0.0,0.3,second,2afc
+"""
+CODES = TASKS.replace("different,s", "0,s").replace("first", "0")
+CODES = CODES.replace("equal", "1").replace("second", "1")
+
+
+def test_tasks_are_conditions_by_a_column_or_by_a_file(read, tmp_path):
+    units = ("a@2AFC", "a@same/different", "b@2AFC")
+    study = read(TASKS, condition="task")
+    assert study.names == units
+    assert [part.task for part in study.by_task] == [WHICH_STRONGER, SAME_DIFFERENT]
+    assert study["a@2AFC"].shared_scales == study["a@same/different"].shared_scales
+    assert read(CODES, condition="task", equal_code="1", second_code="1").names == units
+    renamed = TASKS.replace(",task", ",question")
+    first = read(renamed, condition="question", reference="same/different")
+    assert first.conditions == Conditions("question", ("same/different", "2AFC"))
+
+    frame = pd.read_csv(tmp_path / "study.csv")
+    files = [rows.drop(columns="question") for _, rows in frame.groupby("question")]
+    assert bt.read_study(files, bt.ReadOptions(condition="task")).names == units
+
+
+@pytest.mark.parametrize(
+    "text, options, message",
+    [
+        (TASKS, {}, "use ReadOptions(where={'task': 'same/different'}) for the task"),
+        (CODES, {}, "found '0' (2), '1' (3) of the tasks 'same/different' and '2afc'"),
+        (CODES, {"condition": "task", "second_code": "1"}, "use ReadOptions(equal_code='1')"),
+        (CODES, {"condition": "hand", "second_code": "1", "equal_code": "1"}, "different texts"),
+        (TASKS.replace("same/different", "2afc"), {"condition": "task"}, "words of two tasks"),
+        (ROWS, {"condition": "task"}, "found the task 'same/different' alone"),
+    ],
+)
+def test_two_tasks_are_refused_where_they_are_no_conditions(read, text, options, message):
+    with pytest.raises(bt.InputError) as caught:
+        read(text, **options)
+    assert message in str(caught.value)
+
+
+def test_other_analyses_refuse_a_study_of_two_tasks(read):
+    study = read(TASKS, condition="task")
+    for analyse in (bt.run, bt.evidence, bt.population, bt.fit, bt.check, bt.Study.frame):
+        with pytest.raises(bt.InputError, match="found the tasks 'which is stronger' and"):
+            analyse(study)

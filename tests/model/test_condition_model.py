@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from scipy import stats
-from scipy.special import logsumexp, ndtr
+from scipy.special import logsumexp, ndtr, xlog1py, xlogy
 
 import bayes_toe as bt
 from bayes_toe.answers.contrast import CHOICES, condition_evidences
 from bayes_toe.data.conditions import Conditions, StimulusScales
+from bayes_toe.data.study import with_shared_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.inference.engine import Precision
+from bayes_toe.inference.order_evidence import evidences_of
 from bayes_toe.model.condition_model import DIFFERENCE_SDS, ConditionModels
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, task_parameters
 
@@ -120,3 +123,66 @@ def test_the_evidence_is_an_integral_over_a_grid():
     expected = logsumexp(log_density) + log_cell
     error = 4.0 * evidence.standard_error[only_c_differs] + 0.01
     assert evidence.log_evidence[only_c_differs] == pytest.approx(expected, abs=error)
+
+
+# --- Two tasks -----------------------------------------------------------------------------------
+
+
+def two_tasks(n_trials=12):
+    """A subject with answers to both tasks, at other pairs."""
+    units = [
+        bt.Subject("S@a", S1, S2, COUNTS[0], [n_trials] * 5, task=WHICH_STRONGER, condition="a"),
+        bt.Subject("S@b", S1[1:], S2[1:], COUNTS[1][1:], [n_trials] * 4, condition="b"),
+    ]
+    return ConditionModels(with_shared_scales(units), np.zeros((2, 0)))
+
+
+def log_likelihood_of_both(values):
+    """The log likelihood of :func:`two_tasks` by plain formulas."""
+    noise, lapse_rate = values["noise"], values["lapse_rate"]
+    slopes = values["noise_slope"], values["criterion_slope"]
+    c, p, q0 = values["constant_error"], values["contraction"], values["q0"]
+    s1, s2 = np.concatenate([S1, S1[1:]]), np.concatenate([S2, S2[1:]])
+    n_yes = np.array([*COUNTS[0], *COUNTS[1][1:]])
+    sbar, total = s1.mean(), 0.0
+    for i, (first, second) in enumerate(zip(s1, s2, strict=True)):
+        middle = 0.5 * (first + second) - sbar
+        z = (second - first - c + p * (first - sbar)) / (noise * np.exp(slopes[0] * middle))
+        if i < len(S1):
+            p_yes = 0.5 * lapse_rate + (1.0 - lapse_rate) * ndtr(z)
+        else:
+            k = stats.norm.ppf(0.5 + 0.5 * q0) * np.exp(slopes[1] * middle)
+            attending = ndtr(k - z) - ndtr(-k - z)
+            p_yes = lapse_rate * (2.0 * ndtr(k) - 1.0) + (1.0 - lapse_rate) * attending
+        total = total + xlogy(n_yes[i], p_yes) + xlog1py(12 - n_yes[i], -p_yes)
+    return total
+
+
+def test_one_observer_of_two_tasks_has_the_product_of_their_likelihoods():
+    models = two_tasks()
+    array = models.array([()])
+    points = 0.5 * default_rng(1).standard_normal((1, 4, len(array.names)))
+    value, slope = array.likelihood.gradient(points)
+    by_hand = log_likelihood_of_both(models.shared.quantities(points[0]))
+    np.testing.assert_allclose(value[0], by_hand, rtol=1e-11)
+    np.testing.assert_allclose(array.likelihood.plain_value(points), value, rtol=1e-12)
+    scored = array.likelihood.scoring(points)
+    np.testing.assert_allclose(scored[1], slope, rtol=1e-12)
+    for j, step in enumerate(1e-6 * np.eye(len(array.names))):
+        rise = array.likelihood.value(points + step) - array.likelihood.value(points - step)
+        np.testing.assert_allclose(rise / 2e-6, slope[..., j], rtol=1e-5, atol=1e-5)
+
+
+def test_evidences_of_one_observer_are_means_over_the_prior():
+    models = two_tasks()
+    array = models.without_differences
+    precision = Precision(standard_error=0.01, most_draws=40_000)
+    (evidence,) = evidences_of(array, [models.subject], 1, models.prior, precision)
+    probability = default_rng(2).uniform(size=(4, 40_000, len(array.names)))
+    points = array.prior_points(probability)
+    for model, expected in enumerate(evidence.log_evidence):
+        by_hand = log_likelihood_of_both(models.shared.quantities(points[model]))
+        log_mean = logsumexp(by_hand) - np.log(len(by_hand))
+        weights = np.exp(by_hand - by_hand.max())
+        error = np.sqrt(np.square(weights).sum()) / weights.sum()
+        assert expected == pytest.approx(log_mean, abs=4.0 * error + 0.02)
