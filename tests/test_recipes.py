@@ -23,13 +23,6 @@ first_g,second_g,trials.thisN,key_resp.keys,key_resp.rt,participant,expName
 0.12,0.12,3,f,0.61,NAME,same_or_different
 0.087,0.12,4,None,,NAME,same_or_different
 """
-WHICH_WAS_STRONGER = """\
-first_g,second_g,trials.thisN,key_resp.keys,key_resp.rt,participant
-0.087,0.12,0,right,0.61,P1
-0.12,0.087,1,left,0.61,P1
-0.12,0.15,2,right,0.61,P1
-0.15,0.12,3,None,0.61,P1
-"""
 JSPSYCH = """\
 "rt","response","trial_type","trial_index","participant_id","task","s1","s2"
 "1234"," ","html-keyboard-response","0","7","instructions","",""
@@ -93,10 +86,6 @@ FILES = {
     "jsPsych": (
         {"jspsych.csv": JSPSYCH},
         ["1 subject, 3 trials", "1 trial without a response dropped: 7 1"],
-    ),
-    "Which was stronger?": (
-        {"data/P1_2026.csv": WHICH_WAS_STRONGER},
-        ["1 subject, 3 trials", "'right' as second (2)"],
     ),
     "Right or wrong": ({"jspsych.csv": RIGHT_OR_WRONG}, ["1 subject, 2 trials"]),
     "Proportions": (

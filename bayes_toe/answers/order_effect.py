@@ -51,7 +51,14 @@ QUESTIONS: Mapping[str, BoolArray] = {
     "contraction": HAS_CONTRACTION,
 }
 #: Sizes, each with the quantiles of :data:`QUANTILES`.
-SIZES = ("pse_shift_percent", "pse_shift_jnd", "contraction_p", "jnd_percent", "zone_percent")
+SIZES = (
+    "pse_shift_percent",
+    "pse_shift_jnd",
+    "contraction_p",
+    "jnd_percent",
+    "zone_percent",
+    "zone_jnd",
+)
 #: The size that stands beside the word for an effect.
 SIZE_OF = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
 _SIZE_TEXTS = {"constant_error": ", PSE shift {}", "contraction": ", {} of the way to the mean"}
@@ -300,9 +307,10 @@ class OrderEffect:
         size = self.sizes[name]
         if name == "contraction_p":
             return format_share(size)
-        if name == "pse_shift_jnd":
-            return format_signed(size)
-        return format_difference(size, self.unit, "+" if name == "pse_shift_percent" else "")
+        sign = "+" if name.startswith("pse_shift") else ""
+        if name.endswith("jnd"):
+            return format_signed(size, sign=sign)
+        return format_difference(size, self.unit, sign)
 
     @property
     def texts(self) -> Mapping[str, str]:
@@ -692,7 +700,9 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], 
         "jnd_percent": _size(all_models, percent(jnd)),
     }
     if "zone" in all_models.quantities:
-        sizes["zone_percent"] = _size(all_models, percent(all_models.quantities["zone"]))
+        zone = all_models.quantities["zone"]
+        sizes["zone_percent"] = _size(all_models, percent(zone))
+        sizes["zone_jnd"] = _size(all_models, zone / jnd)
     flags = _size_flags(evidence, with_error, with_contraction)
     return sizes, _upper_bounds(evidence, all_models), flags
 

@@ -106,6 +106,7 @@ _SIZES = {
     "contraction_p": ("contraction", "contraction"),
     "jnd_percent": ("JND", ""),
     "zone_percent": ("zone of 'equal'", ""),
+    "zone_jnd": ("zone of 'equal', JND", ""),
 }
 #: What the settings of the sampler are.
 _SAMPLER = {
