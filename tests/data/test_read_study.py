@@ -805,15 +805,6 @@ def test_ten_values_are_told_at_most(n_values, last):
     assert lines[10:] == [f"... and {text}" for text in last]
 
 
-def test_values_of_several_columns_are_told_in_the_order_of_their_rows():
-    lines = refused(TRIALS + "a,0,y,equal\n,x,0,equal\na,x,y,same\n")
-    assert [line.partition(", allowed")[0] for line in lines] == [
-        "column s2: found 'y' in 2 rows, the first is row 2",
-        "row 3, column subject: found ''",
-        "column s1: found 'x' in 2 rows, the first is row 3",
-    ]
-
-
 def test_unreadable_paths(tmp_path, monkeypatch):
     (tmp_path / "file.txt").write_text("x")
     names = "missing\n.csv", "file.txt/x.csv", "nul\0l.csv", "x" * 300

@@ -230,12 +230,6 @@ def test_some_reversed_subjects_are_found_with_what_to_type():
     assert reversed_answers(bt.read_study(frames(straight, back))) == expected
 
 
-def test_a_study_of_reversed_subjects_is_refused():
-    joint = bt.Study((answering("b", falling), answering("c", falling)))
-    with pytest.raises(bt.InputError, match=r"less often.*n_second counts those"):
-        bt.read_study(joint.frame())
-
-
 def test_real_studies_are_read_as_they_were_asked(real_data):
     for name, file, options, trials in (
         ("auditory_pwm", "trials.csv", {"ignore": ("isi",)}, 17934),
