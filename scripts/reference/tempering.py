@@ -253,7 +253,7 @@ def log_mean(log_weights: FloatArray) -> tuple[float, float]:
 def _draw_t(rng: np.random.Generator, n: int, factor: FloatArray) -> FloatArray:
     """Draws of a Student-t kernel about 0, 4 degrees of freedom, (n, k)."""
     stretch = np.sqrt(rng.chisquare(4, size=(n, 1)) / 4.0)
-    return np.asarray(rng.standard_normal((n, len(factor))) / stretch @ factor.T)
+    return rng.standard_normal((n, len(factor))) / stretch @ factor.T
 
 
 def _log_t(points: FloatArray, centres: FloatArray, factor: FloatArray) -> FloatArray:
