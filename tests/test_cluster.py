@@ -102,13 +102,6 @@ def test_errors_of_a_job_are_those_of_this_process(client):
         run_in_order([partial(refuse)], client, None, [()])
 
 
-@pytest.mark.parametrize("workers", ["4", 2.5, object()])
-def test_what_is_no_client_is_refused(workers):
-    message = r"allowed is a number of processes from 1, or a distributed\.Client"
-    with pytest.raises(InputError, match=message):
-        bt.sample(TWO, workers=workers)
-
-
 def test_a_closed_client_is_refused(dask):
     with distributed.Client(dask, set_as_default=False) as closed:
         pass

@@ -6,12 +6,10 @@ The likelihood itself is in tests/model/test_observer.py, with the other tasks.
 from dataclasses import replace
 from itertools import product
 
-import mpmath
 import numpy as np
 import pandas as pd
 import pytest
 from commands import refused
-from mpmath import mpf, ncdf
 from numpy.random import default_rng
 
 import bayes_toe as bt
@@ -22,7 +20,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, WHICH_STRONGER
 from bayes_toe.design.simulate import simulate
 from bayes_toe.errors import option_values
 from bayes_toe.inference.draws import load_draws
-from bayes_toe.model.answer_curves import direction_answers
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
 
@@ -184,35 +181,6 @@ def test_a_study_whose_directions_are_all_reversed_is_refused(study):
 
 
 # --- Numbers --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("k", [1e-12, 0.3, 20.0])
-def test_shares_of_second_have_all_digits(k):
-    for z in (0.0, 1e-9, -2.0, 7.0, 3000.0):
-        for lapse in (1e-12, 0.05, 0.9):
-            lapses = np.log([lapse]), np.log1p([-lapse])
-            answers = direction_answers(np.array([z]), np.array([k]), lapses)
-            with mpmath.workdps(60):
-                guess, attend = mpf(lapse) * ncdf(-mpf(k)), 1 - mpf(lapse)
-                second, first = (guess + attend * ncdf(sign * mpf(z) - mpf(k)) for sign in (1, -1))
-                shares = [mpmath.log(part / (second + first)) for part in (second, first)]
-            expected = [float(share) for share in shares]
-            computed = [float(log[0]) for log in answers]
-            assert computed == pytest.approx(expected, rel=1e-12, abs=1e-12)
-
-
-def test_mirrored_stimuli_exchange_the_answers(study):
-    subject = study["B"]
-    mirrored = replace(
-        subject, s1=-subject.s1, s2=-subject.s2, n_second=subject.n_first, answers=None
-    )
-    posterior, other = (OrderModel("both").posterior(counts) for counts in (subject, mirrored))
-    x = posterior.sample_prior(default_rng(1), 50)
-    signs = np.ones(len(posterior.coordinates))
-    for name in ("constant_error", "noise_slope", "criterion_slope"):
-        signs[posterior.coordinates.index(name)] = -1.0
-    # Subjects sort their pairs, so that sums are in another order.
-    assert other.log_likelihood(signs * x) == pytest.approx(posterior.log_likelihood(x), rel=1e-12)
 
 
 def test_the_second_question_leaves_h1_against_h0_and_the_scales_alone(study):

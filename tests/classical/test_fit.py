@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from conftest import made_subject
+from definitions import paper_log_likelihood
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from scipy.optimize import minimize
-from scipy.special import ndtr, xlogy
 
 import bayes_toe as bt
 from bayes_toe.classical.fit import PenalisedLikelihood, SubjectFit, resample, subject_fit
@@ -25,19 +25,10 @@ FITTED += [(SUBJECTS["S07"], NARROW)]
 
 def minus_objective(subject, prior):
     """In natural parameters (mu1, sigma_p, gamma, q0 or lapse rate), without the package."""
-    k, n = subject.n_yes, subject.n_trials
 
     def value(theta):
-        mu1, sigma_p, gamma, last = theta
-        ratio = (1 + np.sqrt(1 + 4 * gamma)) / 2
-        z = (subject.s2 - subject.s1 / ratio - (1 - 1 / ratio) * mu1) / sigma_p
-        if subject.task == WHICH_STRONGER:
-            yes, no = (last / 2 + (1 - last) * ndtr(sign * z / ratio) for sign in (1, -1))
-        else:
-            yes = last * np.exp2(-((z / ratio**1.5) ** 2))
-            no = 1 - yes
-        log_likelihood = (xlogy(k, yes) + xlogy(n - k, no)).sum()
-        penalty = 0.5 * ((mu1 - prior.mu1_mean) / prior.mu1_sd) ** 2
+        log_likelihood = paper_log_likelihood(subject, *theta)
+        penalty = 0.5 * ((theta[0] - prior.mu1_mean) / prior.mu1_sd) ** 2
         objective = penalty - log_likelihood
         return objective if np.isfinite(objective) else 1e300
 

@@ -68,6 +68,7 @@ def test_every_command_has_both_examples(monkeypatch, tmp_path, typed, example):
         if "example" in names(function):
             finished = inside(f"{command} {typed}", cwd=tmp_path)
             assert finished.stderr == f"error: {example}\n", command
+            assert {"swap", "exclude"} <= {*names(function)}, command
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import inside
+from conftest import text_table
 
 import bayes_toe as bt
 from bayes_toe.data.responses import direction
@@ -72,54 +73,54 @@ def is_intended(table, **options):
 
 
 #: Name of the column, its cell where the standard was first, and where the comparison was.
-CERTAIN = [
-    ("interval", "1", "2"),
-    ("interval", "1.0", "2.0"),
-    ("interval", "first", "Second"),
-    ("interval", "1st", "2nd"),
-    ("interval", "interval 1", "interval 2"),
-    ("order", "standard_first", "comparison_first"),
-    ("order", "Standard first", "Test first"),
-    ("order", "standardFirst", "comparisonFirst"),
-    ("order", "first_standard", "first_comparison"),
-    ("order", "comparison second", "standard second"),
-    ("order", "std_first", "cmp_first"),
-    ("order", "SC", "CS"),
-    ("order", "st", "ts"),
-    ("order", "S-C", "C-S"),
-    ("order", "standard-comparison", "comparison-standard"),
-    ("order", "std/cmp", "cmp/std"),
-    ("order", "standard then test", "test then standard"),
-    ("order", "Standard zuerst", "Vergleich zuerst"),
-    ("first_stimulus", "standard", "comparison"),
-    ("first_stimulus", "ref", "test"),
-    ("second_stimulus", "comparison", "standard"),
-    ("standard_first", "True", "False"),
-    ("standard_first", "1", "0"),
-    ("std_first", "yes", "no"),
-    ("isStandardFirst", "TRUE", "FALSE"),
-    ("comparison_first", "False", "True"),
-    ("test_first", "0", "1"),
-    ("standard_second", "0", "1"),
-]
+CERTAIN = """
+    interval | 1 | 2
+    interval | 1.0 | 2.0
+    interval | first | Second
+    interval | 1st | 2nd
+    interval | interval 1 | interval 2
+    order | standard_first | comparison_first
+    order | Standard first | Test first
+    order | standardFirst | comparisonFirst
+    order | first_standard | first_comparison
+    order | comparison second | standard second
+    order | std_first | cmp_first
+    order | SC | CS
+    order | st | ts
+    order | S-C | C-S
+    order | standard-comparison | comparison-standard
+    order | std/cmp | cmp/std
+    order | standard then test | test then standard
+    order | Standard zuerst | Vergleich zuerst
+    first_stimulus | standard | comparison
+    first_stimulus | ref | test
+    second_stimulus | comparison | standard
+    standard_first | True | False
+    standard_first | 1 | 0
+    std_first | yes | no
+    isStandardFirst | TRUE | FALSE
+    comparison_first | False | True
+    test_first | 0 | 1
+    standard_second | 0 | 1
+"""
 
 
-@pytest.mark.parametrize("column, standard, comparison", CERTAIN)
+@pytest.mark.parametrize("column, standard, comparison", text_table(CERTAIN))
 def test_an_order_whose_meaning_is_certain_is_read(column, standard, comparison):
     assert is_intended(with_order(column, standard, comparison), standard_interval=column)
 
 
 #: The same of the interval of the comparison.
-OF_COMPARISON = [
-    ("comparison_interval", "2", "1"),
-    ("target_interval", "second", "first"),
-    ("testInterval", "2", "1"),
-    ("signal_position", "2", "1"),
-    ("order", "2", "1"),
-]
+OF_COMPARISON = """
+    comparison_interval | 2 | 1
+    target_interval | second | first
+    testInterval | 2 | 1
+    signal_position | 2 | 1
+    order | 2 | 1
+"""
 
 
-@pytest.mark.parametrize("column, standard, comparison", OF_COMPARISON)
+@pytest.mark.parametrize("column, standard, comparison", text_table(OF_COMPARISON))
 def test_a_column_may_hold_the_interval_of_the_comparison(column, standard, comparison):
     table = with_order(column, standard, comparison)
     assert is_intended(table, comparison_interval=column)
@@ -144,21 +145,21 @@ def test_a_name_is_no_proof_where_cells_or_a_code_say_more():
 
 
 #: The same of codes that may mean either, so that there is one question.
-UNCERTAIN = [
-    ("interval", "True", "False"),
-    ("order", "0", "1"),
-    ("order", "1", "0"),
-    ("interval", "left", "right"),
-    ("order", "L", "R"),
-    ("order", "A", "B"),
-    ("interval", "-1", "1"),
-    ("interval", "0.5", "1"),
-    ("order", "sc1", "x7"),
-    ("position", "standard", "other"),
-]
+UNCERTAIN = """
+    interval | True | False
+    order | 0 | 1
+    order | 1 | 0
+    interval | left | right
+    order | L | R
+    order | A | B
+    interval | -1 | 1
+    interval | 0.5 | 1
+    order | sc1 | x7
+    position | standard | other
+"""
 
 
-@pytest.mark.parametrize("column, standard, comparison", UNCERTAIN)
+@pytest.mark.parametrize("column, standard, comparison", text_table(UNCERTAIN))
 def test_codes_that_may_mean_either_are_one_question(column, standard, comparison, tmp_path):
     table = with_order(column, standard, comparison)
     result = checked(tmp_path, table, "--standard-interval", column)
@@ -251,6 +252,13 @@ def test_a_code_that_no_response_has_is_refused(tmp_path):
     result = checked(tmp_path, with_order("order", "SC", "CS", coded("j", "f")), *words)
     assert "None of them is the code that was given." in result.stderr
     assert typed_lines(result) == []
+
+
+def test_a_standard_that_is_always_first_needs_no_column():
+    table = with_order("interval", "1", "2")[IS_FIRST]
+    always_first = bt.read_study(table, bt.ReadOptions(standard_first=True))
+    by_column = bt.read_study(table, bt.ReadOptions(standard_interval="interval"))
+    assert always_first.frame().equals(by_column.frame())
 
 
 def test_the_order_may_be_that_of_blocks():
@@ -431,6 +439,5 @@ def test_subjects_that_are_numbers_are_named_by_numbers():
     assert study.exclude(["7", "8"]).names == study.exclude([7, 8]).names == ("9",)
     assert study.exclude(7).changes == study.exclude(["7"]).changes == ("--exclude 7",)
     assert study.swap([7, 8], 1).changes == ("--swap 7:1", "--swap 8:1")
-    assert study.select(7).names == study.select([7]).names == ("7",)
     with pytest.raises(bt.InputError, match="no subject '70'"):
         study.exclude([7, 70])

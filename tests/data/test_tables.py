@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from bayes_toe.data.read_study import read_study
 from bayes_toe.data.tables import file_stems, write_table
-from bayes_toe.errors import OutputError
 
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
 
@@ -53,12 +52,6 @@ def test_formulas_get_an_apostrophe_and_our_reader_takes_it_off(tmp_path):
     assert "'=1+1" in read_study(write_table(joint, tmp_path / "both.csv")).names
 
 
-def test_a_terminal_obeys_no_cell(tmp_path):
-    frame = pd.DataFrame({"subject": ["a\x1b[31m", "b\tc"], "x": [1, 2]})
-    text = write_table(frame, tmp_path / "t.csv").read_text(encoding="utf-8")
-    assert text == "subject,x\na\\x1b[31m,1\nb\tc,2\n"
-
-
 @FUZZ
 @given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
 def test_numbers_in_tables_keep_every_bit(tmp_path_factory, values):
@@ -66,16 +59,6 @@ def test_numbers_in_tables_keep_every_bit(tmp_path_factory, values):
     write_table(pd.DataFrame({"x": values, "y": 0}), path, overwrite=True)
     texts = [line.partition(",")[0] for line in path.read_text().splitlines()[1:]]
     assert np.array(texts, float).tobytes() == np.array(values).tobytes()
-
-
-def test_a_full_disk_is_reported_in_one_line(tmp_path, monkeypatch):
-    def full(*_, **__):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(pd.DataFrame, "to_csv", full)
-    with pytest.raises(OutputError, match=r"t\.csv: cannot be written \(No space left on device\)"):
-        write_table(pd.DataFrame({"x": [1]}), tmp_path / "t.csv")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_parquet_tables_keep_every_bit_and_no_apostrophe_is_put(tmp_path):

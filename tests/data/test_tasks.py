@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import refused
-from conftest import counts, made_subject
+from conftest import counts, made_subject, text_table
 from scipy.io import savemat
 from scipy.special import ndtr
 
@@ -120,120 +120,70 @@ def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for(tmp_path):
     assert not any("looks like" in finding.message for finding in check_answers(pooled))
 
 
-UNTOLD = "The program does not know what they mean."
-REFUSED = [
-    (
-        TRIALS,
-        "a,0,1,1 a,1,0,0",
-        "",
-        "error: study.csv: column response: the codes are '1' (1), '0' (1). " + UNTOLD,
-    ),
-    (
-        TRIALS,
-        "a,0,1,2 a,1,0,1",
-        "",
-        "type:  --second-code 2  if 2 is 'the second was stronger' (2AFC)",
-    ),
-    (
-        TRIALS,
-        "a,0,1,equal",
-        "--second-code 1",
-        "row 2, column response: found 'equal', allowed: '1' (second) or first, s1, 1st",
-    ),
-    (
-        TRIALS,
-        "a,0,1,2nd a,0,1,1",
-        "",
-        "row 3, column response: found '1', allowed: second, s2, 2nd (second) or first",
-    ),
-    (
-        TASK,
-        "a,0,1,second,2afc a,0,1,first,same/different",
-        "",
-        "column task: found 'same/different', allowed: 'which is stronger', which the answers are",
-    ),
-    (
-        TASK,
-        "a,0,1,second,same/different",
-        "",
-        "column task: found 'same/different', allowed: 'which is stronger'",
-    ),
-    (
-        COUNTS.replace("n_trials", "n_equal,n_trials"),
-        "a,0,1,1,1,2",
-        "",
-        "column n_equal: found together with n_second and n_trials",
-    ),
-    (
-        RIGHT,
-        "a,0,1,1",
-        "--columns response=acc",
-        "column acc: found as response, though it seems to say right or wrong.",
-    ),
-    (
-        RIGHT,
-        "a,0,1,maybe",
-        "--correct acc",
-        "row 2, column acc: found 'maybe', allowed: 1, true, yes, correct, right, hit (right) or 0",
-    ),
-    (RIGHT, "a,0,0,1", "--correct acc", "found no response in any of 1 rows"),
-    (
-        RIGHT,
-        "a,0,1,1",
-        "--correct hit",
-        "row 1: there is no column hit. The columns are subject, s1, s2, acc.",
-    ),
-    (
-        RIGHT,
-        "a,0,1,1",
-        "--correct acc --second-code 1",
-        "--second-code, --correct: found together, allowed: what tells one task",
-    ),
-    (
-        TRIALS,
-        "a,0,1,1",
-        "--different-code 0 --second-code 1",
-        "--different-code, --second-code: found together",
-    ),
-    (
-        TRIALS,
-        "a,0,1,1",
-        "--second-code 1 --first-code 1",
-        "--first-code: found '1' as --second-code, allowed: different texts",
-    ),
-    (
-        TRIALS,
-        "a,0,1,second",
-        "--ignore s1",
-        "--ignore: found 's1', allowed: isi, session, block, trial, iti, condition",
-    ),
-    (
-        "subject,i1,i2,response",
-        "a,0,1,second",
-        "--intensity 1",
-        "row 2, column i1: found '0', allowed: a positive finite number",
-    ),
-    (
-        TRIALS,
-        "a,0,1,second",
-        "--task same/different",
-        "--task is 'same/different', but the responses in",
-    ),
-    (
-        TRIALS,
-        "a,0,1,second",
-        "--task 3afc",
-        "--task: found '3afc', allowed: same/different, 2afc (which is stronger), or ternary",
-    ),
-]
+HEADS = {
+    "trials": TRIALS,
+    "scored": RIGHT,
+    "task": TASK,
+    "counts": COUNTS.replace("n_trials", "n_equal,n_trials"),
+    "intensities": "subject,i1,i2,response",
+}
+#: The header, the rows, the options, and what they are refused with.
+REFUSED = """
+    trials | a,0,1,1 a,1,0,0 |  | error: study.csv: column response: the codes are '1' (1), '0' (1)
+    trials | a,0,1,2 a,1,0,1 |  | --second-code 2  if 2 is 'the second was stronger' (2AFC)
+    trials | a,0,1,equal | --second-code 1 | found 'equal', allowed: '1' (second) or first, s1, 1st
+    trials | a,0,1,2nd a,0,1,1 |  | row 3, column response: found '1', allowed: second, s2, 2nd
+    task | a,0,1,second,2afc a,0,1,first,same/different |  | column task: found 'same/different'
+    task | a,0,1,second,same/different |  | found 'same/different', allowed: 'which is stronger'
+    counts | a,0,1,1,1,2 |  | column n_equal: found together with n_second and n_trials
+    scored | a,0,1,1 | --columns response=acc | found as response, though it seems to say right
+    scored | a,0,1,maybe | --correct acc | row 2, column acc: found 'maybe', allowed: 1, true, yes
+    scored | a,0,0,1 | --correct acc | found no response in any of 1 rows
+    scored | a,0,1,1 | --correct hit | there is no column hit. The columns are subject, s1, s2, acc.
+    scored | a,0,1,1 | --correct acc --second-code 1 | --second-code, --correct: found together
+    intensities | a,0,1,second | --intensity 1 | row 2, column i1: found '0', allowed: a positive
+    trials | a,0,1,second | --task same/different | --task is 'same/different', but the responses in
+"""
 
 
-@pytest.mark.parametrize("head, rows, options, message", REFUSED, ids=range(len(REFUSED)))
+@pytest.mark.parametrize("head, rows, options, message", text_table(REFUSED))
 def test_what_cannot_be_read_is_one_line_and_nothing_is_written(
     tmp_path, head, rows, options, message
 ):
-    written(tmp_path, head, *rows.split())
-    assert message in refused("run", "study.csv", "-o", "out", *options.split(), cwd=tmp_path)
+    written(tmp_path, HEADS[head], *rows.split())
+    assert message in refused(f"run study.csv -o out {options}", cwd=tmp_path)
+
+
+#: Options that make no sense in any file, and what they are refused with.
+OPTIONS = """
+    --different-code 0 --second-code 1 | --different-code, --second-code: found together
+    --second-code 1 --first-code 1 | --first-code: found '1' as --second-code, allowed: different
+    --equal-code a --different-code ' a ' | --different-code: found 'a' as --equal-code
+    --equal-code '  ' | --equal-code: found ''
+    --different-code '' | --different-code: found ''
+    --ignore s1 | --ignore: found 's1', allowed: isi, session, block, trial, iti, condition
+    --task 3afc | --task: found '3afc', allowed: same/different, 2afc (which is stronger), or
+    --intensity 0 | --intensity: found 0.0, allowed: a positive finite number
+    --intensity nan | --intensity: found nan
+    --intensity inf | --intensity: found inf
+    --columns first=s1 | --columns: found 'first=s1'
+    --columns 's1= ' | --columns: found 's1='
+    --columns S1=x | --columns: found 'S1=x', allowed: OURS=NAME with OURS one of
+    --columns s1 | --columns: found 's1', allowed: OURS=NAME, each name once
+    --columns =x | --columns: found '=x', allowed: OURS=NAME, each name once
+    --columns s2=a --columns s2=x | --columns: found 's2=x', allowed: OURS=NAME, each name once
+    --subject-from x.csv | --subject-from: found 'x.csv', allowed: a file's name with
+    --standard-interval a --standard-first | --standard-first, --standard-interval, --comp
+    --standard-interval a --comparison-interval b | --comparison-interval: found together
+    --standard-first-code c | --standard-first-code: found alone
+    --comparison-code c | --comparison-code: found alone
+"""
+
+
+@pytest.mark.parametrize("options, message", text_table(OPTIONS))
+def test_options_that_make_no_sense_are_refused(tmp_path, options, message):
+    written(tmp_path, TRIALS, "a,0,1,second")
+    assert message in refused(f"check study.csv {options}", cwd=tmp_path)
 
 
 def test_several_files_are_of_one_task():
@@ -278,12 +228,6 @@ def test_some_reversed_subjects_are_found_with_what_to_type():
     assert reversed_answers(bt.read_study(study.frame()).swap("b")) == []
     # A file of one reversed subject is not a study.
     assert reversed_answers(bt.read_study(frames(straight, back))) == expected
-
-
-def test_a_study_of_reversed_subjects_is_refused():
-    joint = bt.Study((answering("b", falling), answering("c", falling)))
-    with pytest.raises(bt.InputError, match=r"less often.*n_second counts those"):
-        bt.read_study(joint.frame())
 
 
 def test_real_studies_are_read_as_they_were_asked(real_data):

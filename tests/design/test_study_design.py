@@ -10,7 +10,6 @@ from bayes_toe.design.study_design import (
     paper_study_design,
     reference_design,
 )
-from bayes_toe.errors import InputError
 
 
 def test_a_design_comes_back_from_its_file(tmp_path):
@@ -48,11 +47,6 @@ def test_what_is_wrong_is_said_with_its_place(tmp_path, text, message):
     (line,) = problems(bt.design.read_study_design, tmp_path / "design.csv")
     assert message in line
     assert "\n" not in line
-
-
-def test_fewer_trials_than_pairs_are_refused():
-    with pytest.raises(InputError, match="12 trials for 13 pairs"):
-        paper_study_design(12)
 
 
 def test_batches_of_the_paper_and_of_all_pairs():

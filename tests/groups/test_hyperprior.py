@@ -6,7 +6,6 @@ from scipy import stats
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import SAME_DIFFERENT
-from bayes_toe.errors import InputError
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.model.densities import from_half_normal_score, half_normal_score
 from bayes_toe.model.parameters import group_parameters
@@ -30,11 +29,6 @@ def test_densities_are_those_of_the_table():
     sd = np.abs(means)
     sds = NUMBERS.sds(half_normal_score(sd / [0.3, 0.15, 0.4, 1.0]))
     assert sds.values == pytest.approx(sd, rel=1e-12)
-
-
-def test_rows_of_numbers_that_cannot_be_are_refused():
-    with pytest.raises(InputError, match=r"hyperprior: \[contraction\] mean_scale: found -0.2"):
-        Hyperprior(contraction=ParameterHyperprior(0.0, -0.2, 0.15))
 
 
 def test_a_difference_is_half_as_wide_as_a_mean():

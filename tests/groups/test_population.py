@@ -126,13 +126,6 @@ AGES = {"age": {"P000": 20.0, "P001": 30.0}}
 @pytest.mark.parametrize(
     "study, arguments, message",
     [
-        (simulated_group(1, 3), {"hyperprior": "none.toml"}, "none.toml: cannot be read "),
-        (simulated_group(1, 3), {"hyperprior": 3}, "a Hyperprior, or the path of a TOML file"),
-        (
-            simulated_group(1, 3),
-            {"categorical": ["age"]},
-            "'age', allowed: none, without covariates",
-        ),
         (simulated_group(1, 1), {}, r"'?P000'? is one subject; allowed: 2 and more"),
         (two_conditions(1, 2), {"covariates": AGES}, "a condition and covariates are not"),
     ],

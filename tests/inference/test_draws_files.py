@@ -162,20 +162,14 @@ UNREADABLE = "not a file of draws that can be read"
 #: A file, what is done to it, and what it is refused with.
 DAMAGES = [
     (SUBJECTS, lambda file: file.attrs.pop("format"), "not a file of draws of this version"),
-    (GROUP, _attribute(format=1), "not a file of draws of this version"),
     (SUBJECTS, _delete("constant_data"), UNREADABLE),
     (SUBJECTS, _delete("sample_stats/lp"), "no lp over (chain, draw, subject)"),
-    (SUBJECTS, _delete("sample_stats/min_ess"), "no min_ess over (subject)"),
     (SUBJECTS, _delete("sample_stats/imprecise"), UNREADABLE),
-    (SUBJECTS, _set("sample_stats/min_ess", 0, np.nan), "draws of min_ess are no numbers"),
     (SUBJECTS, _set("posterior/mu1", ..., 1e308), "draws of mu1 are no numbers"),
     (SUBJECTS, _delete("posterior/q0"), "no q0 over (chain, draw, subject)"),
-    (GROUP, _delete("posterior/subjects"), "no subjects over (chain, draw, subject, parame"),
     (GROUP, _delete("covariates/x"), "no x over (subject, covariate)"),
     (GROUP, _set("covariates/subject", 0, "Z"), UNREADABLE),
     (SUBJECTS, _set("posterior/mu1", (0, 0, 0), np.inf), "draws of mu1 are no numbers"),
-    (SUBJECTS, _set("sample_stats/lp", ..., np.nan), "draws of lp are no numbers"),
-    (GROUP, _set("posterior/mean", (0, 0, 0), np.nan), "draws of mean are no numbers"),
     (GROUP, _set("covariates/x", ..., np.nan), "draws of x are no numbers"),
     (SUBJECTS, _set("posterior/subject", 0, "Z"), "its draws and its counts are of"),
     (SUBJECTS, _set("observed_data/n_equal", 0, -1), "subject 'A'"),
@@ -186,7 +180,6 @@ DAMAGES = [
     (SUBJECTS, _attribute(failed="[1"), UNREADABLE),
     (SUBJECTS, _attribute(model="psychic"), "model 'psychic': no such model; allowed: none,"),
     (SUBJECTS, _declares, "it declares more numbers than it has"),
-    (SUBJECTS, _link("posterior/loop", h5py.SoftLink("/")), "'posterior/loop' is a link"),
     (GROUP, _link("other", h5py.ExternalLink("p.nc", "/x")), "'other' is a link"),
     (SUBJECTS, _inside_itself, UNREADABLE),
 ]

@@ -1,7 +1,4 @@
-"""Laplace's approximation of H1, against its definition and where it becomes exact."""
-
-import json
-from pathlib import Path
+"""Laplace's approximation of H1, against its definition."""
 
 import numpy as np
 import pytest
@@ -15,7 +12,6 @@ CASES = {
     **hard_cases(),
     **{subject.name: subject for subject in bt.example_study("same/different")},
 }
-STORED = Path(__file__).parents[1] / "reference" / "reference.json"
 
 
 def by_laplace(name):
@@ -39,9 +35,3 @@ def test_value_is_that_of_the_definition(name):
     height = posterior.log_density(best)[0]
     expected = height + 2 * np.log(2 * np.pi) - 0.5 * np.linalg.slogdet(-hessian)[1]
     assert value == pytest.approx(expected, abs=0.01)
-
-
-@pytest.mark.parametrize("name", ["a million trials a pair", "a hundred million trials"])
-def test_it_becomes_exact_with_many_trials(name):
-    stored = json.loads(STORED.read_text())["cases"][name]
-    assert by_laplace(name)[0] == pytest.approx(stored["log_evidence"], abs=0.01)

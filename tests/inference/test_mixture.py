@@ -6,7 +6,7 @@ from numpy.random import default_rng
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
-from bayes_toe.inference.mixture import StudentMixture, WeightedDraws
+from bayes_toe.inference.mixture import StudentMixture
 
 
 def log_density_of(means, scales, df, x):
@@ -41,9 +41,3 @@ def test_mixture_density_of_narrow_components_far_apart(distance):
     x = means[1] + default_rng(1).normal(size=(500, 2))
     expected = log_density_of(means, scales, 8, x)
     assert mixture.log_density(x) == pytest.approx(expected, abs=1e-13 + 1e-15 * distance)
-
-
-@pytest.mark.parametrize("size", [1, 12, 20, 21])
-def test_equal_weights_have_no_error(size):
-    draws = WeightedDraws(np.zeros((size, 1)), *np.full((3, size), 0.3))
-    assert draws.standard_error == pytest.approx(0.0, abs=1e-15)

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import emcee
 import numpy as np
-import pytest
 from scipy.special import digamma, ndtri, polygamma
 
 from bayes_toe.inference.engine import PriorMixture, fresh_draws
@@ -74,7 +73,7 @@ class Ensemble(emcee.EnsembleSampler):
         return array.target.log_density(coords), log_proposal
 
 
-def _worst_moment(move, fitted, index, runs=16):
+def _worst_moment(move, fitted, runs=16):
     """The largest |t| of means and variances over so many ensembles.
 
     They start from the target itself, which a wrong move leaves.
@@ -83,7 +82,7 @@ def _worst_moment(move, fitted, index, runs=16):
     mean, variance = target.truth()
     means, variances = [], []
     for k in range(runs):
-        random = np.random.RandomState(np.random.MT19937(stream(11, "moments", index, k)))
+        random = np.random.RandomState(np.random.MT19937(stream(11, "moments", k)))
         sampler = Ensemble(fitted, move)
         sampler.random_state = random.get_state()
         state = sampler.run_mcmc(target.sample(random, 192), 60, store=False)
@@ -96,11 +95,10 @@ def _worst_moment(move, fitted, index, runs=16):
     return np.abs((values.mean(axis=0) - np.concatenate([mean, variance])) / error).max()
 
 
-@pytest.mark.parametrize("index", [0, 1, 2], ids=["global", "differential evolution", "stretch"])
-def test_every_move_that_is_used_leaves_known_moments_alone(index):
+def test_the_global_move_leaves_known_moments_alone():
+    """The other moves are emcee's own."""
     fitted = _fitted_for(Target())
-    move = moves(fitted, fitted.draws)[index][0]
-    assert type(move).__name__ != "DESnookerMove"
-    # 8 looks at a t distribution with 15 degrees of freedom, 3 parametrisations: |t| < 5 has a
-    # false-alarm rate near 0.4 %.
-    assert _worst_moment(move, fitted, index) < 5.0
+    move, *_ = moves(fitted, fitted.draws)[0]
+    # 8 looks at a t distribution with 15 degrees of freedom: |t| < 5 has a false-alarm rate near
+    # 0.2 %.
+    assert _worst_moment(move, fitted) < 5.0

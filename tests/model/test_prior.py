@@ -65,11 +65,6 @@ def test_numbers_that_are_refused(numbers, message):
         Prior(**numbers)
 
 
-def test_a_contraction_without_a_distribution_is_refused():
-    with pytest.raises(bt.InputError, match="contraction_sd: found 0"):
-        ObserverPrior(contraction_sd=0.0)
-
-
 # --- files ----------------------------------------------------------------------------------------
 
 
