@@ -1,11 +1,13 @@
 """How often the words of the answer are right: simulated observers that no prior drew.
 
-    python scripts/order_effect.py -o docs --seed 301
+    python scripts/order_effect.py words -o docs --seed 301
+    python scripts/order_effect.py accuracy --seed 1
 
-It simulates six designs: the constant error is 0.3, 1 or 2.5 D with random sign, the
+`words` simulates six designs: the constant error is 0.3, 1 or 2.5 D with random sign, the
 contraction .1, .2 or .35; lapses and slopes are there half of the time; half of the observers of
 'same or different' follow a bell and not the curve of the model. It writes order_effect.csv, an
 observer a row, and prints how often each word is right, log scores and coverage.
+`accuracy` compares probabilities and evidences with long runs of fresh draws.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from bayes_toe.checks.answer_checks import answer_flags
 from bayes_toe.checks.identification import Identification
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
-from bayes_toe.inference.order_evidence import order_evidence
+from bayes_toe.inference.order_evidence import Precision, order_evidence
 from bayes_toe.model.observer import JND_OVER_NOISE
 
 _LEVELS = 0.25 * np.arange(6)
@@ -203,13 +205,41 @@ def coverage_lines(table: pd.DataFrame) -> list[str]:
     return lines
 
 
+def accuracy(seed: int, number: int) -> None:
+    """Probabilities and evidences of ordinary runs against long runs of fresh draws."""
+    long_run = Precision(standard_error=0.003, effective_draws=20_000.0, most_draws=120_000)
+    for design in (DESIGNS[4], DESIGNS[2], DESIGNS[0]):
+        made = [subject for subject, _ in observers(design, seed)]
+        subjects = made[:: len(made) // number][:number]
+        exact = order_evidence(subjects, seed + 1000, precision=long_run)
+        errors, p_errors, least = [], [], np.inf
+        for own_seed in (seed, seed + 1):
+            for evidence, reference in zip(order_evidence(subjects, own_seed), exact, strict=True):
+                is_near = reference.log_evidence > reference.log_evidence.max() - 6.0
+                errors += (evidence.log_evidence - reference.log_evidence)[is_near].tolist()
+                least = min(least, float(evidence.effective_draws[is_near].min()))
+                own = evidence.probabilities
+                known = reference.probabilities
+                p_errors += [abs(own[has].sum() - known[has].sum()) for has in QUESTIONS.values()]
+        quantiles = np.quantile(p_errors, [0.9, 0.99, 1.0]).round(3).tolist()
+        worst = min(errors, key=lambda error: -abs(error))
+        print(
+            f"{design.name}: ln Z mean error {np.mean(errors):+.3f}, worst {worst:+.3f}; error of "
+            f"P at 90, 99, 100 % {quantiles}; least effective draws {least:.0f}"
+        )
+
+
 def main() -> None:
-    """Simulate, answer, count the words."""
+    """Run one of the commands."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("command", choices=("words", "accuracy"))
     parser.add_argument("-o", "--output", type=Path)
     parser.add_argument("--seed", type=int, default=301)
     parser.add_argument("--observers", type=int, help="of each combination, fewer than by default")
     given = parser.parse_args()
+    if given.command == "accuracy":
+        accuracy(given.seed, 24 if given.observers is None else given.observers)
+        return
     tables = []
     for number, design in enumerate(DESIGNS):
         chosen = design

@@ -6,12 +6,13 @@ imported where they are used, because some may be missing.
 """
 
 from functools import cache, partial
+from itertools import product
 
 import numpy as np
 from emcee import EnsembleSampler
 from emcee.moves import DEMove, DESnookerMove, StretchMove
 from reference.paper_density import Counts, identified, log_density, natural
-from reference.tempering import Observer
+from reference.tempering import Observer, estimate_by_tempering
 from scipy.special import logit, ndtri, softmax
 
 import bayes_toe as bt
@@ -24,14 +25,18 @@ WARM_UP, N_CHAINS, WALKERS = 1000, 4, 32
 MOST_CALLS = 50_000
 
 
-# --- Draws from H1, in identified coordinates ----------------------------------------------------
+# --- Draws from H1, in natural or identified coordinates -----------------------------------------
 
 
-def draw(sampler, posterior, size, seed):
+def draw(sampler, coordinates, posterior, size, seed):
     """Draw by a sampler that knows the density; it starts at draws of the posterior."""
     counts = Counts.of_subject(posterior.subject)
-    starts = identified(starting_points(posterior), counts.sbar)
-    points = sampler(counts, starts, size, seed)
+    starts = starting_points(posterior)
+    if coordinates == "identified":
+        starts, _ = identified(starts, counts.sbar)
+    points = sampler(coordinates, counts, starts, size, seed)
+    if coordinates == "natural":
+        points, _ = identified(points, counts.sbar)
     return {"draws": np.stack(natural(points, counts.sbar))}
 
 
@@ -46,9 +51,9 @@ def starting_points(posterior):
     return np.stack([mu1, np.log(sigma_p), logit((sigma_l / sigma_p) ** 2), logit(q0)], axis=-1)
 
 
-def run_emcee(moves, counts, starts, size, seed):
+def run_emcee(moves, coordinates, counts, starts, size, seed):
     """Independent ensembles of emcee."""
-    density = partial(log_density, counts=counts)
+    density = partial(log_density, counts=counts, coordinates=coordinates)
     chains = []
     for i, start in enumerate(starts):
         sampler = EnsembleSampler(WALKERS, 4, density, moves=moves, vectorize=True)
@@ -58,19 +63,19 @@ def run_emcee(moves, counts, starts, size, seed):
     return np.stack(chains)
 
 
-def run_nutpie(counts, starts, size, seed):
+def run_nutpie(coordinates, counts, starts, size, seed):
     """NUTS of nutpie."""
     import nutpie
 
     data = {name: np.asarray(values, float) for name, values in counts._asdict().items()}
-    model = nutpie_model().with_data(**data)
+    model = nutpie_model(coordinates).with_data(**data)
     options = {"init_mean": starts[0, 0], "cores": 1, "progress_bar": False, "seed": seed}
     trace = nutpie.sample(model, draws=size, tune=WARM_UP, chains=N_CHAINS, **options)
     return trace.posterior["x"].values
 
 
 @cache
-def nutpie_model():
+def nutpie_model(coordinates):
     """The compiled density for the counts of any subject."""
     import nutpie
     import pymc
@@ -81,28 +86,28 @@ def nutpie_model():
         columns = [pymc.Data(name, np.ones(2)) for name in names]
         counts = Counts(*columns, pymc.Data(sbar, 0.0))
         x = pymc.Flat("x", shape=4)
-        pymc.Potential("density", log_density(x[None], counts, pt)[0])
+        pymc.Potential("density", log_density(x[None], counts, coordinates, pt)[0])
     return nutpie.compile_pymc_model(model)
 
 
-def run_numpyro(counts, starts, size, seed):
+def run_numpyro(coordinates, counts, starts, size, seed):
     """NUTS of NumPyro."""
-    draws = numpyro_sampler(numpyro_h1, size, 0.8)
+    draws = numpyro_sampler(numpyro_h1, coordinates, size, 0.8)
     return np.asarray(draws(seed, {"x": starts[:, 0]}, *counts)["x"])
 
 
-def numpyro_h1(*counts):
+def numpyro_h1(coordinates, *counts):
     """The density as a model of NumPyro."""
     import jax.numpy as jnp
     from numpyro import distributions, factor, sample
 
     x = sample("x", distributions.Normal().expand([4]).mask(False))
-    factor("density", log_density(x[None], Counts(*counts), jnp)[0])
+    factor("density", log_density(x[None], Counts(*counts), coordinates, jnp)[0])
 
 
 @cache
-def numpyro_sampler(model, size, target_accept_prob):
-    """All chains of a model as one compiled function of seed, starts and data."""
+def numpyro_sampler(model, form, size, target_accept_prob):
+    """All chains of a form of a model as one compiled function of seed, starts and data."""
     import jax
     import numpyro
     from numpyro.infer import MCMC, NUTS
@@ -111,7 +116,7 @@ def numpyro_sampler(model, size, target_accept_prob):
     sizes = {"num_warmup": WARM_UP, "num_samples": size, "num_chains": N_CHAINS}
 
     def draws(seed, starts, *data):
-        kernel = NUTS(model, target_accept_prob=target_accept_prob)
+        kernel = NUTS(partial(model, form), target_accept_prob=target_accept_prob)
         sampler = MCMC(kernel, chain_method="vectorized", progress_bar=False, **sizes)
         sampler.run(jax.random.key(seed), *data, init_params=starts)
         return sampler.get_samples(group_by_chain=True)
@@ -184,11 +189,11 @@ def group_by_numpyro(study, size, seed):
     rows = subject_rows(study).rows
     names = ("slope_unit", "first", "difference", "middle", "n_yes", "n_no")
     columns = [np.reshape(getattr(rows, name), (len(study), -1)) for name in names]
-    draws = numpyro_sampler(numpyro_group, size, 0.95)(seed, None, *columns)
+    draws = numpyro_sampler(numpyro_group, None, size, 0.95)(seed, None, *columns)
     return {"draws": np.moveaxis(np.asarray(draws["group"]), -1, 0)}
 
 
-def numpyro_group(slope_unit, first, difference, middle, n_yes, n_no):
+def numpyro_group(_, slope_unit, first, difference, middle, n_yes, n_no):
     """The group of 2AFC subjects as a model of NumPyro, which shares no code with the package."""
     from jax.numpy import concatenate, exp, stack
     from jax.scipy.special import ndtr
@@ -248,10 +253,14 @@ METHODS = {
     "group": {"NumPyro": ("numpyro", group_by_numpyro, 800)},
     "PSE shift": {"psignifit": ("psignifit", shift_by_psignifit, 1)},
 }
-for name, (program, sampler, *sizes) in SAMPLERS.items():
-    METHODS["H1"][name] = program, partial(draw, sampler), *sizes
+for (name, (program, sampler, *sizes)), system in product(
+    SAMPLERS.items(), ("natural", "identified")
+):
+    function = partial(draw, sampler, system)
+    METHODS["H1"][f"{name}, {system}"] = program, function, *sizes
 for target, by_scores in (("H1", h1_by_scores), ("four models", order_by_scores)):
     METHODS[target] |= {
+        "tempering": ("bayes_toe", partial(by_scores, estimate_by_tempering), 1),
         "dynesty": ("dynesty", partial(by_scores, run_dynesty), 50),
         "nautilus": ("nautilus-sampler", partial(by_scores, run_nautilus), 500),
     }

@@ -372,7 +372,8 @@ def draw_figure(draws, path):
 def write_page(rows, stem, is_full_run):
     """Write the figure and the page."""
     is_draw = "target == 'H1' and size > 1"
-    draw_figure(rows.query(is_draw), stem.with_suffix(".svg"))
+    is_shown = f"{is_draw} and not method.str.endswith('natural')"
+    draw_figure(rows.query(is_shown), stem.with_suffix(".svg"))
     largest = rows.sort_values("size").drop_duplicates([*KEYS[:4], "seed"], keep="last")
     programs = set(pd.DataFrame(METHODS).stack().dropna().str[0])
     template = Template(Path(__file__).with_suffix(".md").read_text("utf-8"), trim_blocks=True)
@@ -383,7 +384,7 @@ def write_page(rows, stem, is_full_run):
         missing=programs.difference(rows["program"].str.split().str[0]),
         markdown=markdown,
         ratios=ratio_table(largest.query(is_draw)),
-        hard=hard_table(largest.query(is_draw)),
+        hard=hard_table(largest.query(is_shown)),
         medians=median_table(largest.query("section != 'scaling'")),
         scaling=scaling_table(rows.query("section == 'scaling'")),
     )

@@ -8,9 +8,10 @@ depends on c, sigma_p or w alone on b, and gamma on a only:
 
     d mu1/dc = 1/p,   d gamma/da = p (1 - p/p_max) (1 + p)/(1 - p)^3,   d q0/dl = q0 (1 - q0)
 
-The prior is the paper's: mu1 is normal, sigma_p half-normal, gamma and q0 are uniform. A namespace
-of array functions, such as `jax.numpy` or `pytensor.tensor`, may take the place of NumPy, so that
-other programs sample this same density.
+The coordinates are x, which are 'identified', or y = (mu1, log sigma_p, logit gamma, logit q0),
+which are 'natural'. The prior is the paper's: mu1 is normal, sigma_p half-normal, gamma and q0 are
+uniform. A namespace of array functions, such as `jax.numpy` or `pytensor.tensor`, may take the
+place of NumPy, so that other programs sample this same density.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ class PaperScores:
             log_ndtr(gamma) - log_ndtr(-gamma),
             log_ndtr(q0) - log_ndtr(-q0),
         ]
-        return np.asarray(identified(np.column_stack(columns), self.counts.sbar))
+        return identified(np.column_stack(columns), self.counts.sbar)[0]
 
     def natural(self, scores: FloatArray) -> Natural:
         """Natural parameters, (points, 4) -> (points,) each."""
@@ -86,23 +87,28 @@ class PaperScores:
         return value
 
 
-def identified(y: FloatArray, sbar: float) -> FloatArray:
-    """The coordinates x of points y = (mu1, log sigma_p, logit gamma, logit q0), (..., 4) each."""
-    log_gamma, log_rest = log_expit(y[..., 2]), log_expit(-y[..., 2])
-    gamma = np.exp(log_gamma)
-    log_p = _LN2 + log_gamma - np.log(1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
-    p = np.exp(log_p)
-    log_complement = np.log1p(-p)
+def identified(y: Any, sbar: Any, xp: Any = np) -> tuple[Any, Any]:
+    """The coordinates x of points y, (..., 4) each, and log |dx/dy|, (...)."""
+    log_gamma, log_rest = log_expit(y[..., 2], xp), log_expit(-y[..., 2], xp)
+    gamma = xp.exp(log_gamma)
+    log_p = _LN2 + log_gamma - xp.log(1.0 + 2.0 * gamma + xp.sqrt(1.0 + 4.0 * gamma))
+    p = xp.exp(log_p)
+    log_complement = xp.log1p(-p)
     # p_max - p without cancellation: 1 - gamma over (1 - p p_max) / ((1 - p_max)^2 (1 - p)^2)
-    log_left = log_rest + 2.0 * (np.log1p(-MAX_PULL) + log_complement) - np.log1p(-MAX_PULL * p)
+    log_left = log_rest + 2.0 * (np.log1p(-MAX_PULL) + log_complement) - xp.log1p(-MAX_PULL * p)
     log_width = y[..., 1] - 1.5 * log_complement
     columns = [p * (y[..., 0] - sbar), log_p - log_left, log_width, y[..., 3]]
-    return np.stack(columns, axis=-1)
+    # da/d(logit gamma) = p_max (1 - p) (1 - gamma) / ((p_max - p) (1 + p))
+    log_slope = np.log(MAX_PULL) + log_complement + log_rest - log_left - xp.log1p(p)
+    return xp.stack(columns, axis=-1), log_p + log_slope
 
 
-def log_density(x: Any, counts: Counts, xp: Any = np) -> Any:
+def log_density(points: Any, counts: Counts, coordinates: str, xp: Any = np) -> Any:
     """Log posterior density without its constant, (points, 4) -> (points,)."""
-    return _log_likelihood(x, counts, xp) + _log_prior(x, counts.sbar, xp)
+    if coordinates == "natural":
+        x, log_volume = identified(points, counts.sbar, xp)
+        return log_density(x, counts, "identified", xp) + log_volume
+    return _log_likelihood(points, counts, xp) + _log_prior(points, counts.sbar, xp)
 
 
 def log_expit(x: Any, xp: Any = np) -> Any:

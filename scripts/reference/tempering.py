@@ -22,9 +22,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.distance import cdist
-from scipy.special import erf, erfinv, log_ndtr, logsumexp, ndtr, ndtri, stdtrit, xlogy
-from scipy.stats import multivariate_t
+from scipy.special import erf, erfinv, gammaln, log_ndtr, logsumexp, ndtr, ndtri, stdtrit, xlogy
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
@@ -250,19 +248,34 @@ def log_mean(log_weights: FloatArray) -> tuple[float, float]:
     return log_total - float(np.log(size)), float(error)
 
 
+def estimate_by_tempering(
+    log_likelihood: LogLikelihood, k: int, _size: int, seed: int
+) -> tuple[FloatArray, FloatArray, float]:
+    """Points, the logs of their weights, and the log evidence, by a run of 4,000 points."""
+    rng = np.random.default_rng(seed)
+    x, _ = tempered(log_likelihood, k, rng, 1000)
+    points, log_weights = weighted_points(log_likelihood, x, rng, 4000)
+    return points, log_weights, log_mean(log_weights)[0]
+
+
 def _draw_t(rng: np.random.Generator, n: int, factor: FloatArray) -> FloatArray:
     """Draws of a Student-t kernel about 0, 4 degrees of freedom, (n, k)."""
     stretch = np.sqrt(rng.chisquare(4, size=(n, 1)) / 4.0)
-    return rng.standard_normal((n, len(factor))) / stretch @ factor.T
+    return np.asarray(rng.standard_normal((n, len(factor))) / stretch @ factor.T)
 
 
 def _log_t(points: FloatArray, centres: FloatArray, factor: FloatArray) -> FloatArray:
     """Log density of Student-t kernels, 4 degrees of freedom, (points, centres)."""
     k = len(factor)
-    peak = multivariate_t(np.zeros(k), factor @ factor.T, df=4).logpdf(np.zeros(k))
     a, b = (np.linalg.solve(factor, part.T).T for part in (points, centres))
-    far = cdist(a, b, "sqeuclidean")
-    return np.asarray(peak - 0.5 * (4 + k) * np.log1p(far / 4.0))
+    far = np.square(a).sum(axis=1)[:, None] + np.square(b).sum(axis=1) - 2.0 * a @ b.T
+    norm = (
+        gammaln(0.5 * (4 + k))
+        - gammaln(2.0)
+        - 0.5 * k * np.log(4.0 * np.pi)
+        - np.log(np.diagonal(factor)).sum()
+    )
+    return np.asarray(norm - 0.5 * (4 + k) * np.log1p(np.maximum(far, 0.0) / 4.0))
 
 
 def _step(value: FloatArray, largest: float) -> float:
