@@ -46,11 +46,11 @@ def test_every_batch_holds_every_pair_once_in_random_order():
     orders = set()
     for batch in range(1, 21):
         is_batch = trials.batch == batch
-        orders.add(tuple(zip(trials.s1[is_batch], trials.s2[is_batch], strict=True)))
+        orders.add(tuple(map(tuple, trials.answers.keys[is_batch])))
     assert len(orders) == 20
     assert all(len(set(order)) == 13 for order in orders)
     (alone,) = simulate_trials(observers[1:], design, seed=1)
-    assert np.array_equal(trials.yes, alone.yes)
+    assert np.array_equal(trials.answers.n_yes, alone.answers.n_yes)
 
 
 @pytest.mark.parametrize("command", read_study.COMMANDS)
