@@ -156,10 +156,7 @@ def subject_evidence(result: SubjectResult, answer: OrderEffect | None = None) -
     """The row of one subject in the evidence table, from the fit of H1."""
     estimate = cast(Evidence, result.evidence)
     subject, fitted = result.subject, result.fitted
-    notes = list[str]()
     of_direction = direction_evidence(subject)
-    if estimate.why_not:
-        notes.append(f"H1: {estimate.why_not}")
     by_laplace = float(laplace(fitted.target.array, [fitted.maxima])[1][0])
     return SubjectEvidence(
         subject=subject.name,
@@ -173,7 +170,7 @@ def subject_evidence(result: SubjectResult, answer: OrderEffect | None = None) -
         pareto_k=estimate.pareto_k,
         answer=answer,
         fit=result.fit,
-        notes=tuple(notes),
+        notes=(f"H1: {estimate.why_not}",) if estimate.why_not else (),
     )
 
 

@@ -274,7 +274,10 @@ def identification_findings(study: Study) -> Iterator[Finding]:
     """Questions that cannot be told, with the reason, once if it holds for all subjects."""
     names_by_message = defaultdict[str, list[str]](list)
     for subject in study:
-        for reason, questions in identify(subject).questions_by_reason.items():
+        questions_by_reason = defaultdict[str, list[str]](list)
+        for question, reason in identify(subject).reasons.items():
+            questions_by_reason[reason].append(question.replace("_", " "))
+        for reason, questions in questions_by_reason.items():
             message = f"{capitalized(join_words(questions))} cannot be told, because {reason}."
             names_by_message[message].append(subject.name)
     for message, names in names_by_message.items():

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -57,14 +56,6 @@ class Identification:
 
     reasons: Mapping[str, str]
     notes: tuple[str, ...] = ()
-
-    @property
-    def questions_by_reason(self) -> Mapping[str, list[str]]:
-        """The questions that cannot be told, in words, by the reason that they share."""
-        questions = defaultdict[str, list[str]](list)
-        for question, reason in self.reasons.items():
-            questions[reason].append(question.replace("_", " "))
-        return questions
 
     @property
     def contraction_adds_to_error(self) -> bool:

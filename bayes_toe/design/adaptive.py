@@ -306,9 +306,10 @@ class Adaptive:
         names = widest_rule.names.all
         if quantity not in names:
             raise InputError(f"quantity {quantity!r}: allowed: {', '.join(names)}")
-        rules = [particles.rule for particles in self._particles.values()]
-        has_quantity = np.array([quantity in rule.names.all for rule in rules])
-        draws = self._models.averaged(has_quantity)
+        has_quantity = []
+        for particles in self._particles.values():
+            has_quantity.append(quantity in particles.rule.names.all)
+        draws = self._models.averaged(np.array(has_quantity))
         return draws.quantiles(widest_rule.quantities(draws.x)[quantity], levels)
 
     # --- Files ------------------------------------------------------------------------------------

@@ -183,9 +183,7 @@ class OptimalDesign:
         frame = self.frame()
         if self.unit.of_stimuli:
             first, second = f"first, {self.unit.of_stimuli}", f"second, {self.unit.of_stimuli}"
-            stimuli = [*frame.columns[-3:-1]]
-            frame = frame[[*stimuli, "n_trials"]]
-            frame = frame.rename(columns=dict(zip(stimuli, (first, second), strict=True)))
+            frame = frame.iloc[:, -3:].set_axis([first, second, "n_trials"], axis=1)
         table = [" | ".join(frame.columns), " | ".join("---" for _ in frame.columns)]
         for row in frame.itertuples(index=False):
             table.append(" | ".join(f"{value:g}" for value in row))

@@ -616,10 +616,9 @@ def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.Dat
         columns |= {"response": answered.responses, "synthetic": 1}
         parts.append(pd.DataFrame(columns))
     frame = pd.concat(parts, ignore_index=True)
-    if trials[0].condition:
-        subject = pd.factorize(frame["subject"])[0]
-        order = np.lexsort([frame["batch"].to_numpy(), subject])
-        frame = frame.iloc[order].reset_index(drop=True)
+    subject, _ = pd.factorize(frame["subject"])
+    order = np.lexsort([frame["batch"].to_numpy(), subject])
+    frame = frame.iloc[order].reset_index(drop=True)
     return frame.assign(trial=frame.groupby("subject", sort=False).cumcount() + 1)
 
 

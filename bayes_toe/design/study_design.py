@@ -210,14 +210,9 @@ def read_pairs(
     optional: tuple[str, ...] = (),
 ) -> dict[str, FloatArray]:
     """The columns s1 and s2 of a CSV file in natural logs, and these counts."""
-    counts = (*required, *optional, "isi")
-    table = read_table(path, lambda _: {"s1", "s2", "i1", "i2", *counts})
+    table = read_table(path, lambda _: {"s1", "s2", "i1", "i2", *required, *optional})
     names = stimulus_names(table, ("s1", "s2"), ("i1", "i2"), options)
-    _, columns = read_numbers(
-        table, (*names, *required), optional=("isi", *optional), counts=("n_trials",)
-    )
-    if "isi" in columns:
-        raise InputError(f"{path}, column isi: found in a design, allowed: s1, s2, n_trials")
+    _, columns = read_numbers(table, (*names, *required), optional=optional, counts=("n_trials",))
     logs = to_logs(path, [columns.pop(name) for name in names], options)
     return {**columns, **dict(zip(("s1", "s2"), logs, strict=True))}
 

@@ -24,7 +24,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import chain, product
 from typing import NamedTuple
 
@@ -56,9 +55,12 @@ class SubjectRows(LinearLikelihood):
     ----------
     n_coefficients : int
         q.
+    unshared_coordinates : list of int
+        The coordinates of the rows that the group does not share.
     """
 
     n_coefficients: int
+    unshared_coordinates: list[int]
 
     @classmethod
     def from_subjects(
@@ -96,7 +98,9 @@ class SubjectRows(LinearLikelihood):
             part[:, names.index(name)] = values
             parts.append(part)
         n_coefficients = len(shared) + len(differing) * differences.shape[1]
-        return cls(observer_rows, np.concatenate(parts, axis=2), first_row, n_coefficients)
+        loading, is_shared = np.concatenate(parts, axis=2), np.isin(names, shared)
+        own = np.flatnonzero(~is_shared).tolist()
+        return cls(observer_rows, loading, first_row, n_coefficients, own)
 
     @property
     def n_subjects(self) -> int:
@@ -107,12 +111,6 @@ class SubjectRows(LinearLikelihood):
     def n_coordinates(self) -> int:
         """Length of a subject's point, q + own."""
         return int(self.loading.shape[2])
-
-    @cached_property
-    def unshared_coordinates(self) -> list[int]:
-        """The coordinates of the rows that the group does not share."""
-        is_unshared = self.loading[0, :, self.n_coefficients :].any(axis=1)
-        return np.flatnonzero(is_unshared).tolist()
 
     def log_own_prior(self, unshared: FloatArray) -> ArrayPair:
         """Log prior of the parameters that are not shared, (..., own) -> (...), and its slopes."""
