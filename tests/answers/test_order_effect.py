@@ -150,6 +150,7 @@ def test_a_study_of_more_subjects_has_a_smaller_limit(answers):
     single = answer.in_study(1)
     assert (MISFIT_FLAG in single.flags, single.fits) == (True, False)
     assert WANDERING_FLAG in single.flags
+    assert single.depends_on_previous_trial
     of_study = single.in_study(12)
     assert of_study.flags == (*answers["none"].flags, MISFIT_FLAG)
     message = "The model does not fit: test p = .00080, below .05/12."
