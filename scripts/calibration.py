@@ -159,7 +159,7 @@ def analyse(
         true_parameters = drawn.quantities(true_point[0])
         observer = PaperObserver(name, Natural(*(true_parameters[key] for key in NATURAL)))
         (trials,) = simulate_trials([observer], pairs, seed)
-        subject = bt.Subject.from_trials(name, trials.s1, trials.s2, trials.yes)
+        subject = bt.Subject.from_answers(name, trials.answers)
     else:
         counts = rng.binomial(pairs.n_trials, rng.uniform(size=pairs.n_pairs))
         subject = pairs.answered(counts, name)

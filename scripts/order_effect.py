@@ -129,7 +129,7 @@ def observers(design: Design, seed: int) -> Iterator[tuple[Subject, Truth]]:
 
 def judged(design: Design, made: list[tuple[Subject, Truth]], seed: int) -> pd.DataFrame:
     """A row for every observer: truth, probabilities, words, intervals."""
-    everything = Identification(True, True, True, {})
+    everything = Identification({})
     subjects = [subject for subject, _ in made]
     evidences = order_evidence(subjects, seed)
     rows = []

@@ -61,7 +61,7 @@ def analysed_means(studies: range) -> Iterator[tuple[float, bool]]:
             result = bt.population(study, seed=i)
         print(*result.problems, sep="\n", end="", flush=True)
         for name, zero in zip(("constant_error", "contraction"), is_zero.tolist(), strict=True):
-            yield float(expit(result.effect(name).zero_mean.log_bf)), zero
+            yield float(expit(result.table.row("mean", name).ln_bf_zero)), zero
 
 
 def main() -> None:

@@ -191,7 +191,6 @@ def order_answer(subject, words, **fields):
     neutral = {
         "direction": "contraction",
         "is_interpretable": Word.NOT_INTERPRETABLE not in words,
-        "flags": (),
         "probabilities": dict.fromkeys(QUESTIONS, 0.5),
         "log_bayes_factors": dict.fromkeys(QUESTIONS, 0.0),
         "sizes": {},

@@ -14,9 +14,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
+import pandas as pd
 from scipy.special import betaln
 
 from bayes_toe.answers.order_effect import ANSWER_COLUMNS, OrderEffect
@@ -29,10 +30,6 @@ from bayes_toe.inference.maxima import laplace
 from bayes_toe.inference.subject import SubjectResult
 from bayes_toe.model.densities import LOG_2PI
 from bayes_toe.model.prior import Prior
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 _COMPARISON_COLUMNS = (
     "n_pairs",
@@ -131,8 +128,6 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 
         The short table has the marks `!` and `?` of the screen. Subjects that failed come last.
         """
-        import pandas as pd
-
         if full:
             return self._full_frame()
         failed = [{"subject": name} for name in self.failed]
@@ -145,8 +140,6 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 
         Subjects that failed come last and have no value.
         """
-        import pandas as pd
-
         prior = None if self.prior is None else self.prior.describe_all(self.task)
         rows = [row.cells for row in self.rows]
         rows += [{"subject": name} for name in self.failed]
@@ -163,10 +156,7 @@ def subject_evidence(result: SubjectResult, answer: OrderEffect | None = None) -
     """The row of one subject in the evidence table, from the fit of H1."""
     estimate = cast(Evidence, result.evidence)
     subject, fitted = result.subject, result.fitted
-    notes = list[str]()
     of_direction = direction_evidence(subject)
-    if estimate.why_not:
-        notes.append(f"H1: {estimate.why_not}")
     by_laplace = float(laplace(fitted.target.array, [fitted.maxima])[1][0])
     return SubjectEvidence(
         subject=subject.name,
@@ -180,7 +170,7 @@ def subject_evidence(result: SubjectResult, answer: OrderEffect | None = None) -
         pareto_k=estimate.pareto_k,
         answer=answer,
         fit=result.fit,
-        notes=tuple(notes),
+        notes=(f"H1: {estimate.why_not}",) if estimate.why_not else (),
     )
 
 

@@ -44,6 +44,8 @@ _QUANTITY_OF = {
     NOISE.name: "jnd_percent",
     PEAK.name: "peak_probability",
 }
+#: An SD whose 2.5 % quantile is below this is given as 'at most' its 95 % quantile.
+_SMALL_SD = {CONSTANT_ERROR.name: 0.03, CONTRACTION.name: 0.015}
 #: Title, headings and rows of a table.
 TextTable = tuple[str, list[str], list[list[str]]]
 
@@ -61,7 +63,7 @@ def parameter_row(result: PopulationResult, name: str) -> list[str]:
 
 def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") -> str:
     """Median and 95 % interval of a mean, or of a new subject, in the unit of the table."""
-    [row] = result.table.select(quantity, _QUANTITY_OF.get(name, name))
+    row = result.table.row(quantity, _QUANTITY_OF.get(name, name))
     if name in _SHARES:
         return format_share(Size(*row.interval))
     sign = "+" if name == CONSTANT_ERROR.name else ""
@@ -70,8 +72,7 @@ def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") 
 
 def log_factor_of_mean(result: PopulationResult, name: str) -> float:
     """The log Bayes factor of a mean that is not 0."""
-    [row] = result.table.select("mean", name)
-    return -(row.ln_bf_zero or 0.0)
+    return -(result.table.row("mean", name).ln_bf_zero or 0.0)
 
 
 def _factor_and_word(log_factor: float) -> list[str]:
@@ -89,14 +90,14 @@ def _spread(result: PopulationResult, name: str) -> str:
         spread = 0.5 * (above - below)
     *interval, bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()
 
-    is_share, effect = name in _SHARES, result.effects.get(name)
-    if effect is None or effect.sd_at_most is None:
+    is_share = name in _SHARES
+    if result.table.row("sd", name).q025 < _SMALL_SD.get(name, 0.0):
         if is_share:
-            return format_share(Size(*interval))
-        return format_signed(Size(*interval), unit.of_differences, "")
+            return f"at most {100.0 * bound:.0f} %"
+        return f"at most {format_number(bound)} {unit.of_differences}"
     if is_share:
-        return f"at most {100.0 * bound:.0f} %"
-    return f"at most {format_number(bound)} {unit.of_differences}"
+        return format_share(Size(*interval))
+    return format_signed(Size(*interval), unit.of_differences, "")
 
 
 # --- Sentences ------------------------------------------------------------------------------------
@@ -126,7 +127,7 @@ def _describe_effect(result: PopulationResult, name: str) -> str:
     text = f"the mean {LABELS[name]} is {group_estimate(result, name)}, and the SD between subjects"
     log_factor = log_factor_of_mean(result, name)
     text += f" is {sd}. {capitalized(_differs_from_0(log_factor, 'this mean'))}."
-    [row] = result.table.select("mean", name)
+    row = result.table.row("mean", name)
     # An interval that excludes 0 does not decide whether the mean differs from 0.
     if word_of_bayes_factor(log_factor) is Word.UNDECIDED and row.q025 * row.q975 > 0.0:
         text += " The interval assumes a nonzero mean."
@@ -219,6 +220,6 @@ def group_tables(result: PopulationResult) -> list[TextTable]:
 
 def _convergence(result: PopulationResult, name: str) -> list[str]:
     """The smallest number of effective draws of mean and SD, and the largest R-hat."""
-    rows = (*result.table.select("mean", name), *result.table.select("sd", name))
+    rows = result.table.row("mean", name), result.table.row("sd", name)
     n_effective = min(min(row.ess_bulk, row.ess_tail) for row in rows)
     return [f"{n_effective:,.0f}", f"{max(row.r_hat for row in rows):.3f}"]

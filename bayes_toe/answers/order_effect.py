@@ -159,8 +159,6 @@ class OrderEffect:
         'contraction' or 'repulsion', by the sign of the median of p.
     is_interpretable : bool
         Whether the responses may be interpreted at all.
-    flags : tuple of str
-        What stands against the answer or belongs to it, each in a few words.
     probabilities, log_bayes_factors : mapping of str to float
         Of each question; the Bayes factors do not depend on the models' prior probabilities.
     sizes : mapping of str to Size
@@ -180,8 +178,8 @@ class OrderEffect:
         What the design leaves open for this subject.
     reasons : mapping of str to str
         Why a question cannot be told, by the name of the question.
-    problems : tuple of Problem
-        The flags as sentences, with the options that act on them.
+    problems : mapping of str to Problem
+        What stands against the answer or belongs to it, by its flag of a few words.
     worst_pairs : tuple of PairResidual
         The pairs with the largest residuals.
     n_subjects : int
@@ -192,7 +190,6 @@ class OrderEffect:
     words: Mapping[str, Word]
     direction: str
     is_interpretable: bool
-    flags: tuple[str, ...]
     probabilities: Mapping[str, float]
     log_bayes_factors: Mapping[str, float]
     sizes: Mapping[str, Size]
@@ -207,14 +204,19 @@ class OrderEffect:
     unit: StimulusUnit = UNKNOWN_UNIT
     notes: tuple[str, ...] = ()
     reasons: Mapping[str, str] = field(default_factory=dict)
-    problems: tuple[Problem, ...] = ()
+    problems: Mapping[str, Problem] = field(default_factory=dict)
     worst_pairs: tuple[PairResidual, ...] = ()
     n_subjects: int = 1
 
     @property
+    def flags(self) -> tuple[str, ...]:
+        """What stands against the answer or belongs to it, each in a few words."""
+        return tuple(self.problems)
+
+    @property
     def options(self) -> tuple[str, ...]:
         """Options of a command that act on the problems."""
-        return tuple(problem.option for problem in self.problems if problem.option)
+        return tuple(problem.option for problem in self.problems.values() if problem.option)
 
     @property
     def fits(self) -> bool | None:
@@ -252,13 +254,12 @@ class OrderEffect:
             (PREVIOUS_TRIAL_FLAG, self.history_p, previous_trial),
             (WANDERING_FLAG, self.moving_criterion_p, wandering),
         )
-        problems = dict(zip(self.flags, self.problems, strict=True))
+        problems = dict(self.problems)
         for flag, p_value, message in tests:
             problems.pop(flag, None)
             if p_value is not None and p_value < flag_limit(n_subjects):
                 problems[flag] = Problem(message.format(format_limit(p_value, n_subjects)))
-        flags, sentences = tuple(problems), tuple(problems.values())
-        return replace(self, n_subjects=n_subjects, flags=flags, problems=sentences)
+        return replace(self, n_subjects=n_subjects, problems=problems)
 
     @property
     def first_is_overestimated(self) -> bool | None:
@@ -296,11 +297,6 @@ class OrderEffect:
                     marks += " ?"
                 lines[question] = Line(name, self.word(question), marks, size, probability, factor)
         return lines
-
-    def size(self, name: str) -> Size:
-        """One of :data:`SIZES`; a size in per cent is converted to the unit of the stimuli."""
-        size = self.sizes[name]
-        return size.from_percent(self.unit) if name.endswith("percent") else size
 
     def format_size(self, name: str) -> str:
         """One of :data:`SIZES` with its 95 % interval and its unit."""
@@ -625,7 +621,7 @@ def order_effect(
     probabilities, log_bayes_factors = _questions(evidence, has_effects)
     sizes, upper_bounds, size_flags = _sizes(evidence)
     is_interpretable = all(flag.is_interpretable for flag in flags)
-    questions = [question for question in QUESTIONS if getattr(identification, question)]
+    questions = [question for question in QUESTIONS if question not in identification.reasons]
     words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
     if is_interpretable:
         words = _words(questions, probabilities, log_bayes_factors)
@@ -641,7 +637,6 @@ def order_effect(
         words=words,
         direction="contraction" if sizes["contraction_p"].q50 >= 0.0 else "repulsion",
         is_interpretable=is_interpretable,
-        flags=tuple(problems),
         probabilities=probabilities,
         log_bayes_factors=log_bayes_factors,
         sizes=sizes,
@@ -656,7 +651,7 @@ def order_effect(
         laplace=_by_model(evidence.laplace),
         notes=(*identification.notes, *dict.fromkeys(identification.reasons.values())),
         reasons=identification.reasons,
-        problems=tuple(problems.values()),
+        problems=problems,
         worst_pairs=() if fit is None else fit.worst,
     )
     return answer.in_study(1)
@@ -800,10 +795,7 @@ _FIT_DRAWS = 1000
 
 
 def answer_subject(
-    subject: Subject,
-    seed: int,
-    prior: ObserverPrior = DEFAULT_PRIOR,
-    flags: Sequence[Finding] = (),
+    subject: Subject, seed: int, prior: ObserverPrior = DEFAULT_PRIOR
 ) -> tuple[OrderEffect, OrderEvidence]:
     """The answer of one subject, and the evidences and draws that it rests on.
 
@@ -815,7 +807,7 @@ def answer_subject(
     'probably not'
     """
     (evidence,) = order_evidence([subject], seed, prior)
-    return answer_evidence(evidence, seed, flags), evidence
+    return answer_evidence(evidence, seed), evidence
 
 
 def answer_evidence(

@@ -14,9 +14,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from bayes_toe.answers.order_effect import QUANTILES, format_decimals
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
@@ -43,9 +43,6 @@ from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior, r
 from bayes_toe.result_store import resumed_seed, run_stored
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: The four models, in the order of their evidences, and which have each effect.
 HISTORIES = ("static", "previous_response", "carry_over", "carry_over_and_previous_response")
@@ -195,8 +192,6 @@ class SerialDependence(SubjectTable[SubjectDependence]):
 
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of history.csv; natural logs, empty where there is none."""
-        import pandas as pd
-
         return pd.DataFrame([row.cells for row in self.rows], columns=list(HISTORY_COLUMNS))
 
 

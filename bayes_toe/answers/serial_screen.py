@@ -123,22 +123,25 @@ def _scores(subject: Subject, slopes: FloatArray) -> ArrayPair:
     correction = 2.0 * pair_variance / n_safe
 
     mean_stimulus = 0.5 * (trials.first.mean() + trials.second.mean())
-    regressors = np.zeros((3, len(rows)))
-    regressors[_ANSWER] = trials.answer[previous]
-    regressors[_FIRST] = slopes[pair] * (trials.first[previous] - mean_stimulus)
-    regressors[_SECOND] = slopes[pair] * (trials.second[previous] - mean_stimulus)
+    regressors = np.stack(
+        [
+            trials.answer[previous],
+            slopes[pair] * (trials.first[previous] - mean_stimulus),
+            slopes[pair] * (trials.second[previous] - mean_stimulus),
+        ]
+    )
     is_tested = np.zeros(len(trials.pair), np.bool_)
     is_tested[rows] = True
-    corrections = np.zeros(3)
     is_same_pair = is_tested[previous] & (trials.pair[previous] == pair)
-    corrections[_ANSWER] = correction[pair[is_same_pair]].sum()
 
     residual = is_yes - (k / n_safe)[pair]
     for i in range(3):
         pair_mean = np.bincount(pair, regressors[i], n_pairs) / n_safe
         regressors[i] -= pair_mean[pair]
     variance = (regressors * pair_variance[pair]) @ regressors.T
-    return regressors @ residual + corrections, variance
+    scores = regressors @ residual
+    scores[_ANSWER] += correction[pair[is_same_pair]].sum()
+    return scores, variance
 
 
 def _moving_criterion_p(subject: Subject) -> float | None:

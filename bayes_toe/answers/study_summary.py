@@ -7,15 +7,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
+from bayes_toe.answers.group_answer import LABELS
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, word_of_bayes_factor
 from bayes_toe.answers.words import Word, claim
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
 from bayes_toe.data.messages import capitalized, join_names, join_words, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.validation import CONDITION_SEPARATOR
-from bayes_toe.groups.population import GroupEffect, PopulationResult
+from bayes_toe.groups.population import PopulationResult
 from bayes_toe.inference.goodness_of_fit import PairResidual
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 
@@ -78,7 +79,6 @@ _DIRECTIONS = {
         "remembered as farther from the mean",
     ),
 }
-_MEANS = {CONSTANT_ERROR.name: "PSE shift", CONTRACTION.name: "contraction"}
 #: Share of subjects with the rarer direction from which on the directions explain a group mean
 #: near 0, if the other direction is at most twice as frequent.
 _FEWEST_IN_DIRECTION = 1 / 6
@@ -110,9 +110,8 @@ def describe_meaning(
         name = f"{interpretable[0].subject}: " if len(answers) > 1 else ""
         return name + _describe_subject(interpretable[0])
     sentences = _order_sentences(interpretable, noun)
-    group_effects = {} if group is None else group.effects
     for effect in _DIRECTIONS:
-        sentences += _direction_sentences(interpretable, effect, noun, group_effects)
+        sentences += _direction_sentences(interpretable, effect, noun, group)
     return " ".join(sentences)
 
 
@@ -181,7 +180,7 @@ def _direction_sentences(
     answers: Sequence[OrderEffect],
     effect: str,
     noun: str,
-    group_effects: Mapping[str, GroupEffect],
+    group: PopulationResult | None,
 ) -> list[str]:
     """How many subjects have which direction, and whether that explains a mean near 0.
 
@@ -206,24 +205,25 @@ def _direction_sentences(
     sentences = [f"The first stimulus is {probably}{' and '.join(parts)}."]
     fewest, most = sorted(directions[direction] for direction in _DIRECTIONS[effect])
     is_mixed = fewest >= max(_FEWEST_IN_DIRECTION * len(answers), 0.5 * most)
-    if is_mixed and effect in group_effects:
-        claim_of_mean = _near_0(group_effects[effect])
-        if claim_of_mean:
-            mean = f"the mean {_MEANS[effect]}"
-            sentences.append(f"These directions differ, so {mean} {claim_of_mean}.")
+    claim_of_mean = _near_0(group, effect)
+    if is_mixed and claim_of_mean:
+        mean = f"the mean {LABELS[effect]}"
+        sentences.append(f"These directions differ, so {mean} {claim_of_mean}.")
     return sentences
 
 
-def _near_0(effect: GroupEffect) -> str:
+def _near_0(group: PopulationResult | None, effect: str) -> str:
     """What the interval of a group mean says of 0; empty if the mean may well differ from 0.
 
     A wide interval does not show that the mean is small.
     """
-    low, _, high = effect.mean
-    may_differ = word_of_bayes_factor(-effect.zero_mean.log_bf).is_positive
-    if may_differ or not low <= 0.0 <= high:
+    if group is None or effect not in group.identified:
         return ""
-    if max(-low, high) <= _NEAR_0 * effect.sd.median:
+    mean = group.table.row("mean", effect)
+    may_differ = word_of_bayes_factor(-(mean.ln_bf_zero or 0.0)).is_positive
+    if may_differ or not mean.q025 <= 0.0 <= mean.q975:
+        return ""
+    if max(-mean.q025, mean.q975) <= _NEAR_0 * group.table.row("sd", effect).q50:
         return "is near 0"
     return "cannot be distinguished from 0"
 

@@ -205,15 +205,8 @@ def _one_answer(subject: Subject, n_subjects: int) -> Finding | None:
 
 
 def _drawable_answers(subject: Subject, most_drawn: int = 10**8) -> Answers | None:
-    """The answered rows, if they are few enough to draw tables of them."""
-    if subject.total_trials > most_drawn:
-        return None
-    return _answers_in_order(subject)
-
-
-def _answers_in_order(subject: Subject) -> Answers | None:
-    """The answered rows of a subject, if the file has them."""
-    if subject.answers is None:
+    """The answered rows, if the file has them, and few enough to draw tables of them."""
+    if subject.answers is None or subject.total_trials > most_drawn:
         return None
     return subject.answers.answered
 
@@ -227,9 +220,9 @@ def _repeated_trials(subject: Subject, n_subjects: int, least_nats: float = 12.0
     A list of stimuli may be used again on purpose, so only equal answers count, by the chance
     that two answers to a pair agree. In one subject, equal answers of 12 nats are no coincidence.
     """
-    answers = _answers_in_order(subject)
-    if answers is None or not answers.has_trial_rows:
+    if subject.answers is None or not subject.answers.has_trial_rows:
         return None
+    answers = subject.answers.answered
     n_rows = len(answers.n_trials)
     if n_rows < 2 * _WINDOW:
         return None
@@ -278,11 +271,10 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
 
     The probability of an answer is that of its pair, or that of a right answer if this says less.
     """
-    pairs, table = _tabulate(answers, np.zeros(len(answers.n_trials), np.int64))
-    n, k = table.n.sum(1), table.k.sum(1)
+    n, k = subject.n_trials, subject.n_yes
     _, index = np.unique(answers.keys, axis=0, return_inverse=True)
     by_pair = (k + 0.5) / (n + 1.0)
-    right = subject.task.right(pairs[:, 1] - pairs[:, 0])
+    right = subject.task.right(subject.s2 - subject.s1)
     n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
     accuracy = (n_right + 0.5) / (n[right != 0].sum() + 1.0)
     agreement = np.maximum(_agreement(by_pair), _agreement(accuracy))
@@ -414,13 +406,13 @@ class AnswerTable:
         return simulated_p_value(float(statistic(self.k)), simulate)
 
 
-def _tabulate(answers: Answers, column: IntArray) -> tuple[FloatArray, AnswerTable]:
-    """Distinct pairs, and their answers by column."""
-    pairs, row = np.unique(answers.keys, axis=0, return_inverse=True)
-    n, k = np.zeros((2, len(pairs), column.max() + 1), np.int64)
+def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTable:
+    """The answers to each pair of a subject by column."""
+    _, row = np.unique(answers.keys, axis=0, return_inverse=True)
+    n, k = np.zeros((2, subject.n_pairs, column.max() + 1), np.int64)
     np.add.at(n, (row.ravel(), column), answers.n_trials)
     np.add.at(k, (row.ravel(), column), answers.n_yes)
-    return pairs, AnswerTable(n, k)
+    return AnswerTable(n, k)
 
 
 def _swapped_blocks(subject: Subject, n_subjects: int) -> Finding | None:
@@ -430,14 +422,17 @@ def _swapped_blocks(subject: Subject, n_subjects: int) -> Finding | None:
     if answered is None or answers is None or answers.block is None:
         return None
     subject = answered
-    pairs, table = _tabulate(answers, answers.block)
+    table = _tabulate(subject, answers, answers.block)
     if table.informative().freedom == 0:
         return None
 
-    swapped = _find_swapped(table, subject.task, pairs[:, 1] - pairs[:, 0])
+    swapped = _find_swapped(table, subject.task, subject.s2 - subject.s1)
+    if not _explains_blocks(table, swapped):
+        return None
+    corrected = answers.swapped(swapped[answers.block])
+    changed = Subject.from_answers(subject.name, corrected, subject.task)
     limit = evidence_limit(n_subjects * len(swapped), REFUSAL_SHARE)
-    rows = np.isin(answers.block, np.flatnonzero(swapped))
-    if not _explains_blocks(table, swapped) or _swap_evidence(subject, answers, rows) <= limit:
+    if log_bayes_factor(changed, subject) <= limit:
         return None
     blocks = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
     noun = "block" if len(blocks) == 1 else "blocks"
@@ -451,7 +446,7 @@ def _unlike_blocks(subject: Subject, n_subjects: int) -> Finding | None:
     answers = _drawable_answers(subject)
     if answers is None or answers.block is None:
         return None
-    table = _tabulate(answers, answers.block)[1].informative()
+    table = _tabulate(subject, answers, answers.block).informative()
     # X^2 below its mean needs no table.
     if table.freedom == 0 or table.ratio <= 1.0:
         return None
@@ -474,12 +469,6 @@ def _explains_blocks(table: AnswerTable, swapped: BoolArray) -> bool:
     ratio = table.informative().ratio
     swapped_ratio = _turned(table, swapped).informative().ratio
     return swapped_ratio - 1.0 < 0.5 * max(0.0, ratio - 1.0)
-
-
-def _swap_evidence(subject: Subject, answers: Answers, rows: BoolArray) -> float:
-    """Log Bayes factor of keys that were swapped in these rows, by the four models."""
-    changed = Subject.from_answers(subject.name, answers.swapped(rows), subject.task)
-    return log_bayes_factor(changed, subject)
 
 
 def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
@@ -574,8 +563,8 @@ def _drift(
         return None
     n_rows = len(answers.n_trials)
     n_stretches = min(most_stretches, n_rows)
-    pairs, table = _tabulate(answers, np.arange(n_rows) * n_stretches // n_rows)
-    difference = (pairs[:, 1] - pairs[:, 0])[table.is_mixed]
+    table = _tabulate(subject, answers, np.arange(n_rows) * n_stretches // n_rows)
+    difference = (subject.s2 - subject.s1)[table.is_mixed]
     table = table.informative()
     if table.freedom == 0:
         return None

@@ -75,12 +75,11 @@ def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]
 
 def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
     """The findings of :func:`check` that do not use the responses."""
-    findings = [
-        *urgent_findings(study, prior),
-        *_similar_names(study.names),
-    ]
+    findings = [*urgent_findings(study, prior), *_similar_names(study.names)]
     findings += [*_times(study), *_conditions(study), *_columns(study.reading)]
-    findings += [*identification_findings(study), *_notes(study)]
+    findings += identification_findings(study)
+    if study.task in CRITERION_NOTES:
+        findings.append(Finding("", "criterion", f"{capitalized(CRITERION_NOTES[study.task])}."))
     for subject in study:
         findings += _one_order(subject)
     return tuple(findings)
@@ -134,7 +133,8 @@ def _two_scales(study: Study, lone_share: float = 0.01) -> Iterator[Finding]:
         is_above = (pairs > levels[widest]).any(axis=0)
         n_below, n_above = subject.n_trials[is_below].sum(), subject.n_trials[is_above].sum()
         n_in_smaller_group = int(min(n_below, n_above))
-        factor = f"a factor of {_round_number(math.exp(min(widest_gap, 700.0)))}"
+        rounded_ratio = float(f"{math.exp(min(widest_gap, 700.0)):.2g}")
+        factor = f"a factor of {rounded_ratio:,.6g}"
         has_intensities = "i1" in study.reading.read
         groups = [
             _range_of(part, subject.unit, has_intensities)
@@ -160,11 +160,6 @@ def _two_scales(study: Study, lone_share: float = 0.01) -> Iterator[Finding]:
         else:
             continue
         yield Finding(subject.name, "two_scales", message, option)
-
-
-def _round_number(value: float) -> str:
-    """A number with two significant digits, in plain digits below a million."""
-    return f"{float(f'{value:.2g}'):,.6g}"
 
 
 def _range_of(levels: FloatArray, unit: StimulusUnit, has_intensities: bool) -> str:
@@ -279,7 +274,10 @@ def identification_findings(study: Study) -> Iterator[Finding]:
     """Questions that cannot be told, with the reason, once if it holds for all subjects."""
     names_by_message = defaultdict[str, list[str]](list)
     for subject in study:
-        for reason, questions in identify(subject).questions_by_reason.items():
+        questions_by_reason = defaultdict[str, list[str]](list)
+        for question, reason in identify(subject).reasons.items():
+            questions_by_reason[reason].append(question.replace("_", " "))
+        for reason, questions in questions_by_reason.items():
             message = f"{capitalized(join_words(questions))} cannot be told, because {reason}."
             names_by_message[message].append(subject.name)
     for message, names in names_by_message.items():
@@ -289,18 +287,10 @@ def identification_findings(study: Study) -> Iterator[Finding]:
             yield Finding(name, "not_identified", message)
 
 
-def _notes(study: Study) -> Iterator[Finding]:
-    """A note on the conclusions of every study of some tasks."""
-    if study.task in CRITERION_NOTES:
-        yield Finding("", "criterion", f"{capitalized(CRITERION_NOTES[study.task])}.")
-
-
 def _one_order(subject: Subject) -> Iterator[Finding]:
     """A few pairs in one order among others that were shown in both."""
     presented = set(subject.pairs)
-    lone = [
-        pair for pair in sorted(presented) if pair[0] != pair[1] and pair[::-1] not in presented
-    ]
+    lone = [pair for pair in subject.pairs if pair[::-1] not in presented]
     if not 0 < len(lone) < 0.5 * len(presented):
         return
     describe = subject.unit.describe
@@ -313,14 +303,11 @@ def _one_order(subject: Subject) -> Iterator[Finding]:
 
 def _rounding(subject: Subject) -> Iterator[Finding]:
     """Stimuli so near each other that they were meant to be the same."""
-    gaps = np.diff(np.sort(subject.stimuli))
-    limit = ROUNDED * gaps.sum()
-    if not ((gaps > 0) & (gaps <= limit)).any():
-        return
     stimuli, index = np.unique(subject.stimuli, return_inverse=True)
+    gaps = np.diff(stimuli)
     n_shown = np.bincount(index.ravel(), np.tile(subject.n_trials, 2))
     # Where every trial has a stimulus of its own, two may be near by chance.
-    is_near = (np.diff(stimuli) <= limit) & (np.maximum(n_shown[1:], n_shown[:-1]) > 2)
+    is_near = (gaps <= ROUNDED * gaps.sum()) & (np.maximum(n_shown[1:], n_shown[:-1]) > 2)
     if not is_near.any():
         return
     n_near, first = int(np.count_nonzero(is_near)), int(np.argmax(is_near))

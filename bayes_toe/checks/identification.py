@@ -5,19 +5,16 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER, Task
+from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
@@ -50,27 +47,15 @@ class Identification:
 
     Attributes
     ----------
-    order_effect, constant_error, contraction : bool
-        Whether the design can answer each question.
     reasons : mapping
-        A reason for each question that cannot be told, by its name in :data:`QUESTIONS`.
+        A reason for each question that cannot be told, by its name in :data:`QUESTIONS`. The design
+        can answer the other questions.
     notes : tuple of str
         What a reader of the words must know.
     """
 
-    order_effect: bool
-    constant_error: bool
-    contraction: bool
     reasons: Mapping[str, str]
     notes: tuple[str, ...] = ()
-
-    @property
-    def questions_by_reason(self) -> Mapping[str, list[str]]:
-        """The questions that cannot be told, in words, by the reason that they share."""
-        questions = defaultdict[str, list[str]](list)
-        for question, reason in self.reasons.items():
-            questions[reason].append(question.replace("_", " "))
-        return questions
 
     @property
     def contraction_adds_to_error(self) -> bool:
@@ -78,16 +63,14 @@ class Identification:
         return self.reasons.get("contraction") in (ONE_FIRST_STIMULUS, ONE_LINE)
 
 
+@lru_cache(maxsize=1024)
 def identify(subject: Subject) -> Identification:
     """The questions that a subject's pairs and order of trials can answer.
 
     Examples
     --------
     >>> subject = Subject("S01", [0, 0, 0], [-0.2, 0.2, 0.4], [2, 5, 8], [9, 9, 9])
-    >>> identified = identify(subject)
-    >>> identified.constant_error, identified.contraction
-    (True, False)
-    >>> identified.reasons["contraction"]
+    >>> identify(subject).reasons["contraction"]
     'the first stimulus is always the same, so a contraction looks like a constant error'
     """
     notes = []
@@ -96,12 +79,11 @@ def identify(subject: Subject) -> Identification:
     order = _order_sign(subject.s1, subject.s2)
     reason = _no_question(subject, order)
     if reason:
-        return Identification(False, False, False, dict.fromkeys(QUESTIONS, reason), tuple(notes))
-    columns = (subject.s1, subject.s2, subject.n_trials)
-    reason = _no_contraction(subject.task, subject.shared_scales, *map(tuple, columns))
+        return Identification(dict.fromkeys(QUESTIONS, reason), tuple(notes))
+    reason = _no_contraction(subject)
     if reason:
-        return Identification(True, True, False, {"contraction": reason}, tuple(notes))
-    return Identification(True, True, True, {}, tuple(notes))
+        return Identification({"contraction": reason}, tuple(notes))
+    return Identification({}, tuple(notes))
 
 
 def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
@@ -122,18 +104,8 @@ def _no_question(subject: Subject, order: FloatArray) -> str:
     return ""
 
 
-@lru_cache(maxsize=1024)
-def _no_contraction(
-    task: Task, shared_scales: StimulusScales | None, *columns: tuple[Any, ...]
-) -> str:
-    """The reason why only a constant error can be identified; empty if a contraction can too.
-
-    The columns are s1, s2 and n_trials. The subjects of a study often have the same ones, so that
-    one answer serves them all.
-    """
-    s1, s2, n_trials = map(np.array, columns)
-    pairs = Subject("pairs", s1, s2, n_trials, n_trials, task=task)
-    subject = replace(pairs, shared_scales=shared_scales)
+def _no_contraction(subject: Subject) -> str:
+    """The reason why only a constant error can be identified; empty if a contraction can too."""
     stimuli = np.column_stack([subject.s1, subject.s2])
     offsets = stimuli - stimuli.mean(axis=0)
     extent = np.abs(offsets).max()

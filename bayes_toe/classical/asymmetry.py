@@ -23,8 +23,9 @@ there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from functools import lru_cache
+from itertools import starmap
 
 import numpy as np
 import numpy.typing as npt
@@ -172,8 +173,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         rows = []
         for row in self.rows:
             for comparison in row.comparisons:
-                values = [getattr(comparison, key) for key in ASYMMETRY_COLUMNS[:-1]]
-                rows.append([*values, row.accuracy])
+                rows.append([*astuple(comparison), row.accuracy])
         columns = [key.replace("equal", self.task.compared_answer) for key in ASYMMETRY_COLUMNS]
         return pd.DataFrame(rows, columns=columns)
 
@@ -245,45 +245,40 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
 
     There is no comparison if no pair was presented in both orders.
     """
-    weak_rows, strong_rows = pairs_in_both_orders(subject).T
+    weak, strong = pairs_in_both_orders(subject).T
     n_wrong = subject.task.wrong(subject.s2 - subject.s1, subject.n_yes, subject.n_trials)
     counts = np.column_stack([n_wrong, subject.n_trials])
     q, error = laplace_estimate(*counts.T), laplace_error(*counts.T)
-    difference = q[strong_rows] - q[weak_rows]
-    tables = np.hstack([counts[strong_rows], counts[weak_rows]]).tolist()
-    p_values, tests = np.zeros(len(tables)), list[str]()
-    for i, table in enumerate(tables):
-        p_values[i], test = equality_test(*table)
-        tests.append(test)
-    adjusted = holm(p_values)
+    difference = q[strong] - q[weak]
+    tables = np.hstack([counts[strong], counts[weak]]).tolist()
+    tests = pd.DataFrame(starmap(equality_test, tables), columns=["p_value", "test"])
+    p_values = tests["p_value"].to_numpy(np.float64)
     # Of two alike, the one with the smaller p-value.
     largest_first = np.lexsort((p_values, -np.abs(difference).round(12)))
 
-    comparisons = []
-    for i, (weak, strong) in enumerate(zip(weak_rows, strong_rows, strict=True)):
-        comparison = Comparison(
-            subject=subject.name,
-            s_weak=float(subject.s1[weak]),
-            s_strong=float(subject.s2[weak]),
-            n_equal_weak_first=int(n_wrong[weak]),
-            n_trials_weak_first=int(subject.n_trials[weak]),
-            n_equal_strong_first=int(n_wrong[strong]),
-            n_trials_strong_first=int(subject.n_trials[strong]),
-            q_weak_first=float(q[weak]),
-            q_weak_first_se=float(error[weak]),
-            q_strong_first=float(q[strong]),
-            q_strong_first_se=float(error[strong]),
-            asymmetry=float(difference[i]),
-            asymmetry_se=float(np.hypot(error[weak], error[strong])),
-            p_value=float(p_values[i]),
-            p_adjusted=float(adjusted[i]),
-            test=tests[i],
-            is_maximal=bool(i == largest_first[0]),
-        )
-        comparisons.append(comparison)
+    columns = {
+        "s_weak": subject.s1[weak],
+        "s_strong": subject.s2[weak],
+        "n_equal_weak_first": n_wrong[weak],
+        "n_trials_weak_first": subject.n_trials[weak],
+        "n_equal_strong_first": n_wrong[strong],
+        "n_trials_strong_first": subject.n_trials[strong],
+        "q_weak_first": q[weak],
+        "q_weak_first_se": error[weak],
+        "q_strong_first": q[strong],
+        "q_strong_first_se": error[strong],
+        "asymmetry": difference,
+        "asymmetry_se": np.hypot(error[weak], error[strong]),
+        "p_value": p_values,
+        "p_adjusted": holm(p_values),
+        "test": tests["test"],
+        "is_maximal": np.arange(len(tests)) == largest_first[:1],
+    }
+    rows = pd.DataFrame(columns).itertuples(index=False, name=None)
+    comparisons = tuple(Comparison(subject.name, *row) for row in rows)
     different = {frozenset(pair) for pair in subject.pairs if pair[0] != pair[1]}
     n_one_order = len(different) - len(comparisons)
-    return SubjectAsymmetry(subject.name, accuracy(subject), tuple(comparisons), n_one_order)
+    return SubjectAsymmetry(subject.name, accuracy(subject), comparisons, n_one_order)
 
 
 @lru_cache(maxsize=1 << 16)

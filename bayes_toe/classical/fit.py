@@ -261,9 +261,6 @@ class SubjectFit:
     replicates: FloatArray
     n_failed: int
 
-    def __len__(self) -> int:
-        return len(self.replicates)
-
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
@@ -301,7 +298,9 @@ class SubjectFit:
         remarks = []
         names = np.array(self.names)
         if self.n_failed:
-            remarks.append(f"{self.n_failed} of {len(self) + 1} searches did not converge")
+            remarks.append(
+                f"{self.n_failed} of {len(self.replicates) + 1} searches did not converge"
+            )
         is_open = np.isnan(self.parameters)
         if is_open.any():
             remarks.append(f"not determined by these answers: {', '.join(names[is_open])}")

@@ -159,9 +159,10 @@ def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
 def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
     """Mark, message and option of each problem; only the first if it is not interpreted."""
     if not answer.is_interpretable:
-        return [("!", problem.message, problem.option) for problem in answer.problems[:1]]
+        first = answer.problems[answer.flags[0]]
+        return [("!", first.message, first.option)]
     marked = []
-    for flag, problem in zip(answer.flags, answer.problems, strict=True):
+    for flag, problem in answer.problems.items():
         message, mark = problem.message, "-"
         if flag == MISFIT_FLAG and answer.worst_pairs:
             message += f" {describe_pair(answer.worst_pairs[0], answer.unit)}"

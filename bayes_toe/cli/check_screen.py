@@ -138,7 +138,7 @@ def _limits_of_design(study: Study, findings: Sequence[Finding]) -> list[str]:
     identified = [identify(subject) for subject in study]
     effects = []
     for effect in ("constant_error", "contraction"):
-        n = sum(getattr(of_subject, effect) for of_subject in identified)
+        n = sum(effect not in of_subject.reasons for of_subject in identified)
         if n:
             share = "" if n == len(study) else f" ({n} of {all_subjects})"
             effects.append(f"a {effect.replace('_', ' ')}{share}")

@@ -202,7 +202,7 @@ class GoalOptions:
                 raise bt.InputError(
                     "The range is given twice. Use either --levels, or --lowest and --highest."
                 )
-            return read_levels(self.levels, self.intensity, self.unit)
+            return read_levels(self.levels, self.reading())
         if self.lowest is None or self.highest is None:
             raise bt.InputError(
                 "No range of stimuli is given. Use --lowest and --highest with --unit (natural "
@@ -335,7 +335,7 @@ def _search(
         context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:
         context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
-    seed = f"{written} Seed {optimal.seed}."
+    seed = f"{written} Seed {optimal.power.seed}."
     context.out.answer([*optimal.power.sentences(), *optimal.reasons(), seed])
 
 
@@ -492,7 +492,7 @@ def simulate(
     frames = zip(files, tables, strict=False)
     context.write({file: partial(write_table, frame) for file, frame in frames})
 
-    total = sum(len(of_subject.yes) for of_subject in answered)
+    total = sum(len(of_subject.batch) for of_subject in answered)
     context.print_written(
         f"{plural(len(simulated), 'synthetic subject')}, {plural(total, 'trial')} in {output}", seed
     )

@@ -64,15 +64,15 @@ class Particles:
         Efficiency of the draws when they were made.
     mixture : PriorMixture, optional
         What they came from; none before the first renewal.
-    generation : int
-        How often they were made anew.
+    p_answers : ndarray, optional
+        P of each answer by these draws, once it was asked for.
     """
 
     rule: ObserverPosterior
     draws: WeightedDraws
     first_efficiency: float = 1.0
     mixture: PriorMixture | None = None
-    generation: int = 0
+    p_answers: FloatArray | None = None
 
     @classmethod
     def from_prior(cls, rule: ObserverPosterior, n_draws: int, rng: Rng) -> Particles:
@@ -85,11 +85,6 @@ class Particles:
     def x(self) -> FloatArray:
         """The draws in the coordinates of the model, shape (draws, k)."""
         return self.draws.x[:, self.rule.is_free]
-
-    @property
-    def remaining_share(self) -> float:
-        """Effective number of draws over the effective number when they were made."""
-        return self.draws.efficiency / self.first_efficiency
 
     def add(self, answer: Subject) -> None:
         """Take in further answers."""
@@ -108,7 +103,7 @@ class Particles:
             mixture, draws = fitted.mixture, fitted.fresh(rng, size)
         self.mixture, self.draws = mixture, draws
         self.first_efficiency = draws.efficiency
-        self.generation += 1
+        self.p_answers = None
 
 
 class Adaptive:
@@ -167,7 +162,6 @@ class Adaptive:
         # About 512,000 predicted answers are kept of each model.
         self._n_judges = min(draws, max(_FEWEST_JUDGES, 512_000 // self.pairs.n_pairs))
         self._answers: list[tuple[Pair, Response]] = []
-        self._predicted: dict[str, tuple[int, FloatArray]] = {}
         self._particles = {}
         for name in MODEL_NAMES:
             rule = OrderModel(name).posterior(self.pairs.unanswered, self.prior)
@@ -218,7 +212,7 @@ class Adaptive:
         share = self.probabilities
         error = {}
         for name, particles in self._particles.items():
-            if particles.remaining_share < 0.5:
+            if particles.draws.efficiency < 0.5 * particles.first_efficiency:
                 error[name] = share[name] / np.sqrt(particles.draws.effective_number)
         if error:
             worst = max(error, key=lambda name: error[name])
@@ -242,10 +236,10 @@ class Adaptive:
     def _predictions(self, name: str) -> ArrayPair:
         """P of each answer by draws of a model, (answers, draws, pairs), and the draws' weights."""
         particles = self._particles[name]
-        if name not in self._predicted or self._predicted[name][0] != particles.generation:
-            p_answers = answer_probabilities(particles.rule, particles.x[: self._n_judges])
-            self._predicted[name] = particles.generation, p_answers
-        return self._predicted[name][1], particles.draws.part(slice(self._n_judges)).shares
+        judges = slice(self._n_judges)
+        if particles.p_answers is None:
+            particles.p_answers = answer_probabilities(particles.rule, particles.x[judges])
+        return particles.p_answers, particles.draws.part(judges).shares
 
     # --- What is known ----------------------------------------------------------------------------
 
@@ -312,19 +306,11 @@ class Adaptive:
         names = widest_rule.names.all
         if quantity not in names:
             raise InputError(f"quantity {quantity!r}: allowed: {', '.join(names)}")
-        rules = [particles.rule for particles in self._particles.values()]
-        has_quantity = np.array([quantity in rule.names.all for rule in rules])
-        draws = self._models.averaged(has_quantity)
+        has_quantity = []
+        for particles in self._particles.values():
+            has_quantity.append(quantity in particles.rule.names.all)
+        draws = self._models.averaged(np.array(has_quantity))
         return draws.quantiles(widest_rule.quantities(draws.x)[quantity], levels)
-
-    def effective(self) -> dict[str, float]:
-        """The effective number of particles of each model.
-
-        The error of a log evidence is about one over the square root of it.
-        """
-        return {
-            name: particles.draws.effective_number for name, particles in self._particles.items()
-        }
 
     # --- Files ------------------------------------------------------------------------------------
 

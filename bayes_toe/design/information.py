@@ -104,14 +104,11 @@ def information(
     """
     posterior = OrderModel("both").posterior(pairs.unanswered, prior)
     n_questions = len(pairs.task.questions)
-    quantities = []
-    for observer in observers:
-        # At a lapse rate of 0 its information is not defined.
-        lapse_rate = max(observer.parameters["lapse_rate"], 1e-3)
-        quantities.append({**observer.parameters, "lapse_rate": lapse_rate})
     arrays = {}
     for name in posterior.coordinates:
-        arrays[name] = np.array([values[name] for values in quantities])
+        arrays[name] = np.array([observer.parameters[name] for observer in observers])
+    # At a lapse rate of 0 its information is not defined.
+    arrays["lapse_rate"] = np.maximum(arrays["lapse_rate"], 1e-3)
     points = posterior.full_points(posterior.points(arrays))
     answers, yes_slopes, _ = posterior.rows.answer_slopes(points)
     # A trial asks the second question as often as the answer to the first one is not 'equal'.

@@ -105,18 +105,12 @@ class Observer:
             "contraction": has_contraction,
         }
 
-    def p_yes(
-        self,
-        s1: npt.ArrayLike,
-        s2: npt.ArrayLike,
-        sbar: float,
-        expected: FloatArray | float = 0.0,
-    ) -> FloatArray:
+    def p_yes(self, s1: npt.ArrayLike, s2: npt.ArrayLike, sbar: float) -> FloatArray:
         """Probability of the answer that the task counts, for every trial.
 
         The arguments are those of :meth:`p_questions`.
         """
-        return self.p_questions(s1, s2, sbar, expected)[0]
+        return self.p_questions(s1, s2, sbar)[0]
 
     def p_questions(
         self,

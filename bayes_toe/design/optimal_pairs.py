@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from bayes_toe.arrays import FloatArray, IndexArray, StrPath
+from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.checks.identification import TYPICAL_TRIALS, contraction_information
 from bayes_toe.data.messages import join_words
 from bayes_toe.data.options import ReadOptions
@@ -95,7 +95,6 @@ class OptimalDesign:
         Every pair that can be shown, once.
     worth : ndarray, shape (pairs of the plane,)
         What one more trial of each adds to the utility of the optimised design.
-    seed : int
     unit : StimulusUnit
         The unit in which levels are shown.
     """
@@ -105,7 +104,6 @@ class OptimalDesign:
     power: PowerTable
     plane: StudyDesign
     worth: FloatArray
-    seed: int
     unit: StimulusUnit = UNKNOWN_UNIT
 
     @property
@@ -185,15 +183,13 @@ class OptimalDesign:
         frame = self.frame()
         if self.unit.of_stimuli:
             first, second = f"first, {self.unit.of_stimuli}", f"second, {self.unit.of_stimuli}"
-            stimuli = [*frame.columns[-3:-1]]
-            frame = frame[[*stimuli, "n_trials"]]
-            frame = frame.rename(columns=dict(zip(stimuli, (first, second), strict=True)))
+            frame = frame.iloc[:, -3:].set_axis([first, second, "n_trials"], axis=1)
         table = [" | ".join(frame.columns), " | ".join("---" for _ in frame.columns)]
         for row in frame.itertuples(index=False):
             table.append(" | ".join(f"{value:g}" for value in row))
         lines = [f"# A design of {self.design.total} trials, for: {self.goal.aim}", ""]
         lines += [f"* {sentence}" for sentence in self.sentences()]
-        lines += ["", *(f"| {row} |" for row in table), "", f"Seed {self.seed}.", ""]
+        lines += ["", *(f"| {row} |" for row in table), "", f"Seed {self.power.seed}.", ""]
         return "\n".join(lines)
 
 
@@ -265,11 +261,8 @@ def _step_size(step: str) -> float:
     return size
 
 
-def read_levels(
-    path: StrPath, reference: float | None = None, unit: str | None = None
-) -> FloatArray:
-    """Levels in the column s or i of a CSV file, in a unit; natural logs where none is given."""
-    options = ReadOptions(intensity=reference, unit=unit)
+def read_levels(path: StrPath, options: ReadOptions) -> FloatArray:
+    """Levels in the column s or i of a CSV file, in the unit of these options, as natural logs."""
     table = read_table(path, lambda _: {"s", "i"})
     (name,) = stimulus_names(table, ("s",), ("i",), options)
     (logs,) = to_logs(path, [read_numbers(table, (name,))[1][name]], options)
@@ -331,7 +324,7 @@ def optimal_design(
     if goal.is_even:
         designs = dict(reversed(designs.items()))
     table = simulate_power([*designs.items()], judges, root, own_prior, workers, progress)
-    return OptimalDesign(goal, designs, table, plane, worth, root)
+    return OptimalDesign(goal, designs, table, plane, worth)
 
 
 def best_design(
@@ -360,7 +353,7 @@ def best_design(
         )
     of_plane = information(plane, observers, goal.aim, prior)
     most_pairs = min(goal.max_pairs, n_left + n_kept)
-    n_trials = exchange_trials(of_plane, n_left, most_pairs, fixed, _turned(plane))
+    n_trials = exchange_trials(of_plane, n_left, most_pairs, fixed, plane.turned)
     chosen = np.flatnonzero(n_trials)
     total = of_plane.total(n_trials)
     worth = of_plane.utilities(total, 1.0) - of_plane.utility(total)
@@ -393,9 +386,3 @@ def _pairs_to_show(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
         return plane
     pairs = np.unique(plane.pairs + goal.keep.pairs, axis=0)
     return each_once(*pairs.T, task=goal.task)
-
-
-def _turned(plane: StudyDesign) -> IndexArray:
-    """The index of each pair in the other order; its own where that cannot be shown."""
-    index = {pair: i for i, pair in enumerate(plane.pairs)}
-    return np.array([index.get((s2, s1), i) for (s1, s2), i in index.items()])

@@ -16,9 +16,9 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from itertools import chain, product
 from operator import attrgetter
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from scipy.stats import beta, betabinom
 
 from bayes_toe.answers.order_effect import (
@@ -47,9 +47,6 @@ from bayes_toe.model.prior import Hyperprior, Prior
 from bayes_toe.model.prior_file import preset_or_file
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: Sizes whose 95 % intervals have their width in power_data_sets.csv.
 WIDTHS = ("pse_shift_jnd", "contraction_p")
@@ -167,17 +164,14 @@ class PowerTable(Table[PowerEstimate]):
             groups[data_set.design, data_set.trials, data_set.observer.kind].append(data_set)
         return groups
 
-    @cached_property
-    def _by_key(self) -> dict[tuple[str, int, str, str, str], PowerEstimate]:
-        key = attrgetter("design", "trials", "observers", "quantity", "answer")
-        return {key(row): row for row in self.rows}
-
     def __getitem__(self, key: tuple[str, int, str, str, str]) -> PowerEstimate:
         """A row, by (design, trials, kind of observers, quantity, answer)."""
-        if key not in self._by_key:
-            answers = join_names(self.different("answer"))
-            raise InputError(f"nothing counted for {key!r}; answers: {answers}")
-        return self._by_key[key]
+        key_of = attrgetter("design", "trials", "observers", "quantity", "answer")
+        for row in self.rows:
+            if key_of(row) == key:
+                return row
+        answers = join_names(self.different("answer"))
+        raise InputError(f"nothing counted for {key!r}; answers: {answers}")
 
     def different(self, name: str) -> tuple[str, ...]:
         """The different values of a column, in their order."""
@@ -202,8 +196,6 @@ class PowerTable(Table[PowerEstimate]):
 
     def data_sets_frame(self) -> pd.DataFrame:
         """Every simulated data set, with the columns of power_data_sets.csv."""
-        import pandas as pd
-
         cells = [data_set.cells for data_set in self.data_sets]
         return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
 

@@ -10,21 +10,22 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
+from bayes_toe.arrays import FloatArray, IntArray, Rng
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_study import Truth
-from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study, Subject, with_shared_scales
-from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, Task, task_of
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, read_numbers
 from bayes_toe.design.observers import (
     KINDS,
@@ -54,9 +55,6 @@ from bayes_toe.model.paper_equations import (
 )
 from bayes_toe.model.trial_history import expectations
 from bayes_toe.seeds import generator, root_seed
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: The population of observers of the paper's kinds.
 PAPER = "paper"
@@ -92,7 +90,7 @@ class PaperObserver:
 
     def __post_init__(self) -> None:
         require_natural(*self.natural)
-        if self.task == THREE_ANSWERS:
+        if self.task.has_three_answers:
             raise InputError(
                 f"--observers: found those of the paper's model with the task {self.task.name!r}, "
                 "of which it predicts only 'equal'; allowed: observers such as 'both'"
@@ -114,7 +112,7 @@ class PaperObserver:
         return p_counted(self.task, s1, s2, natural)
 
 
-def paper_population(size: int, rng: Rng, task: Task = SAME_DIFFERENT) -> list[PaperObserver]:
+def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
     """Observers of the paper's kinds in turn: A, B, C, B, A. Every sixteenth is inset C of Fig. 4.
 
     A: prior mean below the stimuli, mu1 ~ Normal(-0.5, 0.15); more accurate with the weaker
@@ -166,38 +164,13 @@ class ConditionDifferences:
 
     Examples
     --------
-    >>> differences = ConditionDifferences.from_levels(["2", "6", "4"], {"contraction": 0.2})
+    >>> differences = condition_differences(["2", "6", "4"], {"contraction": 0.2})
     >>> differences.steps.tolist(), differences.sizes
     ([-0.5, 0.5, 0.0], {'contraction': (0.2, 0.0)})
     """
 
     conditions: Conditions
     sizes: Mapping[str, tuple[float, float]]
-
-    @classmethod
-    def from_levels(
-        cls, levels: Sequence[str], differ: Sizes | None = None
-    ) -> ConditionDifferences:
-        """The differences between levels, each size with the sd between subjects or without."""
-        values = [number(level, decimal_comma=False) for level in levels]
-        is_numeric = bool(np.isfinite(values).all())
-        names = tuple(level_words(values) if is_numeric else levels)
-        have_names = all(name and CONDITION_SEPARATOR not in name for name in names)
-        if len(names) < 2 or len(set(names)) < len(names) or not have_names:
-            raise InputError(
-                f"--conditions: found {quoted(','.join(levels))}, allowed: two levels and more, "
-                f"each once, without {CONDITION_SEPARATOR}"
-            )
-        sizes = {}
-        for name, value in (differ or {}).items():
-            size, sd = (value, 0.0) if isinstance(value, int | float) else value
-            if name not in DIFFERING or not (np.isfinite([size, sd]).all() and sd >= 0.0):
-                raise InputError(
-                    f"--differ: found {quoted(f'{name}={size:g}:{sd:g}')}, "
-                    f"allowed: {_ALLOWED_DIFFERENCE}"
-                )
-            sizes[name] = (float(size), float(sd))
-        return cls(Conditions("condition", names, is_numeric), sizes)
 
     @property
     def steps(self) -> FloatArray:
@@ -234,14 +207,41 @@ class ConditionDifferences:
 def condition_differences(
     levels: Sequence[str], differ: Sizes | None
 ) -> ConditionDifferences | None:
-    """The differences between conditions; None without conditions."""
+    """The differences between conditions, each with the sd between subjects or without.
+
+    None without conditions.
+    """
     if isinstance(levels, str):
         raise InputError(f"conditions: found the text {levels!r}, allowed: a list of levels")
-    if levels:
-        return ConditionDifferences.from_levels(levels, differ)
-    if differ:
-        raise InputError("--differ: allowed with --conditions, between which observers differ")
-    return None
+    if not levels:
+        if differ:
+            raise InputError("--differ: allowed with --conditions, between which observers differ")
+        return None
+    values = [number(level, decimal_comma=False) for level in levels]
+    is_numeric = bool(np.isfinite(values).all())
+    names = tuple(level_words(values) if is_numeric else levels)
+    have_names = all(name and CONDITION_SEPARATOR not in name for name in names)
+    if len(names) < 2 or len(set(names)) < len(names) or not have_names:
+        raise InputError(
+            f"--conditions: found {quoted(','.join(levels))}, allowed: two levels and more, "
+            f"each once, without {CONDITION_SEPARATOR}"
+        )
+    sizes = _complete_sizes(differ or {})
+    return ConditionDifferences(Conditions("condition", names, is_numeric), sizes)
+
+
+def _complete_sizes(differ: Sizes) -> dict[str, tuple[float, float]]:
+    """Each difference with its sd between subjects, which is 0 where none is given."""
+    sizes = {}
+    for name, value in differ.items():
+        size, sd = (value, 0.0) if isinstance(value, int | float) else value
+        if name not in DIFFERING or not (np.isfinite([size, sd]).all() and sd >= 0.0):
+            raise InputError(
+                f"--differ: found {quoted(f'{name}={size:g}:{sd:g}')}, "
+                f"allowed: {_ALLOWED_DIFFERENCE}"
+            )
+        sizes[name] = (float(size), float(sd))
+    return sizes
 
 
 def read_differences(conditions: str | None, differ: str | None) -> ConditionDifferences | None:
@@ -282,24 +282,15 @@ class SimulatedTrials:
     observer : Observer or PaperObserver
         In a condition it is named such as S01@left.
     batch : ndarray, shape (trials,)
-    s1, s2 : ndarray, shape (trials,)
-    yes : ndarray of bool, shape (trials,)
-        Whether the answer is the one that the task counts.
-    is_missed : ndarray of bool, shape (trials,)
-        Where nobody answered in time.
+    answers : Answers
+        A row a trial.
     condition : str
-    second : ndarray of bool, shape (trials,), optional
-        Of three answers: whether the answer is 'second' where it is not 'equal'.
     """
 
     observer: SimulatedObserver
     batch: IntArray
-    s1: FloatArray
-    s2: FloatArray
-    yes: BoolArray
-    is_missed: BoolArray
+    answers: Answers
     condition: str = ""
-    second: BoolArray | None = None
 
     @property
     def subject(self) -> str:
@@ -309,24 +300,11 @@ class SimulatedTrials:
     @property
     def responses(self) -> npt.NDArray[np.str_]:
         """The responses in words, empty where nobody answered, shape (trials,)."""
-        words = np.array(self.observer.task.answers)
-        position = np.where(self.yes, 0, 1)
-        if self.second is not None:
-            position = np.where(self.yes | self.second, position, 2)
-        return np.where(self.is_missed, "", words[position])
-
-    @property
-    def answered(self) -> Subject:
-        """The subject with these answers, in their order."""
-        n_yes = np.where(self.yes & ~self.is_missed, 1, 0)
-        n_trials = np.where(self.is_missed, 0, 1)
-        row = np.arange(len(self.yes))
-        answers = Answers(np.column_stack([self.s1, self.s2]), n_yes, n_trials, None, (), True, row)
-        if self.second is not None:
-            n_second = np.where(self.second & ~self.yes & ~self.is_missed, 1, 0)
-            answers = replace(answers, n_second=n_second)
-        subject = Subject.from_answers(self.subject, answers, self.observer.task)
-        return replace(subject, condition=self.condition)
+        answers, words = self.answers, np.array(self.observer.task.answers)
+        position = 1 - answers.n_yes
+        if answers.n_second is not None:
+            position = np.where(answers.n_yes + answers.n_second > 0, position, 2)
+        return np.where(answers.n_trials > 0, words[position], "")
 
 
 def simulate_trials(
@@ -388,12 +366,14 @@ def _observer_trials(
         expected = expectations(s1 - sbar, s2 - sbar, contraction, carry_over)
         p_yes, *p_second = observer.p_questions(s1, s2, sbar, expected)
     batch = np.repeat(np.arange(1, n_batches + 1), len(in_batch))
-    yes = rng.uniform(size=len(p_yes)) < p_yes
-    is_missed = rng.uniform(size=len(p_yes)) < missed
-    second = None
-    for p in p_second:
-        second = rng.uniform(size=len(p)) < p
-    return SimulatedTrials(observer, batch, s1, s2, yes, is_missed, second=second)
+    yes = rng.uniform(size=len(pair)) < p_yes
+    n_trials = np.where(rng.uniform(size=len(pair)) < missed, 0, 1)
+    keys, place = np.column_stack([s1, s2]), np.arange(len(pair))
+    answers = Answers(keys, n_trials * yes, n_trials, has_trial_rows=True, place=place)
+    for p in p_second:  # of three answers, 'second' where the answer is not 'equal'
+        is_second = ~yes & (rng.uniform(size=len(pair)) < p)
+        answers = replace(answers, n_second=n_trials * is_second)
+    return SimulatedTrials(observer, batch, answers)
 
 
 # --- A study --------------------------------------------------------------------------------------
@@ -481,17 +461,18 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         missed=missed,
         differences=differences,
     )
-    subjects = tuple(answered.answered for answered in trials)
-    study = Study(subjects, f"simulated, seed {root}", synthetic=True)
+    subjects, truth = [], {}
+    for answered in trials:
+        subject = Subject.from_answers(answered.subject, answered.answers, task)
+        subjects.append(replace(subject, condition=answered.condition))
+        truth[subject.name] = dict(answered.observer.parameters)
+        if carry_over:
+            truth[subject.name]["carry_over"] = carry_over
+
+    study = Study(tuple(subjects), f"simulated, seed {root}", synthetic=True)
     if differences is not None:
         units = with_shared_scales(study)
         study = replace(study, subjects=units, conditions=differences.conditions)
-
-    truth = {}
-    for answered in trials:
-        truth[answered.subject] = dict(answered.observer.parameters)
-        if carry_over:
-            truth[answered.subject]["carry_over"] = carry_over
     return Simulated(study, truth)
 
 
@@ -516,10 +497,8 @@ def draw_population(
         drawn = assume_observers(population, size, seed, [study_design])
     else:
         by_model = assume_observers(PRIOR, -(-size // 4), seed, [study_design])
-        n_each = len(by_model) // 4
         # All four models in turn.
-        order = np.arange(4 * n_each).reshape(4, n_each).T.ravel()
-        drawn = list(map(by_model.__getitem__, order.tolist()))
+        drawn = np.array(by_model, object).reshape(4, -1).T.ravel().tolist()
     names = subject_names(size)
     return [replace(observer, name=name) for name, observer in zip(names, drawn, strict=False)]
 
@@ -620,15 +599,11 @@ def _amplitudes(text: str | None, options: ReadOptions) -> FloatArray:
     return amplitudes if options.unit is None else np.exp(log_levels(amplitudes, options))
 
 
-def trial_frame(
-    trials: Sequence[SimulatedTrials], unit: StimulusUnit = UNKNOWN_UNIT
-) -> pd.DataFrame:
+def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.DataFrame:
     """Trials as a table that `bayes-toe` reads, conditions in turn batch by batch.
 
     The column `synthetic` marks them for good.
     """
-    import pandas as pd
-
     parts = []
     for answered in trials:
         ending = f"{CONDITION_SEPARATOR}{answered.condition}" if answered.condition else ""
@@ -636,20 +611,18 @@ def trial_frame(
         if answered.condition:
             columns["condition"] = answered.condition
         columns |= {"batch": answered.batch, "trial": 0}
-        columns |= stimulus_columns(answered.s1, answered.s2, unit)
+        s1, s2 = answered.answers.keys.T
+        columns |= stimulus_columns(s1, s2, unit)
         columns |= {"response": answered.responses, "synthetic": 1}
         parts.append(pd.DataFrame(columns))
     frame = pd.concat(parts, ignore_index=True)
-    if trials[0].condition:
-        subject = pd.factorize(frame["subject"])[0]
-        order = np.lexsort([frame["batch"].to_numpy(), subject])
-        frame = frame.iloc[order].reset_index(drop=True)
+    subject, _ = pd.factorize(frame["subject"])
+    order = np.lexsort([frame["batch"].to_numpy(), subject])
+    frame = frame.iloc[order].reset_index(drop=True)
     return frame.assign(trial=frame.groupby("subject", sort=False).cumcount() + 1)
 
 
 def truth_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
     """True parameters, one row a subject, or a subject in a condition."""
-    import pandas as pd
-
     rows = [{"subject": trial.subject, **trial.observer.parameters} for trial in trials]
     return pd.DataFrame(rows)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, StrPath
 from bayes_toe.data.column_roles import intensity_remedies
@@ -28,9 +28,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.text_table import TextTable
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError, Remedy, require_number
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: Columns of a design's file.
 DESIGN_COLUMNS = ("s1", "s2", "n_trials")
@@ -108,6 +105,12 @@ class StudyDesign:
         """The pairs as a subject, of whom only the pairs say something."""
         return self.answered(self.n_trials)
 
+    @property
+    def turned(self) -> IndexArray:
+        """The index of each pair in the other order; its own where the design lacks that pair."""
+        index = {pair: i for i, pair in enumerate(self.pairs)}
+        return np.array([index.get((s2, s1), i) for (s1, s2), i in index.items()])
+
     def with_total(self, trials: int) -> StudyDesign:
         """The same pairs with so many trials in all, each pair its share and at least one.
 
@@ -137,8 +140,6 @@ class StudyDesign:
 
     def frame(self) -> pd.DataFrame:
         """A row a pair, with the columns s1, s2, n_trials."""
-        import pandas as pd
-
         return pd.DataFrame({name: getattr(self, name) for name in DESIGN_COLUMNS})
 
     def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
@@ -209,14 +210,9 @@ def read_pairs(
     optional: tuple[str, ...] = (),
 ) -> dict[str, FloatArray]:
     """The columns s1 and s2 of a CSV file in natural logs, and these counts."""
-    counts = (*required, *optional, "isi")
-    table = read_table(path, lambda _: {"s1", "s2", "i1", "i2", *counts})
+    table = read_table(path, lambda _: {"s1", "s2", "i1", "i2", *required, *optional})
     names = stimulus_names(table, ("s1", "s2"), ("i1", "i2"), options)
-    _, columns = read_numbers(
-        table, (*names, *required), optional=("isi", *optional), counts=("n_trials",)
-    )
-    if "isi" in columns:
-        raise InputError(f"{path}, column isi: found in a design, allowed: s1, s2, n_trials")
+    _, columns = read_numbers(table, (*names, *required), optional=optional, counts=("n_trials",))
     logs = to_logs(path, [columns.pop(name) for name in names], options)
     return {**columns, **dict(zip(("s1", "s2"), logs, strict=True))}
 

@@ -108,11 +108,9 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
 
 def _units(design: StudyDesign) -> tuple[list[Unit], list[Unit]]:
     """Pairs in both orders, and those that are left, each with how often it comes."""
-    rows = {pair: i for i, pair in enumerate(design.pairs)}
     n_left = design.n_trials.copy()
     together = []
-    for (s1, s2), i in rows.items():
-        turned = rows.get((s2, s1), i)
+    for i, turned in enumerate(design.turned.tolist()):
         if turned > i:
             n_common = int(min(n_left[i], n_left[turned]))
             n_left[[i, turned]] -= n_common

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
@@ -55,9 +55,12 @@ class SubjectRows(LinearLikelihood):
     ----------
     n_coefficients : int
         q.
+    unshared_coordinates : list of int
+        The coordinates of the rows that the group does not share.
     """
 
     n_coefficients: int
+    unshared_coordinates: list[int]
 
     @classmethod
     def from_subjects(
@@ -85,17 +88,19 @@ class SubjectRows(LinearLikelihood):
         names = [parameter.name for parameter in task_parameters(rows[0].task)]
         shared = [parameter.name for parameter in group_parameters(rows[0].task)]
         unshared = [name for name in names if name not in shared]
-        n_columns = differences.shape[1]
-        n_coefficients = len(shared) + len(differing) * n_columns
-        loading = np.zeros((len(rows), len(names), n_coefficients + len(unshared)))
-        for j, name in enumerate(shared):
-            loading[:, names.index(name), j] = 1.0
-        for j, name in enumerate(differing):
-            first = len(shared) + j * n_columns
-            loading[:, names.index(name), first : first + n_columns] = differences
-        for j, name in enumerate(unshared):
-            loading[:, names.index(name), n_coefficients + j] = 1.0
-        return cls(observer_rows, loading, first_row, n_coefficients)
+        one = np.ones((len(rows), 1))
+        columns = chain(
+            product(shared, [one]), product(differing, [differences]), product(unshared, [one])
+        )
+        parts = []
+        for name, values in columns:
+            part = np.zeros((len(rows), len(names), values.shape[1]))
+            part[:, names.index(name)] = values
+            parts.append(part)
+        n_coefficients = len(shared) + len(differing) * differences.shape[1]
+        loading, is_shared = np.concatenate(parts, axis=2), np.isin(names, shared)
+        own = np.flatnonzero(~is_shared).tolist()
+        return cls(observer_rows, loading, first_row, n_coefficients, own)
 
     @property
     def n_subjects(self) -> int:
@@ -106,12 +111,6 @@ class SubjectRows(LinearLikelihood):
     def n_coordinates(self) -> int:
         """Length of a subject's point, q + own."""
         return int(self.loading.shape[2])
-
-    @cached_property
-    def unshared_coordinates(self) -> list[int]:
-        """The coordinates of the rows that the group does not share."""
-        is_unshared = self.loading[0, :, self.n_coefficients :].any(axis=1)
-        return np.flatnonzero(is_unshared).tolist()
 
     def log_own_prior(self, unshared: FloatArray) -> ArrayPair:
         """Log prior of the parameters that are not shared, (..., own) -> (...), and its slopes."""
@@ -183,22 +182,6 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     return SeparateFits(*(part.astype(np.float32).astype(np.float64) for part in parts))
 
 
-class GroupPoint(NamedTuple):
-    """Points of a group: means, standard deviations, effects, and the subjects' points w.
-
-    Attributes
-    ----------
-    mean, sd : ndarray, shape (points, q)
-    effects : ndarray, shape (points, covariates, q)
-    w : ndarray, shape (subjects, points, q + own)
-    """
-
-    mean: FloatArray
-    sd: FloatArray
-    effects: FloatArray
-    w: FloatArray
-
-
 @dataclass(frozen=True, eq=False)
 class GroupPosterior:
     """Log density of the joint posterior, with its gradient.
@@ -236,8 +219,7 @@ class GroupPosterior:
         precision, information = fits.precision[:, None], fits.information[:, None]
         mean, sd_score, effects, block = self._split(theta)
         xi, unshared = block[..., :q], block[..., q:]
-        sds = numbers.sds(sd_score)
-        tau = sds.values
+        tau, tau_rise, log_prior_of_sd, slope_of_sd_prior = numbers.sds(sd_score)
         expected = self._expected(mean, effects)
 
         # Coefficients a, their scores u = (a - mu) / tau, and the pull h (e - mu) of the responses.
@@ -254,7 +236,7 @@ class GroupPosterior:
         log_jacobian = 0.5 * np.log(share)
         log_scores = (log_jacobian - 0.5 * np.square(score)).sum(axis=-1)
         log_of_subjects = log_likelihood + log_unshared + log_scores
-        log_prior = numbers.log_prior_of_mean(mean) + sds.log_prior
+        log_prior = numbers.log_prior_of_mean(mean) + log_prior_of_sd
         log_prior = log_prior.sum(axis=-1) + numbers.log_effect(effects).sum(axis=(1, 2))
         value = log_prior + log_of_subjects.sum(axis=0)
 
@@ -269,25 +251,29 @@ class GroupPosterior:
         by_sd = by_coefficient * coefficient_rise - score * score_rise - score_fall
 
         mean_slope = numbers.slope_of_mean_prior(mean) + by_expected.sum(axis=0)
-        sd_slope = sds.prior_slope + by_sd.sum(axis=0) * sds.rise
+        sd_slope = slope_of_sd_prior + by_sd.sum(axis=0) * tau_rise
         by_effect = np.einsum("nr,npq->prq", self.x, by_expected)
         effect_slope = numbers.effect_slope(effects) + by_effect
         subject_slope = np.concatenate([by_xi, by_unshared], axis=-1)
         parts = (mean_slope, sd_slope, effect_slope, subject_slope.swapaxes(0, 1))
         return value, np.concatenate([part.reshape(len(theta), -1) for part in parts], axis=1)
 
-    def points(self, theta: FloatArray) -> GroupPoint:
-        """The parameters of coordinates theta, shape (points, n_coordinates)."""
+    def points(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The parameters of coordinates theta, shape (points, n_coordinates).
+
+        Means and standard deviations, (points, q), effects, (points, covariates, q), and the
+        subjects' points w, (points, subjects, q + own).
+        """
         q = self.rows.n_coefficients
         mean, sd_score, effects, block = self._split(theta)
-        tau = self.numbers.sds(sd_score).values
+        tau, *_ = self.numbers.sds(sd_score)
         expected = self._expected(mean, effects)
         precision = self.fits.precision[:, None]
         unit = tau / np.sqrt(1.0 + precision * np.square(tau))
         pulled = self.fits.information[:, None] - precision * expected
         coefficients = expected + np.square(unit) * pulled + unit * block[..., :q]
         w = self._subject_points(coefficients, block[..., q:])
-        return GroupPoint(mean, tau, effects, w)
+        return mean, tau, effects, w.swapaxes(0, 1)
 
     def start(self, n_points: int, rng: Rng) -> FloatArray:
         """Points about what the separate fits suggest, farther apart than the posterior."""

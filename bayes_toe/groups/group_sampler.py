@@ -14,10 +14,9 @@ rejected and counted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -44,19 +43,6 @@ _CAREFUL_SHARE, _CAREFUL_STEP = 0.125, 0.2
 _SECOND_STEP = 0.4
 #: Draws by which the first guess of a covariance counts.
 _GUESS_WEIGHT = 5.0
-
-
-class Trace(NamedTuple):
-    """Draws of chains.
-
-    Attributes
-    ----------
-    x : ndarray, shape (draws, chains, coordinates)
-    is_divergent : ndarray of bool, shape (draws, chains)
-    """
-
-    x: FloatArray
-    is_divergent: BoolArray
 
 
 class Metric:
@@ -156,19 +142,19 @@ class Hamiltonian:
             self._metric.learn(draws.reshape(-1, draws.shape[-1]))
         self._adapt_step(_ROUNDS[0])
 
-    def advance(self, n_draws: int) -> Trace:
-        """More draws of every chain.
+    def advance(self, n_draws: int) -> tuple[FloatArray, int]:
+        """More draws of every chain, (draws, chains, coordinates), and how often one diverged.
 
         Some trajectories have shorter steps, so that a chain can leave a region in which the common
         step is too long.
         """
         is_careful = self._rng.uniform(size=n_draws) < _CAREFUL_SHARE
-        x, is_divergent = [], []
+        x, n_divergent = [], 0
         for careful in is_careful:
-            _, diverged = self._move(_CAREFUL_STEP if careful else 1.0)
+            _, is_divergent = self._move(_CAREFUL_STEP if careful else 1.0)
             x.append(self._x)
-            is_divergent.append(diverged)
-        return Trace(np.stack(x), np.stack(is_divergent))
+            n_divergent += int(is_divergent.sum())
+        return np.stack(x), n_divergent
 
     def _adapt_step(
         self,
@@ -185,7 +171,9 @@ class Hamiltonian:
         draws = []
         for t in range(1, size + 1):
             acceptance, _ = self._move(most_steps=most_steps)
-            self._round_position()
+            # Rounded, positions are the same where processors differ in last bits.
+            self._x = np.round(self._x, _WARM_UP_DECIMALS)
+            self._value, self._gradient = self._density(self._x)
             draws.append(self._x)
             shortfall = _TARGET_ACCEPTANCE - float(summary(acceptance))
             error += (shortfall - error) / (t + 10.0)
@@ -194,11 +182,6 @@ class Hamiltonian:
             self.step = float(np.exp(log_step))
         self.step = float(np.exp(np.round(averaged, _WARM_UP_DECIMALS)))
         return np.stack(draws)
-
-    def _round_position(self) -> None:
-        """Round the positions, so that they are the same where processors differ in last bits."""
-        self._x = np.round(self._x, _WARM_UP_DECIMALS)
-        self._value, self._gradient = self._density(self._x)
 
     def _move(
         self, factor: float = 1.0, most_steps: int = _MOST_STEPS
@@ -302,29 +285,21 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     sampler = Hamiltonian(posterior, start, metric, rng)
     sampler.warm_up()
     n_each = -(-n_draws // N_CHAINS)
-    traces = [sampler.advance(n_each)]
-    draws = _group_draws(posterior, traces)
+    x, n_divergent = sampler.advance(n_each)
+    draws = _group_draws(posterior, x, n_divergent)
     if not draws.shortfall:
         return draws
-    if draws.n_divergent:
+    if n_divergent:
         sampler.step *= _SECOND_STEP
-        return _group_draws(posterior, [sampler.advance(2 * n_each)])
-    traces.append(sampler.advance(n_each))
-    return _group_draws(posterior, traces)
+        return _group_draws(posterior, *sampler.advance(2 * n_each))
+    more_x, n_divergent = sampler.advance(n_each)
+    return _group_draws(posterior, np.concatenate([x, more_x]), n_divergent)
 
 
-def _group_draws(posterior: GroupPosterior, traces: Sequence[Trace]) -> GroupDraws:
-    """The parameters of the draws."""
-    x = np.concatenate([trace.x for trace in traces])
+def _group_draws(posterior: GroupPosterior, x: FloatArray, n_divergent: int) -> GroupDraws:
+    """The parameters of the draws x, (draws, chains, coordinates)."""
     n_draws, n_chains, n_coordinates = x.shape
-    theta = x.swapaxes(0, 1).reshape(-1, n_coordinates)
-    point = posterior.points(theta)
+    parts = posterior.points(x.swapaxes(0, 1).reshape(-1, n_coordinates))
     lead = n_chains, n_draws
-    subjects = point.w.swapaxes(0, 1)
-    return GroupDraws(
-        point.mean.reshape(*lead, -1),
-        point.sd.reshape(*lead, -1),
-        point.effects.reshape(*lead, *point.effects.shape[1:]),
-        subjects.reshape(*lead, *subjects.shape[1:]),
-        sum(int(trace.is_divergent.sum()) for trace in traces),
-    )
+    mean, sd, effects, subjects = (part.reshape(*lead, *part.shape[1:]) for part in parts)
+    return GroupDraws(mean, sd, effects, subjects, n_divergent)

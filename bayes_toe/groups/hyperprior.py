@@ -19,24 +19,6 @@ from bayes_toe.model.densities import (
 from bayes_toe.model.prior import ParameterHyperprior
 
 
-class StandardDeviations(NamedTuple):
-    """Standard deviations between subjects by their scores, (..., coefficients) each.
-
-    Attributes
-    ----------
-    values : ndarray
-    rise : ndarray
-        Their derivatives in the scores.
-    log_prior, prior_slope : ndarray
-        Log prior density of each score, without a constant, and its derivative.
-    """
-
-    values: FloatArray
-    rise: FloatArray
-    log_prior: FloatArray
-    prior_slope: FloatArray
-
-
 class HyperpriorNumbers(NamedTuple):
     """The numbers of several coefficients, shape (coefficients,) each."""
 
@@ -59,8 +41,11 @@ class HyperpriorNumbers(NamedTuple):
         """Its derivative."""
         return self._slope((mean - self.mean) / self.mean_scale) / self.mean_scale
 
-    def sds(self, score: FloatArray) -> StandardDeviations:
-        """Standard deviations from their scores, (..., coefficients).
+    def sds(self, score: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Standard deviations between subjects from their scores, (..., coefficients) each.
+
+        Their derivatives in the scores follow. Then come the log prior density of each score,
+        without a constant, and its derivative.
 
         The score is the standard normal quantile of the probability that a half-normal variable
         is smaller. Where the data do not show that subjects differ, the posterior of a score has
@@ -70,7 +55,7 @@ class HyperpriorNumbers(NamedTuple):
         rise = 0.5 * np.exp(0.5 * (np.square(u) - np.square(score)))
         log_prior = log_normal(score) + self._log_density(u) - log_normal(u)
         slope = (self._slope(u) + u) * rise - score
-        return StandardDeviations(self.sd_scale * u, self.sd_scale * rise, log_prior, slope)
+        return self.sd_scale * u, self.sd_scale * rise, log_prior, slope
 
     def log_effect(self, effect: FloatArray) -> FloatArray:
         """Log prior density of a covariate's effects: Normal(0, sd_scale)."""

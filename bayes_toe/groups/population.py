@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -77,8 +77,7 @@ from bayes_toe.seeds import generator, require_seed, root_seed
 DRAWS = 3200
 _FEWEST_SUBJECTS, _FEWEST_DRAWS, _MOST_DRAWS = 2, 100, 100_000
 _INTERVAL = (0.025, 0.5, 0.975)
-#: An sd whose 2.5 % quantile is below this is given as 'at most' its 95 % quantile.
-_SMALL_SD = {CONSTANT_ERROR.name: 0.03, CONTRACTION.name: 0.015}
+_EFFECTS = (CONSTANT_ERROR.name, CONTRACTION.name)
 #: The draws and the covariates in a file, with the names of their axes.
 _DRAWS = {
     "mean": ("chain", "draw", "coefficient"),
@@ -110,42 +109,6 @@ class GroupSettings:
     def __post_init__(self) -> None:
         require_seed(self.seed)
         require_number("draws", self.draws, _FEWEST_DRAWS, _MOST_DRAWS)
-
-
-class Interval(NamedTuple):
-    """Median and 95 % interval."""
-
-    low: float
-    median: float
-    high: float
-
-    @classmethod
-    def from_draws(cls, draws: FloatArray) -> Interval:
-        """The summary of draws of any shape."""
-        return cls(*np.quantile(draws, _INTERVAL).tolist())
-
-
-class GroupEffect(NamedTuple):
-    """The constant error or the contraction of a group.
-
-    Attributes
-    ----------
-    mean : Interval
-        Of the mean: c in D, or p.
-    percent : Interval or None
-        The mean shift of the point of subjective equality, 100 (e^c - 1) %, of the constant error.
-    sd : Interval
-        Of the standard deviation between subjects, in the same unit.
-    sd_at_most : float or None
-        Its 95 % quantile, where the data do not show that subjects differ.
-    zero_mean : ZeroBayesFactor
-    """
-
-    mean: Interval
-    percent: Interval | None
-    sd: Interval
-    sd_at_most: float | None
-    zero_mean: ZeroBayesFactor
 
 
 def study_scales(study: Study) -> StimulusScales:
@@ -238,8 +201,8 @@ class PopulationResult:
         """The parameters that the pairs of a subject can show; other means rest on the prior."""
         designs = [*map(identify, self.study)]
         names = set(self.names)
-        for name in (CONSTANT_ERROR.name, CONTRACTION.name):
-            if not any(getattr(design, name) for design in designs):
+        for name in _EFFECTS:
+            if all(name in design.reasons for design in designs):
                 names.remove(name)
         return frozenset(names)
 
@@ -247,36 +210,9 @@ class PopulationResult:
         """The coefficient of a parameter."""
         return self.names.index(name)
 
-    def effect(self, name: str) -> GroupEffect:
-        """Mean, standard deviation and Bayes factor of `constant_error` or `contraction`."""
-        if name not in (CONSTANT_ERROR.name, CONTRACTION.name):
-            rule = f"{CONSTANT_ERROR.name}, {CONTRACTION.name}"
-            raise InputError(f"effect: found {name!r}, allowed: {rule}")
-        j = self.index(name)
-        mean, sd = self.draws.mean[..., j], self.draws.sd[..., j]
-        sd_interval = Interval.from_draws(sd)
-        sd_limit = None
-        if sd_interval.low < _SMALL_SD[name]:
-            sd_limit = float(np.quantile(sd, 0.95))
-        shift = None
-        if name == CONSTANT_ERROR.name:
-            shift = Interval.from_draws(self.shift_percent(mean))
-        zero = zero_mean(self.draws, self.numbers, self.regressors.x, j)
-        return GroupEffect(Interval.from_draws(mean), shift, sd_interval, sd_limit, zero)
-
-    @cached_property
-    def effects(self) -> Mapping[str, GroupEffect]:
-        """The effects that the design can show, by their names."""
-        names = (CONSTANT_ERROR.name, CONTRACTION.name)
-        return {name: self.effect(name) for name in names if name in self.identified}
-
     def shift_percent(self, constant_error: FloatArray) -> FloatArray:
         """Shift of the point of subjective equality in per cent, of constant errors in D."""
         return percent(constant_error * self.scales.step)
-
-    def jnd_percent(self, log_noise: FloatArray) -> FloatArray:
-        """Just noticeable difference in per cent, of log noises in D."""
-        return percent(self._jnd(log_noise))
 
     def _jnd(self, log_noise: FloatArray) -> FloatArray:
         """Just noticeable difference, natural-log intensity, of log noises in D."""
@@ -315,8 +251,7 @@ class PopulationResult:
     ) -> tuple[FloatArray, FloatArray, ZeroBayesFactor]:
         """Draws of the mean difference of two conditions and of its standard deviation."""
         conditions = self.study.conditions
-        if conditions is None:
-            raise InputError("population: the study has no condition, so nothing differs by it")
+        assert conditions is not None  # there are levels
         design = conditions.design()
         first, second = (design[conditions.levels.index(level)] for level in levels)
         weights = first - second
@@ -344,7 +279,7 @@ class PopulationResult:
         shift = coefficients[..., self.index(CONSTANT_ERROR.name)]
         values = {
             "pse_shift_percent": self.shift_percent(shift),
-            "jnd_percent": self.jnd_percent(coefficients[..., self.index(NOISE.name)]),
+            "jnd_percent": percent(self._jnd(coefficients[..., self.index(NOISE.name)])),
         }
         if PEAK.name in self.names:
             values["peak_probability"] = expit(coefficients[..., self.index(PEAK.name)])
@@ -385,13 +320,11 @@ class PopulationResult:
     def table(self) -> PopulationTable:
         """The rows of population.csv."""
         rows = []
-        for j, name in enumerate(self.names):
+        for name, values in self._all_quantities(self.draws.mean).items():
             zero = None
-            if name in _SMALL_SD:
-                zero = zero_mean(self.draws, self.numbers, self.regressors.x, j)
-            rows.append(summary_row(name, "mean", self.draws.mean[..., j], zero=zero))
-        for name, values in self.quantities(self.draws.mean).items():
-            rows.append(summary_row(name, "mean", values))
+            if name in _EFFECTS:
+                zero = zero_mean(self.draws, self.numbers, self.regressors.x, self.index(name))
+            rows.append(summary_row(name, "mean", values, zero=zero))
         for j, name in enumerate(self.names):
             rows.append(summary_row(name, "sd", self.draws.sd[..., j]))
         for name, values in self._all_quantities(self.new_subject).items():
@@ -530,7 +463,7 @@ def population(
     >>> result = population(study, seed=1)
     >>> result.names
     ('constant_error', 'contraction', 'noise')
-    >>> result.effect("contraction").mean.median > 0.0
+    >>> result.table.row("mean", "contraction").q50 > 0.0
     True
     """
     require_study(study)

@@ -111,3 +111,8 @@ class PopulationTable(Table[PopulationRow]):
         """The rows of one quantity, or of one quantity and parameter."""
         rows = [row for row in self.rows if row.quantity == quantity]
         return tuple(row for row in rows if parameter in (None, row.parameter))
+
+    def row(self, quantity: str, parameter: str) -> PopulationRow:
+        """The only row of a mean, a standard deviation or a new subject."""
+        (row,) = self.select(quantity, parameter)
+        return row

@@ -120,10 +120,8 @@ def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
     draws = result.draws
     n_draws, q = draws.mean.shape[0] * draws.mean.shape[1], draws.mean.shape[2]
     chosen = np.linspace(0, n_draws - 1, _N_GROUPS).astype(int)
-    mean = draws.mean.reshape(n_draws, q)[chosen]
-    sd = draws.sd.reshape(n_draws, q)[chosen]
-    effects = draws.effects.reshape(n_draws, -1, q)[chosen]
-    subjects = draws.subjects.reshape(n_draws, *draws.subjects.shape[2:])[chosen]
+    parts = (draws.mean, draws.sd, draws.effects, draws.subjects)
+    mean, sd, effects, subjects = (part.reshape(n_draws, *part.shape[2:])[chosen] for part in parts)
     expected = mean[:, None] + result.regressors.x @ effects
     coefficients = expected + sd[:, None] * rng.standard_normal(expected.shape)
     return np.concatenate([coefficients, subjects[..., q:]], axis=-1).swapaxes(0, 1)

@@ -173,10 +173,8 @@ def _columns_of_category(
     for level in other_levels:
         words = f"{display_name(name)} {display_name(level)} against {display_name(reference)}"
         columns.append(Regressor(name, level, words, reference=reference))
-    x = np.empty((len(values), len(other_levels)))
-    for i, own_level in enumerate(level_words(values)):
-        x[i] = [own_level == level for level in other_levels]
-    return columns, x
+    is_level = np.array(level_words(values))[:, None] == np.array(other_levels)
+    return columns, is_level.astype(np.float64)
 
 
 def _require_several(name: str, value: str, has_several: bool) -> None:

@@ -184,8 +184,9 @@ def _sizes(
             sizes[row] = answer.sizes[question.size]
     unit = answers[0].unit.for_percent(_limits(sizes))
     if group is not None and question.name in group.identified:
-        effect = group.effect(question.name)
-        sizes[-1] = effect.percent or effect.mean
+        is_percent = question.size.endswith("percent")
+        quantity = question.size if is_percent else question.name
+        sizes[-1] = group.table.row("mean", quantity).interval
     if question.size.endswith("percent"):
         sizes = unit.from_percent(sizes)
     return sizes, unit

@@ -33,7 +33,7 @@ from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ObserverPrio
 LEVELS = np.linspace(0.0, 1.25, 6)
 S1 = np.concatenate([LEVELS[:-1], LEVELS[1:]])
 S2 = np.concatenate([LEVELS[1:], LEVELS[:-1]])
-EVERYTHING = Identification(True, True, True, {})
+EVERYTHING = Identification({})
 
 
 def compared(c=0.0, p=0.0, n=100, noise=0.2, name="S"):
@@ -139,7 +139,7 @@ def test_a_yes_that_another_prior_leaves_undecided_is_marked(evidence, monkeypat
     answer = order_effect(evidence, EVERYTHING)
     marks = {question: line.marks for question, line in answer.lines.items()}
     assert (marks["constant_error"], marks["contraction"]) == (" ?", "")
-    (problem,) = answer.problems
+    (problem,) = answer.problems.values()
     message = "A prior twice as wide changes order effect and constant error from 'yes' to 'no'."
     assert problem.message == message
 
@@ -149,11 +149,12 @@ def test_a_study_of_more_subjects_has_a_smaller_limit(answers):
     answer = replace(answers["none"], **poor)
     single = answer.in_study(1)
     assert (MISFIT_FLAG in single.flags, single.fits) == (True, False)
-    assert single.depends_on_previous_trial
     assert WANDERING_FLAG in single.flags
+    assert single.depends_on_previous_trial
     of_study = single.in_study(12)
     assert of_study.flags == (*answers["none"].flags, MISFIT_FLAG)
-    assert of_study.problems[-1].message == "The model does not fit: test p = .00080, below .05/12."
+    message = "The model does not fit: test p = .00080, below .05/12."
+    assert of_study.problems[MISFIT_FLAG].message == message
     assert of_study.lines["order_effect"].marks == " !"
     assert of_study.in_study(200).fits is True
     assert of_study.cells["interpretable"] == "yes"
@@ -163,7 +164,7 @@ def test_a_study_of_more_subjects_has_a_smaller_limit(answers):
 def test_a_criterion_that_wanders_may_be_the_constant_error_of_2afc(task):
     subject = replace(compared(), task=task)
     answer = replace(answer_subject(subject, seed=1)[0], moving_criterion_p=0.001).in_study(1)
-    sentence = answer.problems[-1].message
+    sentence = answer.problems[WANDERING_FLAG].message
     start = "The preference for a response wanders over the trials (test p = .0010, below .05)."
     assert sentence.startswith(start)
     is_2afc = task == WHICH_STRONGER
@@ -171,19 +172,19 @@ def test_a_criterion_that_wanders_may_be_the_constant_error_of_2afc(task):
 
 
 def test_what_the_design_cannot_tell_has_no_word(evidence):
-    unidentifiable = Identification(False, False, False, dict.fromkeys(QUESTIONS, "one order only"))
+    unidentifiable = Identification(dict.fromkeys(QUESTIONS, "one order only"))
     answer = order_effect(evidence, unidentifiable)
     assert {answer.word(question) for question in QUESTIONS} == {"cannot be told"}
     assert answer.notes == ("one order only",)
 
-    no_contraction = Identification(True, True, False, {"contraction": ONE_FIRST_STIMULUS})
+    no_contraction = Identification({"contraction": ONE_FIRST_STIMULUS})
     answer = order_effect(evidence, no_contraction)
     assert answer.word("contraction") == "cannot be told"
     assert answer.probabilities["order_effect"] == answer.probabilities["constant_error"]
     assert answer.words["order_effect"] is answer.words["constant_error"]
 
     # Another effect imitates the contraction: the other questions keep their probabilities.
-    imitated = Identification(True, True, False, {"contraction": IMITATION})
+    imitated = Identification({"contraction": IMITATION})
     answer = order_effect(evidence, imitated)
     assert answer.word("contraction") == "cannot be told"
     assert answer.probabilities == order_effect(evidence, EVERYTHING).probabilities

@@ -16,8 +16,7 @@ from bayes_toe.answers.study_summary import (
 )
 from bayes_toe.answers.words import Word
 from bayes_toe.cli.methods import _in_paper
-from bayes_toe.groups.population import GroupEffect, Interval
-from bayes_toe.groups.zero_mean import ZeroBayesFactor
+from bayes_toe.groups.population_table import PopulationRow, PopulationTable
 from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import ParameterHyperprior
 
@@ -34,7 +33,7 @@ STUDY = [
     answer("A", (Word.YES, Word.YES, Word.YES)),
     answer("B", (Word.YES, Word.YES, Word.PROBABLY), shift=-5.0, direction="repulsion"),
     answer("C", (Word.PROBABLY, Word.UNDECIDED, Word.NO), fit_p=0.001),
-    answer("D", (Word.NOT_INTERPRETABLE,) * 3, flags=("responses look swapped",)),
+    answer("D", (Word.NOT_INTERPRETABLE,) * 3, problems={"responses look swapped": None}),
 ]
 
 
@@ -161,10 +160,10 @@ MEANS = {
 PRESENT_TENSE = re.compile(r"\b(is|does|do|cannot|can|changes|differs?|subjects?)\b")
 
 
-def group_effect(letter):
+def group_rows(name, letter):
     interval, log_bf = MEANS[letter]
-    mean, sd = Interval(*interval), Interval(0.9, 1.0, 1.1)
-    return GroupEffect(mean, None, sd, None, ZeroBayesFactor(log_bf, 0.0))
+    mean = PopulationRow(name, "mean", "", *interval, 0.0, 0.0, 1.0, ln_bf_zero=log_bf)
+    return mean, PopulationRow(name, "sd", "", 0.9, 1.0, 1.1, 0.0, 0.0, 1.0)
 
 
 def answer_of(name, letters):
@@ -178,7 +177,7 @@ def answer_of(name, letters):
             signs[-1] = letter
     shift = {"+": 5.0, "-": -5.0, "0": 0.0}[signs[1]]
     direction = "repulsion" if signs[2] == "-" else "contraction"
-    return answer(name, words, shift=shift, direction=direction, flags=("a reason",))
+    return answer(name, words, shift=shift, direction=direction, problems={"a reason": None})
 
 
 @pytest.mark.parametrize("case", MEANINGS.split("\n\n"))
@@ -187,10 +186,11 @@ def test_what_the_answer_of_a_study_means(case):
     subjects, means = heading.split(" | ")
     meaning = " ".join(map(str.strip, lines))
     answers = [answer_of(*row) for row in zip("ABCDEFG", subjects.split(), strict=False)]
-    effects = {}
-    for name, letter in zip(("constant_error", "contraction"), means.strip("-"), strict=False):
-        effects[name] = group_effect(letter)
-    group = SimpleNamespace(effects=effects)
+    letters, rows = means.strip("-"), []
+    names = ("constant_error", "contraction")[: len(letters)]
+    for name, letter in zip(names, letters, strict=True):
+        rows += group_rows(name, letter)
+    group = SimpleNamespace(identified=names, table=PopulationTable(tuple(rows), 1))
     assert describe_meaning(answers, group) == meaning
     assert not PRESENT_TENSE.search(_in_paper(meaning))
     first, *_ = study_lines(answers, group)

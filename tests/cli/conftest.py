@@ -18,16 +18,14 @@ def marked(analysis):
     bent = replace(
         first.answer,
         fit_p=0.001,
-        flags=(MISFIT_FLAG,),
-        problems=(Problem("The model does not fit."),),
+        problems={MISFIT_FLAG: Problem("The model does not fit.")},
         worst_pairs=(PairResidual(0.0, 0.3, 0.9, 0.4),),
     )
     swapped = replace(
         third.answer,
         words=dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE),
         is_interpretable=False,
-        flags=(SWAPPED,),
-        problems=(Problem("Responses look swapped in block 2.", "--swap C:2"),),
+        problems={SWAPPED: Problem("Responses look swapped in block 2.", "--swap C:2")},
     )
     rows = (replace(first, answer=bent), second, replace(third, answer=swapped))
     return replace(analysis, evidence=replace(analysis.evidence, rows=rows))

@@ -62,8 +62,8 @@ def test_files_and_answer(finished, folder):
 def test_files_are_those_of_the_group(finished, folder):
     result = bt.load(folder / "group.nc")
     text = " ".join(finished.split())
-    shift = format_signed(Size(*result.effect("constant_error").percent), "%")
-    contraction = format_share(Size(*result.effect("contraction").mean))
+    shift = format_signed(Size(*result.table.row("mean", "pse_shift_percent").interval), "%")
+    contraction = format_share(Size(*result.table.row("mean", "contraction").interval))
     assert f"mean PSE shift is {shift}" in text
     assert f"mean contraction is {contraction}" in text
 

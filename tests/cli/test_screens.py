@@ -44,9 +44,7 @@ def conclusion(name, letters, shift=FLAT, p=FLAT, flag="", problem=""):
     if p[1] < 0:
         fields["direction"] = "repulsion"
     if flag:
-        fields["flags"] = (flag,)
-    if problem:
-        fields["problems"] = (problem,)
+        fields["problems"] = {flag: problem}
     if flag == MISFIT_FLAG:
         fields |= {"fit_p": 0.001, "worst_pairs": (PairResidual(0.0, 0.3, 0.9, 0.4),)}
     if letters[2] == "c":

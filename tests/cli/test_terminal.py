@@ -31,13 +31,11 @@ def shown_subjects(text):
 @pytest.fixture
 def numerous(analysis):
     """Answers of a hundred subjects: the last does not fit, and the blocks of S98 differ."""
-    answers = [
-        replace(analysis.answers[i % 3], subject=f"S{i}", flags=(), problems=()) for i in range(100)
-    ]
+    answers = [replace(analysis.answers[i % 3], subject=f"S{i}", problems={}) for i in range(100)]
     differs = Problem("Block 3 differs from the others (p < .001).", "--exclude S98:3")
     misfit = Problem("The model does not fit.", "--exclude S99")
-    answers[98] = replace(answers[98], flags=("blocks differ",), problems=(differs,))
-    answers[99] = replace(answers[99], fit_p=0.0001, flags=(MISFIT_FLAG,), problems=(misfit,))
+    answers[98] = replace(answers[98], problems={"blocks differ": differs})
+    answers[99] = replace(answers[99], fit_p=0.0001, problems={MISFIT_FLAG: misfit})
     return answers
 
 

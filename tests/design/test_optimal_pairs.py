@@ -141,7 +141,8 @@ def test_designs_of_which_is_stronger():
 
 def test_levels_of_hardware(tmp_path):
     (tmp_path / "levels.csv").write_text("i\n2\n1\n4\n2\n", encoding="utf-8")
-    assert read_levels(tmp_path / "levels.csv", 2.0) == pytest.approx(np.log([0.5, 1.0, 2.0]))
+    levels = read_levels(tmp_path / "levels.csv", bt.ReadOptions(intensity=2.0))
+    assert levels == pytest.approx(np.log([0.5, 1.0, 2.0]))
     assert grid(-0.75, 1.25, 0.05)[[0, 15, -1]].tolist() == [-0.75, 0.0, 1.25]
 
 

@@ -46,11 +46,11 @@ def test_every_batch_holds_every_pair_once_in_random_order():
     orders = set()
     for batch in range(1, 21):
         is_batch = trials.batch == batch
-        orders.add(tuple(zip(trials.s1[is_batch], trials.s2[is_batch], strict=True)))
+        orders.add(tuple(map(tuple, trials.answers.keys[is_batch])))
     assert len(orders) == 20
     assert all(len(set(order)) == 13 for order in orders)
     (alone,) = simulate_trials(observers[1:], design, seed=1)
-    assert np.array_equal(trials.yes, alone.yes)
+    assert np.array_equal(trials.answers.n_yes, alone.answers.n_yes)
 
 
 @pytest.mark.parametrize("command", read_study.COMMANDS)
@@ -137,7 +137,6 @@ def test_populations_of_files(tmp_path):
 FILES = {
     "missing.csv": "subject,mu1,sigma_p,sigma_l\nx,0,0.3,0.1\n",
     "negative.csv": "subject,mu1,sigma_p,sigma_l,q0\nx,0,-1,0.1,0.9\n",
-    "interval.csv": "s1,s2,isi\n0,0.3,1\n",
     "twice.csv": "subject,mu1,sigma_p,sigma_l,q0\nx,0,1,0.1,0.9\nx,0,1,0.1,0.9\n",
 }
 CONDITIONS = {"conditions": ("a", "b")}
@@ -158,7 +157,6 @@ REFUSED = [
     ({"observers": 0}, "allowed: a whole number from 1"),
     ({"task": "3afc"}, "--task: found '3afc', allowed: same/different, 2afc"),
     ({"design": "mine"}, "--design"),
-    ({"design": "interval.csv"}, "column isi: found in a design, allowed: s1, s2, n_trials"),
     ({"conditions": "ab"}, "conditions: found the text 'ab', allowed: a list of levels"),
     ({"carry_over": 1.0}, "--carry-over: found 1.0, allowed: a number from 0"),
     ({"conditions": ("a", "a")}, "--conditions: found 'a,a', allowed: two levels"),

@@ -31,9 +31,8 @@ def log_likelihood(subject, scales, w):
     return observer.log_likelihood([by_name[name] for name in observer.coordinates])[0]
 
 
-def log_joint(study, scales, point, i):
+def log_joint(study, scales, mean, sd, effects, points):
     """Log density at one point: means, scores of SDs, effects and parameters of the subjects."""
-    mean, sd, effects = point.mean[i], point.sd[i], point.effects[i]
     t3, scale = stats.t(3), np.array([0.5, 0.2, 0.6])
     total = t3.logpdf(mean[0] / 0.5) - np.log(0.5)
     total += stats.norm.logpdf(mean[1:], 0.0, scale[1:]).sum()
@@ -44,7 +43,7 @@ def log_joint(study, scales, point, i):
     score = stats.norm.ppf(stats.halfnorm.cdf(u))
     total += (stats.norm.logpdf(score) - stats.halfnorm.logpdf(u)).sum()
     total += stats.norm.logpdf(effects, 0.0, [0.3, 0.15, 0.4]).sum()
-    for subject, x, w in zip(study, X, point.w[:, i], strict=True):
+    for subject, x, w in zip(study, X, points, strict=True):
         total += stats.norm.logpdf(w[:3], mean + x @ effects, sd).sum()
         total += stats.norm.logpdf(w[3]) + t3.logpdf(w[4:]).sum()
         total += log_likelihood(subject, scales, w)
@@ -58,8 +57,8 @@ def log_volume(posterior, theta):
     for i in range(rows.n_subjects):
         for j in range(rows.n_coefficients):
             step = steps[posterior.n_shared + i * rows.n_coordinates + j]
-            rise = posterior.points(theta + step).w - posterior.points(theta - step).w
-            total += np.log(rise[i, :, j] / 2e-6)
+            rise = posterior.points(theta + step)[3] - posterior.points(theta - step)[3]
+            total += np.log(rise[:, i, j] / 2e-6)
     return total
 
 
@@ -72,8 +71,8 @@ def test_density_is_that_of_the_definition(study):
     scales, posterior = study_scales(study), posterior_of(study, X)
     theta = posterior.start(4, default_rng(2))
     theta[:, 6 : posterior.n_shared] = default_rng(3).normal(0.0, 0.2, (4, 6))
-    point = posterior.points(theta)
-    expected = np.array([log_joint(study, scales, point, i) for i in range(4)])
+    points = zip(*posterior.points(theta), strict=True)
+    expected = np.array([log_joint(study, scales, *point) for point in points])
     log_density = posterior(theta)[0] - log_volume(posterior, theta)
     # Constants of the coordinates' scores are left out: differences between points count.
     assert log_density - log_density[0] == pytest.approx(expected - expected[0], abs=1e-5)

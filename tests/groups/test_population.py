@@ -8,9 +8,11 @@ from numpy.random import default_rng
 from populations import made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
+from bayes_toe.answers.group_answer import parameter_row
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.errors import InputError
 from bayes_toe.groups.predictive_check import CONTRADICTED, predictive_check
+from bayes_toe.groups.zero_mean import zero_mean
 from bayes_toe.model.parameters import task_parameters
 
 
@@ -32,19 +34,19 @@ def public(vibrotactile):
 def test_a_group_of_known_observers(result):
     assert result.is_reliable
     assert result.problems == ()
-    constant_error, contraction = result.effect("constant_error"), result.effect("contraction")
-    assert constant_error.mean.low < 0.6 < constant_error.mean.high
-    assert contraction.mean.low < 0.25 < contraction.mean.high
-    assert constant_error.mean.high - constant_error.mean.low < 0.5
-    assert constant_error.sd.low < 0.2 < constant_error.sd.high
-    assert constant_error.zero_mean.log_bf < -1.0
-    assert contraction.zero_mean.log_bf < -1.0
+    row = result.table.row
+    constant_error, contraction = row("mean", "constant_error"), row("mean", "contraction")
+    assert constant_error.q025 < 0.6 < constant_error.q975
+    assert contraction.q025 < 0.25 < contraction.q975
+    assert constant_error.q975 - constant_error.q025 < 0.5
+    assert row("sd", "constant_error").q025 < 0.2 < row("sd", "constant_error").q975
+    assert constant_error.ln_bf_zero < -1.0
+    assert contraction.ln_bf_zero < -1.0
     # Nobody differs in p.
-    assert contraction.sd_at_most is not None
-    assert contraction.sd.median < contraction.sd_at_most < contraction.sd.high
-    assert constant_error.percent is not None
-    shift = 100.0 * np.expm1(0.25 * constant_error.mean.median)
-    assert constant_error.percent.median == pytest.approx(shift)
+    assert parameter_row(result, "contraction")[2].startswith("at most")
+    assert not parameter_row(result, "constant_error")[2].startswith("at most")
+    shift = 100.0 * np.expm1(0.25 * constant_error.q50)
+    assert row("mean", "pse_shift_percent").q50 == pytest.approx(shift)
 
 
 def test_tables_have_what_the_draws_say(result):
@@ -52,7 +54,8 @@ def test_tables_have_what_the_draws_say(result):
     expected = np.quantile(result.draws.mean[..., 1], (0.025, 0.5, 0.975))
     row = table.loc[("contraction", "mean")]
     assert row[["q025", "q50", "q975"]].tolist() == pytest.approx(expected.tolist())
-    assert row["ln_bf_zero"] == result.effect("contraction").zero_mean.log_bf
+    zero = zero_mean(result.draws, result.numbers, result.regressors.x, 1)
+    assert row["ln_bf_zero"] == zero.log_bf
     noise = 0.25 * np.exp(result.draws.mean[..., 2])
     jnd = np.median(100.0 * np.expm1(0.6744897501960817 * noise))
     assert table.loc[("jnd_percent", "mean"), "q50"] == pytest.approx(jnd)
@@ -103,8 +106,8 @@ def test_covariates_move_the_means():
     assert group.p_direction == pytest.approx(1.0, abs=0.01)
     age = rows["age", "contraction"]
     assert age.q025 < 0.0 < age.q975
-    mean_of_group_a = result.effect("constant_error").mean
-    assert mean_of_group_a.low < 0.0 < mean_of_group_a.high
+    mean_of_group_a = result.table.row("mean", "constant_error")
+    assert mean_of_group_a.q025 < 0.0 < mean_of_group_a.q975
 
 
 def test_conditions_differ_by_what_they_differ():
@@ -117,7 +120,7 @@ def test_conditions_differ_by_what_they_differ():
     assert contraction.q025 < 0.0 < contraction.q975
     assert row.ln_bf_zero < contraction.ln_bf_zero
     # The limits of the interval depend on the processor; at one of them lies 0.2.
-    assert result.effect("constant_error").mean.median == pytest.approx(0.2, abs=0.15)
+    assert result.table.row("mean", "constant_error").q50 == pytest.approx(0.2, abs=0.15)
 
 
 AGES = {"age": {"P000": 20.0, "P001": 30.0}}
@@ -144,7 +147,7 @@ def test_what_is_refused(study, arguments, message):
     ],
 )
 def test_a_public_study_has_its_mean_sd_and_bayes_factor(public, name, mean, sd, log_bf, tolerance):
-    effect = public.effect(name)
-    assert effect.mean == pytest.approx(mean, abs=tolerance)
-    assert effect.sd == pytest.approx(sd, abs=tolerance)
-    assert effect.zero_mean.log_bf == pytest.approx(log_bf, abs=0.2)
+    row = public.table.row("mean", name)
+    assert row.interval == pytest.approx(mean, abs=tolerance)
+    assert public.table.row("sd", name).interval == pytest.approx(sd, abs=tolerance)
+    assert row.ln_bf_zero == pytest.approx(log_bf, abs=0.2)

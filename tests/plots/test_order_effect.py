@@ -66,8 +66,8 @@ def test_the_group_stands_in_the_last_row(analysis, small_study, monkeypatch):
     errors, contractions = bt.plots.order_effect(analysis.evidence, group).axes
     assert "group of" in errors.get_yticklabels()[-1].get_text()
     for ax, interval in (
-        (errors, group.effect("constant_error").percent),
-        (contractions, group.effect("contraction").mean),
+        (errors, group.table.row("mean", "pse_shift_percent").interval),
+        (contractions, group.table.row("mean", "contraction").interval),
     ):
         [mark] = marks_of(ax, "d")
         assert mark.get_xdata()[0] == pytest.approx(interval[1])
@@ -77,7 +77,9 @@ def test_the_group_stands_in_the_last_row(analysis, small_study, monkeypatch):
 def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
     first, second, third = analysis.evidence
     words = dict.fromkeys(second.answer.words, Word.NOT_INTERPRETABLE)
-    rejected = changed(second, words=words, is_interpretable=False, flags=("swapped blocks",))
+    rejected = changed(
+        second, words=words, is_interpretable=False, problems={"swapped blocks": None}
+    )
     table = EvidenceTable((first, rejected, third))
     errors, _ = bt.plots.order_effect(table).axes
     assert words_of(errors.texts)[1] == "not interpreted"
