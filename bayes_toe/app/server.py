@@ -231,12 +231,11 @@ class Jobs(Handler):
     """The studies of the folder."""
 
     def get(self) -> None:
-        """List names and states, and the folders of no study or a damaged one."""
-        studies, damaged = jobs(self.site.home)
+        """List names and states."""
         listed = []
-        for job in studies:
+        for job in jobs(self.site.home):
             listed.append({"id": job.name, "run": job.run_state(), **job.record()})
-        self.finish({"jobs": listed, "damaged": damaged})
+        self.finish({"jobs": listed})
 
     async def post(self) -> None:
         """Store dropped files as a study, or open the study of these files, and read them."""

@@ -155,9 +155,8 @@ def sample(
     from bayes_toe.checks.design_checks import identification_findings
 
     keep = context.prepare(output)
-    read, prior = context.read(study)
+    read, prior = context.read_and_describe(study)
     _require_fitting(context, read, prior, model)
-    context.introduce(read, prior)
     context.out.findings(identification_findings(read), "-")
 
     draws = context.work(
@@ -217,7 +216,7 @@ def evidence(
     context.end(table.failed)
 
 
-def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
+def print_draws(out: Terminal, draws: bt.Draws) -> None:
     """Medians, intervals and convergence of every subject."""
     from bayes_toe.answers.order_effect import format_draws
     from bayes_toe.model.models import model_title
@@ -250,14 +249,14 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
         out.table(headings, rows, (len(keys) + 1, len(keys) + 2), title=title)
     n_others = len(index) - len(rows)
     if n_others:
-        out.line(f"The draws of {n_others:,} other subjects converged. Table: {file}")
-    print_failed(out, draws, file)
+        out.line(f"The draws of {n_others:,} other subjects converged.")
+    print_failed(out, draws)
 
 
-def print_failed(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
+def print_failed(out: Terminal, draws: bt.Draws) -> None:
     """Subjects whose draws did not converge, or are too few."""
-    out.reasons("The draws did not converge", draws.not_converged, file=file)
-    out.reasons("The draws are not precise enough", draws.imprecise, file=file)
+    out.reasons("The draws did not converge", draws.not_converged)
+    out.reasons("The draws are not precise enough", draws.imprecise)
 
 
 def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT) -> None:

@@ -11,7 +11,6 @@ import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from glob import glob
 from inspect import Parameter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -231,7 +230,7 @@ class StudyFile:
         if self.example:
             study = example_study(task_of(self.example, "--example"))
         elif self.files:
-            study = read_study(self._paths(), self._read_options())
+            study = read_study(self.files, self._read_options())
         else:
             raise InputError(NO_FILE)
 
@@ -248,24 +247,14 @@ class StudyFile:
 
         return tuple(table_files(self.files or ())[0])
 
-    def _paths(self) -> list[Path]:
-        """The files; some shells leave a name with * to the program."""
-        paths = []
-        for file in self.files or ():
-            matches = [] if os.path.exists(file) else sorted(map(Path, glob(str(file))))
-            paths += matches or [file]
-        return paths
-
     def _read_options(self) -> ReadOptions:
         """The options of reading."""
         from bayes_toe.data.options import ReadOptions, parse_pairs
 
-        options = dict(self.reading)
+        options = {name: value for name, value in self.reading.items() if value is not None}
         options.pop("task", None)
-        columns = ",".join(options.get("columns") or ())
+        columns = ",".join(options.get("columns", ()))
         options["columns"] = parse_pairs("--columns", filter(None, columns.split(",")), "OURS=NAME")
-        options["where"] = parse_pairs("--where", options.get("where") or (), "COLUMN=TEXT")
-        options["ignore"] = options.get("ignore") or ()
-        options["missed"] = options.get("missed") or ()
+        options["where"] = parse_pairs("--where", options.get("where", ()), "COLUMN=TEXT")
         categorical = options.pop("categorical_condition", False)
         return ReadOptions(**options, categorical=categorical)

@@ -73,7 +73,6 @@ from bayes_toe.model.posterior import DOMINATED
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.predictive import posterior_predictive
 from bayes_toe.plots.report_figure import (
-    has_curves,
     inline_svg,
     report_height,
     responses_figure,
@@ -86,10 +85,6 @@ Figure = Any  # of matplotlib, which only plots imports
 
 #: Subjects up to which the report is one file.
 MAX_SUBJECTS = 200
-#: Differences that are shown in the unit of differences, too.
-_SHOWN_IN_UNITS = ("pse_shift", "jnd")
-_MOST_LISTED = 10  # names or findings that a list of an index shows
-_MOST_MISFITS = 2  # subjects with a figure of the poor fit
 #: The words, and the probabilities that they need.
 LIMITS = {
     Word.YES: f"at least {format_decimals(YES_FROM)}",
@@ -156,7 +151,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "there": {path.name for path in folder.iterdir()},
         "links": links,
         "paged": is_paged,
-        "most": _MOST_LISTED if is_paged else None,
+        "most": 10 if is_paged else None,  # names that a list shows
         "answers": answers,
         "beside": "../" if is_paged else "",
     }
@@ -285,7 +280,7 @@ def _figure(analysis: Analysis) -> list[tuple[str, str]]:
     height = report_height(analysis)
     label = "PSE shift and contraction of every subject"
     parts = []
-    if has_curves(analysis):
+    if shown_subjects(analysis.answers):
         responses = responses_figure(analysis, height)
         parts.append(
             ("responses", _embed(analysis, responses, "Responses and curves of some subjects"))
@@ -304,10 +299,10 @@ def _embed(analysis: Analysis, figure: Figure, label: str) -> str:
 
 
 def _misfit_figures(analysis: Analysis) -> list[str]:
-    """Observed and expected proportions of the first subjects whom the model does not fit."""
+    """Observed and expected proportions of the first two subjects whom the model does not fit."""
     names = [answer.subject for answer in analysis.answers if answer.fits is False]
     figures = []
-    for name in names[:_MOST_MISFITS]:
+    for name in names[:2]:
         figure = posterior_predictive(analysis, [name])
         figures.append(inline_svg(figure, "Observed proportions, predictive intervals"))
     return figures
@@ -411,9 +406,8 @@ def _parameter(analysis: Analysis, row: Any) -> list[str]:
     draws = analysis.draws.values(row.subject, row.parameter)
     n_effective = min(row.ess_bulk, row.ess_tail)
     cells = [row.parameter, _interval(draws, n_effective, 3)]
-    is_published = row.parameter in _SHOWN_IN_UNITS
     difference = ""
-    if is_published:
+    if row.parameter in ("pse_shift", "jnd"):
         difference = _interval_in_unit(draws, n_effective, analysis.study.unit)
     cells.append(difference)
     cells.append(_number(row.posterior_contraction))

@@ -44,9 +44,6 @@ if TYPE_CHECKING:
     from bayes_toe.workers import Workers
 
 Result = TypeVar("Result")
-BAD_INPUT, INCOMPLETE = 2, 3
-#: Letters up to which what is typed is filled up with spaces, before its meaning.
-_WIDEST_TYPED = 40
 #: The fields of :class:`RunContext` that are options of commands with several processes, and of
 #: those that use a model too. The annotation of a command names the fields that the command has;
 #: all have `quiet`.
@@ -223,7 +220,7 @@ class RunContext:
     def end(self, *incomplete: Mapping[str, str]) -> None:
         """End with exit code 3 if subjects failed or draws did not converge."""
         if any(incomplete):
-            raise typer.Exit(INCOMPLETE)
+            raise typer.Exit(3)
 
 
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
@@ -270,7 +267,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
                 function(**values)
         except BayesToeError as error:
             print_error(error, function.__name__)
-            raise typer.Exit(BAD_INPUT) from error
+            raise typer.Exit(2) from error
 
     command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
@@ -320,7 +317,7 @@ def print_error(error: BayesToeError, command: str) -> None:
 
     for problem in problems.split("\n"):
         print_labelled("error:", visible(problem))
-    width = min(max((len(typed) for typed, _ in choices), default=0), _WIDEST_TYPED)
+    width = min(max((len(typed) for typed, _ in choices), default=0), 40)
     label = "type:"
     for typed, meaning in choices:
         print_labelled(label, visible(f"{typed:<{width}}  {meaning}".rstrip()))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from itertools import chain
@@ -33,14 +33,11 @@ from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.libraries import __version__
 from bayes_toe.model.models import model_title
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
-from bayes_toe.plots.corner import axis_unit, shown_unit
+from bayes_toe.plots.corner import axis_unit, in_unit, shown_unit
 
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200
-#: Bytes of draws and curves in all, of all where entries are few, of one where they are not; as
-#: text they take a third more.
-_BYTES, _FEW_BYTES, _ENTRY_BYTES = 20e6, 4e6, 300e3
-_ROWS = 2000  # draws of an entry, at most
+_ROWS = 10_000  # draws of all entries
 _ISLANDS = "<!-- posteriors -->"
 _HIGH = 1150  # pixels in a notebook
 _Sources: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
@@ -189,10 +186,11 @@ def page(
         raise InputError("explore: found draws of two tasks, allowed: one in a page")
     unit = _shown_unit(page_entries)
     if unit.has_log_differences:
-        page_entries = [entry.in_unit(unit) for entry in page_entries]
+        page_entries = [
+            replace(entry, target=in_unit(entry.target, unit)) for entry in page_entries
+        ]
 
-    room = min(_BYTES / len(page_entries), max(_FEW_BYTES / len(page_entries), _ENTRY_BYTES))
-    rows = min(_ROWS, int(room / max(entry.bytes_a_draw for entry in page_entries)))
+    rows = max(150, min(2000, _ROWS // len(page_entries)))
 
     contents, list_of_entries = {}, []
     for i, entry in enumerate(page_entries):

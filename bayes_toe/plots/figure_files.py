@@ -26,9 +26,9 @@ _UNDATED: dict[str, dict[str, None]] = {
 }
 
 
-def png(figure: Figure, *, dpi: int = 150) -> bytes:
+def png(figure: Figure) -> bytes:
     """A figure as the content of a PNG file."""
-    return figure_bytes(figure, "png", dpi=dpi)
+    return figure_bytes(figure, "png", dpi=150)
 
 
 def figure_bytes(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
@@ -62,13 +62,13 @@ def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: 
 
 def picture_beside(table: Path) -> Path:
     """The PNG file of a table's figure; refused if the table has that name."""
-    figure_bytes = table.with_name(f"{table.stem}.png")
-    if figure_bytes == table:
+    picture = table.with_name(f"{table.stem}.png")
+    if picture == table:
         raise InputError(
             f"{table}: found the name of the figure for the table, allowed: another suffix, such "
             "as .csv"
         )
-    return figure_bytes
+    return picture
 
 
 def _write(figure: Figure, target: Any, suffix: str, dpi: int) -> None:

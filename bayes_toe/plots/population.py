@@ -47,7 +47,6 @@ from bayes_toe.plots.style import (
 #: Subjects beyond which they have no names, and are sorted.
 MAX_NAMES_IN_GROUP = 40
 _MEAN_COLOUR = "#BDB3DD"
-_EFFECTS_ACROSS = 4
 _LABELS = {
     CONSTANT_ERROR.name: "PSE shift ({unit})",
     CONTRACTION.name: "contraction (%)",
@@ -61,8 +60,7 @@ _EFFECT_LABELS = {
     PEAK.name: "logit of largest P('equal')",
 }
 _POINTS = 200  # along a density
-_BINS = 30
-_BEYOND_PANEL = 3.0  # a position in the panel of the check, which ends at 2.2
+_BEYOND = {-1: "<", 0: "D", 1: ">"}  # markers of a group beyond the panel of the check
 
 
 def population(result: PopulationResult, check: PredictiveCheck | None = None) -> Figure:
@@ -86,7 +84,7 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
     n_columns = 1
 
     if effects:
-        n_columns = even_columns(len(effects), _EFFECTS_ACROSS)
+        n_columns = even_columns(len(effects), largest=4)
         heights.append(0.3 + n_rows(len(effects), n_columns) * (0.85 + 0.4 * len(labels)))
 
     figure = new_figure(PAGE, 0.6 + sum(heights))
@@ -94,13 +92,11 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
     figure.suptitle(_heading(result), fontsize=LETTERS + 1.0, color=colour)
     parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
 
-    panels = parts[0].subplots(1, len(names), squeeze=False)[0]
-    for i, (name, ax) in enumerate(zip(names, panels, strict=True)):
+    panels = parts[0].subplots(1, len(names), squeeze=False, sharey=True)[0]
+    for name, ax in zip(names, panels, strict=True):
         forest(ax, result, name)
-        if i:
-            ax.tick_params(labelleft=False)
-        elif is_crowded:
-            ax.set_ylabel(f"{n_subjects:,} subjects, sorted in each panel", fontsize=LETTERS)
+    if is_crowded:
+        panels[0].set_ylabel(f"{n_subjects:,} subjects, sorted in each panel", fontsize=LETTERS)
     legend_below(parts[0], columns=3, side="upper")
 
     panels = parts[1].subplots(1, len(names), squeeze=False)[0]
@@ -113,12 +109,11 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
         if result.comparisons:
             title = "differences of the group means between conditions, 95 % intervals"
         parts[3].suptitle(title, fontsize=SMALL)
-        panels = grid_panels(parts[3], len(effects), n_columns)
-        for i, (name, ax) in enumerate(zip(effects, panels, strict=True)):
+        panels = grid_panels(parts[3], len(effects), n_columns, sharey=True)
+        for name, ax in zip(effects, panels, strict=True):
             quantiles, label = _shown_effects(result, name, effects[name])
             effects_panel(ax, quantiles, label, labels)
             quantity_ticks(ax, name)
-            ax.tick_params(labelleft=i % n_columns == 0)
     return figure
 
 
@@ -161,8 +156,9 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     # A density in the unit of the panel follows from the slope of the unit.
     prior = np.exp(result.numbers.log_prior_of_mean(means)[:, j]) / np.gradient(values, x)
 
-    style: Style = {"bins": _BINS, "density": True, "label": "posterior of the group mean"}
-    ax.hist(result.in_units(name, draws, unit), color=_MEAN_COLOUR, **style)
+    draws = result.in_units(name, draws, unit)
+    label = "posterior of the group mean"
+    ax.hist(draws, 30, density=True, color=_MEAN_COLOUR, label=label)
     ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
     ax.set(xlim=(values[0], values[-1]), xlabel=_label(name, unit), yticks=[])
     zero_line(ax)
@@ -208,21 +204,17 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
     Every row has a scale of its own: the median of new groups is in the middle, and their central
     90 % are as wide as in any other row.
     """
-    interval_label, observed_label = "new groups, 5 to 95 %", "observed"
     for i, row in enumerate(check.statistics):
         colour = BAD if row.p_value < CONTRADICTED else "black"
         side = row.q95 - row.q50 if row.is_above else row.q50 - row.q05
         distance = row.observed - row.q50
-        position, marker = _BEYOND_PANEL * np.sign(distance), "D"
-        if side > 0.0:
-            position = distance / side
-        if abs(position) > 2.0:
-            position = 2.0 * np.sign(position)
-            marker = ">" if position > 0.0 else "<"
-        ax.barh(i, 2.0, 0.36, -1.0, color=BAND, label=interval_label)
+        side_of_median = int(np.sign(distance))
+        position, marker = 2.0 * side_of_median, _BEYOND[side_of_median]
+        if abs(distance) < 2.0 * side:
+            position, marker = distance / side, "D"
+        ax.barh(i, 2.0, 0.36, -1.0, color=BAND, label="new groups, 5 to 95 %")
         ax.plot([0.0, 0.0], [i - 0.18, i + 0.18], color=EQUAL, lw=0.8)
-        ax.plot(position, i, marker, ms=4.0, color=colour, label=observed_label, ls="")
-        interval_label, observed_label = "", ""  # one row is enough for the legend
+        ax.plot(position, i, marker, ms=4.0, color=colour, label="observed", ls="")
         low, high, observed = rounded(row.q05, row.q95, row.q05, row.q95, row.observed)
         text = f"{observed}, expected {low} to {high}, test p = {row.p_value:.2g}"
         ax.text(0.0, i - 0.24, text, ha="center", va="bottom", fontsize=SMALL, color=colour)
