@@ -117,19 +117,14 @@ def _obstacle(study: Study, findings: Sequence[Finding]) -> str:
     """Why nothing can be analysed yet; empty where something can."""
     codes = [finding.code for finding in findings]
     if "other_task" in codes:
-        return _question_of_task(study)
+        question = "All subjects need a decision: was the task 'same or different?'"
+        words = [f"--equal-code {cli_argument(code)}" for code in study.reading.codes]
+        if words:
+            question += f" If so, type {' or '.join(words)} in place of the present codes."
+        return question
     if codes.count("one_answer") == len(study):
         return "No subject gave both responses, so that nothing can be analysed."
     return ""
-
-
-def _question_of_task(study: Study) -> str:
-    """What to decide where responses look like those of 'same or different?'."""
-    question = "All subjects need a decision: was the task 'same or different?'"
-    codes = [f"--equal-code {cli_argument(code)}" for code in study.reading.codes]
-    if codes:
-        question += f" If so, type {' or '.join(codes)} in place of the present codes."
-    return question
 
 
 def _limits_of_design(study: Study, findings: Sequence[Finding]) -> list[str]:

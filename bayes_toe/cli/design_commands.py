@@ -189,8 +189,6 @@ class GoalOptions:
 
     def log_levels(self) -> FloatArray:
         """Levels, natural-log intensity."""
-        import numpy as np
-
         from bayes_toe.design.optimal_pairs import levels_between, read_levels
 
         if self.levels is not None:
@@ -205,12 +203,11 @@ class GoalOptions:
                 "logs without it), or --levels levels.csv."
             )
         options = self.reading()
-        ends = np.array([self.lowest, self.highest])
         option = f"--lowest {self.lowest:g} --highest {self.highest:g}"
-        if options.has_intensities and not (ends > 0.0).all():
+        if options.has_intensities and not (self.lowest > 0.0 and self.highest > 0.0):
             raise bt.InputError(f"{option}: found with a unit, allowed: positive numbers")
         is_log = self.unit is None and not options.has_intensities
-        if is_log and max(ends[1] - ends[0], ends[0]) > 10.0:
+        if is_log and max(self.highest - self.lowest, self.lowest) > 10.0:
             raise bt.InputError(
                 f"{option}: no natural logs of intensities are so large or so far apart",
                 [Remedy("unit", ANY_UNIT, "if they are intensities, or the name of their unit")],

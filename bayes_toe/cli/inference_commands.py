@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import bayes_toe as bt
-from bayes_toe.cli.options import ModelName, StudyFile, flag, rare, writes
+from bayes_toe.cli.options import StudyFile, flag, option, rare, writes
 from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.cli.terminal import (
     OUTPUT,
@@ -79,7 +79,6 @@ def run(
             output,
             check=check,
             figures=figures,
-            truths=study.truth() or None,
             has_explorer=explore,
             workers=context.workers,
             progress=tick,
@@ -145,7 +144,9 @@ def sample(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("FILE.nc", "Output draws.")] = Path("posterior.nc"),
-    model: ModelName = "paper",
+    model: Annotated[
+        str, option("--model", "MODEL", "Model: none, constant-error, contraction, both or paper.")
+    ] = "paper",
     context: Annotated[RunContext, *MODEL, "draws", "resume"],
 ) -> None:
     """Sample the posterior of one model for every subject.

@@ -21,7 +21,6 @@ from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
     from bayes_toe.data.options import ReadOptions
-    from bayes_toe.data.read_study import Truth
     from bayes_toe.data.study import Study
 
 
@@ -49,20 +48,7 @@ def flag(name: str, help_text: str) -> Any:
 #: An option that few need.
 rare = partial(option, panel="Advanced")
 
-Seed = Annotated[int | None, option("--seed", NUMBER, "Random seed, printed and stored.", min=0)]
 DrawCount = Annotated[int, rare("--draws", NUMBER, "Number of effective draws.", min=1, max=10**6)]
-Processes = Annotated[
-    int | None, rare("--workers", NUMBER, "Processes (default: all cores).", min=1)
-]
-DaskAddress = Annotated[Text, rare("--dask", "tcp://HOST:PORT", "Use a Dask cluster.")]
-PriorFile = Annotated[Text, option("--prior", "PRIOR", "Prior: default, paper, or a TOML file.")]
-Resume = Annotated[bool, flag("--resume", "Continue a stopped command.")]
-Overwrite = Annotated[bool, flag("--overwrite", "Replace existing output.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print errors only.")]
-
-SavedDraws = Annotated[
-    Path, typer.Argument(metavar="posterior.nc", help="Draws saved by run or sample.")
-]
 TrueValues = Annotated[
     File, rare("--truth", "truth.csv", "True values to mark, as simulate writes them.")
 ]
@@ -74,9 +60,6 @@ Question = Annotated[
         "2afc (default), same/different, ternary",
         show_default=False,
     ),
-]
-ModelName = Annotated[
-    str, option("--model", "MODEL", "Model: none, constant-error, contraction, both or paper.")
 ]
 
 
@@ -193,15 +176,6 @@ class StudyFile:
         Texts, option("--exclude", "A08:2,4", "Exclude a subject or blocks; repeatable.")
     ] = None
     reading: Mapping[str, Any] = field(default_factory=dict)
-
-    def truth(self) -> Truth:
-        """True parameters of the paper's model, by subject; only one of the examples has them."""
-        from bayes_toe.data.read_study import example_truth
-        from bayes_toe.data.tasks import SAME_DIFFERENT, task_of
-
-        if self.example is None or task_of(self.example) != SAME_DIFFERENT:
-            return {}
-        return example_truth(SAME_DIFFERENT)
 
     def ask(self) -> StudyFile:
         """Ask in a terminal which file to read, if neither a file nor the example is named."""

@@ -185,7 +185,7 @@ def _environment() -> Environment:
     )
     environment.filters.update(
         capitalized=capitalized,
-        data_uri=_data_uri,
+        png_uri=_png_uri,
         describe_fit=describe_fit,
         describe_p=describe_p_value,
         describe_pair=describe_pair,
@@ -203,10 +203,6 @@ def _environment() -> Environment:
 def _finalize(value: object) -> object:
     """Texts from outside without control characters; markup is the template's own."""
     return visible(value) if type(value) is str else value
-
-
-def _data_uri(picture: Path) -> str:
-    return _png_uri(picture.read_bytes())
 
 
 def _png_uri(content: bytes) -> str:

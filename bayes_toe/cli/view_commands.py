@@ -19,7 +19,6 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import (
     NUMBER,
-    SavedDraws,
     Texts,
     TrueValues,
     flag,
@@ -94,7 +93,9 @@ def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -
 
 def corner(
     *,
-    posterior: SavedDraws,
+    posterior: Annotated[
+        Path, typer.Argument(metavar="posterior.nc", help="Draws saved by run or sample.")
+    ],
     output: Annotated[Path, writes("DIR", "Output folder.")] = Path("corner"),
     subject: Annotated[
         Texts,

@@ -60,15 +60,11 @@ from bayes_toe.seeds import generator
 
 #: What the two tabs are called.
 EFFECTS_TAB, PAPER_TAB = "effects", "paper's parameters"
-#: The label of draws that are averaged over the four models, and how many of them there are.
-AVERAGED, _N_AVERAGED = "four models averaged", 4000
-_PRECISION = Precision(effective_draws=3000.0)
 #: The models that have an effect, by its quantity.
 _MODELS_WITH = {CONSTANT_ERROR.name: HAS_ERROR, CONTRACTION.name: HAS_CONTRACTION}
 #: Of every curve; with straight lines between them a bell is a bell.
 POINTS = 21
 _BEYOND = 0.04  # of its length, by which a curve goes on after its last pair
-_QUANTILES = np.linspace(0.0, 1.0, 201)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +189,7 @@ class Entry:
         prior = prior_values(self.target)
         quantiles = []
         for name in names:
-            values = np.quantile(prior[name], _QUANTILES)
+            values = np.quantile(prior[name], np.linspace(0.0, 1.0, 201))
             quantiles.append(axis_values(name, values, self.unit))
         return quantiles
 
@@ -304,7 +300,7 @@ def entries_of(
     """
     refused = draws.not_interpreted
     source = f"{draws.study.source}, seed {draws.seed}"
-    average_label = label.replace(model_title(draws.model), AVERAGED)
+    average_label = label.replace(model_title(draws.model), "four models averaged")
     prior = draws.prior.observer
     entries = []
     for name in subjects:
@@ -330,9 +326,11 @@ def entries_of(
         if entry.tab == EFFECTS_TAB:
             continue
 
-        (evidence,) = order_evidence([subject], draws.seed, prior, _PRECISION)
+        (evidence,) = order_evidence(
+            [subject], draws.seed, prior, Precision(effective_draws=3000.0)
+        )
         average = evidence.averaged()
-        points = average.resampled(generator(draws.seed, name, "explorer"), _N_AVERAGED)
+        points = average.resampled(generator(draws.seed, name, "explorer"), 4000)
         averaged = replace(
             entry,
             label=average_label,
@@ -418,24 +416,18 @@ class Slice:
 
     def packed(self, fitted: Predictor, *, has_title: bool) -> Record:
         """The slice as the page stores it."""
+        unit, ends = self.counts.unit, [float(self.x[0]), float(self.x[-1])]
+        scale = stimulus_scale("stronger stimulus", unit, 0.0, ends)
+        if self.counts.task == WHICH_STRONGER:
+            scale = difference_scale(unit, ends)
         return {
             "title": self.title() if has_title else "",
             "pairs": self.pairs.tolist(),
             "x": self.x.tolist(),
-            "scale": self._scale(),
+            "scale": _packed_scale(scale, ends) if unit.of_stimuli else None,
             "orders": self.orders,
             "yes": text_of(np.rint(self.yes(fitted) * 65535), "<u2"),
         }
-
-    def _scale(self) -> Record | None:
-        """Label and ticks of the axis along the curves in a known unit."""
-        unit = self.counts.unit
-        if not unit.of_stimuli:
-            return None
-        ends = [float(self.x[0]), float(self.x[-1])]
-        if self.counts.task == WHICH_STRONGER:
-            return _packed_scale(difference_scale(unit, ends), ends)
-        return _packed_scale(stimulus_scale("stronger stimulus", unit, 0.0, ends), ends)
 
     def yes(self, fitted: Predictor) -> FloatArray:
         """P of the counted answer at every draw, shape (orders, POINTS, draws)."""

@@ -37,6 +37,8 @@ from bayes_toe.plots.corner import axis_unit, in_unit, shown_unit
 
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200
+#: The source of the bundled studies.
+EXAMPLE = "bundled example (synthetic)"
 _ROWS = 10_000  # draws of all entries
 _ISLANDS = "<!-- posteriors -->"
 _HIGH = 1150  # pixels in a notebook
@@ -136,7 +138,7 @@ def entries(
     page_entries = list[Entry]()
     for label, part in by_label.items():
         true_values = truths or {}
-        if truths is None and part.study.source == "bundled example (synthetic)":
+        if truths is None and part.study.source == EXAMPLE:
             true_values = example_truth(part.study.task)
         page_entries += entries_of(part, label, selected[label], true_values)
     _require_quantities(truths or {}, page_entries)

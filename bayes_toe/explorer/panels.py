@@ -48,7 +48,6 @@ PRIOR = "#8A8A8A"
 _INK, _PAGE = "#222222", "#FFFFFF"
 #: Pixels around panels; more where explorer.js puts numbers beside them.
 AROUND = 3
-_BRUSH = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
 _BAND = ("x", "all", "kept", "low", "high")
 
 
@@ -118,7 +117,8 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
     select = BoxSelectTool(dimensions=dimensions, renderers=[], continuous=True)
     plot = _plot(name, [select], x_range=x, y_range=y)
     plot.toolbar.active_drag = select
-    plot.js_on_event("selectiongeometry", CustomJS(code=_BRUSH))
+    brushed = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
+    plot.js_on_event("selectiongeometry", CustomJS(code=brushed))
     for axis in plot.axis:
         axis.update(visible=False, ticker=FixedTicker(ticks=[]))
     style = {

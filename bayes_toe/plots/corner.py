@@ -429,7 +429,10 @@ def _draw_posterior(
                 texts = list(map("{:.2g}".format, (low, median, high)))
             ax.set_title(format_estimate(*texts), fontsize=9.0)
         library.overplot_points(figure, [panel.truth], marker="s", color=TRUTH)
-        _draw_lines(axes, panel.truth, color=TRUTH)
+        for row, column in np.argwhere(np.tri(len(spans))):
+            axes[row, column].axvline(panel.truth[column], color=TRUTH)
+            if row != column:
+                axes[row, column].axhline(panel.truth[row], color=TRUTH)
     else:  # lines would be taken for medians
         style: Style = {"color": panel.colour, "mec": "black", "mew": 0.8, "zorder": 5}
         library.overplot_points(figure, [panel.truth], marker="s", ms=5, **style)
@@ -437,15 +440,6 @@ def _draw_posterior(
         for ax, median, value in zip(axes.diagonal(), medians, panel.truth, strict=True):
             ax.axvline(median, color=panel.colour, lw=1.0, ls=panel.line)
             ax.plot(value, 0.0, "^", ms=7, clip_on=False, **style)
-
-
-def _draw_lines(axes: npt.NDArray[Any], values: Sequence[float], **style: Any) -> None:
-    """Lines at finite values through all panels; corner's own fail where there is one quantity."""
-    for i in np.flatnonzero(np.isfinite(values)).tolist():
-        for ax in axes[i:, i]:
-            ax.axvline(values[i], **style)
-        for ax in axes[i, :i]:
-            ax.axhline(values[i], **style)
 
 
 def _draw_contours(ax: Axes, density: Density, panel: _SubjectDraws, *, filled: bool) -> None:

@@ -174,10 +174,6 @@ def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
             yield mark, has_order
 
 
-#: Multiples of powers of ten on a logarithmic axis: the first ones that give three ticks.
-_MULTIPLES = ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
-
-
 class Scale(NamedTuple):
     """How an axis of natural logs is labelled.
 
@@ -197,8 +193,9 @@ class Scale(NamedTuple):
         start, end = self.unit.stimuli([low, high])
         locators: list[Locator] = [MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])]
         if not self.unit.is_decibel:
-            logarithmic = [LogLocator(subs=multiples, numticks=50) for multiples in _MULTIPLES]
-            locators = [*logarithmic, *locators]
+            # Multiples of powers of ten: the first ones that give three ticks.
+            for multiples in ((1.0, 1.5, 2.0, 3.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0,)):
+                locators.insert(0, LogLocator(subs=multiples, numticks=50))
         for locator in locators:
             numbers = np.asarray(locator.tick_values(start, end))
             numbers = numbers[(numbers >= start) & (numbers <= end)]
