@@ -336,11 +336,8 @@ def end_group(group: int, number: signal.Signals) -> None:
 
 
 def _open_lock(home: Path, name: str) -> IO[str]:
-    return open(home / _LOCKS / name, "a+", encoding="utf-8", opener=_open_no_link)
-
-
-def _open_no_link(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
+    return open(os.open(home / _LOCKS / name, flags, 0o666), "a+", encoding="utf-8")
 
 
 def is_locked(lock: IO[str]) -> bool:

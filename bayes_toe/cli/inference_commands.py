@@ -51,7 +51,7 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.cli.results_folder import PRODUCTS, require_figures, write_results
+    from bayes_toe.cli.results_folder import PRODUCTS, write_results
     from bayes_toe.explorer.page import require_bokeh, require_few
     from bayes_toe.groups.predictive_check import predictive_check
 
@@ -59,7 +59,8 @@ def run(
         require_bokeh()
     study, context = context.ask(study)
 
-    require_figures(figures)
+    if figures not in ("all", "flagged", "none"):
+        raise bt.InputError(f"--figures is {figures!r}. It must be one of all, flagged, none.")
     context.require_folder(output, PRODUCTS)
     keep = context.partial_folder(output)
     read, prior = context.read_and_describe(study)

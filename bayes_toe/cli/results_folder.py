@@ -15,7 +15,6 @@ from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.tables import file_stems, write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_folder
-from bayes_toe.errors import InputError
 from bayes_toe.explorer.page import EXAMPLE, explore
 from bayes_toe.groups.predictive_check import PredictiveCheck, predictive_check
 from bayes_toe.inference.draws import Draws
@@ -45,14 +44,6 @@ PRODUCTS = (
     "explorer.html",
     "subjects",
 )
-#: What `--figures` can be.
-_FIGURES = ("all", "flagged", "none")
-
-
-def require_figures(subjects: str) -> None:
-    """Refuse an unknown choice of subjects that get figures."""
-    if subjects not in _FIGURES:
-        raise InputError(f"--figures is {subjects!r}. It must be one of {', '.join(_FIGURES)}.")
 
 
 def write_results(

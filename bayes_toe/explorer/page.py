@@ -186,7 +186,10 @@ def page(
     task = page_entries[0].target.subject.task
     if any(entry.target.subject.task != task for entry in page_entries):
         raise InputError("explore: found draws of two tasks, allowed: one in a page")
-    unit = _shown_unit(page_entries)
+    units = {(entry.unit.of_stimuli, entry.unit.of_differences) for entry in page_entries}
+    if len(units) > 1:
+        raise InputError("explore: found draws in two units, allowed: one in a page")
+    unit = shown_unit(page_entries[0].unit, (entry.quantities for entry in page_entries))
     if unit.has_log_differences:
         page_entries = [
             replace(entry, target=in_unit(entry.target, unit)) for entry in page_entries
@@ -219,14 +222,6 @@ def page(
         parts.append(f'<script type="application/json" id="{name}">{island(content)}</script>\n')
     # Bokeh makes functions of texts.
     return Explorer(with_policy("".join([*parts, tail]), "'unsafe-eval'"))
-
-
-def _shown_unit(page_entries: Sequence[Entry]) -> StimulusUnit:
-    """The unit in which a page shows all entries."""
-    units = {(entry.unit.of_stimuli, entry.unit.of_differences) for entry in page_entries}
-    if len(units) > 1:
-        raise InputError("explore: found draws in two units, allowed: one in a page")
-    return shown_unit(page_entries[0].unit, (entry.quantities for entry in page_entries))
 
 
 def _described_quantities(unit: StimulusUnit) -> dict[str, tuple[str, str]]:

@@ -106,7 +106,11 @@ def corner(
         for more than four subjects.
     """
     require_draws(draws)
-    truth_of = _require_by_subject(truths or {})
+    truths = truths or {}
+    if not all(isinstance(values, Mapping) for values in truths.values()):
+        raise InputError(
+            "truths: found numbers, allowed: a mapping of each subject's values by its name"
+        )
     subject_names = _subject_names(subject)
     is_single = len(subject_names) == 1
     targets = [draws.posterior(name) for name in subject_names]
@@ -122,7 +126,7 @@ def corner(
     ):
         target = in_unit(target, unit)
         columns = [axis_values(key, values[key], unit) for key in names]
-        true_values = all_true_values(truth_of.get(target.subject.name, {}), target)
+        true_values = all_true_values(truths.get(target.subject.name, {}), target)
         limits.append(axis_limits(columns, names, target, true_values))
         truth = [true_values.get(key, np.nan) for key in names]
         subjects.append(_SubjectDraws(target, names, np.stack(columns), truth, colour, line))
@@ -155,15 +159,6 @@ def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
             f"allowed: 1 to {len(OVERLAID)}, each once"
         )
     return names
-
-
-def _require_by_subject(truths: Mapping[str, Values]) -> Mapping[str, Values]:
-    """True values by subject; numbers without a subject are refused."""
-    if not all(isinstance(values, Mapping) for values in truths.values()):
-        raise InputError(
-            "truths: found numbers, allowed: a mapping of each subject's values by its name"
-        )
-    return truths
 
 
 # --- quantities -----------------------------------------------------------------------------------

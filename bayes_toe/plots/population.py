@@ -176,11 +176,11 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     mean = result.in_units(name, result.draws.mean[..., j], unit)
     subjects = result.in_units(name, result.draws.subjects[..., j], unit)
 
-    low, _, high = np.quantile(new_subject, MARKED)
-    ax.axvspan(low, high, color=BAND, lw=0, label=f"new subject{reference}")
-    low, middle, high = np.quantile(mean, MARKED)
-    ax.axvspan(low, high, color=_MEAN_COLOUR, lw=0, label=f"group mean{reference}")
-    ax.axvline(middle, color=BELIEF, lw=0.8)
+    spans = {"new subject": (new_subject, BAND), "group mean": (mean, _MEAN_COLOUR)}
+    for label, (values, colour) in spans.items():
+        low, _, high = np.quantile(values, MARKED)
+        ax.axvspan(low, high, color=colour, lw=0, label=f"{label}{reference}")
+    ax.axvline(np.median(mean), color=BELIEF, lw=0.8)
     if name in EFFECTS:
         zero_line(ax)
     quantity_ticks(ax, name)

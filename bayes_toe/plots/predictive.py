@@ -60,7 +60,13 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     InputError
         For an unknown subject, or more than 40 subjects.
     """
-    selected = _select_subjects(analysis, subjects)
+    names = analysis.study.names if subjects is None else subjects
+    if not 1 <= len(names) <= MOST_SUBJECTS:
+        raise InputError(
+            f"subjects: found {len(names)}, allowed: 1 to {MOST_SUBJECTS}; "
+            "choose some, as in subjects=['S01', 'S02']"
+        )
+    selected = [analysis.study[name] for name in names]
     n_columns, height = 5, 1.0
     has_room = len(selected) <= 4  # one row of panels
     if has_room:
@@ -94,17 +100,6 @@ def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
 
 
 # --- Panels --------------------------------------------------------------------------------------
-
-
-def _select_subjects(analysis: Analysis, subjects: Sequence[str] | None) -> list[Subject]:
-    """The subjects asked for, at most as many as a page has room for."""
-    names = analysis.study.names if subjects is None else subjects
-    if not 1 <= len(names) <= MOST_SUBJECTS:
-        raise InputError(
-            f"subjects: found {len(names)}, allowed: 1 to {MOST_SUBJECTS}; "
-            "choose some, as in subjects=['S01', 'S02']"
-        )
-    return [analysis.study[name] for name in names]
 
 
 def _in_order(counts: Subject) -> IndexArray:

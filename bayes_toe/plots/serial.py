@@ -51,7 +51,10 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     if not rows:
         raise InputError("serial: no subject has a result; allowed: rows of bt.serial_dependence")
     if not subjects:
-        rows = sorted(rows, key=_log_evidence_gain, reverse=True)[:MOST_ROWS]
+        # By how much the log evidence of the best history exceeds that of none.
+        rows = sorted(rows, key=lambda row: row.log_evidence[0] - row.log_evidence.max())[
+            :MOST_ROWS
+        ]
 
     figure = new_figure(PAGE, _HIGH * len(rows) + 0.5)
     axes = figure.subplots(len(rows), 2, squeeze=False, sharey=True, width_ratios=(1.6, 1.0))
@@ -70,11 +73,6 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     explain_curves(axes[0, 0], "best of the four models", POSTERIOR)
     legend_below(figure, columns=2)
     return figure
-
-
-def _log_evidence_gain(row: SubjectDependence) -> float:
-    """By how much the best history exceeds none, nats."""
-    return float(row.log_evidence.max() - row.log_evidence[0])
 
 
 def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDependence) -> None:
