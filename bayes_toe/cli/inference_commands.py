@@ -24,17 +24,12 @@ if TYPE_CHECKING:
     from bayes_toe.answers.evidence_table import EvidenceTable
     from bayes_toe.groups.predictive_check import PredictiveCheck
 
-#: Columns of the paper's model, and of the four models of the observer.
-_PAPER_COLUMNS = ("mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate")
-_ORDER_COLUMNS = ("constant_error", "contraction", "jnd")
 _HEADINGS = {
     "constant_error": "constant\nerror, ln",
     "contraction": "contraction, %",
     "jnd": "JND, ln",
     "lapse_rate": "lapse\nrate",
 }
-#: Quantities with their interval beside the median.
-_WITH_RANGE = ("mu1", "gain", *_ORDER_COLUMNS)
 
 
 def run(
@@ -225,7 +220,9 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
     from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
     stats, missed = draws.group("sample_stats"), {**draws.not_converged, **draws.imprecise}
-    columns = _PAPER_COLUMNS if "mu1" in draws.parameters else _ORDER_COLUMNS
+    columns = ["constant_error", "contraction", "jnd"]
+    if "mu1" in draws.parameters:
+        columns = ["mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate"]
     keys = [key for key in columns if key in draws.parameters]
 
     rows, index = [], {name: i for i, name in enumerate(draws.names)}
@@ -238,7 +235,7 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
             decimals = 2 if scale == 1.0 else 0
             values = scale * draws.values(name, key)
             text = format_draws(values, n_effective, decimals)
-            if key not in _WITH_RANGE:
+            if key in ("sigma_p", "sigma_l", "q0", "lapse_rate"):  # without interval
                 text, *_ = text.split()
             row.append(without_zeros(text))
         row.append(f"{n_effective:.0f}")

@@ -53,8 +53,6 @@ from bayes_toe.data.study import Study
 from bayes_toe.groups.population import study_scales
 from bayes_toe.inference.diagnostics import worst
 
-#: What notes of reading a study say if something was done to the data.
-_CHANGE = re.compile("dropped|excluded|merged|swapped|only rows|only pairs")
 #: Letters that mean something in Markdown.
 _ESCAPED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~$"})
 #: Words of the screens in a paper. Sentences with names from outside are not changed by them.
@@ -127,7 +125,8 @@ def _escaped(text: str) -> str:
 def _methods(analysis: Analysis) -> Record:
     """What the template says of data, models and computation."""
     study, answers, group = analysis.study, analysis.answers, analysis.group
-    changes = [note for note in study.notes if _CHANGE.search(note)]
+    words_of_changes = "dropped|excluded|merged|swapped|only rows|only pairs"
+    changes = [note for note in study.notes if re.search(words_of_changes, note)]
     trials_by_subject: Counter[str] = Counter()
     for unit in study:
         trials_by_subject[unit.subject_name] += unit.total_trials

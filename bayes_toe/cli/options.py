@@ -105,13 +105,6 @@ def file_name(value: str | Path) -> Path:
 NO_FILE = "No file is named."
 #: The task of the bundled example that `--example` alone means.
 FIRST_EXAMPLE = "2afc"
-#: What `run` asks in a terminal.
-WHICH_FILE = (
-    "Which file? Type a name, or press Enter for the bundled example (12 synthetic\n"
-    "subjects, about a minute): "
-)
-
-
 #: The options for files in another layout, with the type, the sign and the help of their values.
 _LAYOUT_OPTIONS: Mapping[str, tuple[Any, str, str]] = {
     "intensity": (Number, "REF", "Intensities: s = ln(i / REF)."),
@@ -181,7 +174,13 @@ class StudyFile:
         """Ask in a terminal which file to read, if neither a file nor the example is named."""
         if self.files or self.example or not (sys.stdin.isatty() and sys.stdout.isatty()):
             return self
-        typed = typer.prompt(WHICH_FILE, default="", show_default=False, prompt_suffix="")
+        typed = typer.prompt(
+            "Which file? Type a name, or press Enter for the bundled example (12 synthetic\n"
+            "subjects, about a minute): ",
+            default="",
+            show_default=False,
+            prompt_suffix="",
+        )
         name = typed.strip().strip("'\"")  # terminals quote a file that is dragged into them
         if not name:
             return replace(self, example=FIRST_EXAMPLE)

@@ -112,8 +112,6 @@ _SAMPLER = {
     "max_quantile_error": "limit of the Monte Carlo error of the 5 and 95 % quantiles, as a "
     "share of the distance between them",
 }
-#: The minus of a number; not the hyphen of a word, a range or an exponent.
-_MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -424,5 +422,5 @@ def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = ""
 
 
 def _typeset(words: str) -> str:
-    """Words with minus signs before numbers."""
-    return _MINUS.sub("−", words)
+    """Words with minus signs before numbers; a word, range or exponent keeps its hyphen."""
+    return re.sub(r"(?<![\w.])-(?=\.?\d)", "−", words)

@@ -64,7 +64,6 @@ EFFECTS_TAB, PAPER_TAB = "effects", "paper's parameters"
 _MODELS_WITH = {CONSTANT_ERROR.name: HAS_ERROR, CONTRACTION.name: HAS_CONTRACTION}
 #: Of every curve; with straight lines between them a bell is a bell.
 POINTS = 21
-_BEYOND = 0.04  # of its length, by which a curve goes on after its last pair
 
 
 @dataclass(frozen=True, eq=False)
@@ -497,7 +496,8 @@ def _slice(counts: Subject, fixed: float) -> Slice:
         start = fixed
         position = position[is_member]
     end = float(position.max())
-    x = np.linspace(start, end + _BEYOND * max(end - start, 1e-9), POINTS)
+    # A curve goes on after its last pair.
+    x = np.linspace(start, end + 0.04 * max(end - start, 1e-9), POINTS)
     index = np.flatnonzero(is_member)
     return Slice(counts, fixed, index, x, tuple(orders))
 

@@ -23,8 +23,6 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.explorer.entry import (
-    EFFECTS_TAB,
-    PAPER_TAB,
     Entry,
     entries_of,
     island,
@@ -41,7 +39,6 @@ MOST_ENTRIES = 200
 EXAMPLE = "bundled example (synthetic)"
 _ROWS = 10_000  # draws of all entries
 _ISLANDS = "<!-- posteriors -->"
-_HIGH = 1150  # pixels in a notebook
 _Sources: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
 
 
@@ -74,7 +71,7 @@ class Explorer:
 
     def _repr_html_(self) -> str:
         """In a frame of its own, so that the notebook's styles and the page's do not meet."""
-        style = f"width:100%;height:{_HIGH}px;border:0"
+        style = "width:100%;height:1150px;border:0"
         page = html.escape(self.html)
         return f'<iframe srcdoc="{page}" style="{style}" title="bayes_toe explorer"></iframe>'
 
@@ -138,7 +135,7 @@ def entries(
     page_entries = list[Entry]()
     for label, part in by_label.items():
         true_values = truths or {}
-        if truths is None and part.study.source == EXAMPLE:
+        if not truths and part.study.source == EXAMPLE:
             true_values = example_truth(part.study.task)
         page_entries += entries_of(part, label, selected[label], true_values)
     _require_quantities(truths or {}, page_entries)
@@ -206,10 +203,9 @@ def page(
         if progress is not None:
             progress(name)
 
-    tabs = {entry.tab for entry in page_entries}
     index = {
         "entries": list_of_entries,
-        "tabs": [tab for tab in (EFFECTS_TAB, PAPER_TAB) if tab in tabs],
+        "tabs": sorted({entry.tab for entry in page_entries}),
         "quantities": _described_quantities(unit),
         "slots": SLOTS,
         "fixed": task.slice_stimulus,

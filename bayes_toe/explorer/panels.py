@@ -43,11 +43,8 @@ LETTERS = {
 }
 #: Orders under the names that sources have, with Bokeh's names of markers.
 KINDS = {-1: ("weaker", "circle"), 1: ("stronger", "square"), 0: ("equal", "diamond")}
-PRIOR = "#8A8A8A"
 #: Of letters and of edges; explorer.js changes them, and LETTERS, on a dark page.
 _INK, _PAGE = "#222222", "#FFFFFF"
-#: Pixels around panels; more where explorer.js puts numbers beside them.
-AROUND = 3
 _BAND = ("x", "all", "kept", "low", "high")
 
 
@@ -79,7 +76,7 @@ class _Sources(dict[str, ColumnDataSource]):
 
 
 def _plot(name: str, tools: list[Any], **options: Any) -> Any:
-    """A figure that fills its place."""
+    """A figure that fills its place; explorer.js widens borders that have numbers."""
     plot = figure(
         name=name,
         tools=tools,
@@ -88,7 +85,7 @@ def _plot(name: str, tools: list[Any], **options: Any) -> Any:
         background_fill_color=_PAGE,
         border_fill_color=_PAGE,
         sizing_mode="stretch_both",
-        min_border=AROUND,
+        min_border=3,
         min_width=20,
         min_height=20,
         width=120,
@@ -121,14 +118,17 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
     plot.js_on_event("selectiongeometry", CustomJS(code=brushed))
     for axis in plot.axis:
         axis.update(visible=False, ticker=FixedTicker(ticks=[]))
-    style = {
-        "fill_color": "#000000",
-        "fill_alpha": 0.08,
-        "line_color": "#000000",
-        "line_alpha": 0.9,
-        "line_width": 1.5,
-    }
-    plot.add_layout(BoxAnnotation(name=f"brush-{name}", visible=False, editable=False, **style))
+    brush = BoxAnnotation(
+        name=f"brush-{name}",
+        visible=False,
+        editable=False,
+        fill_color="#000000",
+        fill_alpha=0.08,
+        line_color="#000000",
+        line_alpha=0.9,
+        line_width=1.5,
+    )
+    plot.add_layout(brush)
     return plot
 
 
@@ -142,7 +142,7 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
     for letter, (colour, _, dash, _) in LETTERS.items():
         plot.add_glyph(
             sources.get_source(f"prior-{letter}", x, y),
-            Line(x=x, y=y, line_color=PRIOR, line_width=2, line_dash=dash),
+            Line(x=x, y=y, line_color="#8A8A8A", line_width=2, line_dash=dash),
         )
         bars = sources.get_source(f"bars-{letter}", x, f"all{i}", f"kept{i}")
         plot.add_glyph(bars, VArea(x=x, y1=0, y2=f"kept{i}", fill_color=colour, fill_alpha=0.35))

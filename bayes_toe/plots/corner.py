@@ -40,7 +40,7 @@ from bayes_toe.model.paper_model import PRIOR_DRAWS, PaperPosterior
 from bayes_toe.model.parameters import LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, QUANTITY_BY_NAME
 from bayes_toe.model.posterior import SubjectPosterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, Style, new_figure, plain, rounded
+from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, Style, plain, rounded
 
 Values = Mapping[str, float]
 Span = tuple[float, float]
@@ -481,7 +481,7 @@ def _new_figure(n_panels: int) -> Figure:
     """A figure for so many panels a side, with room above few panels for the key."""
     side = 3.7 if n_panels == 1 else 1.68 * n_panels + 1.1  # with the margins of corner
     high = side / _BELOW_KEY if n_panels <= _FEW_PANELS else side
-    return new_figure(side, high, layout=None)
+    return Figure(figsize=(side, high))
 
 
 def _arrange_ticks(figure: Figure, n_panels: int) -> None:

@@ -196,17 +196,23 @@ def _draw_sizes(
 ) -> None:
     """Markers are full for 'yes', half for 'probably', else empty."""
     marker_size = 4.5 if len(words) <= MAX_NAMES else 2.5
-    style: Style = {"marker": question.marker, "ms": marker_size, "markerfacecoloralt": "white"}
     for word, fill in _FILLS.items():
         rows = [row for row, other in enumerate(words) if other is word]
-        if rows:
-            style |= {"line": 0.3 * marker_size if word.is_positive else 0.15 * marker_size}
-            style |= {"colour": question.colour, "fillstyle": fill}
-            draw_intervals(ax, rows, sizes[rows].T, **style)
+        line = 0.3 if word.is_positive else 0.15
+        draw_intervals(
+            ax,
+            rows,
+            sizes[rows].T,
+            line=line * marker_size,
+            marker=question.marker,
+            ms=marker_size,
+            colour=question.colour,
+            fillstyle=fill,
+            markerfacecoloralt="white",
+        )
     if not np.isnan(sizes[-1]).any():
-        style = {"marker": "d", "ms": 8.0, "mec": "black", "mew": 0.6}
-        style |= {"line": 2.2, "colour": question.colour}
-        draw_intervals(ax, len(words) + 0.25, sizes[-1], **style)
+        style: Style = {"marker": "d", "ms": 8.0, "mec": "black", "mew": 0.6, "line": 2.2}
+        draw_intervals(ax, len(words) + 0.25, sizes[-1], colour=question.colour, **style)
 
 
 def _limits(sizes: FloatArray) -> tuple[float, float]:

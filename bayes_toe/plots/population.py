@@ -59,7 +59,6 @@ _EFFECT_LABELS = {
     NOISE.name: "JND, relative change ({unit})",
     PEAK.name: "logit of largest P('equal')",
 }
-_POINTS = 200  # along a density
 _BEYOND = {-1: "<", 0: "D", 1: ">"}  # markers of a group beyond the panel of the check
 
 
@@ -147,9 +146,9 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     if name in EFFECTS:
         low, high = min(low, 0.0), max(high, 0.0)
     pad = 0.1 * (high - low)
-    x = np.linspace(low - pad, high + pad, _POINTS)
+    x = np.linspace(low - pad, high + pad, 200)
 
-    means = np.zeros((_POINTS, len(result.numbers.mean)))
+    means = np.zeros((len(x), len(result.numbers.mean)))
     means[:, j] = x
     unit = result.shown_unit(name)
     values = result.in_units(name, x, unit)

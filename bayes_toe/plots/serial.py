@@ -29,7 +29,6 @@ from bayes_toe.plots.style import (
 
 #: Subjects that one figure shows.
 MOST_ROWS = 6
-_HIGH = 2.1  # inches of a row
 
 
 def serial(table: SerialDependence, *subjects: str) -> Figure:
@@ -56,7 +55,7 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
             :MOST_ROWS
         ]
 
-    figure = new_figure(PAGE, _HIGH * len(rows) + 0.5)
+    figure = new_figure(PAGE, 2.1 * len(rows) + 0.5)
     axes = figure.subplots(len(rows), 2, squeeze=False, sharey=True, width_ratios=(1.6, 1.0))
     for row, (left, right) in zip(rows, axes, strict=True):
         _draw_row(left, right, table, row)

@@ -98,11 +98,9 @@ def any_characters() -> Iterator[None]:
 # --- panels ---------------------------------------------------------------------------------------
 
 
-def new_figure(
-    wide: float, high: float, layout: Literal["constrained"] | None = "constrained"
-) -> Figure:
+def new_figure(wide: float, high: float) -> Figure:
     """A figure that no global state knows of: nothing to close, nothing pops up."""
-    return Figure(figsize=(wide, high), layout=layout)
+    return Figure(figsize=(wide, high), layout="constrained")
 
 
 def mark_synthetic(figure: Figure, is_synthetic: bool) -> None:
