@@ -107,10 +107,7 @@ def corner(
     """
     require_draws(draws)
     truths = truths or {}
-    if not all(isinstance(values, Mapping) for values in truths.values()):
-        raise InputError(
-            "truths: found numbers, allowed: a mapping of each subject's values by its name"
-        )
+    _require_by_subject(truths)
     subject_names = _subject_names(subject)
     is_single = len(subject_names) == 1
     targets = [draws.posterior(name) for name in subject_names]
@@ -159,6 +156,14 @@ def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
             f"allowed: 1 to {len(OVERLAID)}, each once"
         )
     return names
+
+
+def _require_by_subject(truths: Mapping[str, Values]) -> None:
+    """Refuse true values without their subject."""
+    if not all(isinstance(values, Mapping) for values in truths.values()):
+        raise InputError(
+            "truths: found numbers, allowed: a mapping of each subject's values by its name"
+        )
 
 
 # --- quantities -----------------------------------------------------------------------------------
