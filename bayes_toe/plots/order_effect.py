@@ -198,6 +198,8 @@ def _draw_sizes(
     marker_size = 4.5 if len(words) <= MAX_NAMES else 2.5
     for word, fill in _FILLS.items():
         rows = [row for row, other in enumerate(words) if other is word]
+        if not rows:
+            continue
         line = 0.3 if word.is_positive else 0.15
         draw_intervals(
             ax,
