@@ -486,7 +486,7 @@ def _slice(counts: Subject, fixed: float) -> Slice:
     is_member = _fixed(counts) == fixed
     if counts.task == WHICH_STRONGER:
         orders = [0]
-        start = float(position.min())
+        start = float(position.min() - 0.04 * np.ptp(position))
     else:
         is_equal = (order == 0) & (position >= fixed)
         is_member |= is_equal
@@ -496,7 +496,7 @@ def _slice(counts: Subject, fixed: float) -> Slice:
         start = fixed
         position = position[is_member]
     end = float(position.max())
-    # A curve goes on after its last pair.
+    # A curve goes on beyond its last pair.
     x = np.linspace(start, end + 0.04 * max(end - start, 1e-9), POINTS)
     index = np.flatnonzero(is_member)
     return Slice(counts, fixed, index, x, tuple(orders))
