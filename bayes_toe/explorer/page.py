@@ -37,7 +37,7 @@ from bayes_toe.plots.corner import axis_unit, in_unit, shown_unit
 MOST_ENTRIES = 200
 #: The source of the bundled studies.
 EXAMPLE = "bundled example (synthetic)"
-_ROWS = 10_000  # draws of all entries
+_ROWS = 16_000  # draws of all entries
 _ISLANDS = "<!-- posteriors -->"
 _Sources: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
 
