@@ -40,7 +40,6 @@ _HEADINGS = (
     "PSE shift, {unit}\n[95 % interval]",
     "contraction, %\n[95 % interval]",
 )
-_MOST_EXCLUDED = 5  # names of subjects that are not counted
 
 
 # --- What screens and report share ---------------------------------------------------------------
@@ -204,4 +203,4 @@ def not_counted(answers: Sequence[OrderEffect]) -> list[str]:
     names = [answer.subject for answer in answers if not answer.is_interpretable]
     if not names or len(answers) == 1:
         return []
-    return [f"The answer does not count {join_names(names, _MOST_EXCLUDED)}."]
+    return [f"The answer does not count {join_names(names, 5)}."]

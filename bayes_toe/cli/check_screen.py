@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import textwrap
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import bayes_toe as bt
@@ -24,8 +26,6 @@ from bayes_toe.data.study import common_scales
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
     from bayes_toe.model.prior import Prior
-
-_LONGEST_PROBLEM = 52  # characters of a problem in the table
 
 
 def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool = False) -> None:
@@ -65,7 +65,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: dict[str, list[Find
         if findings:
             sentence = findings[0].message.partition(". ")[0].rstrip(".")
             problem = f"{sentence[0].lower()}{sentence[1:]}"
-        short = textwrap.shorten(problem, _LONGEST_PROBLEM, placeholder="...")
+        short = textwrap.shorten(problem, 52, placeholder="...")
         full += findings if short != problem else findings[1:]
         share = f"{100.0 * subject.fraction_yes:.0f} %"
         rows.append([name, str(subject.total_trials), share, short])
@@ -117,19 +117,14 @@ def _obstacle(study: Study, findings: Sequence[Finding]) -> str:
     """Why nothing can be analysed yet; empty where something can."""
     codes = [finding.code for finding in findings]
     if "other_task" in codes:
-        return _question_of_task(study)
+        question = "All subjects need a decision: was the task 'same or different?'"
+        words = [f"--equal-code {cli_argument(code)}" for code in study.reading.codes]
+        if words:
+            question += f" If so, type {' or '.join(words)} in place of the present codes."
+        return question
     if codes.count("one_answer") == len(study):
         return "No subject gave both responses, so that nothing can be analysed."
     return ""
-
-
-def _question_of_task(study: Study) -> str:
-    """What to decide where responses look like those of 'same or different?'."""
-    question = "All subjects need a decision: was the task 'same or different?'"
-    codes = [f"--equal-code {cli_argument(code)}" for code in study.reading.codes]
-    if codes:
-        question += f" If so, type {' or '.join(codes)} in place of the present codes."
-    return question
 
 
 def _limits_of_design(study: Study, findings: Sequence[Finding]) -> list[str]:
@@ -160,13 +155,11 @@ def describe_pairs(study: Study) -> str:
     >>> describe_pairs(bt.Study([subject]))
     'Pairs: 1 equal one, and 1 different one, in both orders'
     """
-    pairs = set[tuple[float, float]]()
-    for subject in study:
-        pairs.update(subject.pairs)
-    different = {(first, second) for first, second in pairs if first != second}
-    n_equal = len(pairs) - len(different)
-    n_both = sum((second, first) in different for first, second in different) // 2
-    n_single = len(different) - 2 * n_both
+    pairs = set(chain.from_iterable(subject.pairs for subject in study))
+    orders = Counter(tuple(sorted(pair)) for pair in pairs)
+    n_equal = sum(low == high for low, high in orders)
+    n_both = sum(n_orders == 2 for n_orders in orders.values())
+    n_single = len(orders) - n_equal - n_both
     parts = []
     if n_equal:
         parts.append(plural(n_equal, "equal one"))

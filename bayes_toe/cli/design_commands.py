@@ -39,10 +39,8 @@ if TYPE_CHECKING:
 
 #: Trials of a design that is searched for, if nothing else is said.
 TRIALS = 480
-#: Natural logs between the weakest and the strongest stimulus beyond which they are intensities.
-_WIDEST = 10.0
-_POWER_FILES = ("power.csv", "power_data_sets.csv", "power.png", "power.pdf")
-_GROUP_FILE = "power_groups.csv"
+_POWER_FIGURES = ("power.png", "power.pdf")
+_POWER_FILES = ("power.csv", "power_data_sets.csv", "power_groups.csv", *_POWER_FIGURES)
 Observers = Annotated[Text, rare("--observers", "NAME", "Kind of observers, or a file.")]
 Simulated = Annotated[int, rare("--simulated", NUMBER, "Simulated observers of each kind.", min=1)]
 Unit = Annotated[Text, option("--unit", "UNIT", "Unit of the stimuli: um, dB, log10, ...")]
@@ -83,13 +81,11 @@ def power(
 
     numbers = _whole_numbers("--trials", trials)
     sizes = list[int]()
-    products: tuple[str, ...] = _POWER_FILES
     if subjects is not None:
         sizes = _whole_numbers("--subjects", subjects, 2)
-        products = (*_POWER_FILES, _GROUP_FILE)
         observers = observers or GROUPS
 
-    context.require_folder(output, products)
+    context.require_folder(output, _POWER_FILES)
     designs = _read_designs(design, question, unit)
     # A bad file is refused before any work.
     assumed = assume_observers(observers, simulated, 0, list(designs.values()))
@@ -105,12 +101,12 @@ def power(
     )
     groups = group_power(table, sizes, observer_prior(context.prior))
 
-    with whole_folder(output, products, overwrite=context.overwrite) as folder:
+    with whole_folder(output, _POWER_FILES, overwrite=context.overwrite) as folder:
         table.save(folder / "power.csv")
         write_table(table.data_sets_frame(), folder / "power_data_sets.csv", table.seed)
         if sizes:
-            groups.save(folder / _GROUP_FILE)
-        for name in ("power.png", "power.pdf"):
+            groups.save(folder / "power_groups.csv")
+        for name in _POWER_FIGURES:
             bt.plots.save_figure(bt.plots.power(table), folder / name)
 
     written = f"Tables and figure in {output}. Seed {table.seed}."
@@ -193,8 +189,6 @@ class GoalOptions:
 
     def log_levels(self) -> FloatArray:
         """Levels, natural-log intensity."""
-        import numpy as np
-
         from bayes_toe.design.optimal_pairs import levels_between, read_levels
 
         if self.levels is not None:
@@ -209,12 +203,11 @@ class GoalOptions:
                 "logs without it), or --levels levels.csv."
             )
         options = self.reading()
-        ends = np.array([self.lowest, self.highest])
         option = f"--lowest {self.lowest:g} --highest {self.highest:g}"
-        if options.has_intensities and not (ends > 0.0).all():
+        if options.has_intensities and not (self.lowest > 0.0 and self.highest > 0.0):
             raise bt.InputError(f"{option}: found with a unit, allowed: positive numbers")
         is_log = self.unit is None and not options.has_intensities
-        if is_log and max(ends[1] - ends[0], ends[0]) > _WIDEST:
+        if is_log and max(self.highest - self.lowest, self.lowest) > 10.0:
             raise bt.InputError(
                 f"{option}: no natural logs of intensities are so large or so far apart",
                 [Remedy("unit", ANY_UNIT, "if they are intensities, or the name of their unit")],
@@ -470,8 +463,7 @@ def simulate(
     )
     from bayes_toe.seeds import root_seed
 
-    files = [output] if truth_output is None else [output, truth_output]
-    context.require_files(*files)
+    context.require_files(*filter(None, (output, truth_output)))
     seed = root_seed(context.seed)
 
     design, question = pairs.read(), task_of(observers.question)
@@ -485,12 +477,11 @@ def simulate(
         differences=read_differences(observers.conditions, observers.differ),
     )
 
-    tables = (
-        trial_frame(answered, bt.ReadOptions(unit=pairs.unit).stimulus_unit),
-        truth_frame(answered),
-    )
-    frames = zip(files, tables, strict=False)
-    context.write({file: partial(write_table, frame) for file, frame in frames})
+    trials = trial_frame(answered, bt.ReadOptions(unit=pairs.unit).stimulus_unit)
+    writers = {output: partial(write_table, trials)}
+    if truth_output is not None:
+        writers[truth_output] = partial(write_table, truth_frame(answered))
+    context.write(writers)
 
     total = sum(len(of_subject.batch) for of_subject in answered)
     context.print_written(

@@ -15,7 +15,7 @@ from bayes_toe.answers.order_effect import QUESTIONS, SIZE_OF
 from bayes_toe.answers.words import Word
 from bayes_toe.cli.terminal import Terminal
 from bayes_toe.data.messages import capitalized
-from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.design.power import DETECTED
 from bayes_toe.model.parameters import CONSTANT_ERROR
 
@@ -55,7 +55,7 @@ def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
 
 
 def print_groups(
-    out: Terminal, table: PowerTable, groups: GroupPowerTable, unit: StimulusUnit = UNKNOWN_UNIT
+    out: Terminal, table: PowerTable, groups: GroupPowerTable, unit: StimulusUnit
 ) -> None:
     """Subjects and group means that studies detect, by the number of subjects."""
     for design, trials in table.designs:

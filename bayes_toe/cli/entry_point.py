@@ -26,7 +26,6 @@ from bayes_toe.libraries import ignore_settings_of_folder
 _SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
-_BAD_INPUT, _INCOMPLETE_OUTPUT = 2, 2
 
 
 class Stopped(BaseException):
@@ -62,7 +61,7 @@ def main() -> None:
     error = output.failed
     if error is not None and error.errno != errno.EPIPE:  # A reader may go away, as `head` does.
         sys.stderr.write(f"error: standard output: cannot be written ({error.strerror})\n")
-        code = code or _INCOMPLETE_OUTPUT
+        code = code or 2
     sys.exit(code)
 
 
@@ -77,7 +76,7 @@ def require_usable_process() -> None:
         problem = "PYTHONOPTIMIZE=2 removes docstrings that libraries need; unset the variable"
     if problem:
         print(f"error: {problem}", file=sys.stderr, flush=True)
-        raise SystemExit(_BAD_INPUT)
+        raise SystemExit(2)
 
 
 class Log(io.FileIO):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import bayes_toe as bt
-from bayes_toe.cli.options import ModelName, StudyFile, flag, rare, writes
+from bayes_toe.cli.options import StudyFile, flag, option, rare, writes
 from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.cli.terminal import (
     OUTPUT,
@@ -24,17 +24,12 @@ if TYPE_CHECKING:
     from bayes_toe.answers.evidence_table import EvidenceTable
     from bayes_toe.groups.predictive_check import PredictiveCheck
 
-#: Columns of the paper's model, and of the four models of the observer.
-_PAPER_COLUMNS = ("mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate")
-_ORDER_COLUMNS = ("constant_error", "contraction", "jnd")
 _HEADINGS = {
     "constant_error": "constant\nerror, ln",
     "contraction": "contraction, %",
     "jnd": "JND, ln",
     "lapse_rate": "lapse\nrate",
 }
-#: Quantities with their interval beside the median.
-_WITH_RANGE = ("mu1", "gain", *_ORDER_COLUMNS)
 
 
 def run(
@@ -51,7 +46,7 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.cli.results_folder import PRODUCTS, require_figures, write_results
+    from bayes_toe.cli.results_folder import PRODUCTS, write_results
     from bayes_toe.explorer.page import require_bokeh, require_few
     from bayes_toe.groups.predictive_check import predictive_check
 
@@ -59,7 +54,8 @@ def run(
         require_bokeh()
     study, context = context.ask(study)
 
-    require_figures(figures)
+    if figures not in ("all", "flagged", "none"):
+        raise bt.InputError(f"--figures is {figures!r}. It must be one of all, flagged, none.")
     context.require_folder(output, PRODUCTS)
     keep = context.partial_folder(output)
     read, prior = context.read_and_describe(study)
@@ -79,7 +75,6 @@ def run(
             output,
             check=check,
             figures=figures,
-            truths=study.truth() or None,
             has_explorer=explore,
             workers=context.workers,
             progress=tick,
@@ -145,7 +140,9 @@ def sample(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("FILE.nc", "Output draws.")] = Path("posterior.nc"),
-    model: ModelName = "paper",
+    model: Annotated[
+        str, option("--model", "MODEL", "Model: none, constant-error, contraction, both or paper.")
+    ] = "paper",
     context: Annotated[RunContext, *MODEL, "draws", "resume"],
 ) -> None:
     """Sample the posterior of one model for every subject.
@@ -155,9 +152,8 @@ def sample(
     from bayes_toe.checks.design_checks import identification_findings
 
     keep = context.prepare(output)
-    read, prior = context.read(study)
+    read, prior = context.read_and_describe(study)
     _require_fitting(context, read, prior, model)
-    context.introduce(read, prior)
     context.out.findings(identification_findings(read), "-")
 
     draws = context.work(
@@ -217,14 +213,16 @@ def evidence(
     context.end(table.failed)
 
 
-def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
+def print_draws(out: Terminal, draws: bt.Draws) -> None:
     """Medians, intervals and convergence of every subject."""
     from bayes_toe.answers.order_effect import format_draws
     from bayes_toe.model.models import model_title
     from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
     stats, missed = draws.group("sample_stats"), {**draws.not_converged, **draws.imprecise}
-    columns = _PAPER_COLUMNS if "mu1" in draws.parameters else _ORDER_COLUMNS
+    columns = ["constant_error", "contraction", "jnd"]
+    if "mu1" in draws.parameters:
+        columns = ["mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate"]
     keys = [key for key in columns if key in draws.parameters]
 
     rows, index = [], {name: i for i, name in enumerate(draws.names)}
@@ -237,7 +235,7 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
             decimals = 2 if scale == 1.0 else 0
             values = scale * draws.values(name, key)
             text = format_draws(values, n_effective, decimals)
-            if key not in _WITH_RANGE:
+            if key in ("sigma_p", "sigma_l", "q0", "lapse_rate"):  # without interval
                 text, *_ = text.split()
             row.append(without_zeros(text))
         row.append(f"{n_effective:.0f}")
@@ -250,14 +248,14 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
         out.table(headings, rows, (len(keys) + 1, len(keys) + 2), title=title)
     n_others = len(index) - len(rows)
     if n_others:
-        out.line(f"The draws of {n_others:,} other subjects converged. Table: {file}")
-    print_failed(out, draws, file)
+        out.line(f"The draws of {n_others:,} other subjects converged.")
+    print_failed(out, draws)
 
 
-def print_failed(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
+def print_failed(out: Terminal, draws: bt.Draws) -> None:
     """Subjects whose draws did not converge, or are too few."""
-    out.reasons("The draws did not converge", draws.not_converged, file=file)
-    out.reasons("The draws are not precise enough", draws.imprecise, file=file)
+    out.reasons("The draws did not converge", draws.not_converged)
+    out.reasons("The draws are not precise enough", draws.imprecise)
 
 
 def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT) -> None:

@@ -53,9 +53,6 @@ from bayes_toe.data.study import Study
 from bayes_toe.groups.population import study_scales
 from bayes_toe.inference.diagnostics import worst
 
-_WIDTH = 88
-#: What notes of reading a study say if something was done to the data.
-_CHANGE = re.compile("dropped|excluded|merged|swapped|only rows|only pairs")
 #: Letters that mean something in Markdown.
 _ESCAPED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~$"})
 #: Words of the screens in a paper. Sentences with names from outside are not changed by them.
@@ -83,7 +80,6 @@ _CLAIMS: Mapping[str, str] = {
     words.Word.NO: "absent",
     words.Word.CANNOT_BE_TOLD: "not identifiable",
 }
-_MOST_PAIRS = 30
 
 
 def write_methods(analysis: Analysis, path: Path) -> None:
@@ -115,7 +111,7 @@ def _wrap(paragraph: str) -> str:
     if paragraph.startswith("|"):
         return paragraph
     one_line = " ".join(paragraph.split())
-    return fill(one_line, _WIDTH, break_long_words=False, break_on_hyphens=False)
+    return fill(one_line, 88, break_long_words=False, break_on_hyphens=False)
 
 
 def _escaped(text: str) -> str:
@@ -129,7 +125,8 @@ def _escaped(text: str) -> str:
 def _methods(analysis: Analysis) -> Record:
     """What the template says of data, models and computation."""
     study, answers, group = analysis.study, analysis.answers, analysis.group
-    changes = [note for note in study.notes if _CHANGE.search(note)]
+    words_of_changes = "dropped|excluded|merged|swapped|only rows|only pairs"
+    changes = [note for note in study.notes if re.search(words_of_changes, note)]
     trials_by_subject: Counter[str] = Counter()
     for unit in study:
         trials_by_subject[unit.subject_name] += unit.total_trials
@@ -185,7 +182,7 @@ def _list_pairs(study: Study) -> str:
     """The pairs of stimuli, if they are few and the same for everybody."""
     first_subject = study.subjects[0]
     n_pairs = first_subject.n_pairs
-    if n_pairs > _MOST_PAIRS or any(subject.pairs != first_subject.pairs for subject in study):
+    if n_pairs > 30 or any(subject.pairs != first_subject.pairs for subject in study):
         return ""
     texts, unit = _numbers(study, first_subject.stimuli)
     pairs = [f"({s1}, {s2})" for s1, s2 in zip(texts, texts[n_pairs:], strict=False)]

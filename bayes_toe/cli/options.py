@@ -11,7 +11,6 @@ import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from glob import glob
 from inspect import Parameter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -22,7 +21,6 @@ from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
     from bayes_toe.data.options import ReadOptions
-    from bayes_toe.data.read_study import Truth
     from bayes_toe.data.study import Study
 
 
@@ -50,20 +48,7 @@ def flag(name: str, help_text: str) -> Any:
 #: An option that few need.
 rare = partial(option, panel="Advanced")
 
-Seed = Annotated[int | None, option("--seed", NUMBER, "Random seed, printed and stored.", min=0)]
 DrawCount = Annotated[int, rare("--draws", NUMBER, "Number of effective draws.", min=1, max=10**6)]
-Processes = Annotated[
-    int | None, rare("--workers", NUMBER, "Processes (default: all cores).", min=1)
-]
-DaskAddress = Annotated[Text, rare("--dask", "tcp://HOST:PORT", "Use a Dask cluster.")]
-PriorFile = Annotated[Text, option("--prior", "PRIOR", "Prior: default, paper, or a TOML file.")]
-Resume = Annotated[bool, flag("--resume", "Continue a stopped command.")]
-Overwrite = Annotated[bool, flag("--overwrite", "Replace existing output.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print errors only.")]
-
-SavedDraws = Annotated[
-    Path, typer.Argument(metavar="posterior.nc", help="Draws saved by run or sample.")
-]
 TrueValues = Annotated[
     File, rare("--truth", "truth.csv", "True values to mark, as simulate writes them.")
 ]
@@ -75,9 +60,6 @@ Question = Annotated[
         "2afc (default), same/different, ternary",
         show_default=False,
     ),
-]
-ModelName = Annotated[
-    str, option("--model", "MODEL", "Model: none, constant-error, contraction, both or paper.")
 ]
 
 
@@ -123,13 +105,6 @@ def file_name(value: str | Path) -> Path:
 NO_FILE = "No file is named."
 #: The task of the bundled example that `--example` alone means.
 FIRST_EXAMPLE = "2afc"
-#: What `run` asks in a terminal.
-WHICH_FILE = (
-    "Which file? Type a name, or press Enter for the bundled example (12 synthetic\n"
-    "subjects, about a minute): "
-)
-
-
 #: The options for files in another layout, with the type, the sign and the help of their values.
 _LAYOUT_OPTIONS: Mapping[str, tuple[Any, str, str]] = {
     "intensity": (Number, "REF", "Intensities: s = ln(i / REF)."),
@@ -195,20 +170,17 @@ class StudyFile:
     ] = None
     reading: Mapping[str, Any] = field(default_factory=dict)
 
-    def truth(self) -> Truth:
-        """True parameters of the paper's model, by subject; only one of the examples has them."""
-        from bayes_toe.data.read_study import example_truth
-        from bayes_toe.data.tasks import SAME_DIFFERENT, task_of
-
-        if self.example is None or task_of(self.example) != SAME_DIFFERENT:
-            return {}
-        return example_truth(SAME_DIFFERENT)
-
     def ask(self) -> StudyFile:
         """Ask in a terminal which file to read, if neither a file nor the example is named."""
         if self.files or self.example or not (sys.stdin.isatty() and sys.stdout.isatty()):
             return self
-        typed = typer.prompt(WHICH_FILE, default="", show_default=False, prompt_suffix="")
+        typed = typer.prompt(
+            "Which file? Type a name, or press Enter for the bundled example (12 synthetic\n"
+            "subjects, about a minute): ",
+            default="",
+            show_default=False,
+            prompt_suffix="",
+        )
         name = typed.strip().strip("'\"")  # terminals quote a file that is dragged into them
         if not name:
             return replace(self, example=FIRST_EXAMPLE)
@@ -231,7 +203,7 @@ class StudyFile:
         if self.example:
             study = example_study(task_of(self.example, "--example"))
         elif self.files:
-            study = read_study(self._paths(), self._read_options())
+            study = read_study(self.files, self._read_options())
         else:
             raise InputError(NO_FILE)
 
@@ -248,24 +220,14 @@ class StudyFile:
 
         return tuple(table_files(self.files or ())[0])
 
-    def _paths(self) -> list[Path]:
-        """The files; some shells leave a name with * to the program."""
-        paths = []
-        for file in self.files or ():
-            matches = [] if os.path.exists(file) else sorted(map(Path, glob(str(file))))
-            paths += matches or [file]
-        return paths
-
     def _read_options(self) -> ReadOptions:
         """The options of reading."""
         from bayes_toe.data.options import ReadOptions, parse_pairs
 
-        options = dict(self.reading)
+        options = {name: value for name, value in self.reading.items() if value is not None}
         options.pop("task", None)
-        columns = ",".join(options.get("columns") or ())
+        columns = ",".join(options.get("columns", ()))
         options["columns"] = parse_pairs("--columns", filter(None, columns.split(",")), "OURS=NAME")
-        options["where"] = parse_pairs("--where", options.get("where") or (), "COLUMN=TEXT")
-        options["ignore"] = options.get("ignore") or ()
-        options["missed"] = options.get("missed") or ()
+        options["where"] = parse_pairs("--where", options.get("where", ()), "COLUMN=TEXT")
         categorical = options.pop("categorical_condition", False)
         return ReadOptions(**options, categorical=categorical)

@@ -73,7 +73,6 @@ from bayes_toe.model.posterior import DOMINATED
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.predictive import posterior_predictive
 from bayes_toe.plots.report_figure import (
-    has_curves,
     inline_svg,
     report_height,
     responses_figure,
@@ -86,10 +85,6 @@ Figure = Any  # of matplotlib, which only plots imports
 
 #: Subjects up to which the report is one file.
 MAX_SUBJECTS = 200
-#: Differences that are shown in the unit of differences, too.
-_SHOWN_IN_UNITS = ("pse_shift", "jnd")
-_MOST_LISTED = 10  # names or findings that a list of an index shows
-_MOST_MISFITS = 2  # subjects with a figure of the poor fit
 #: The words, and the probabilities that they need.
 LIMITS = {
     Word.YES: f"at least {format_decimals(YES_FROM)}",
@@ -118,8 +113,6 @@ _SAMPLER = {
     "max_quantile_error": "limit of the Monte Carlo error of the 5 and 95 % quantiles, as a "
     "share of the distance between them",
 }
-#: The minus of a number; not the hyphen of a word, a range or an exponent.
-_MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +150,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "there": {path.name for path in folder.iterdir()},
         "links": links,
         "paged": is_paged,
-        "most": _MOST_LISTED if is_paged else None,
+        "most": 10 if is_paged else None,  # names that a list shows
         "answers": answers,
         "beside": "../" if is_paged else "",
     }
@@ -191,7 +184,7 @@ def _environment() -> Environment:
     )
     environment.filters.update(
         capitalized=capitalized,
-        data_uri=_data_uri,
+        png_uri=_png_uri,
         describe_fit=describe_fit,
         describe_p=describe_p_value,
         describe_pair=describe_pair,
@@ -209,10 +202,6 @@ def _environment() -> Environment:
 def _finalize(value: object) -> object:
     """Texts from outside without control characters; markup is the template's own."""
     return visible(value) if type(value) is str else value
-
-
-def _data_uri(picture: Path) -> str:
-    return _png_uri(picture.read_bytes())
 
 
 def _png_uri(content: bytes) -> str:
@@ -286,7 +275,7 @@ def _figure(analysis: Analysis) -> list[tuple[str, str]]:
     height = report_height(analysis)
     label = "PSE shift and contraction of every subject"
     parts = []
-    if has_curves(analysis):
+    if shown_subjects(analysis.answers):
         responses = responses_figure(analysis, height)
         parts.append(
             ("responses", _embed(analysis, responses, "Responses and curves of some subjects"))
@@ -305,10 +294,10 @@ def _embed(analysis: Analysis, figure: Figure, label: str) -> str:
 
 
 def _misfit_figures(analysis: Analysis) -> list[str]:
-    """Observed and expected proportions of the first subjects whom the model does not fit."""
+    """Observed and expected proportions of the first two subjects whom the model does not fit."""
     names = [answer.subject for answer in analysis.answers if answer.fits is False]
     figures = []
-    for name in names[:_MOST_MISFITS]:
+    for name in names[:2]:
         figure = posterior_predictive(analysis, [name])
         figures.append(inline_svg(figure, "Observed proportions, predictive intervals"))
     return figures
@@ -412,9 +401,8 @@ def _parameter(analysis: Analysis, row: Any) -> list[str]:
     draws = analysis.draws.values(row.subject, row.parameter)
     n_effective = min(row.ess_bulk, row.ess_tail)
     cells = [row.parameter, _interval(draws, n_effective, 3)]
-    is_published = row.parameter in _SHOWN_IN_UNITS
     difference = ""
-    if is_published:
+    if row.parameter in ("pse_shift", "jnd"):
         difference = _interval_in_unit(draws, n_effective, analysis.study.unit)
     cells.append(difference)
     cells.append(_number(row.posterior_contraction))
@@ -435,5 +423,5 @@ def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = ""
 
 
 def _typeset(words: str) -> str:
-    """Words with minus signs before numbers."""
-    return _MINUS.sub("−", words)
+    """Words with minus signs before numbers; a word, range or exponent keeps its hyphen."""
+    return re.sub(r"(?<![\w.])-(?=\.?\d)", "−", words)

@@ -11,11 +11,11 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.cli.answer_screen import flagged
 from bayes_toe.cli.methods import write_methods
 from bayes_toe.cli.report import Facts, write_report
-from bayes_toe.data.read_study import Truth
+from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.tables import file_stems, write_table
+from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_folder
-from bayes_toe.errors import InputError
-from bayes_toe.explorer.page import explore
+from bayes_toe.explorer.page import EXAMPLE, explore
 from bayes_toe.groups.predictive_check import PredictiveCheck, predictive_check
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
@@ -44,14 +44,6 @@ PRODUCTS = (
     "explorer.html",
     "subjects",
 )
-#: What `--figures` can be.
-_FIGURES = ("all", "flagged", "none")
-
-
-def require_figures(subjects: str) -> None:
-    """Refuse an unknown choice of subjects that get figures."""
-    if subjects not in _FIGURES:
-        raise InputError(f"--figures is {subjects!r}. It must be one of {', '.join(_FIGURES)}.")
 
 
 def write_results(
@@ -60,7 +52,6 @@ def write_results(
     *,
     overwrite: bool = False,
     figures: str = "all",
-    truths: Truth | None = None,
     has_explorer: bool = False,
     workers: Workers = None,
     progress: Progress | None = None,
@@ -71,18 +62,20 @@ def write_results(
     All are complete before the first one replaces a file. With `overwrite`, what an earlier
     analysis of these subjects has left and this one does not write is removed; other files of the
     folder stay. Corner plots and curves are those of all subjects, "flagged" ones, who need action,
-    or "none"; `truths` has known values that corner plots mark. `progress` is called with each
-    subject whose figures are drawn, and `check` is the one of the group, if it was made before.
+    or "none". `progress` is called with each subject whose figures are drawn, and `check` is the
+    one of the group, if it was made before.
     """
-    require_figures(figures)
-    draws = analysis.draws
+    draws, study = analysis.draws, analysis.study
     if analysis.group is not None and check is None:
         check = predictive_check(analysis.group)
+    truths: Truth = {}
+    if study.source == EXAMPLE and study.task == SAME_DIFFERENT:
+        truths = example_truth(SAME_DIFFERENT)
     marked = flagged(analysis.answers, draws.not_converged)
     names = {"all": draws.names, "flagged": tuple(marked), "none": ()}[figures]
     stems = file_stems(draws.names)
     products = [*PRODUCTS]
-    for stem in file_stems(analysis.study.names).values():
+    for stem in file_stems(study.names).values():
         products += [f"corner/{stem}.png", f"subjects/{stem}.html"]
     with (
         whole_folder(folder, products, overwrite=overwrite) as new,
@@ -95,7 +88,7 @@ def write_results(
         _write_group(analysis, check, target)
         write_methods(analysis, target / "methods.md")
         if has_explorer:
-            explore(draws, truths=truths).save(target / "explorer.html")
+            explore(draws).save(target / "explorer.html")
         if names:
             (target / "corner").mkdir()
         corners, curves, jobs = dict[str, Path](), dict[str, Path](), []
@@ -134,7 +127,7 @@ def _write_group(analysis: Analysis, check: PredictiveCheck | None, folder: Path
 def _draw_subject(
     draws: Draws,
     prior: Prior,
-    truths: Truth | None,
+    truths: Truth,
     fitted: Predictor,
     corner_file: Path,
     curve_file: Path,

@@ -16,22 +16,20 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, wraps
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_type_hints
 
 import typer
 
 from bayes_toe.cli.options import (
     NO_FILE,
-    DaskAddress,
+    NUMBER,
     DrawCount,
-    Overwrite,
-    PriorFile,
-    Processes,
-    Quiet,
-    Resume,
-    Seed,
     StudyFile,
+    Text,
+    flag,
     layout_options,
+    option,
+    rare,
 )
 from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal, describe_study
 from bayes_toe.data.messages import plural, visible
@@ -44,9 +42,6 @@ if TYPE_CHECKING:
     from bayes_toe.workers import Workers
 
 Result = TypeVar("Result")
-BAD_INPUT, INCOMPLETE = 2, 3
-#: Letters up to which what is typed is filled up with spaces, before its meaning.
-_WIDEST_TYPED = 40
 #: The fields of :class:`RunContext` that are options of commands with several processes, and of
 #: those that use a model too. The annotation of a command names the fields that the command has;
 #: all have `quiet`.
@@ -58,34 +53,37 @@ MODEL = ("seed", "prior", *WORKERS)
 class RunContext:
     """The shared options, in the order in which help lists them, and the files that are read."""
 
-    seed: Seed = None
+    seed: Annotated[
+        int | None, option("--seed", NUMBER, "Random seed, printed and stored.", min=0)
+    ] = None
     draws: DrawCount = 4000
-    processes: Processes = None
-    dask: DaskAddress = None
-    prior: PriorFile = None
-    resume: Resume = False
-    overwrite: Overwrite = False
-    quiet: Quiet = False
+    processes: Annotated[
+        int | None, rare("--workers", NUMBER, "Processes (default: all cores).", min=1)
+    ] = None
+    dask: Annotated[Text, rare("--dask", "tcp://HOST:PORT", "Use a Dask cluster.")] = None
+    prior: Annotated[Text, option("--prior", "PRIOR", "Prior: default, paper, or a TOML file.")] = (
+        None
+    )
+    resume: Annotated[bool, flag("--resume", "Continue a stopped command.")] = False
+    overwrite: Annotated[bool, flag("--overwrite", "Replace existing output.")] = False
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print errors only.")] = (
+        False
+    )
     inputs: tuple[Path, ...] = ()
 
     # --- what is read -----------------------------------------------------------------------------
 
-    def read(self, study: StudyFile) -> tuple[Study, Prior]:
-        """The study and the prior; the prior is read first, because it is the shorter file."""
+    def read_and_describe(self, file: StudyFile) -> tuple[Study, Prior]:
+        """The study and the prior, which are described on the screen with probable mistakes.
+
+        The prior is read first, because it is the shorter file.
+        """
+        from bayes_toe.checks.design_checks import urgent_findings
         from bayes_toe.model.prior_file import preset_or_file, prior_for
 
-        prior, read = preset_or_file(self.prior), study.read()
-        return read, prior_for(read, prior)
-
-    def read_and_describe(self, study: StudyFile) -> tuple[Study, Prior]:
-        """The study, which is described on the screen, and the prior."""
-        read, prior = self.read(study)
-        self.introduce(read, prior)
-        return read, prior
-
-    def introduce(self, study: Study, prior: Prior) -> None:
-        """Describe a study on the screen, with a prior that is named and probable mistakes."""
-        from bayes_toe.checks.design_checks import urgent_findings
+        preset = preset_or_file(self.prior)
+        study = file.read()
+        prior = prior_for(study, preset)
 
         self.out.line(describe_study(study))
         if study.changes:
@@ -94,6 +92,7 @@ class RunContext:
             self.out.line(f"Prior: {self.prior}")
         for part in study.by_task:
             self.out.findings(urgent_findings(part, prior))
+        return study, prior
 
     def print_uninterpretable(self, study: Study) -> None:
         """Subjects that this command uses although their responses cannot be interpreted."""
@@ -225,7 +224,7 @@ class RunContext:
     def end(self, *incomplete: Mapping[str, str]) -> None:
         """End with exit code 3 if subjects failed or draws did not converge."""
         if any(incomplete):
-            raise typer.Exit(INCOMPLETE)
+            raise typer.Exit(3)
 
 
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
@@ -244,11 +243,11 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         kind, *names = get_args(parameter.annotation) or [parameter.annotation]
         if is_dataclass(kind):
             options = _options(kind, names)
-            records[name] = kind, [option.name for option in options]
+            records[name] = kind, [parameter.name for parameter in options]
             parameters += options
             if kind is StudyFile:
                 parameters += layout_options()
-                layout = [option.name for option in layout_options()]
+                layout = [parameter.name for parameter in layout_options()]
         else:
             parameters.append(parameter)
 
@@ -258,11 +257,11 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         under_way.clear()  # An earlier call in this process may have stored results.
         try:
             for name, (kind, options) in records.items():
-                of_record = {option: values.pop(option) for option in options}
+                of_record = {key: values.pop(key) for key in options}
                 if kind is RunContext:
                     of_record["inputs"] = inputs
                 if kind is StudyFile:
-                    of_record["reading"] = {option: values.pop(option) for option in layout}
+                    of_record["reading"] = {key: values.pop(key) for key in layout}
                 values[name] = kind(**of_record)
                 if kind is StudyFile:
                     inputs += values[name].data_files()
@@ -272,7 +271,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
                 function(**values)
         except BayesToeError as error:
             print_error(error, function.__name__)
-            raise typer.Exit(BAD_INPUT) from error
+            raise typer.Exit(2) from error
 
     command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
@@ -322,7 +321,7 @@ def print_error(error: BayesToeError, command: str) -> None:
 
     for problem in problems.split("\n"):
         print_labelled("error:", visible(problem))
-    width = min(max((len(typed) for typed, _ in choices), default=0), _WIDEST_TYPED)
+    width = min(max((len(typed) for typed, _ in choices), default=0), 40)
     label = "type:"
     for typed, meaning in choices:
         print_labelled(label, visible(f"{typed:<{width}}  {meaning}".rstrip()))

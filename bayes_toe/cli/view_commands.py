@@ -19,7 +19,6 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import (
     NUMBER,
-    SavedDraws,
     Texts,
     TrueValues,
     flag,
@@ -58,7 +57,7 @@ def explore(
     context.require_files(output)
     loaded = [*map(load_draws, posteriors)]
     names = subject or list(chain.from_iterable(draws.names for draws in loaded))
-    truths = None if truth is None else read_truth(truth, loaded, names)
+    truths = read_truth(truth, loaded, names)
     page_entries = entries(loaded, subject, truths)
     with context.out.progress("packing", len(page_entries)) as tick:
         explorer = page(page_entries, tick)
@@ -67,14 +66,16 @@ def explore(
     context.print_written(f"Explorer in {output}: {size:.1f} MB, open it in a browser")
 
 
-def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
-    """Read the true values of each subject, which figures mark.
+def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
+    """Read the true values of each subject, which figures mark; none without a file.
 
     The file has a column subject and one for each quantity that is known. Unknown values are empty.
     An InputError is raised if no subject has a true value of a quantity of the draws.
     """
     from bayes_toe.data.validation import read_numbers
 
+    if path is None:
+        return {}
     quantities = dict[str, None]()
     for loaded in draws:
         quantities |= dict.fromkeys(loaded.posterior(loaded.names[0]).names.all)
@@ -94,7 +95,9 @@ def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -
 
 def corner(
     *,
-    posterior: SavedDraws,
+    posterior: Annotated[
+        Path, typer.Argument(metavar="posterior.nc", help="Draws saved by run or sample.")
+    ],
     output: Annotated[Path, writes("DIR", "Output folder.")] = Path("corner"),
     subject: Annotated[
         Texts,
@@ -125,7 +128,7 @@ def corner(
     names = tuple(subject or draws.names)
     for name in subject or ():
         draws.subject(name)  # raises for an unknown subject
-    truths = {} if truth is None else read_truth(truth, [draws], names)
+    truths = read_truth(truth, [draws], names)
 
     coordinates: str | list[str] = parameters
     if parameters not in COORDINATES:

@@ -52,30 +52,18 @@ from bayes_toe.plots.corner import (
     all_true_values,
     axis_limits,
     axis_values,
-    in_unit,
     prior_values,
+    quantity_names,
 )
 from bayes_toe.plots.style import MARKED, Scale, difference_scale, stimulus_scale
 from bayes_toe.seeds import generator
 
-#: What the two tabs are called, and which quantities the first one opens with.
+#: What the two tabs are called.
 EFFECTS_TAB, PAPER_TAB = "effects", "paper's parameters"
-EFFECTS = ("constant_error", "contraction", "jnd")
-#: The label of draws that are averaged over the four models, and how many of them there are.
-AVERAGED, _N_AVERAGED = "four models averaged", 4000
-_PRECISION = Precision(effective_draws=3000.0)
-#: Draws with an effect below which the effect is not shown.
-_FEWEST_WITH = 100
 #: The models that have an effect, by its quantity.
 _MODELS_WITH = {CONSTANT_ERROR.name: HAS_ERROR, CONTRACTION.name: HAS_CONTRACTION}
 #: Of every curve; with straight lines between them a bell is a bell.
 POINTS = 21
-#: A probability of 1 on a curve, as an integer of 16 bits.
-TOP = 65535
-#: Slices of a subject, at most.
-MOST_SLICES = 6
-_BEYOND = 0.04  # of its length, by which a curve goes on after its last pair
-_QUANTILES = np.linspace(0.0, 1.0, 201)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +119,6 @@ class Entry:
         """All quantities of the draws, (draws,) each."""
         return self.target.quantities(self.x.reshape(-1, self.x.shape[-1]))
 
-    def in_unit(self, unit: StimulusUnit) -> Entry:
-        """The entry whose quantities are shown in a unit."""
-        return replace(self, target=in_unit(self.target, unit))
-
     @property
     def names(self) -> tuple[str, ...]:
         """All quantities, those that are shown first at the front."""
@@ -143,15 +127,7 @@ class Entry:
     @property
     def main(self) -> tuple[str, ...]:
         """The quantities that are shown first."""
-        if isinstance(self.target, PaperPosterior):
-            return self.target.names.natural
-        return tuple(name for name in EFFECTS if name in self.target.names.all)
-
-    @property
-    def bytes_a_draw(self) -> int:
-        """Bytes that :meth:`packed` keeps of every draw."""
-        n_curves = sum(len(part.orders) for part in slices(self.target.subject))
-        return 4 * (len(self.names) + 2) + 2 * POINTS * n_curves
+        return quantity_names(self.target, "natural")
 
     def columns(self, quantities: NamedArrays) -> dict[str, FloatArray]:
         """The draws as axes show them, (draws,) each; NaN where a draw lacks the effect."""
@@ -212,7 +188,7 @@ class Entry:
         prior = prior_values(self.target)
         quantiles = []
         for name in names:
-            values = np.quantile(prior[name], _QUANTILES)
+            values = np.quantile(prior[name], np.linspace(0.0, 1.0, 201))
             quantiles.append(axis_values(name, values, self.unit))
         return quantiles
 
@@ -228,10 +204,9 @@ class Entry:
 
     def _true_values(self) -> dict[str, float]:
         """True values of the quantities of the model."""
-        truth = {}
-        for name, value in (self.truth or {}).items():
-            if name in self.target.names.all:
-                truth[name] = value
+        truth = dict(self.truth or {})
+        for name in set(truth).difference(self.target.names.all):
+            del truth[name]
         return all_true_values(truth, self.target)
 
     def _dominated(self) -> list[tuple[str, str]]:
@@ -249,9 +224,7 @@ class Entry:
         """Counts, and curves over them at the draws x with this index."""
         counts, target = self.target.subject, self.target
         low, high = float(counts.stimuli.min()), float(counts.stimuli.max())
-        pad = 0.5
-        if high > low:
-            pad = 0.08 * (high - low)
+        pad = 0.08 * (high - low) or 0.5
         ends = [low - pad, high + pad]
 
         pairs = {
@@ -265,9 +238,7 @@ class Entry:
             "along": along(counts),
         }
 
-        described = []
-        for s1, s2 in counts.pairs:
-            described.append(f"{counts.unit.describe(s1)}, {counts.unit.describe(s2)}")
+        stimuli = [", ".join(map(counts.unit.describe, pair)) for pair in counts.pairs]
         plane = None
         if counts.unit.of_stimuli:
             plane = _packed_scale(stimulus_scale("first stimulus", counts.unit, 0.0, ends), ends)
@@ -277,7 +248,7 @@ class Entry:
         return {
             "pairs": {
                 **{key: values.tolist() for key, values in pairs.items()},
-                "stimuli": [text.replace("-", "−") for text in described],
+                "stimuli": [text.replace("-", "−") for text in stimuli],
             },
             "plane": plane,
             "slices": [panel.packed(fitted, has_title=has_titles) for panel in panels],
@@ -289,7 +260,7 @@ class Entry:
 
 def _is_plottable(is_present: BoolArray) -> bool:
     """Whether enough draws have an effect to show it."""
-    return bool(is_present.sum() >= min(_FEWEST_WITH, len(is_present)))
+    return bool(is_present.sum() >= min(100, len(is_present)))
 
 
 def outlined(columns: NamedArrays, spans: Sequence[Span]) -> list[list[str]]:
@@ -328,7 +299,7 @@ def entries_of(
     """
     refused = draws.not_interpreted
     source = f"{draws.study.source}, seed {draws.seed}"
-    average_label = label.replace(model_title(draws.model), AVERAGED)
+    average_label = label.replace(model_title(draws.model), "four models averaged")
     prior = draws.prior.observer
     entries = []
     for name in subjects:
@@ -354,9 +325,11 @@ def entries_of(
         if entry.tab == EFFECTS_TAB:
             continue
 
-        (evidence,) = order_evidence([subject], draws.seed, prior, _PRECISION)
+        (evidence,) = order_evidence(
+            [subject], draws.seed, prior, Precision(effective_draws=3000.0)
+        )
         average = evidence.averaged()
-        points = average.resampled(generator(draws.seed, name, "explorer"), _N_AVERAGED)
+        points = average.resampled(generator(draws.seed, name, "explorer"), 4000)
         averaged = replace(
             entry,
             label=average_label,
@@ -442,24 +415,18 @@ class Slice:
 
     def packed(self, fitted: Predictor, *, has_title: bool) -> Record:
         """The slice as the page stores it."""
+        unit, ends = self.counts.unit, [float(self.x[0]), float(self.x[-1])]
+        scale = stimulus_scale("stronger stimulus", unit, 0.0, ends)
+        if self.counts.task == WHICH_STRONGER:
+            scale = difference_scale(unit, ends)
         return {
             "title": self.title() if has_title else "",
             "pairs": self.pairs.tolist(),
             "x": self.x.tolist(),
-            "scale": self._scale(),
+            "scale": _packed_scale(scale, ends) if unit.of_stimuli else None,
             "orders": self.orders,
-            "yes": text_of(np.rint(self.yes(fitted) * TOP), "<u2"),
+            "yes": text_of(np.rint(self.yes(fitted) * 65535), "<u2"),
         }
-
-    def _scale(self) -> Record | None:
-        """Label and ticks of the axis along the curves in a known unit."""
-        unit = self.counts.unit
-        if not unit.of_stimuli:
-            return None
-        ends = [float(self.x[0]), float(self.x[-1])]
-        if self.counts.task == WHICH_STRONGER:
-            return _packed_scale(difference_scale(unit, ends), ends)
-        return _packed_scale(stimulus_scale("stronger stimulus", unit, 0.0, ends), ends)
 
     def yes(self, fitted: Predictor) -> FloatArray:
         """P of the counted answer at every draw, shape (orders, POINTS, draws)."""
@@ -479,8 +446,8 @@ def _packed_scale(scale: Scale, ends: Sequence[float]) -> Record | None:
 
 
 def slices(counts: Subject) -> list[Slice]:
-    """The slices with the most trials, in the order of the fixed stimulus."""
-    return [_slice(counts, fixed) for fixed in sorted(slice_keys(counts)[:MOST_SLICES].tolist())]
+    """The six slices with the most trials, in the order of the fixed stimulus."""
+    return [_slice(counts, fixed) for fixed in sorted(slice_keys(counts)[:6].tolist())]
 
 
 def slice_keys(counts: Subject) -> FloatArray:
@@ -519,17 +486,18 @@ def _slice(counts: Subject, fixed: float) -> Slice:
     is_member = _fixed(counts) == fixed
     if counts.task == WHICH_STRONGER:
         orders = [0]
-        start, end = float(position.min()), float(position.max())
-        pad = _BEYOND * max(end - start, 1e-9)
-        x = np.linspace(start - pad, end + pad, POINTS)
+        start = float(position.min() - 0.04 * np.ptp(position))
     else:
         is_equal = (order == 0) & (position >= fixed)
         is_member |= is_equal
         orders = [sign for sign in (-1, 1) if sign in order[is_member]]
         if is_equal.sum() > 1 or not orders:
             orders.append(0)
-        end = float(position[is_member].max())
-        x = np.linspace(fixed, end + _BEYOND * max(end - fixed, 1e-9), POINTS)
+        start = fixed
+        position = position[is_member]
+    end = float(position.max())
+    # A curve goes on beyond its last pair.
+    x = np.linspace(start, end + 0.04 * max(end - start, 1e-9), POINTS)
     index = np.flatnonzero(is_member)
     return Slice(counts, fixed, index, x, tuple(orders))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from itertools import chain
@@ -23,8 +23,6 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.explorer.entry import (
-    EFFECTS_TAB,
-    PAPER_TAB,
     Entry,
     entries_of,
     island,
@@ -33,16 +31,14 @@ from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.libraries import __version__
 from bayes_toe.model.models import model_title
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
-from bayes_toe.plots.corner import axis_unit, shown_unit
+from bayes_toe.plots.corner import axis_unit, in_unit, shown_unit
 
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200
-#: Bytes of draws and curves in all, of all where entries are few, of one where they are not; as
-#: text they take a third more.
-_BYTES, _FEW_BYTES, _ENTRY_BYTES = 20e6, 4e6, 300e3
-_ROWS = 2000  # draws of an entry, at most
+#: The source of the bundled studies.
+EXAMPLE = "bundled example (synthetic)"
+_ROWS = 16_000  # draws of all entries
 _ISLANDS = "<!-- posteriors -->"
-_HIGH = 1150  # pixels in a notebook
 _Sources: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
 
 
@@ -75,7 +71,7 @@ class Explorer:
 
     def _repr_html_(self) -> str:
         """In a frame of its own, so that the notebook's styles and the page's do not meet."""
-        style = f"width:100%;height:{_HIGH}px;border:0"
+        style = "width:100%;height:1150px;border:0"
         page = html.escape(self.html)
         return f'<iframe srcdoc="{page}" style="{style}" title="bayes_toe explorer"></iframe>'
 
@@ -139,7 +135,7 @@ def entries(
     page_entries = list[Entry]()
     for label, part in by_label.items():
         true_values = truths or {}
-        if truths is None and part.study.source == "bundled example (synthetic)":
+        if not truths and part.study.source == EXAMPLE:
             true_values = example_truth(part.study.task)
         page_entries += entries_of(part, label, selected[label], true_values)
     _require_quantities(truths or {}, page_entries)
@@ -187,12 +183,16 @@ def page(
     task = page_entries[0].target.subject.task
     if any(entry.target.subject.task != task for entry in page_entries):
         raise InputError("explore: found draws of two tasks, allowed: one in a page")
-    unit = _shown_unit(page_entries)
+    units = {(entry.unit.of_stimuli, entry.unit.of_differences) for entry in page_entries}
+    if len(units) > 1:
+        raise InputError("explore: found draws in two units, allowed: one in a page")
+    unit = shown_unit(page_entries[0].unit, (entry.quantities for entry in page_entries))
     if unit.has_log_differences:
-        page_entries = [entry.in_unit(unit) for entry in page_entries]
+        page_entries = [
+            replace(entry, target=in_unit(entry.target, unit)) for entry in page_entries
+        ]
 
-    room = min(_BYTES / len(page_entries), max(_FEW_BYTES / len(page_entries), _ENTRY_BYTES))
-    rows = min(_ROWS, int(room / max(entry.bytes_a_draw for entry in page_entries)))
+    rows = max(150, min(2000, _ROWS // len(page_entries)))
 
     contents, list_of_entries = {}, []
     for i, entry in enumerate(page_entries):
@@ -203,10 +203,9 @@ def page(
         if progress is not None:
             progress(name)
 
-    tabs = {entry.tab for entry in page_entries}
     index = {
         "entries": list_of_entries,
-        "tabs": [tab for tab in (EFFECTS_TAB, PAPER_TAB) if tab in tabs],
+        "tabs": sorted({entry.tab for entry in page_entries}),
         "quantities": _described_quantities(unit),
         "slots": SLOTS,
         "fixed": task.slice_stimulus,
@@ -219,14 +218,6 @@ def page(
         parts.append(f'<script type="application/json" id="{name}">{island(content)}</script>\n')
     # Bokeh makes functions of texts.
     return Explorer(with_policy("".join([*parts, tail]), "'unsafe-eval'"))
-
-
-def _shown_unit(page_entries: Sequence[Entry]) -> StimulusUnit:
-    """The unit in which a page shows all entries."""
-    units = {(entry.unit.of_stimuli, entry.unit.of_differences) for entry in page_entries}
-    if len(units) > 1:
-        raise InputError("explore: found draws in two units, allowed: one in a page")
-    return shown_unit(page_entries[0].unit, (entry.quantities for entry in page_entries))
 
 
 def _described_quantities(unit: StimulusUnit) -> dict[str, tuple[str, str]]:

@@ -30,28 +30,21 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, WHICH_STRONGER, Task
+from bayes_toe.data.tasks import WHICH_STRONGER, Task
 from bayes_toe.plots.style import ORDERS
 
 #: Quantities that are shown together.
 SLOTS = 6
-#: The two entries, in other colours than the orders of stimuli have, with their markers and dashes.
-LETTERS = {"a": ("#4B3B8F", "circle", "solid"), "b": ("#00795C", "triangle", "dashed")}
+#: The two entries, in other colours than the orders of stimuli have, with their markers, dashes and
+#: marks of the truth.
+LETTERS = {
+    "a": ("#4B3B8F", "circle", "solid", "x"),
+    "b": ("#00795C", "triangle", "dashed", "cross"),
+}
 #: Orders under the names that sources have, with Bokeh's names of markers.
 KINDS = {-1: ("weaker", "circle"), 1: ("stronger", "square"), 0: ("equal", "diamond")}
-#: How the truth of either is marked.
-CROSSES = {"a": "x", "b": "cross"}
-PRIOR = "#8A8A8A"
 #: Of letters and of edges; explorer.js changes them, and LETTERS, on a dark page.
 _INK, _PAGE = "#222222", "#FFFFFF"
-#: Pixels around panels; more where explorer.js puts numbers beside them.
-AROUND = 3
-_BRUSH = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
-_ALONG = {
-    SAME_DIFFERENT: "stronger stimulus (ln intensity)",
-    WHICH_STRONGER: "s₂ − s₁ (ln intensity)",
-    THREE_ANSWERS: "stronger stimulus (ln intensity)",
-}
 _BAND = ("x", "all", "kept", "low", "high")
 
 
@@ -83,7 +76,7 @@ class _Sources(dict[str, ColumnDataSource]):
 
 
 def _plot(name: str, tools: list[Any], **options: Any) -> Any:
-    """A figure that fills its place."""
+    """A figure that fills its place; explorer.js widens borders that have numbers."""
     plot = figure(
         name=name,
         tools=tools,
@@ -92,7 +85,7 @@ def _plot(name: str, tools: list[Any], **options: Any) -> Any:
         background_fill_color=_PAGE,
         border_fill_color=_PAGE,
         sizing_mode="stretch_both",
-        min_border=AROUND,
+        min_border=3,
         min_width=20,
         min_height=20,
         width=120,
@@ -121,17 +114,21 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
     select = BoxSelectTool(dimensions=dimensions, renderers=[], continuous=True)
     plot = _plot(name, [select], x_range=x, y_range=y)
     plot.toolbar.active_drag = select
-    plot.js_on_event("selectiongeometry", CustomJS(code=_BRUSH))
+    brushed = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
+    plot.js_on_event("selectiongeometry", CustomJS(code=brushed))
     for axis in plot.axis:
         axis.update(visible=False, ticker=FixedTicker(ticks=[]))
-    style = {
-        "fill_color": "#000000",
-        "fill_alpha": 0.08,
-        "line_color": "#000000",
-        "line_alpha": 0.9,
-        "line_width": 1.5,
-    }
-    plot.add_layout(BoxAnnotation(name=f"brush-{name}", visible=False, editable=False, **style))
+    brush = BoxAnnotation(
+        name=f"brush-{name}",
+        visible=False,
+        editable=False,
+        fill_color="#000000",
+        fill_alpha=0.08,
+        line_color="#000000",
+        line_alpha=0.9,
+        line_width=1.5,
+    )
+    plot.add_layout(brush)
     return plot
 
 
@@ -142,10 +139,10 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
     """
     plot = _panel(f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), "width")
     x, y = f"x{i}", f"y{i}"
-    for letter, (colour, _, dash) in LETTERS.items():
+    for letter, (colour, _, dash, _) in LETTERS.items():
         plot.add_glyph(
             sources.get_source(f"prior-{letter}", x, y),
-            Line(x=x, y=y, line_color=PRIOR, line_width=2, line_dash=dash),
+            Line(x=x, y=y, line_color="#8A8A8A", line_width=2, line_dash=dash),
         )
         bars = sources.get_source(f"bars-{letter}", x, f"all{i}", f"kept{i}")
         plot.add_glyph(bars, VArea(x=x, y1=0, y2=f"kept{i}", fill_color=colour, fill_alpha=0.35))
@@ -163,14 +160,14 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
     """Below the diagonal: draws, contours, truth."""
     name, x, y = f"panel-{i}-{j}", f"{j}", f"{i}"
     plot = _panel(name, ranges[j], ranges[i], "both")
-    for letter, (colour, marker, _) in LETTERS.items():
+    for letter, (colour, marker, *_) in LETTERS.items():
         faint = Scatter(
             x="x", y="y", marker=marker, size=3, fill_color=colour, fill_alpha=0.12, line_color=None
         )
         plot.add_glyph(sources.get_source(f"all-{letter}-{i}-{j}", "x", "y"), faint)
 
     selected = []
-    for letter, (colour, marker, dash) in LETTERS.items():
+    for letter, (colour, marker, dash, _) in LETTERS.items():
         strong = Scatter(
             x="x", y="y", marker=marker, size=4, fill_color=colour, fill_alpha=0.35, line_color=None
         )
@@ -190,14 +187,12 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
             MultiLine(xs="xs", ys="ys", line_color=colour, line_width="width", line_dash=dash),
         )
 
-    for letter, (colour, *_) in LETTERS.items():
+    for letter, (colour, *_, cross) in LETTERS.items():
         truth = sources.get_source(f"truth-{letter}", x, y)
         for edge, width in ((_PAGE, 6), (colour, 3)):
             plot.add_glyph(
                 truth,
-                Scatter(
-                    x=x, y=y, marker=CROSSES[letter], size=13, line_color=edge, line_width=width
-                ),
+                Scatter(x=x, y=y, marker=cross, size=13, line_color=edge, line_width=width),
             )
     plot.add_tools(
         HoverTool(name=f"hover-{name}", renderers=selected, limit=1, tooltips=[("", "$name")])
@@ -226,7 +221,12 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
         x_range=Range1d(0, 1, name=f"stronger-{letter}"),
         y_range=Range1d(-0.03, 1.03),
     )
-    plot.xaxis.axis_label, plot.yaxis.axis_label = _ALONG[task], f"P({task.yes})"
+    plot.xaxis.axis_label, plot.yaxis.axis_label = (
+        "stronger stimulus (ln intensity)",
+        f"P({task.yes})",
+    )
+    if task == WHICH_STRONGER:
+        plot.xaxis.axis_label = "s₂ − s₁ (ln intensity)"
     _small_words(plot, [*plot.xaxis])
 
     points = []

@@ -26,7 +26,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.interpolate import RegularGridInterpolator
+from scipy.ndimage import gaussian_filter
 
 from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.messages import format_estimate, join_names, name_from_key
@@ -39,21 +40,17 @@ from bayes_toe.model.paper_model import PRIOR_DRAWS, PaperPosterior
 from bayes_toe.model.parameters import LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, QUANTITY_BY_NAME
 from bayes_toe.model.posterior import SubjectPosterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, Style, new_figure, plain, rounded
+from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, Style, plain, rounded
 
 Values = Mapping[str, float]
 Span = tuple[float, float]
 
 COORDINATES = ("natural", "identified")
-#: What a corner plot of the four models of the observer shows.
-_ORDER_QUANTITIES = ("constant_error", "contraction", "jnd")
 BINS = 60
 #: Bins beyond either end of a panel, where contours close.
 AROUND = 2
 #: Shares of the draws inside the contours; quantiles between which a panel shows its quantity.
 LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
-#: Points of the letters of a name, with a scale beside it, and of an interval.
-_LABEL, _SCALED_LABEL, _TITLE = 9.5, 7.0, 9.0
 #: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: above
 #: the normal reference rule, since contours of few draws wobble.
 _SMOOTHING = 1.4 * BINS / 6.0
@@ -67,12 +64,8 @@ OVERLAID = (
     ("#00704F", "dotted"),
     ("#A0458A", "dashdot"),
 )
-#: Inches of a panel with its gap, of the margins that corner leaves, and of a lone panel with its
-#: margins; panels a side that leave no corner free for the key, the share of the height below it.
-_PANEL, _MARGINS, _LONE_PANEL = 1.68, 1.1, 3.7
+#: Panels a side that leave no corner free for the key, the share of the height below it.
 _FEW_PANELS, _BELOW_KEY = 2, 0.76
-_LABEL_LETTERS = 40  # of a line of the key
-_LONG_NUMBER = 9  # letters above a panel
 
 
 def corner(
@@ -82,7 +75,6 @@ def corner(
     coordinates: str | Sequence[str] = "natural",
     truths: Mapping[str, Values] | None = None,
     prior: Prior | None = None,
-    fig: Figure | None = None,
 ) -> Figure:
     """Draw the corner plot of a subject. Contours hold 50 and 95 % of the draws.
 
@@ -106,8 +98,6 @@ def corner(
     prior : Prior, optional
         Its marginals are drawn in grey on the diagonal;
         `draws.prior` is the one that the draws were made under.
-    fig : matplotlib Figure or SubFigure, optional
-        Drawn into, where given.
 
     Raises
     ------
@@ -116,7 +106,8 @@ def corner(
         for more than four subjects.
     """
     require_draws(draws)
-    truth_of = _require_by_subject(truths or {})
+    truths = truths or {}
+    _require_by_subject(truths)
     subject_names = _subject_names(subject)
     is_single = len(subject_names) == 1
     targets = [draws.posterior(name) for name in subject_names]
@@ -132,14 +123,14 @@ def corner(
     ):
         target = in_unit(target, unit)
         columns = [axis_values(key, values[key], unit) for key in names]
-        true_values = all_true_values(truth_of.get(target.subject.name, {}), target)
+        true_values = all_true_values(truths.get(target.subject.name, {}), target)
         limits.append(axis_limits(columns, names, target, true_values))
         truth = [true_values.get(key, np.nan) for key in names]
         subjects.append(_SubjectDraws(target, names, np.stack(columns), truth, colour, line))
 
     lowest, highest = np.min(limits, axis=0)[:, 0], np.max(limits, axis=0)[:, 1]
     spans = list(zip(lowest.tolist(), highest.tolist(), strict=True))
-    figure = _new_figure(len(spans)) if fig is None else fig
+    figure = _new_figure(len(spans))
     for panel in subjects:
         _draw_posterior(figure, panel, spans, is_single=is_single)
     diagonal = np.array(figure.axes).reshape(len(spans), len(spans)).diagonal()
@@ -167,13 +158,12 @@ def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
     return names
 
 
-def _require_by_subject(truths: Mapping[str, Values]) -> Mapping[str, Values]:
-    """True values by subject; numbers without a subject are refused."""
+def _require_by_subject(truths: Mapping[str, Values]) -> None:
+    """Refuse true values without their subject."""
     if not all(isinstance(values, Mapping) for values in truths.values()):
         raise InputError(
             "truths: found numbers, allowed: a mapping of each subject's values by its name"
         )
-    return truths
 
 
 # --- quantities -----------------------------------------------------------------------------------
@@ -217,7 +207,8 @@ def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -
     if coordinates == "identified":
         return target.names.identified
     if isinstance(target, ObserverPosterior):
-        return tuple(name for name in _ORDER_QUANTITIES if name in target.names.all)
+        effects = ("constant_error", "contraction", "jnd")
+        return tuple(name for name in effects if name in target.names.all)
     return target.names.natural
 
 
@@ -376,15 +367,13 @@ class Density(NamedTuple):
         continued = np.pad(smooth, 1, mode="edge")
         values = np.pad(continued, 1, constant_values=smooth.min())
         shares = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS  # of a panel, at bin middles
-        middles, bins = [], []
-        for draws, (low, high) in ((x, across), (y, up)):
-            middles.append(low + (high - low) * shares)
-            bins.append((draws - low) / (high - low) * BINS + AROUND - 0.5)
-        column, row = bins  # of each draw, with fractions
+        middle_x = across[0] + (across[1] - across[0]) * shares
+        middle_y = up[0] + (up[1] - up[0]) * shares
         # Outside it is less than any density.
-        at_draws = map_coordinates(values, [row, column], order=1, mode="constant", cval=-1.0)
-        levels = np.quantile(at_draws, 1.0 - np.array(LEVELS)).tolist()
-        middle_x, middle_y = middles
+        density = RegularGridInterpolator(
+            (middle_y, middle_x), values, bounds_error=False, fill_value=-1.0
+        )
+        levels = np.quantile(density((y, x)), 1.0 - np.array(LEVELS)).tolist()
         return cls(middle_x, middle_y, values, tuple(levels))
 
 
@@ -413,7 +402,7 @@ def _draw_posterior(
         fig=figure,
         range=list(spans),
         labels=[axis_label(name, panel.target.subject.unit) for name in panel.names],
-        label_kwargs={"fontsize": _LABEL},
+        label_kwargs={"fontsize": 9.5},
         labelpad=0.05,
         max_n_ticks=4,
         use_math_text=True,
@@ -436,11 +425,14 @@ def _draw_posterior(
         for ax, values in zip(axes.diagonal(), panel.columns, strict=True):
             low, median, high = np.quantile(values, MARKED)
             texts = rounded(low, high, low, median, high)
-            if len(texts[1]) > _LONG_NUMBER:
+            if len(texts[1]) > 9:
                 texts = list(map("{:.2g}".format, (low, median, high)))
-            ax.set_title(format_estimate(*texts), fontsize=_TITLE)
+            ax.set_title(format_estimate(*texts), fontsize=9.0)
         library.overplot_points(figure, [panel.truth], marker="s", color=TRUTH)
-        _draw_lines(axes, panel.truth, color=TRUTH)
+        for row, column in np.argwhere(np.tri(len(spans))):
+            axes[row, column].axvline(panel.truth[column], color=TRUTH)
+            if row != column:
+                axes[row, column].axhline(panel.truth[row], color=TRUTH)
     else:  # lines would be taken for medians
         style: Style = {"color": panel.colour, "mec": "black", "mew": 0.8, "zorder": 5}
         library.overplot_points(figure, [panel.truth], marker="s", ms=5, **style)
@@ -448,15 +440,6 @@ def _draw_posterior(
         for ax, median, value in zip(axes.diagonal(), medians, panel.truth, strict=True):
             ax.axvline(median, color=panel.colour, lw=1.0, ls=panel.line)
             ax.plot(value, 0.0, "^", ms=7, clip_on=False, **style)
-
-
-def _draw_lines(axes: npt.NDArray[Any], values: Sequence[float], **style: Any) -> None:
-    """Lines at finite values through all panels; corner's own fail where there is one quantity."""
-    for i in np.flatnonzero(np.isfinite(values)).tolist():
-        for ax in axes[i:, i]:
-            ax.axvline(values[i], **style)
-        for ax in axes[i, :i]:
-            ax.axhline(values[i], **style)
 
 
 def _draw_contours(ax: Axes, density: Density, panel: _SubjectDraws, *, filled: bool) -> None:
@@ -501,9 +484,9 @@ def _smooth_density(values: FloatArray, span: Span) -> tuple[FloatArray, FloatAr
 
 def _new_figure(n_panels: int) -> Figure:
     """A figure for so many panels a side, with room above few panels for the key."""
-    side = _LONE_PANEL if n_panels == 1 else n_panels * _PANEL + _MARGINS
+    side = 3.7 if n_panels == 1 else 1.68 * n_panels + 1.1  # with the margins of corner
     high = side / _BELOW_KEY if n_panels <= _FEW_PANELS else side
-    return new_figure(side, high, layout=None)
+    return Figure(figsize=(side, high))
 
 
 def _arrange_ticks(figure: Figure, n_panels: int) -> None:
@@ -525,7 +508,7 @@ def _arrange_ticks(figure: Figure, n_panels: int) -> None:
         scale = formatter.get_offset()
         axis.get_offset_text().set_visible(False)
         if scale:
-            axis.set_label_text(f"{axis.get_label_text()} {scale}", fontsize=_SCALED_LABEL)
+            axis.set_label_text(f"{axis.get_label_text()} {scale}", fontsize=7.0)
 
 
 def _write_key(
@@ -550,7 +533,6 @@ def _write_key(
         missing = "\nNOT CONVERGED" if name in draws.not_converged else ""
         names.append(plain(name, 24) + missing)
 
-    synthetic = ", synthetic data" if draws.synthetic else ""
     handles: list[Artist] = []
     if len(names) == 1:
         style |= {"title": names[0], "title_fontproperties": {"size": 14.0, "weight": "bold"}}
@@ -571,8 +553,8 @@ def _write_key(
         handles.append(_line("prior", color=PRIOR))
     if np.isfinite([panel.truth for panel in subjects]).any():
         handles.append(truth)
-    model = fill(model_title(draws.model) + synthetic, _LABEL_LETTERS)
-    handles.append(_line(model, ls=""))
+    synthetic = ", synthetic data" if draws.synthetic else ""
+    handles.append(_line(fill(model_title(draws.model) + synthetic, 40), ls=""))
     figure.legend(handles=handles, **style)
 
 

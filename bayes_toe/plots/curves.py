@@ -54,7 +54,6 @@ from bayes_toe.plots.style import (
 
 #: Panels of one stimulus each, at most; pooled points of an order in a panel.
 MOST_PANELS = 6
-CURVE_DRAWS = 600
 #: From the stimuli of pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws,
 #: pairs).
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
@@ -95,7 +94,7 @@ def curves(source: Analysis | Draws, subject: str) -> Figure:
         For an unknown subject.
     """
     if isinstance(source, Draws):
-        fitted = Predictor.from_draws(source, subject, n_draws=CURVE_DRAWS)
+        fitted = Predictor.from_draws(source, subject, n_draws=600)
         model, draws = model_title(source.model), source
     else:
         fitted, model, draws = source.curve(subject), "average of the four models", source.draws
@@ -176,8 +175,6 @@ def responses_panel(ax: Axes, counts: Subject, fitted: Predictor) -> None:
         correct_panel(ax, counts, curve)
         return
     weaker = main_weaker(counts)
-    if weaker is None:
-        weaker = float(counts.s1.min())
     order_panel(ax, counts, curve, weaker)
     if len(np.unique(_weaker(counts))) > 1:
         write_note(ax, _describe_group(counts, np.array([weaker]), "weaker"))
@@ -236,18 +233,15 @@ def three_panel(ax: Axes, counts: Subject, fitted: Predictor, firsts: FloatArray
 
     Pairs whose difference is the same are pooled.
     """
-    rows = np.isin(counts.s1, firsts)
-    steps, index = np.unique(counts.steps[rows], return_inverse=True)
-    n_trials = np.bincount(index, counts.n_trials[rows]).astype(np.int64)
-    share_of_pair = (index[:, None] == np.arange(len(steps))) * counts.n_trials[rows, None]
-    expected = fitted.answers(counts.s1[rows], counts.s2[rows])
+    rows, steps = np.isin(counts.s1, firsts), counts.steps
+    groups = rows & (steps == np.unique(steps[rows])[:, None])
+    expected = fitted.answers(counts.s1, counts.s2)
     answered = {"first": counts.n_first, "equal": counts.n_yes, "second": counts.n_second}
     for position, (answer, n_answers) in enumerate(answered.items(), start=-1):
+        shift = position * _SHIFT * np.ptp(steps[rows])
+        n_given = cast(IntArray, n_answers)
         mark = _ANSWER_MARKS[answer]
-        draw_band(ax, steps, expected[answer] @ share_of_pair / n_trials, mark.colour)
-        shift = position * _SHIFT * np.ptp(steps)
-        n_given = np.bincount(index, cast(IntArray, n_answers)[rows])
-        draw_shares(ax, steps + shift, n_given.astype(np.int64), n_trials, mark)
+        _draw_pooled(ax, groups * counts.n_trials, steps, expected[answer], n_given, mark, shift)
     zero_line(ax)
     difference_scale(counts.unit, ax.get_xlim()).draw(ax)
     ax.set_ylabel("proportion")
@@ -263,26 +257,38 @@ def correct_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
     p_correct = np.where(is_yes_correct, p_yes, 1.0 - p_yes)
     n_correct = np.where(is_yes_correct, counts.n_yes, counts.n_trials - counts.n_yes)
 
-    groups = np.array_split(np.unique(middle[order != 0]), MOST_PANELS)
+    parts = np.array_split(np.unique(middle[order != 0]), MOST_PANELS)
+    groups = np.array([np.isin(middle, part) for part in parts])
     for sign in (-1, 1):
-        positions, expected, totals = [], [], []
-        for group in groups:
-            rows = (order == sign) & np.isin(middle, group)
-            n_trials = counts.n_trials[rows]
-            if rows.any():
-                positions.append(np.average(middle[rows], weights=n_trials))
-                expected.append(np.average(p_correct[:, rows], axis=1, weights=n_trials))
-                totals.append((n_correct[rows].sum(), n_trials.sum()))
-        if positions:
-            x = np.array(positions)
-            draw_band(ax, x, np.stack(expected, axis=1), ORDERS[sign].colour)
-            shift = sign * _SHIFT * np.ptp(middle)
-            n_pooled, n_trials = np.transpose(totals)
-            draw_shares(ax, x + shift, n_pooled, n_trials, ORDERS[sign])
+        shift = sign * _SHIFT * np.ptp(middle)
+        weights = (groups & (order == sign)) * counts.n_trials
+        _draw_pooled(ax, weights, middle, p_correct, n_correct, ORDERS[sign], shift)
 
     _draw_half(ax, "chance")
     stimulus_axis(ax, "middle of the pair", counts.unit, mean_first(counts))
     ax.set_ylabel("proportion correct")
+
+
+def _draw_pooled(
+    ax: Axes,
+    weights: IntArray,
+    x: FloatArray,
+    expected: FloatArray,
+    n_answers: IntArray,
+    mark: Mark,
+    shift: float,
+) -> None:
+    """Shares and bands of groups of pairs.
+
+    `weights` has the trials of the pairs of each group, shape (groups, pairs); groups without
+    trials are left out. The shares stand by `shift` beside the mean of `x`.
+    """
+    weights = weights[weights.any(axis=1)]
+    n_trials = weights.sum(axis=1)
+    if len(n_trials):
+        position = weights @ x / n_trials
+        draw_band(ax, position, expected @ weights.T / n_trials, mark.colour)
+        draw_shares(ax, position + shift, (weights > 0) @ n_answers, n_trials, mark)
 
 
 def _draw_half(ax: Axes, label: str) -> None:
@@ -294,13 +300,13 @@ def _weaker(counts: Subject) -> FloatArray:
     return np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2]
 
 
-def main_weaker(counts: Subject) -> float | None:
-    """The weaker stimulus that most pairs of different stimuli share; None without such pairs.
+def main_weaker(counts: Subject) -> float:
+    """The weaker stimulus that most pairs of different stimuli share, or of the equal ones.
 
     It is the reference r of the paper's design.
     """
     weaker = _weaker(counts)
-    return float(mode(weaker).mode) if weaker.size else None
+    return float(mode(weaker if weaker.size else counts.s1).mode)
 
 
 def _has_weaker(counts: Subject, weaker: float) -> BoolArray:

@@ -26,9 +26,9 @@ _UNDATED: dict[str, dict[str, None]] = {
 }
 
 
-def png(figure: Figure, *, dpi: int = 150) -> bytes:
+def png(figure: Figure) -> bytes:
     """A figure as the content of a PNG file."""
-    return figure_bytes(figure, "png", dpi=dpi)
+    return figure_bytes(figure, "png", dpi=150)
 
 
 def figure_bytes(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
@@ -36,8 +36,19 @@ def figure_bytes(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
 
     Without dates or random names, so that the same figure gives the same bytes.
     """
+    form = require_suffix(f"figure.{suffix.lstrip('.')}")
+    # Only in here: letters as they are, since browsers scale pictures; fonts as fonts, not as
+    # outlines, which some journals refuse; names in an SVG from its content, not from chance.
+    settings: dict[Any, Any] = {
+        "text.hinting": "no_hinting",
+        "pdf.fonttype": 42,
+        "ps.fonttype": 42,
+        "svg.fonttype": "none",
+        "svg.hashsalt": "bayes_toe",
+    }
     buffer = io.BytesIO()
-    _write(figure, buffer, require_suffix(f"figure.{suffix.lstrip('.')}"), dpi)
+    with any_characters(), mpl.rc_context(settings):
+        figure.savefig(buffer, format=form, dpi=dpi, metadata=_UNDATED.get(form))
     return buffer.getvalue()
 
 
@@ -56,33 +67,19 @@ def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: 
     require_number("dpi", dpi)
     suffix = require_suffix(path)
     with whole_file(path, overwrite=overwrite) as target:
-        _write(figure, target, suffix, dpi)
+        target.write_bytes(figure_bytes(figure, suffix, dpi=dpi))
     return Path(path)
 
 
 def picture_beside(table: Path) -> Path:
     """The PNG file of a table's figure; refused if the table has that name."""
-    figure_bytes = table.with_name(f"{table.stem}.png")
-    if figure_bytes == table:
+    picture = table.with_name(f"{table.stem}.png")
+    if picture == table:
         raise InputError(
             f"{table}: found the name of the figure for the table, allowed: another suffix, such "
             "as .csv"
         )
-    return figure_bytes
-
-
-def _write(figure: Figure, target: Any, suffix: str, dpi: int) -> None:
-    # Only in here: letters as they are, since browsers scale pictures; fonts as fonts, not as
-    # outlines, which some journals refuse; names in an SVG from its content, not from chance.
-    settings: dict[Any, Any] = {
-        "text.hinting": "no_hinting",
-        "pdf.fonttype": 42,
-        "ps.fonttype": 42,
-        "svg.fonttype": "none",
-        "svg.hashsalt": "bayes_toe",
-    }
-    with any_characters(), mpl.rc_context(settings):
-        figure.savefig(target, format=suffix, dpi=dpi, metadata=_UNDATED.get(suffix))
+    return picture
 
 
 def require_suffix(path: StrPath) -> str:

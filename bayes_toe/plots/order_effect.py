@@ -197,17 +197,25 @@ def _draw_sizes(
 ) -> None:
     """Markers are full for 'yes', half for 'probably', else empty."""
     marker_size = 4.5 if len(words) <= MAX_NAMES else 2.5
-    style: Style = {"marker": question.marker, "ms": marker_size, "markerfacecoloralt": "white"}
     for word, fill in _FILLS.items():
         rows = [row for row, other in enumerate(words) if other is word]
-        if rows:
-            style |= {"line": 0.3 * marker_size if word.is_positive else 0.15 * marker_size}
-            style |= {"colour": question.colour, "fillstyle": fill}
-            draw_intervals(ax, rows, sizes[rows].T, **style)
+        if not rows:
+            continue
+        line = 0.3 if word.is_positive else 0.15
+        draw_intervals(
+            ax,
+            rows,
+            sizes[rows].T,
+            line=line * marker_size,
+            marker=question.marker,
+            ms=marker_size,
+            colour=question.colour,
+            fillstyle=fill,
+            markerfacecoloralt="white",
+        )
     if not np.isnan(sizes[-1]).any():
-        style = {"marker": "d", "ms": 8.0, "mec": "black", "mew": 0.6}
-        style |= {"line": 2.2, "colour": question.colour}
-        draw_intervals(ax, len(words) + 0.25, sizes[-1], **style)
+        style: Style = {"marker": "d", "ms": 8.0, "mec": "black", "mew": 0.6, "line": 2.2}
+        draw_intervals(ax, len(words) + 0.25, sizes[-1], colour=question.colour, **style)
 
 
 def _limits(sizes: FloatArray) -> tuple[float, float]:
@@ -215,33 +223,33 @@ def _limits(sizes: FloatArray) -> tuple[float, float]:
     sizes = sizes[~np.isnan(sizes[:, 1])]
     if not len(sizes):
         return -1.0, 1.0
-    margin = 2.0 * float(np.median(sizes[:, 2] - sizes[:, 0]))
-    low = max(float(sizes[:, 0].min()), float(sizes[:, 1].min()) - margin)
-    high = min(float(sizes[:, 2].max()), float(sizes[:, 1].max()) + margin)
-    pad = 0.05 * (max(high, 0.0) - min(low, 0.0))
-    return min(low, 0.0) - pad, max(high, 0.0) + pad
+    low, median, high = sizes.T
+    margin = 2.0 * np.median(high - low)
+    start = min(0.0, max(low.min(), median.min() - margin))
+    end = max(0.0, min(high.max(), median.max() + margin))
+    pad = 0.05 * (end - start)
+    return start - pad, end + pad
 
 
 def _write_words(ax: Axes, answers: Sequence[OrderEffect], question: QuestionStyle) -> None:
     """The word of every subject, right of its row."""
-    style: Style = {"va": "center", "fontsize": SMALL}
     for row, answer in enumerate(answers):
         line = answer.lines[question.name]
-        ax.text(1.02, row, line.word + line.marks, transform=ax.get_yaxis_transform(), **style)
+        words, transform = line.word + line.marks, ax.get_yaxis_transform()
+        ax.text(1.02, row, words, transform=transform, va="center", fontsize=SMALL)
 
 
 def _write_names(
     ax: Axes, answers: Sequence[OrderEffect], group: PopulationResult | None, *, is_crowded: bool
 ) -> None:
     """Names of subjects and of the group, or how many subjects there are."""
-    rows: list[float] = []
-    names: list[str] = []
+    names = []
     if is_crowded:
         label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
         ax.set_ylabel(label, fontsize=LETTERS)
     else:
-        rows += [*map(float, range(len(answers)))]
-        names += [plain(answer.subject, 20) for answer in answers]
+        names = [plain(answer.subject, 20) for answer in answers]
+    rows: list[float] = [*range(len(names))]
     if group is not None:
         rows.append(len(answers) + 0.25)
         reliable = "" if group.is_reliable else "\nNOT RELIABLE"

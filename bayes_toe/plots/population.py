@@ -47,7 +47,6 @@ from bayes_toe.plots.style import (
 #: Subjects beyond which they have no names, and are sorted.
 MAX_NAMES_IN_GROUP = 40
 _MEAN_COLOUR = "#BDB3DD"
-_EFFECTS_ACROSS = 4
 _LABELS = {
     CONSTANT_ERROR.name: "PSE shift ({unit})",
     CONTRACTION.name: "contraction (%)",
@@ -60,9 +59,7 @@ _EFFECT_LABELS = {
     NOISE.name: "JND, relative change ({unit})",
     PEAK.name: "logit of largest P('equal')",
 }
-_POINTS = 200  # along a density
-_BINS = 30
-_BEYOND_PANEL = 3.0  # a position in the panel of the check, which ends at 2.2
+_BEYOND = {-1: "<", 0: "D", 1: ">"}  # markers of a group beyond the panel of the check
 
 
 def population(result: PopulationResult, check: PredictiveCheck | None = None) -> Figure:
@@ -86,7 +83,7 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
     n_columns = 1
 
     if effects:
-        n_columns = even_columns(len(effects), _EFFECTS_ACROSS)
+        n_columns = even_columns(len(effects), largest=4)
         heights.append(0.3 + n_rows(len(effects), n_columns) * (0.85 + 0.4 * len(labels)))
 
     figure = new_figure(PAGE, 0.6 + sum(heights))
@@ -94,13 +91,11 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
     figure.suptitle(_heading(result), fontsize=LETTERS + 1.0, color=colour)
     parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
 
-    panels = parts[0].subplots(1, len(names), squeeze=False)[0]
-    for i, (name, ax) in enumerate(zip(names, panels, strict=True)):
+    panels = parts[0].subplots(1, len(names), squeeze=False, sharey=True)[0]
+    for name, ax in zip(names, panels, strict=True):
         forest(ax, result, name)
-        if i:
-            ax.tick_params(labelleft=False)
-        elif is_crowded:
-            ax.set_ylabel(f"{n_subjects:,} subjects, sorted in each panel", fontsize=LETTERS)
+    if is_crowded:
+        panels[0].set_ylabel(f"{n_subjects:,} subjects, sorted in each panel", fontsize=LETTERS)
     legend_below(parts[0], columns=3, side="upper")
 
     panels = parts[1].subplots(1, len(names), squeeze=False)[0]
@@ -113,12 +108,11 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
         if result.comparisons:
             title = "differences of the group means between conditions, 95 % intervals"
         parts[3].suptitle(title, fontsize=SMALL)
-        panels = grid_panels(parts[3], len(effects), n_columns)
-        for i, (name, ax) in enumerate(zip(effects, panels, strict=True)):
+        panels = grid_panels(parts[3], len(effects), n_columns, sharey=True)
+        for name, ax in zip(effects, panels, strict=True):
             quantiles, label = _shown_effects(result, name, effects[name])
             effects_panel(ax, quantiles, label, labels)
             quantity_ticks(ax, name)
-            ax.tick_params(labelleft=i % n_columns == 0)
     return figure
 
 
@@ -152,17 +146,18 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     if name in EFFECTS:
         low, high = min(low, 0.0), max(high, 0.0)
     pad = 0.1 * (high - low)
-    x = np.linspace(low - pad, high + pad, _POINTS)
+    x = np.linspace(low - pad, high + pad, 200)
 
-    means = np.zeros((_POINTS, len(result.numbers.mean)))
+    means = np.zeros((len(x), len(result.numbers.mean)))
     means[:, j] = x
     unit = result.shown_unit(name)
     values = result.in_units(name, x, unit)
     # A density in the unit of the panel follows from the slope of the unit.
     prior = np.exp(result.numbers.log_prior_of_mean(means)[:, j]) / np.gradient(values, x)
 
-    style: Style = {"bins": _BINS, "density": True, "label": "posterior of the group mean"}
-    ax.hist(result.in_units(name, draws, unit), color=_MEAN_COLOUR, **style)
+    draws = result.in_units(name, draws, unit)
+    label = "posterior of the group mean"
+    ax.hist(draws, 30, density=True, color=_MEAN_COLOUR, label=label)
     ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
     ax.set(xlim=(values[0], values[-1]), xlabel=_label(name, unit), yticks=[])
     zero_line(ax)
@@ -180,11 +175,11 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     mean = result.in_units(name, result.draws.mean[..., j], unit)
     subjects = result.in_units(name, result.draws.subjects[..., j], unit)
 
-    low, _, high = np.quantile(new_subject, MARKED)
-    ax.axvspan(low, high, color=BAND, lw=0, label=f"new subject{reference}")
-    low, middle, high = np.quantile(mean, MARKED)
-    ax.axvspan(low, high, color=_MEAN_COLOUR, lw=0, label=f"group mean{reference}")
-    ax.axvline(middle, color=BELIEF, lw=0.8)
+    spans = {"new subject": (new_subject, BAND), "group mean": (mean, _MEAN_COLOUR)}
+    for label, (values, colour) in spans.items():
+        low, _, high = np.quantile(values, MARKED)
+        ax.axvspan(low, high, color=colour, lw=0, label=f"{label}{reference}")
+    ax.axvline(np.median(mean), color=BELIEF, lw=0.8)
     if name in EFFECTS:
         zero_line(ax)
     quantity_ticks(ax, name)
@@ -208,21 +203,17 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
     Every row has a scale of its own: the median of new groups is in the middle, and their central
     90 % are as wide as in any other row.
     """
-    interval_label, observed_label = "new groups, 5 to 95 %", "observed"
     for i, row in enumerate(check.statistics):
         colour = BAD if row.p_value < CONTRADICTED else "black"
         side = row.q95 - row.q50 if row.is_above else row.q50 - row.q05
         distance = row.observed - row.q50
-        position, marker = _BEYOND_PANEL * np.sign(distance), "D"
-        if side > 0.0:
-            position = distance / side
-        if abs(position) > 2.0:
-            position = 2.0 * np.sign(position)
-            marker = ">" if position > 0.0 else "<"
-        ax.barh(i, 2.0, 0.36, -1.0, color=BAND, label=interval_label)
+        side_of_median = int(np.sign(distance))
+        position, marker = 2.0 * side_of_median, _BEYOND[side_of_median]
+        if abs(distance) < 2.0 * side:
+            position, marker = distance / side, "D"
+        ax.barh(i, 2.0, 0.36, -1.0, color=BAND, label="new groups, 5 to 95 %")
         ax.plot([0.0, 0.0], [i - 0.18, i + 0.18], color=EQUAL, lw=0.8)
-        ax.plot(position, i, marker, ms=4.0, color=colour, label=observed_label, ls="")
-        interval_label, observed_label = "", ""  # one row is enough for the legend
+        ax.plot(position, i, marker, ms=4.0, color=colour, label="observed", ls="")
         low, high, observed = rounded(row.q05, row.q95, row.q05, row.q95, row.observed)
         text = f"{observed}, expected {low} to {high}, test p = {row.p_value:.2g}"
         ax.text(0.0, i - 0.24, text, ha="center", va="bottom", fontsize=SMALL, color=colour)

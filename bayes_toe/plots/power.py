@@ -29,7 +29,6 @@ from bayes_toe.plots.style import (
     plain,
     stimulus_scale,
     style_axes,
-    style_colour_bar,
 )
 
 _UNKNOWN = Word.CANNOT_BE_TOLD.value
@@ -37,7 +36,6 @@ _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7"
 _MARKERS = "Dos^vP"
 _DESIGN_COLOURS = (STRONGER_FIRST, EQUAL)
 _LARGEST = 160.0  # area of the most frequent pair, square points
-_SPREAD = 0.8  # of the kinds about their number of trials, in distances between two numbers
 
 
 def power(table: PowerTable) -> Figure:
@@ -58,10 +56,9 @@ def power(table: PowerTable) -> Figure:
         ax.set_title(f"{question.replace('_', ' ')}: yes or probably", fontsize=LETTERS)
     for ax in axes[-1]:
         ax.set_xlabel("trials of a subject")
-    axes[0, 0].plot(
-        [], [], "o", mec=EQUAL, mfc="white", ms=3.6, label="hollow: without this effect"
-    )
-    axes[0, 0].plot([], [], "|", color=EQUAL, ms=9.0, label="95 % interval")
+    first = axes[0, 0]
+    first.plot([], [], "o", mec=EQUAL, mfc="white", ms=3.6, label="hollow: without this effect")
+    first.plot([], [], "|", color=EQUAL, ms=9.0, label="95 % interval")
     legend_below(figure, columns=4, side="upper")
     return figure
 
@@ -72,7 +69,8 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
     kinds = table.different("observers")
     for index, kind in enumerate(kinds):
         points = []
-        shift = _SPREAD * ((index + 0.5) / len(kinds) - 0.5)
+        # The kinds stand beside each other about their number of trials.
+        shift = 0.8 * ((index + 0.5) / len(kinds) - 0.5)
         for position, number in enumerate(trials):
             unknown = table[design, number, kind, question, _UNKNOWN]
             if unknown.value < 1.0:
@@ -125,7 +123,8 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
         first, second, 1000.0 * values, cmap="Greys", shading="nearest", vmin=0.0, rasterized=True
     )
     bar = ax.figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
-    style_colour_bar(bar, "what one more trial adds,\nthousandths of a nat")
+    bar.set_label("what one more trial adds,\nthousandths of a nat")
+    style_axes(bar.ax)
     ax.axline((float(first[0]),) * 2, slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
 
     ax.scatter(
@@ -151,7 +150,7 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
         ax.set_xticks(ticks, texts)
         ax.set_yticks(ticks, texts)
         ax.set(xlabel=f"first {scale.label}", ylabel=f"second {scale.label}")
-    legend_above(ax, side="left")
+    legend_above(ax)
     style_axes(ax)
 
 

@@ -33,14 +33,9 @@ from bayes_toe.plots.style import (
 )
 from bayes_toe.seeds import generator
 
-#: Subjects that a page has room for, and those that have one row of panels.
-MOST_SUBJECTS, _MOST_IN_ONE_ROW = 40, 4
-#: Columns of further panels and inches of one of them; inches of a pair in one row of panels, and
-#: of such a panel.
-_COLUMNS, _LOW = 5, 1.0
-_PAIR, _LOWEST, _HIGHEST = 0.15, 1.2, 6.0
-_FEW_PAIRS = 40  # with large marks
-_REPLICATES_PER_DRAW = 10  # replicated studies for each draw
+#: Subjects that a page has room for.
+MOST_SUBJECTS = 40
+_PAIR = 0.15  # inches of a pair in one row of panels
 _INTERVAL = "#C8C8C8"
 
 
@@ -65,13 +60,19 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     InputError
         For an unknown subject, or more than 40 subjects.
     """
-    selected = _select_subjects(analysis, subjects)
-    n_columns, height = _COLUMNS, _LOW
-    has_room = len(selected) <= _MOST_IN_ONE_ROW
+    names = analysis.study.names if subjects is None else subjects
+    if not 1 <= len(names) <= MOST_SUBJECTS:
+        raise InputError(
+            f"subjects: found {len(names)}, allowed: 1 to {MOST_SUBJECTS}; "
+            "choose some, as in subjects=['S01', 'S02']"
+        )
+    selected = [analysis.study[name] for name in names]
+    n_columns, height = 5, 1.0
+    has_room = len(selected) <= 4  # one row of panels
     if has_room:
         n_columns = len(selected)
         n_pairs = max(counts.n_pairs for counts in selected)
-        height = min(max(_PAIR * n_pairs, _LOWEST), _HIGHEST)
+        height = min(max(_PAIR * n_pairs, 1.2), 6.0)
 
     width = COLUMN if n_columns == 1 else PAGE
     figure = new_figure(width, n_rows(len(selected), n_columns) * height + 1.0)
@@ -92,23 +93,13 @@ def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
     counts = fitted.target.subject
     share = np.exp(fitted.target.log_answers(fitted.x).yes[:, : counts.n_pairs])
     rng = generator(seed, counts.name, "posterior predictive interval")
-    replicated = rng.binomial(counts.n_trials, np.tile(share, (_REPLICATES_PER_DRAW, 1)))
+    # Ten replicated studies for each draw.
+    replicated = rng.binomial(counts.n_trials, np.tile(share, (10, 1)))
     ends = np.quantile(replicated, [MARKED[0], MARKED[2]], axis=0, method="inverted_cdf")
     return ends / counts.n_trials
 
 
 # --- Panels --------------------------------------------------------------------------------------
-
-
-def _select_subjects(analysis: Analysis, subjects: Sequence[str] | None) -> list[Subject]:
-    """The subjects asked for, at most as many as a page has room for."""
-    names = analysis.study.names if subjects is None else subjects
-    if not 1 <= len(names) <= MOST_SUBJECTS:
-        raise InputError(
-            f"subjects: found {len(names)}, allowed: 1 to {MOST_SUBJECTS}; "
-            "choose some, as in subjects=['S01', 'S02']"
-        )
-    return [analysis.study[name] for name in names]
 
 
 def _in_order(counts: Subject) -> IndexArray:
@@ -123,27 +114,24 @@ def _draw_subject(ax: Axes, analysis: Analysis, counts: Subject, *, has_room: bo
     order = presentation_order(counts)[index]
     y = np.arange(len(index))
 
-    ends = predictive_interval(analysis.curve(counts.name), analysis.settings.seed)
-    low, high = ends[:, index]
+    low, high = predictive_interval(analysis.curve(counts.name), analysis.settings.seed)[:, index]
     ax.barh(y, high - low, 0.7, low, color=_INTERVAL, lw=0, label="95 % predictive interval")
     # A bar of no length would not be seen.
     ax.vlines(0.5 * (low + high), y - 0.35, y + 0.35, color=_INTERVAL, lw=1.0)
-    size = 4.5 if has_room and len(index) <= _FEW_PAIRS else 2.8
-    style: Style = {"ms": size, "mec": "white", "mew": 0.4, "zorder": 3}
+    size = 4.5 if has_room and len(index) <= 40 else 2.8
     for mark, rows in rows_by_order(order):
-        style |= {"color": mark.colour, "label": mark.label}
-        ax.plot(share[rows], y[rows], mark.marker, **style)
+        style: Style = {"color": mark.colour, "mec": "white", "mew": 0.4, "label": mark.label}
+        ax.plot(share[rows], y[rows], mark.marker, ms=size, zorder=3, **style)
 
-    is_outside = (share < low) | (share > high)
-    ring: Style = {"ms": 2.0 * size, "mfc": "none", "mec": BAD, "mew": 1.0}
-    ax.plot(share[is_outside], y[is_outside], "o", label="outside", **ring)
+    out = (share < low) | (share > high)
+    ax.plot(share[out], y[out], "o", label="outside", ms=2.0 * size, mfc="none", mec=BAD, mew=1.0)
 
-    is_interpreted = {answer.subject: answer.is_interpretable for answer in analysis.answers}
     title = plain(counts.name, 20)
-    if not is_interpreted.get(counts.name, True):
+    refused = [answer.subject for answer in analysis.answers if not answer.is_interpretable]
+    if counts.name in refused:
         title += "\nnot interpreted"
     elif has_room:
-        title += f"\n{is_outside.sum()} of {len(index)} pairs outside"
+        title += f"\n{out.sum()} of {len(index)} pairs outside"
     ax.set_title(title, loc="left", fontsize=LETTERS)
     ax.set(xlim=(-0.06, 1.06), xticks=[0.0, 0.5, 1.0], ylim=(len(index) - 0.3, -0.7), yticks=[])
     ax.set(xlabel=f"proportion '{counts.task.yes}'", ylabel="pairs by order")

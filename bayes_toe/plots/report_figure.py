@@ -29,7 +29,6 @@ from bayes_toe.plots.style import (
 
 #: Subjects whose responses are shown.
 MAX_SUBJECTS = 6
-_RESPONSES_WIDE, _SIZES_WIDE, _SIZES_NARROW = 3.6, 5.6, 3.6  # inches
 #: Colours of a page in the place of those of a printed figure.
 _PAGE_COLOURS = {
     "#000000": "var(--ink)",
@@ -50,7 +49,7 @@ def responses_figure(analysis: Analysis, height: float) -> Figure:
     """
     names = shown_subjects(analysis.answers)
     n_columns = min(2, len(names))
-    figure = new_figure(_RESPONSES_WIDE, height)
+    figure = new_figure(3.6, height)
     panels = grid_panels(figure, len(names), n_columns, sharey=True)
     for ax, name in zip(panels, names, strict=True):
         responses_panel(ax, analysis.study[name], analysis.curve(name))
@@ -65,10 +64,10 @@ def sizes_figure(
 ) -> Figure:
     """Draw the sizes of all subjects, and of the group; narrow ones one below the other."""
     if is_narrow:
-        figure = new_figure(_SIZES_NARROW, 2.0 * height)
+        figure = new_figure(3.6, 2.0 * height)
         panels = figure.subplots(2, 1, sharey=True)
     else:
-        figure = new_figure(_SIZES_WIDE, height)
+        figure = new_figure(5.6, height)
         panels = figure.subplots(1, 2)
     forests(panels, analysis.evidence, group)
     return figure
@@ -78,11 +77,6 @@ def report_height(analysis: Analysis) -> float:
     """Inches of both figures."""
     responses_height = 1.0 + 1.2 * n_rows(len(shown_subjects(analysis.answers)), 2)
     return max(responses_height, forest_height(len(analysis.answers)), 2.6)
-
-
-def has_curves(analysis: Analysis) -> bool:
-    """Whether the figure shows responses: those of a subject that is interpreted."""
-    return any(answer.is_interpretable for answer in analysis.answers)
 
 
 def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:

@@ -6,22 +6,18 @@ before (left) and by its response (right).
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_toe.answers.serial_dependence import SerialDependence, SubjectDependence
-from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.errors import InputError
-from bayes_toe.model.trial_history import TrialSequence
 from bayes_toe.plots.style import (
     EQUAL,
     PAGE,
     POSTERIOR,
     SMALL,
-    Style,
     draw_band,
     explain_curves,
     legend_below,
@@ -31,11 +27,8 @@ from bayes_toe.plots.style import (
     style_axes,
 )
 
-#: Up to so many mean stimuli of the trial before each is a group; more are binned into groups.
-_MOST_DISTINCT, _GROUPS = 8, 5
 #: Subjects that one figure shows.
 MOST_ROWS = 6
-_HIGH = 2.1  # inches of a row
 
 
 def serial(table: SerialDependence, *subjects: str) -> Figure:
@@ -57,9 +50,12 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     if not rows:
         raise InputError("serial: no subject has a result; allowed: rows of bt.serial_dependence")
     if not subjects:
-        rows = sorted(rows, key=_log_evidence_gain, reverse=True)[:MOST_ROWS]
+        # By how much the log evidence of the best history exceeds that of none.
+        rows = sorted(rows, key=lambda row: row.log_evidence[0] - row.log_evidence.max())[
+            :MOST_ROWS
+        ]
 
-    figure = new_figure(PAGE, _HIGH * len(rows) + 0.5)
+    figure = new_figure(PAGE, 2.1 * len(rows) + 0.5)
     axes = figure.subplots(len(rows), 2, squeeze=False, sharey=True, width_ratios=(1.6, 1.0))
     for row, (left, right) in zip(rows, axes, strict=True):
         _draw_row(left, right, table, row)
@@ -78,32 +74,6 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     return figure
 
 
-class _Residuals(NamedTuple):
-    """Responses less the model without history, their variance, and the change by the best model.
-
-    Shapes are (trials,), (trials,) and (draws, trials).
-    """
-
-    residual: FloatArray
-    variance: FloatArray
-    change: FloatArray
-
-    def draw(self, ax: Axes, groups: list[IndexArray], x: FloatArray) -> None:
-        """Mean residual of each group with its standard error, and what the model says of it."""
-        means = np.array([self.residual[group].mean() for group in groups])
-        errors = [np.sqrt(self.variance[group].sum()) / len(group) for group in groups]
-        lines = np.stack([self.change[:, group].mean(axis=1) for group in groups], axis=1)
-        ax.axhline(0.0, color=EQUAL, linestyle="--", linewidth=0.8, label="no history")
-        draw_band(ax, x, lines, POSTERIOR)
-        style: Style = {"fmt": "o", "color": "black", "ms": 3.5, "lw": 0.8}
-        ax.errorbar(x, means, errors, label="responses", **style)
-
-
-def _log_evidence_gain(row: SubjectDependence) -> float:
-    """By how much the best history exceeds none, nats."""
-    return float(row.log_evidence.max() - row.log_evidence[0])
-
-
 def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDependence) -> None:
     """Draw both panels of a subject."""
     static = table.posterior(row, "static")
@@ -113,18 +83,19 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     trials = static.rows.trials
     answered = np.flatnonzero(trials.is_answered)
     residual = (trials.answer[answered] > 0.0) - expected
-    residuals = _Residuals(residual, expected * (1.0 - expected), change)
+    variance = expected * (1.0 - expected)
+
     previous = trials.previous[answered]
-    rows = np.flatnonzero(previous >= 0)
+    rows = previous >= 0
     previous = previous[rows]
-
-    groups, means = _stimulus_groups(trials, previous)
-    residuals.draw(left, [rows[group] for group in groups], means)
-    *_, yes, no = static.subject.task.answers
+    values = residual[rows], variance[rows], change[:, rows]
+    mean = 0.5 * (trials.first[previous] + trials.second[previous])
+    _draw_residuals(left, mean, _stimulus_groups(mean), *values)
     response = trials.answer[previous]
-    values = np.unique(response[response != 0.0])
-    residuals.draw(right, [rows[response == value] for value in values], values)
+    responses = np.unique(response[response != 0.0])
+    _draw_residuals(right, response, response == responses[:, None], *values)
 
+    *_, yes, no = static.subject.task.answers
     overall = float(np.average(0.5 * (trials.first + trials.second)))
     unit = static.subject.unit
     stimulus_axis(left, "mean stimulus of the trial before", unit, overall)
@@ -145,15 +116,34 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     style_axes(right)
 
 
-def _stimulus_groups(
-    trials: TrialSequence, previous: IndexArray
-) -> tuple[list[IndexArray], FloatArray]:
-    """Trials by the mean stimulus of the trial before, and the mean of each group."""
-    mean = 0.5 * (trials.first[previous] + trials.second[previous])
+def _stimulus_groups(mean: FloatArray) -> BoolArray:
+    """Groups of trials by the mean stimulus of the trial before, shape (groups, trials).
+
+    Up to eight different means are a group each; more are binned into five groups.
+    """
     edges = np.unique(mean)[1:]
-    if len(edges) >= _MOST_DISTINCT:
-        edges = np.unique(np.quantile(mean, np.linspace(0.0, 1.0, _GROUPS + 1)[1:-1]))
+    if len(edges) >= 8:
+        edges = np.unique(np.quantile(mean, [0.2, 0.4, 0.6, 0.8]))
     number = np.searchsorted(edges, mean, side="right")
-    groups = [np.flatnonzero(number == i) for i in range(len(edges) + 1)]
-    groups = [group for group in groups if len(group)]
-    return groups, np.array([mean[group].mean() for group in groups])
+    return number == np.unique(number)[:, None]
+
+
+def _draw_residuals(
+    ax: Axes,
+    position: FloatArray,
+    groups: BoolArray,
+    residual: FloatArray,
+    variance: FloatArray,
+    change: FloatArray,
+) -> None:
+    """Draw the mean residual of each group with its standard error, and what the model predicts.
+
+    `residual` has responses less the model without history, and `change` the best model less that
+    one, shape (draws, trials).
+    """
+    n_trials = groups.sum(axis=1)
+    x = groups @ position / n_trials
+    ax.axhline(0.0, color=EQUAL, linestyle="--", linewidth=0.8, label="no history")
+    draw_band(ax, x, change @ groups.T / n_trials, POSTERIOR)
+    mean, error = groups @ residual / n_trials, np.sqrt(groups @ variance) / n_trials
+    ax.errorbar(x, mean, error, fmt="o", color="black", ms=3.5, lw=0.8, label="responses")

@@ -16,7 +16,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.colorbar import Colorbar
 from matplotlib.container import Container, ErrorbarContainer
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
@@ -38,14 +37,10 @@ COLUMN, PAGE = 85.0 / 25.4, 175.0 / 25.4
 SMALL, LETTERS = 7.0, 8.0
 #: Subjects beyond which figures of a study sort them and name none; inches of such a panel.
 MAX_NAMES, HIGH = 60, 5.6
-#: Inches of a panel with room for a label in one line, and letters of a line below another panel.
-_WIDE_PANEL, _LABEL_LETTERS = 2.3, 20
 #: Quantiles that lines and intervals mark.
 MARKED = (0.025, 0.5, 0.975)
 #: Arguments that several calls of matplotlib share.
 Style = dict[str, Any]
-#: The lowest proportion on an axis that begins at 0.
-_LOW_PROPORTION = 0.3
 
 
 class Mark(NamedTuple):
@@ -103,11 +98,9 @@ def any_characters() -> Iterator[None]:
 # --- panels ---------------------------------------------------------------------------------------
 
 
-def new_figure(
-    wide: float, high: float, layout: Literal["constrained"] | None = "constrained"
-) -> Figure:
+def new_figure(wide: float, high: float) -> Figure:
     """A figure that no global state knows of: nothing to close, nothing pops up."""
-    return Figure(figsize=(wide, high), layout=layout)
+    return Figure(figsize=(wide, high), layout="constrained")
 
 
 def mark_synthetic(figure: Figure, is_synthetic: bool) -> None:
@@ -147,8 +140,8 @@ def grid_panels(
     sharey: bool = False,
 ) -> list[Axes]:
     """Panels in a grid, row by row."""
-    share: Style = {"sharex": sharex, "sharey": sharey}
-    axes = figure.subplots(n_rows(n_panels, n_columns), n_columns, squeeze=False, **share)
+    shape = n_rows(n_panels, n_columns), n_columns
+    axes = figure.subplots(*shape, squeeze=False, sharex=sharex, sharey=sharey)
     panels = axes.ravel().tolist()
     for ax in panels[n_panels:]:
         ax.remove()
@@ -164,9 +157,9 @@ def label_outer(panels: Sequence[Axes], n_columns: int) -> None:
         if i + n_columns >= len(panels):
             label = ax.get_xlabel()
         figure = ax.get_figure(root=True)
-        if figure is not None and figure.get_figwidth() < _WIDE_PANEL * n_columns:
+        if figure is not None and figure.get_figwidth() < 2.3 * n_columns:  # no room
             without_break = label.replace("% ", "%\u00a0")  # a line does not end behind a %
-            label = fill(without_break, _LABEL_LETTERS).replace("\u00a0", " ")
+            label = fill(without_break, 20).replace("\u00a0", " ")
         ax.set_xlabel(label)
         style_axes(ax)
 
@@ -177,17 +170,6 @@ def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
         has_order = order == sign
         if has_order.any():
             yield mark, has_order
-
-
-#: Multiples of powers of ten on a logarithmic axis: the first ones that give enough ticks.
-_MULTIPLES = ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
-_FEWEST_TICKS = 3
-_MOST_DECADES = 50  # beyond which a logarithmic axis leaves out powers of ten
-
-
-def _log_locator(multiples: Sequence[float]) -> LogLocator:
-    """Ticks at multiples of every power of ten."""
-    return LogLocator(subs=multiples, numticks=_MOST_DECADES)
 
 
 class Scale(NamedTuple):
@@ -209,11 +191,13 @@ class Scale(NamedTuple):
         start, end = self.unit.stimuli([low, high])
         locators: list[Locator] = [MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])]
         if not self.unit.is_decibel:
-            locators = [*map(_log_locator, _MULTIPLES), *locators]
+            # Multiples of powers of ten: the first ones that give three ticks.
+            for multiples in ((1.0, 1.5, 2.0, 3.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0,)):
+                locators.insert(0, LogLocator(subs=multiples, numticks=50))
         for locator in locators:
             numbers = np.asarray(locator.tick_values(start, end))
             numbers = numbers[(numbers >= start) & (numbers <= end)]
-            if len(numbers) >= _FEWEST_TICKS:
+            if len(numbers) >= 3:
                 break
         texts = [f"{number:.12g}".replace("-", "−") for number in numbers]
         return self.unit.logs(numbers), texts
@@ -255,7 +239,7 @@ def stimulus_axis(ax: Axes, stimulus: str, unit: StimulusUnit, mean: float) -> N
 def proportion_axis(ax: Axes) -> None:
     """Limits and ticks of proportions, from 0 or, where none is below .3, from near the lowest."""
     lowest, _ = ax.get_ylim()
-    low = np.floor(10.0 * lowest) / 10.0 if lowest >= _LOW_PROPORTION else 0.0
+    low = np.floor(10.0 * lowest) / 10.0 if lowest >= 0.3 else 0.0
     ax.set_ylim(low - 0.03, 1.03)
     ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
 
@@ -274,8 +258,8 @@ def zero_line(ax: Axes) -> None:
 
 def write_note(ax: Axes, text: str) -> None:
     """A note in small grey letters, in the lower right corner of a panel."""
-    style: Style = {"ha": "right", "va": "bottom", "fontsize": SMALL, "color": EQUAL}
-    ax.text(0.99, 0.01, text, transform=ax.transAxes, **style)
+    box = ax.transAxes
+    ax.text(0.99, 0.01, text, ha="right", va="bottom", fontsize=SMALL, color=EQUAL, transform=box)
 
 
 def style_axes(ax: Axes) -> Axes:
@@ -289,13 +273,6 @@ def style_axes(ax: Axes) -> Axes:
     ax.spines[:].set_linewidth(0.6)
     ax.spines[["top", "right"]].set_visible(False)
     return ax
-
-
-def style_colour_bar(bar: Colorbar, label: str) -> None:
-    """Set label, fonts and lines of a colour bar, as :func:`style_axes` does for a panel."""
-    bar.set_label(label, fontsize=LETTERS)
-    bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
-    bar.outline.set_linewidth(0.6)
 
 
 def _band_style(colour: str) -> Style:
@@ -352,7 +329,6 @@ _LEGEND: Style = {
     "borderaxespad": 0.2,
     "frameon": False,
 }
-_EDGES = {"left": 0.0, "center": 0.5}  # of a panel
 
 
 def legend_below(
@@ -362,33 +338,38 @@ def legend_below(
     side: Literal["lower", "upper"] = "lower",
 ) -> None:
     """Put one legend in small letters outside the panels, since points may be anywhere in them."""
-    handles = {}
-    for ax in figure.axes:
-        for handle, label in _main_first(ax):
-            handles[label] = handle
-    style: Style = {"loc": f"outside {side} center", "ncols": columns, "columnspacing": 1.2}
-    figure.legend(handles.values(), handles.keys(), **style, **_LEGEND)
+    entries = _legend_entries(figure.axes)
+    loc: Any = f"outside {side} center"
+    figure.legend(
+        entries.values(), entries.keys(), loc=loc, ncols=columns, columnspacing=1.2, **_LEGEND
+    )
 
 
-def legend_above(
-    ax: Axes, *, columns: int = 1, title: str | None = None, side: str = "center"
-) -> None:
-    """One legend for a panel, above it, in small letters, perhaps with words over it.
-
-    Estimates with error bars come first. `side` is where its lower edge touches the panel.
-    """
-    entries = _main_first(ax)
-    handles = [handle for handle, _ in entries]
-    labels = [label for _, label in entries]
-    place: Style = {"loc": f"lower {side}", "bbox_to_anchor": (_EDGES[side], 1.0)}
+def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:
+    """One legend for a panel, above it, in small letters, perhaps with words over it."""
+    entries = _legend_entries([ax])
+    place: Style = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
     words: Style = {"title": title, "title_fontsize": SMALL, "labelspacing": 0.25}
-    ax.legend(handles, labels, ncols=columns, **place, **words, **_LEGEND, columnspacing=1.0)
+    ax.legend(
+        entries.values(),
+        entries.keys(),
+        ncols=columns,
+        columnspacing=1.0,
+        **place,
+        **words,
+        **_LEGEND,
+    )
 
 
-def _main_first(ax: Axes) -> list[tuple[Any, str]]:
-    """Handles and labels, estimates with error bars before plain points.
+def _legend_entries(panels: Sequence[Axes]) -> dict[str, Any]:
+    """Handles by their labels, estimates with error bars before plain points.
 
     Matplotlib itself lists all lines first.
     """
-    pairs = list(zip(*ax.get_legend_handles_labels(), strict=True))
-    return sorted(pairs, key=lambda pair: not isinstance(pair[0], ErrorbarContainer))
+    handles = {}
+    for ax in panels:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            handles[label] = handle
+    return dict(
+        sorted(handles.items(), key=lambda item: not isinstance(item[1], ErrorbarContainer))
+    )

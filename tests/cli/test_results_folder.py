@@ -109,14 +109,14 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(marked, tmp_path
 def test_an_explorer_stands_beside_the_report_if_asked_for(marked, tmp_path, monkeypatch):
     explored = []
 
-    def explore(*draws, truths):
-        explored.append((*draws, truths))
+    def explore(draws):
+        explored.append(draws)
         return Explorer("explored")
 
     monkeypatch.setattr(results_folder, "explore", explore)
     out = write_results(marked, tmp_path / "out", has_explorer=True, **NO_FIGURES)
     assert page(out, "explorer.html") == "explored"
-    assert explored == [(marked.draws, None)]
+    assert explored == [marked.draws]
     assert page(out).count('href="explorer.html"') == 2
     assert "bayes-toe explore" not in page(out)
 

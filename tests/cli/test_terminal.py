@@ -70,10 +70,10 @@ def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):
 def test_many_draws_are_shown_if_they_did_not_converge(analysis, capsys, monkeypatch):
     monkeypatch.setattr("bayes_toe.cli.terminal.MANY_SUBJECTS", 2)
     monkeypatch.setattr(bt.Draws, "not_converged", property(lambda _: {"C": "few draws"}))
-    print_draws(Terminal(), analysis.draws, "summary.csv")
+    print_draws(Terminal(), analysis.draws)
     text = capsys.readouterr().out
     assert re.findall(r"^[ABC] ", text, re.MULTILINE) == ["C "]
-    assert "The draws of 2 other subjects converged. Table: summary.csv" in text
+    assert "The draws of 2 other subjects converged." in text
     assert "! C  The draws did not converge: few draws." in text
 
 

@@ -76,7 +76,7 @@ def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
     shared = made_subject("0 0.1 1 2, 0 0.3 1 2, 0.1 0.3 1 2")
     assert main_weaker(shared) == 0.0
-    assert main_weaker(made_subject("0 0 1 2, 0.1 0.1 1 2")) is None
+    assert main_weaker(made_subject("0 0 1 2, 0.1 0.1 1 2")) == 0.0
 
 
 # --- 'Which was stronger' -------------------------------------------------------------------------
