@@ -97,6 +97,7 @@ def run_jobs(
     """
     if workers is not None and not isinstance(workers, Integral):
         return run_on(workers, jobs)
+
     n_processes = min(count_processes(workers), len(jobs))
     is_copy_of_parent = bool(_parents - {os.getpid()})
     if n_processes <= 1 or is_copy_of_parent:
@@ -180,7 +181,9 @@ def _run_in_processes(
         parallel = Parallel(
             return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs", max_nbytes=None
         )
+
     _parents.add(os.getpid())
+
     results: Generator[tuple[int, Result]] | None = None
     try:
         with _safe_path():
@@ -222,10 +225,12 @@ def _signals_held_back() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+
     # joblib would start it next, and Python 3.11 and 3.12 let interrupts through after its start.
     resource_tracker.ensure_running()
     held_back = [signal.SIGTERM, *_TERMINAL_SIGNALS]
     earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, held_back)
+
     try:
         yield
     finally:

@@ -70,10 +70,12 @@ def looks_like(name: str, ours: str) -> bool:
     plain = plain_name(name)
     if plain == ours.replace("_", "") or plain in VOCABULARY["columns"].get(ours, ()):
         return True
+
     _, dot, ending = name.rpartition(".")
     if dot and ending in VOCABULARY["psychopy"].get(ours, ()):
         parts = (*VOCABULARY["psychopy"]["other_parts"], *VOCABULARY["practice"]["texts"])
         return not plain.startswith(parts)
+
     stimuli, places, other_words = named_places(name)
     return [ours] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
 
@@ -94,10 +96,13 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     for word in re.findall("[a-z]+|-?[0-9.,]+(?:st|nd)?", without_accents(camel_case).lower()):
         word = re.sub("[.,]0*$", "", word)
         parts = _KNOWN_WORDS.findall(word)
+        # A word such as 'testinterval' is several words if they are all of it.
         words += parts if "".join(parts) == word else [word]
+
     initials = [VOCABULARY["letters"].get(letter, "") for letter in "".join(words)]
     if sorted(initials) == ["comparison", "standard"]:
         return initials, [], set()
+
     meanings = [_MEANINGS.get(word, "") for word in words]
     stimuli = [*filter(("standard", "comparison").__contains__, meanings)]
     places = [*filter(("first", "second").__contains__, meanings)]
@@ -145,6 +150,7 @@ def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
     beginnings = tuple(VOCABULARY["practice"]["texts"])
     whole_words = VOCABULARY["practice"]["whole"]
     has_flags = is_flag(texts) and any(word in plain_name(name) for word in beginnings)
+
     marks = []
     for text in texts:
         is_true = has_flags and text.lower() in TRUE_WORDS
@@ -190,12 +196,14 @@ def unit_in(name: str) -> str:
     """
     plain = _plain_sign(name).replace("log10", "decadic")
     words = re.findall(r"[^\W\d_]+", plain)
+
     if "decadic" in words:
         return "log10"
     if set(words).intersection(VOCABULARY["units"]["decibel"]):
         return "dB"
     if set(words).intersection(VOCABULARY["units"]["logarithm"]):
         return ""
+
     last_letters = re.findall(r"(?<=[\W_])[^\W\d_](?=[\W_]*[12]?$|\W)", plain)
     for unit in VOCABULARY["units"]["intensity"]:
         if _plain_sign(unit) in (words if len(unit) > 1 else last_letters):
@@ -236,7 +244,7 @@ _REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_COUNT
 
 
 def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptions:
-    """Options that name the columns which are there under another name.
+    """Options that also name the columns of a file with similar names.
 
     Examples
     --------
@@ -244,10 +252,14 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
     {'subject': 'Participant', 'response': 'answer'}
     """
     options = _with_intensities(names, options)
-    roles = [] if options.subject_from is not None else ["subject"]
-    roles += ("standard", "comparison") if options.has_standard else _STIMULI
-    if any(name.endswith(".thisN") for name in names) and "trial" not in options.ignore:
+    roles = ["standard", "comparison"] if options.has_standard else [*_STIMULI]
+    if options.subject_from is None:
+        roles.insert(0, "subject")
+    # PsychoPy numbers trials in a column such as trials.thisN.
+    has_trial_numbers = any(name.endswith(".thisN") for name in names)
+    if has_trial_numbers and "trial" not in options.ignore:
         roles.append("trial")
+
     likely = _likely(names, options, roles)
     if options.correct is None:
         likely |= _likely_answers(names, options)
@@ -278,10 +290,12 @@ def _likely_answers(names: Sequence[str], options: ReadOptions) -> dict[str, str
     present = {ours for ours in (*_COUNTS, "response") if options.name(ours) in names}
     counts = _likely(names, options, _COUNTS)
     response = _likely(names, options, ("response",))
+
     answer_roles = present | counts.keys()
     may_be_counts = not response
     if "n_trials" in answer_roles:
         may_be_counts = len(answer_roles) == 2
+
     if may_be_counts and "response" not in present:
         return counts
     return {} if present else response
@@ -322,11 +336,13 @@ def columns_to_read(
     problems = [*_role_problems(names, roles_read, options)]
     if options.subject_from is not None:
         roles_read.remove("subject")
+
     response = options.name("response")
     if "response" in roles_read and response in names and looks_like(response, "correct"):
         finding = "found as response, though it seems to say right or wrong."
         problems.append(f"column {display_name(response)}: {finding}")
         return roles_read, problems, _score_remedies([response])
+
     unordered = _unordered_stimuli(names, options)
     if unordered:
         problems.append(
@@ -334,14 +350,17 @@ def columns_to_read(
             "would cancel out."
         )
         return roles_read, problems, [*_order_remedies(orders)]
+
     finding, unit = _unit_by_name(names, options)
     if finding:
         return roles_read, [*problems, finding], _unit_remedies(unit)
+
     required = _required(names, roles_read, options)
     problems += repeated_columns(names, required)
     missing = [name for name in required if name not in names]
     if not missing:
         return roles_read, problems, []
+
     absent = join_words([f"no column {display_name(name)}" for name in missing])
     column_list = join_names([display_name(name) for name in names if name])
     finding = f"there is {absent}. The columns are {column_list}."
@@ -370,6 +389,7 @@ def _role_problems(
         if theirs.count(name) > 1:
             roles = " and as ".join(ours for ours in roles_read if options.name(ours) == name)
             yield f"column {display_name(name)}: found as {roles}, allowed: one meaning per column"
+
     subject = options.name("subject")
     if options.subject_from is not None and subject in names:
         finding = "found together with --subject-from"
@@ -383,13 +403,16 @@ def _unit_by_name(names: Sequence[str], options: ReadOptions) -> tuple[str, str]
     """
     if options.unit is not None:
         return "", ""
+
     theirs = [*map(options.name, options.stimuli)]
     for name in theirs:
         unit = unit_in(name)
         is_intensity = options.has_intensities and unit not in _UNIT_MEANINGS
         if name in names and unit and not is_intensity:
             return f"column {display_name(name)} seems to be in {unit}.", unit
-    first, second = options.name("i1"), options.name("i2")
+
+    first = options.name("i1")
+    second = options.name("i2")
     if {*theirs}.isdisjoint(names) and not options.has_standard and {first, second} <= {*names}:
         columns = f"columns {display_name(first)} and {display_name(second)}"
         return f"{columns} seem to be intensities.", unit_in(first) or ANY_UNIT
@@ -512,9 +535,11 @@ def _remedies(
     if to_name:
         other_names = {options.name(ours) for ours in roles_read}
         yield _columns_remedy([name for name in names if name not in other_names], to_name, options)
+
     if missing == ["n_equal"] and options.name("n_trials") in names:
         count = (("n_second", "NAME"),)
         yield Remedy("columns", count, "if it counts 'the second was stronger' (2AFC)")
+
     yield from _answer_remedies(names, missing)
     if "subject" in missing:
         yield Remedy("subject_from", "{}.*", "if the name of the file is the subject")
@@ -547,6 +572,7 @@ def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOp
         if ours == "response":
             alike += [name for name in free if looks_like(name, "key")]
         pairs.append((ours, stimuli.get(ours) or (alike or ["NAME"])[0]))
+
     meaning = "with the names in your file"
     if stimuli.get("s1") and not unit_in(stimuli["s1"]):
         meaning = f"if they are natural logs; for intensities add --unit {ANY_UNIT}"

@@ -159,11 +159,13 @@ class ReadOptions:
             text = getattr(self, key)
             if text is not None:
                 object.__setattr__(self, key, _as_text(text))
+
         for key in ("columns", "where"):
             texts = getattr(self, key)
             require_kind(key, texts, Mapping, "texts by name, such as {'subject': 'participant'}")
             texts = {_as_text(name): _as_text(text) for name, text in texts.items()}
             object.__setattr__(self, key, texts)
+
         for key in ("ignore", "missed"):
             entries = getattr(self, key)
             if isinstance(entries, str | int | float):
@@ -184,13 +186,16 @@ class ReadOptions:
         is_number = isinstance(intensity, Real)
         if not is_number or not 0.0 < intensity < sys.float_info.max:
             yield f"--intensity: found {self.intensity!r}, allowed: a positive finite number"
+
         try:
             StimulusUnit(self.unit or "")
         except InputError as error:
             yield from error.problems
+
         if self.intensity is not None and self.unit in LOG_UNITS:
             rule = "--unit alone for logarithms"
             yield f"--intensity: found with --unit {self.unit}, allowed: {rule}"
+
         if self.decimal not in (None, ".", ","):
             yield f"--decimal: found {self.decimal!r}, allowed: '.' or ','"
 
@@ -211,13 +216,15 @@ class ReadOptions:
 
         Both codes may be one text, and two options may tell the task.
         """
-        options, answer_of_code = list[str](), dict[str, str]()
+        options = list[str]()
+        answer_of_code = dict[str, str]()
         for answer, code in self.code_by_answer.items():
             options.append(f"--{answer}-code")
             other = answer_of_code.setdefault(code, answer)
             if other != answer:
                 finding = f"found {quoted(code)} as --{other}-code"
                 yield f"--{answer}-code: {finding}, allowed: different texts"
+
         if self.correct is not None:
             options.append("--correct")
         has_task = self.task is not None or not options
@@ -232,12 +239,15 @@ class ReadOptions:
                 finding = quoted(f"{ours}={name}")
                 rule = f"OURS=NAME with OURS one of {', '.join(COLUMNS)}"
                 yield f"--columns: found {finding}, allowed: {rule}"
+
         for ours in self.ignore:
             if ours not in _MAY_BE_IGNORED:
                 yield f"--ignore: found {quoted(ours)}, allowed: {', '.join(_MAY_BE_IGNORED)}"
+
         if self.wide is not None and not _is_pair_pattern(self.wide):
             rule = "{first}, some text, {second}, such as '{first}_{second}'"
             yield f"--wide: found {quoted(self.wide)}, allowed: {rule}"
+
         if self.subject_from is not None and self.subject_from.count("{}") != 1:
             rule = "a file's name with one {}, such as 'sub-{}_*.tsv'"
             yield f"--subject-from: found {quoted(self.subject_from)}, allowed: {rule}"
@@ -361,6 +371,7 @@ def _blocks_by_subject(option: str, texts: Iterable[str], study: Study) -> dict[
     blocks_of: dict[str, list[str]] = {}
     for text in texts:
         subject_name, blocks = _subject_and_blocks(text, study, option)
+
         units = [unit.name for unit in study if unit.subject_name == subject_name]
         for name in units or [subject_name]:
             all_blocks = blocks_of.get(name, []) + blocks
@@ -383,9 +394,11 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
         name = quoted(text.partition(":")[0])
         subject_names = join_names(map(display_name, study.names))
         raise InputError(f"{option} {text}: no subject {name}; the subjects are {subject_names}")
+
     name = max(names, key=len)
     if text == name:
         return name, []
+
     blocks = text[len(name) + 1 :]
     for unit in study:
         is_named = name in (unit.name, unit.subject_name)

@@ -71,8 +71,10 @@ def subjects_tree(
     first = subject_draws[0]
     size = first.log_posterior.shape
     values = {name: np.empty((*size, len(study))) for name in (*first.quantities, "lp")}
-    rates, statistics = [], []
-    for i in reversed(range(len(study))):
+
+    rates = []
+    statistics = []
+    for i in reversed(range(len(study))):  # `pop` takes the last subject
         draws = subject_draws.pop()
         for name, drawn in draws.quantities.items():
             values[name][:, :, i] = drawn
@@ -130,6 +132,7 @@ def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.
         observed["n_second"] = _by_pair(study, "n_second")["n_second"]
     tree["observed_data"] = xr.DataTree(observed)
     tree["constant_data"] = xr.DataTree(_by_pair(study, "n_trials"))
+
     versions = library_versions("xarray") | {"python": platform.python_version()}
     tree.attrs |= {
         "format": FORMAT,
@@ -180,12 +183,16 @@ def _study_record(study: Study) -> Record:
 def stored_study(tree: xr.DataTree) -> Study:
     """The study in a tree: the counts of all who have draws, with the notes of reading them."""
     record = json.loads(tree.attrs["study"])
-    task, stimulus_unit = task_of(record["task"]), StimulusUnit(**record["stimulus_unit"])
-    observed, constant = tree["observed_data"].to_dataset(), tree["constant_data"].to_dataset()
+    task = task_of(record["task"])
+    stimulus_unit = StimulusUnit(**record["stimulus_unit"])
+
+    observed = tree["observed_data"].to_dataset()
+    constant = tree["constant_data"].to_dataset()
     columns: Record = {key: observed[key].values for key in ("s1", "s2")}
     columns |= {"n_yes": observed[task.count].values, "n_trials": constant["n_trials"].values}
     if task == THREE_ANSWERS:
         columns["n_second"] = observed["n_second"].values
+
     names = observed["subject"].values
     first_rows = np.flatnonzero(names[1:] != names[:-1]) + 1
     units = []
@@ -202,6 +209,7 @@ def stored_study(tree: xr.DataTree) -> Study:
             shared_scales=scales and StimulusScales(*scales),
         )
         units.append(unit)
+
     conditions = record["conditions"]
     if conditions is not None:
         conditions = Conditions(**{**conditions, "levels": tuple(conditions["levels"])})
@@ -232,6 +240,7 @@ def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> P
         for name, variable in node.to_dataset().variables.items():
             if variable.dtype.kind not in "UOT" and variable.size > 0 and variable.ndim > 0:
                 settings[str(name)] = {"fletcher32": True}
+
     with whole_file(path, overwrite=overwrite) as target, _OutputFile(target, "w+") as file:
         try:
             with without_cluster():
@@ -282,6 +291,7 @@ def read_tree(path: StrPath) -> xr.DataTree:
     if not os.path.isfile(path):
         problem = "not a file" if os.path.exists(path) else "no such file"
         raise InputError(f"{format_path(path)}: {problem}; {_READABLE}")
+
     with reading(path):
         names = _group_names(path)
         tree = xr.DataTree.from_dict({f"/{name}": _read_group(path, name) for name in names})

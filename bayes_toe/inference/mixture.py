@@ -70,6 +70,7 @@ class StudentMixture:
         log_norm = (
             gammaln((self.df + dim) / 2) - gammaln(self.df / 2) - dim / 2 * np.log(self.df * np.pi)
         )
+
         return np.log(self.weights) + log_norm - log_volume
 
     @cached_property
@@ -106,22 +107,28 @@ class StudentMixture:
         sums = self._sums(x, weights)
         effective = sums.weight * effective_number(weights)
         trust = effective / (effective + inertia)
+
         means = self.means + trust[:, None] * (sums.means - self.means)
         moved = _outer(sums.means - means) * (sums.pulls / sums.weight)[:, None, None]
         change = sums.scales + moved - self.scales
         scales = self.scales + trust[:, None, None] * change
         scales += 1e-9 * scales * np.eye(x.shape[1])
+
         shares = sums.weight + floor / len(means)
         return StudentMixture(shares / shares.sum(), means, scales, self.df)
 
     def _sums(self, x: FloatArray, weights: FloatArray) -> _Sums:
         """The sums over weighted points for each component."""
-        dim, n = x.shape[1], len(self.means)
+        dim = x.shape[1]
+        n = len(self.means)
+
         # Moments are counted from the points' mean: a component that is kept is at most 100 of
         # their standard deviations away, and what is subtracted below costs at most that squared in
         # rounding errors, far less than the safeguard adds.
         centre = weights @ x
-        weight, moments = np.zeros(n), np.zeros((n, 1 + dim + dim * dim))
+        weight = np.zeros(n)
+        moments = np.zeros((n, 1 + dim + dim * dim))
+
         for block in _blocks(len(x)):
             u = self._distances(x[block])
             shares = self._tops[:, None] * self._kernel(u)
@@ -130,8 +137,10 @@ class StudentMixture:
             y = x[block] - centre
             powers = np.column_stack([np.ones(len(y)), y, _outer(y).reshape(len(y), -1)])
             moments += (shares / u) @ powers
+
         moments *= (self.df + dim) / self.df
-        weight, pulls = np.maximum(weight, _TINY), np.maximum(moments[:, 0], _TINY)
+        weight = np.maximum(weight, _TINY)
+        pulls = np.maximum(moments[:, 0], _TINY)
         offsets = moments[:, 1 : dim + 1] / pulls[:, None]
         around = moments[:, dim + 1 :].reshape(-1, dim, dim)
         scales = (around - pulls[:, None, None] * _outer(offsets)) / weight[:, None, None]
@@ -148,6 +157,7 @@ class StudentMixture:
         weights = [
             part.weights * part_share for part, part_share in zip(parts, shares, strict=True)
         ]
+
         return StudentMixture(
             np.concatenate(weights),
             np.concatenate([part.means for part in parts]),

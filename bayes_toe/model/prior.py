@@ -261,6 +261,7 @@ class Prior(PriorNumbers):
         symbols = self._symbols()
         if not symbols:
             return self
+
         scales = common_scales(*subjects)
         if scales is None:
             # A number that H1 does not use may stay open.
@@ -271,6 +272,7 @@ class Prior(PriorNumbers):
                     "prior 'paper' (--prior paper), or one of numbers"
                 )
             return self
+
         numbers = {"M": scales.mean, "2.5 R": 2.5 * scales.spread, "D": scales.step}
         values: Record = {name: numbers[symbol] for name, symbol in symbols.items()}
         return replace(self, **values)
@@ -299,6 +301,7 @@ class Prior(PriorNumbers):
         for name in self.declared():
             if name.rpartition("_")[0] == parameter:
                 words.append(symbols.get(name) or f"{getattr(self, name):g}")
+
         family = self.families[parameter]
         if family == "Beta" and words == ["1", "1"]:
             return "Uniform(0, 1)"
@@ -384,6 +387,7 @@ def changed_prior(prior: Prior, table: Mapping[str, Any], source: str) -> Prior:
         for key, value in values.items():
             if value != STIMULI:
                 numbers[key] = float(value)
+
         part, _, parameter = section.partition(".")
         if part == PAPER:
             paper = numbers
@@ -391,8 +395,10 @@ def changed_prior(prior: Prior, table: Mapping[str, Any], source: str) -> Prior:
             group[parameter] = replace(getattr(prior.group, parameter), **numbers)
         else:
             observer |= {f"{section}_{key}": number for key, number in numbers.items()}
-    of_observer, of_group = replace(prior.observer, **observer), replace(prior.group, **group)
-    return replace(prior, **paper, observer=of_observer, group=of_group)
+
+    observer_prior = replace(prior.observer, **observer)
+    group_prior = replace(prior.group, **group)
+    return replace(prior, **paper, observer=observer_prior, group=group_prior)
 
 
 def _section_problems(section: str, values: object) -> list[str]:
@@ -403,6 +409,7 @@ def _section_problems(section: str, values: object) -> list[str]:
         places = [name for name, keys in all_sections.items() if section in keys]
         names = ", ".join(f"[{name}]" for name in places or all_sections)
         return [f"{display_name(section)}: found no such section, allowed: {names}"]
+
     keys = all_sections[section]
     problems = []
     for key, value in values.items():
