@@ -221,7 +221,7 @@ def _safe_path() -> Iterator[None]:
 
 @contextmanager
 def _signals_held_back() -> Iterator[None]:
-    """Signals of a terminal wait: a Python that is starting would print many lines and end."""
+    """Hold back signals while workers start, which would end them with many lines of output."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -238,7 +238,7 @@ def _signals_held_back() -> Iterator[None]:
 
 
 def _start_worker(parent: int) -> None:
-    """First in a worker: it ignores the terminal and ends with its parent."""
+    """Prepare a worker: it ignores signals of the terminal and ends with its parent."""
     ignore_settings_of_folder()
     for number in _TERMINAL_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
@@ -248,7 +248,7 @@ def _start_worker(parent: int) -> None:
 
 
 def _end_with_parent(parent: int) -> None:
-    """A parent that is killed cannot end its workers, so that each looks whether it is there."""
+    """End this worker when its parent is gone: a parent that is killed cannot end its workers."""
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)

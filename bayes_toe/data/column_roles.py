@@ -59,8 +59,8 @@ def without_accents(text: str) -> str:
     return re.sub("[\u0300-\u036f]", "", unicodedata.normalize("NFKD", text))
 
 
-def looks_like(name: str, ours: str) -> bool:
-    """Whether a column of a file looks like one of ours in another spelling.
+def looks_like(name: str, role: str) -> bool:
+    """Whether a column of a file has a role by its name, also in another spelling.
 
     Examples
     --------
@@ -68,21 +68,21 @@ def looks_like(name: str, ours: str) -> bool:
     (True, True)
     """
     plain = plain_name(name)
-    if plain == ours.replace("_", "") or plain in VOCABULARY["columns"].get(ours, ()):
+    if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
         return True
 
     _, dot, ending = name.rpartition(".")
-    if dot and ending in VOCABULARY["psychopy"].get(ours, ()):
+    if dot and ending in VOCABULARY["psychopy"].get(role, ()):
         parts = (*VOCABULARY["psychopy"]["other_parts"], *VOCABULARY["practice"]["texts"])
         return not plain.startswith(parts)
 
     stimuli, places, other_words = named_places(name)
-    return [ours] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
+    return [role] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
 
 
 @lru_cache(maxsize=2**16)
 def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
-    """Which of standard and comparison a name or a cell names, their places, and other words.
+    """The stimuli that a name or a cell names, standard or comparison, their places, other words.
 
     Examples
     --------
@@ -267,7 +267,7 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
 
 
 def _with_intensities(names: Sequence[str], options: ReadOptions) -> ReadOptions:
-    """Options that read s1 and s2 as intensities, where a unit is told and no i1 and i2 are there.
+    """Options that read s1 and s2 as intensities if a unit is given and there are no i1 and i2.
 
     Examples
     --------
@@ -278,16 +278,16 @@ def _with_intensities(names: Sequence[str], options: ReadOptions) -> ReadOptions
     if options.unit is None or options.stimuli != ("i1", "i2") or has_columns:
         return options
     columns = {**options.columns}
-    for ours in ("1", "2"):
-        columns[f"i{ours}"] = columns.pop(f"s{ours}", f"s{ours}")
+    for number in ("1", "2"):
+        columns[f"i{number}"] = columns.pop(f"s{number}", f"s{number}")
     if {columns["i1"], columns["i2"]} <= {*names}:
         return replace(options, columns=columns)
     return options
 
 
 def _likely_answers(names: Sequence[str], options: ReadOptions) -> dict[str, str]:
-    """Columns of responses or of counts that are there under another name."""
-    present = {ours for ours in (*_COUNTS, "response") if options.name(ours) in names}
+    """The file's names for the responses, or for counts, if they are other names than ours."""
+    present = {role for role in (*_COUNTS, "response") if options.name(role) in names}
     counts = _likely(names, options, _COUNTS)
     response = _likely(names, options, ("response",))
 
@@ -302,16 +302,16 @@ def _likely_answers(names: Sequence[str], options: ReadOptions) -> dict[str, str
 
 
 def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
-    """The columns of these roles, of which each has one candidate."""
+    """The file's names for these roles, without roles that have several candidates or none."""
     unused = _STIMULI if options.has_standard else ()
-    names_in_use = {options.name(ours) for ours in COLUMNS if ours not in unused}
+    names_in_use = {options.name(role) for role in COLUMNS if role not in unused}
     likely = {}
-    for ours in roles:
-        if ours in options.columns or ours in names:
+    for role in roles:
+        if role in options.columns or role in names:
             continue
-        candidates = [name for name in names if name not in names_in_use and looks_like(name, ours)]
+        candidates = [name for name in names if name not in names_in_use and looks_like(name, role)]
         if len(candidates) == 1:
-            likely[ours] = candidates[0]
+            likely[role] = candidates[0]
     return likely
 
 
@@ -374,9 +374,9 @@ def _role_problems(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> Iterator[str]:
     """Problems of two columns for the subject or the answers, and of a column with two meanings."""
-    answers = [ours for ours in ("response", *_COUNTS) if ours in roles_read]
+    answers = [role for role in ("response", *_COUNTS) if role in roles_read]
     if len(answers) > 2 or (len(answers) == 2 and "response" in answers):
-        first, *others = [display_name(options.name(ours)) for ours in answers]
+        first, *others = [display_name(options.name(role)) for role in answers]
         finding = f"found together with {' and '.join(others)}"
         rule = (
             "responses (one row per trial), counts of one response (one row per pair), or n_first, "
@@ -384,10 +384,10 @@ def _role_problems(
         )
         yield f"column {first}: {finding}, allowed: {rule}"
 
-    theirs = [options.name(ours) for ours in roles_read]
+    theirs = [options.name(role) for role in roles_read]
     for name in dict.fromkeys(theirs):
         if theirs.count(name) > 1:
-            roles = " and as ".join(ours for ours in roles_read if options.name(ours) == name)
+            roles = " and as ".join(role for role in roles_read if options.name(role) == name)
             yield f"column {display_name(name)}: found as {roles}, allowed: one meaning per column"
 
     subject = options.name("subject")
@@ -397,9 +397,9 @@ def _role_problems(
 
 
 def _unit_by_name(names: Sequence[str], options: ReadOptions) -> tuple[str, str]:
-    """The problem of stimuli that have a unit by their names, where no option tells it; the unit.
+    """The problem of stimuli whose names have a unit that no option gives, and that unit.
 
-    Both are empty where there is no problem.
+    Both are empty if there is no problem.
     """
     if options.unit is not None:
         return "", ""
@@ -423,20 +423,20 @@ def _required(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> Iterable[str]:
     """Columns that must be there once."""
-    roles = [ours for ours in (*COLUMNS, "correct", "standard_interval") if ours in roles_read]
-    missing = [ours for ours in options.columns if options.name(ours) not in names]
+    roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
+    missing = [role for role in options.columns if options.name(role) not in names]
     return dict.fromkeys([*options.where, *map(options.name, [*roles, *missing])])
 
 
 def _roles_read(names: Sequence[str], options: ReadOptions) -> list[str]:
-    """Our names of the columns that these names call for, and of those that there may be."""
+    """Our names of the columns that must be read, and of optional ones that the file has."""
     roles_read = ["subject", *options.stimuli]
     if options.interval_column is not None:
         roles_read.append("standard_interval")
     roles_read += _answer_roles(names, options)
-    for ours in _optional_roles(names, options):
-        if ours not in options.ignore:
-            roles_read.append(ours)
+    for role in _optional_roles(names, options):
+        if role not in options.ignore:
+            roles_read.append(role)
     return roles_read
 
 
@@ -444,7 +444,7 @@ def _answer_roles(names: Sequence[str], options: ReadOptions) -> list[str]:
     """Our names of the columns of responses or counts."""
     if options.correct is not None:
         return ["correct"]
-    counts = [ours for ours in _COUNTS if options.name(ours) in names]
+    counts = [role for role in _COUNTS if options.name(role) in names]
     if options.name("response") in names or not counts:
         return ["response", *counts]
     if {*map(options.name, _THREE_COUNTS)} <= {*names}:
@@ -460,12 +460,12 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
     if has_condition:
         yield "condition"
     # No inference reads block and trial: twice there, or named as something else, they are ignored.
-    other_names = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
+    other_names = [options.name(role) for role in COLUMNS if role not in LOOKED_AT]
     other_names.append(options.name("standard_interval"))
-    for ours in LOOKED_AT:
-        name = options.name(ours)
+    for role in LOOKED_AT:
+        name = options.name(role)
         if name not in other_names and names.count(name) == 1:
-            yield ours
+            yield role
 
 
 def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
@@ -493,7 +493,8 @@ def _order_remedies(orders: Sequence[str]) -> Iterator[Remedy]:
     for name in orders or ["NAME"]:
         stimuli, places, _ = named_places(name)
         for owner in ("standard", "comparison"):
-            if stimuli in ([], [owner]) or (places and owner == "standard"):
+            may_own = stimuli in ([], [owner])
+            if may_own or (places and owner == "standard"):
                 meaning = f"if {name} says the interval of the {owner}"
                 yield Remedy(f"{owner}_interval", name, meaning)
     yield Remedy("standard_first", "", "if the standard was always first")
@@ -516,7 +517,7 @@ def intensity_remedies(stimuli: FloatArray) -> list[Remedy]:
 
 
 def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:
-    """The one pair of names that differ by 1 and 2, such as 'stim1' and 'stim2'; else empty."""
+    """The only two names that differ by 1 and 2, such as 'stim1' and 'stim2'; else empty."""
     pairs = []
     for name in names:
         other = re.sub("1(?=[^0-9]*$)", "2", name)
@@ -530,10 +531,10 @@ def _remedies(
 ) -> Iterator[Remedy]:
     """Options to type if columns are missing."""
     roles = dict.fromkeys((*roles_read, *options.columns))
-    missing = [ours for ours in roles if options.name(ours) not in names]
-    to_name = [ours for ours in missing if ours in _REQUIRED]
+    missing = [role for role in roles if options.name(role) not in names]
+    to_name = [role for role in missing if role in _REQUIRED]
     if to_name:
-        other_names = {options.name(ours) for ours in roles_read}
+        other_names = {options.name(role) for role in roles_read}
         yield _columns_remedy([name for name in names if name not in other_names], to_name, options)
 
     if missing == ["n_equal"] and options.name("n_trials") in names:
@@ -567,11 +568,11 @@ def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOp
     """The option that names columns, with the names that are likely."""
     stimuli = dict(zip(options.stimuli, _numbered_pair(free), strict=True))
     pairs = []
-    for ours in to_name:
-        alike = [name for name in free if looks_like(name, ours)]
-        if ours == "response":
+    for role in to_name:
+        alike = [name for name in free if looks_like(name, role)]
+        if role == "response":
             alike += [name for name in free if looks_like(name, "key")]
-        pairs.append((ours, stimuli.get(ours) or (alike or ["NAME"])[0]))
+        pairs.append((role, stimuli.get(role) or (alike or ["NAME"])[0]))
 
     meaning = "with the names in your file"
     if stimuli.get("s1") and not unit_in(stimuli["s1"]):

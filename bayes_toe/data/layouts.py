@@ -139,7 +139,7 @@ def _standard_first_by_text(
 def _require_certain(
     table: TextTable, column: Column, is_first: Mapping[str, bool | None], owner: str
 ) -> None:
-    """Refuse one or two codes that may mean either, and intervals of another stimulus by name."""
+    """Refuse one or two codes whose meaning is not certain, and a column of another stimulus."""
     if None in is_first.values() and len(is_first) <= 2:
         counts = join_names(column.counts(is_first))
         problem = f"the codes are {counts}. Which of them means that the standard was first?"
@@ -313,7 +313,7 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
 
 
 def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
-    """A row for each of these columns, with its name and its cell."""
+    """The table with a row for each cell of these columns: the name of the column, and the cell."""
     repeated = repeated_columns(names, dict.fromkeys(names))
     if repeated:
         table.require(repeated)
@@ -334,7 +334,7 @@ def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
 
 
 def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:
-    """The only column all of whose cells fit."""
+    """The only column whose cells all fit the pattern."""
     fitting = []
     for column in table.columns.values():
         if all(map(regex.fullmatch, column.texts)):

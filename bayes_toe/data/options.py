@@ -154,7 +154,7 @@ class ReadOptions:
             raise InputError(problems)
 
     def _strip_texts(self) -> None:
-        """Texts without spaces around them; numbers as the cells of a data frame: 1.0 is '1'."""
+        """Replace all values by texts without spaces around them, see :func:`_as_text`."""
         for key in _TEXT_FIELDS:
             text = getattr(self, key)
             if text is not None:
@@ -234,15 +234,15 @@ class ReadOptions:
 
     def _name_problems(self) -> Iterator[str]:
         """Problems of the names of columns and files, a line each."""
-        for ours, name in self.columns.items():
-            if ours not in COLUMNS or not name:
-                finding = quoted(f"{ours}={name}")
+        for role, name in self.columns.items():
+            if role not in COLUMNS or not name:
+                finding = quoted(f"{role}={name}")
                 rule = f"OURS=NAME with OURS one of {', '.join(COLUMNS)}"
                 yield f"--columns: found {finding}, allowed: {rule}"
 
-        for ours in self.ignore:
-            if ours not in _MAY_BE_IGNORED:
-                yield f"--ignore: found {quoted(ours)}, allowed: {', '.join(_MAY_BE_IGNORED)}"
+        for role in self.ignore:
+            if role not in _MAY_BE_IGNORED:
+                yield f"--ignore: found {quoted(role)}, allowed: {', '.join(_MAY_BE_IGNORED)}"
 
         if self.wide is not None and not _is_pair_pattern(self.wide):
             rule = "{first}, some text, {second}, such as '{first}_{second}'"
@@ -267,15 +267,15 @@ class ReadOptions:
         """The text that was given for each answer of a task."""
         return tuple(map(self.code_by_answer.get, task.answers))
 
-    def name(self, ours: str) -> str:
-        """The file's name for a column of ours."""
+    def name(self, role: str) -> str:
+        """The name in the file of the column with this role."""
         chosen_by_role = {
             "correct": self.correct,
             "condition": self.condition,
             "standard_interval": self.interval_column,
         }
-        chosen = chosen_by_role.get(ours)
-        return self.columns.get(ours, chosen or ours)
+        chosen = chosen_by_role.get(role)
+        return self.columns.get(role, chosen or role)
 
     @property
     def has_standard(self) -> bool:
@@ -320,7 +320,7 @@ def _is_pair_pattern(pattern: str) -> bool:
 
 
 def _as_text(value: object) -> str:
-    """A text without spaces around it; a number as the cell of a data frame: 1.0 is '1'."""
+    """A text without spaces around it; a number is as in a table, so that 1.0 is '1'."""
     if isinstance(value, bool | float):
         value = f"{value:.15g}"
     return str(value).strip()
@@ -371,7 +371,6 @@ def _blocks_by_subject(option: str, texts: Iterable[str], study: Study) -> dict[
     blocks_of: dict[str, list[str]] = {}
     for text in texts:
         subject_name, blocks = _subject_and_blocks(text, study, option)
-
         units = [unit.name for unit in study if unit.subject_name == subject_name]
         for name in units or [subject_name]:
             all_blocks = blocks_of.get(name, []) + blocks

@@ -388,7 +388,7 @@ def _sheet_rows(source: str, sheet: Any) -> list[list[Any]]:
 
 
 def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -> TextTable:
-    """A list of trials, a list of participants with their trials, columns, or a trial a line.
+    """The table of a list of trials or of participants with trials, of columns, or of lines.
 
     Row 1 is the first trial; a key that a trial lacks is an empty cell.
     """
@@ -477,7 +477,7 @@ def _json_records(
 
 
 def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
-    """Fields of a struct, a struct array, or vectors by name; row 1 is the first trial.
+    """The table of a struct, a struct array, or vectors by name; row 1 is the first trial.
 
     A single value stands in every row.
     """
@@ -490,7 +490,7 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
 
 
 def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
-    """The schema stands for a header.
+    """The table of a Parquet file, whose schema stands for a header.
 
     Row 1 is the first record; a missing value is an empty cell.
     """

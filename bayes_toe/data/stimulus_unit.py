@@ -79,7 +79,7 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
 
 
 def _without_rounding(pairs: FloatArray) -> FloatArray:
-    """Pairs of a subject, shape (2, pairs), of which stimuli that differ by rounding are equal.
+    """Pairs of a subject, shape (2, pairs), in which stimuli are equal if they differ by rounding.
 
     The stimulus that was shown most often stands for its neighbours. If every trial has stimuli of
     its own, only those of one pair are taken together.

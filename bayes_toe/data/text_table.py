@@ -283,7 +283,7 @@ def require_size(source: str, n_columns: int, n_cells: int) -> None:
 
 
 def repeated_columns(names: Sequence[str], wanted: Iterable[str]) -> list[str]:
-    """Problems of columns that are wanted and there more than once, a line each."""
+    """Problems of wanted columns that a table has more than once, a line each."""
     problems = []
     for name in wanted:
         if names.count(name) > 1:
@@ -363,7 +363,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
 
 
 def _layout(source: str, text: str, choice: Choice) -> tuple[str, int, list[Record]]:
-    """The delimiter, which record has the names, and the first records from the names on."""
+    """The delimiter, the index of the record with the names, and the first records from there."""
     best_fit = (-1, -1)
     best: tuple[str, int, list[Record]] = ("", 0, [])
     for delimiter in DELIMITERS:

@@ -141,7 +141,7 @@ def _rows_with_a_pair(
 
 
 def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray]:
-    """Names of blocks or sessions in their order, and which of them each row's is.
+    """Names of blocks or sessions in their order, and the index of the one of each row.
 
     The order is that of numbers where all are numbers, else that of appearance.
     """

@@ -106,7 +106,7 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
 
     A session that was stopped leaves such rows in a matrix of zeros that was made before it.
     """
-    stimuli = [table.columns[options.name(ours)] for ours in options.stimuli]
+    stimuli = [table.columns[options.name(role)] for role in options.stimuli]
     is_zero = _is_zero(table, [*stimuli, table.columns[options.name(answer)]])
     for name, column in table.columns.items():
         if is_response_sign(name):  # a key or a reaction time shows a trial

@@ -354,7 +354,7 @@ class Draws:
 
 
 def require_draws(value: object) -> None:
-    """Refuse what stands in the place of draws, with what makes them."""
+    """Refuse a value that is no Draws, and name the functions that make them."""
     require_kind(
         "draws",
         value,
@@ -377,7 +377,7 @@ def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
         )
 
     draws = Draws(tree)
-    with reading(path):
+    with reading(path):  # what is missing raises an error as soon as it is read
         statistics = draws.group("sample_stats")
         require_numbers(statistics, {"lp": BY_SUBJECT, "min_ess": ("subject",)})
         _ = statistics[["converged", "shortfall", "imprecise", "max_r_hat"]]

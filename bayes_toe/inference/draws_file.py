@@ -82,6 +82,10 @@ def subjects_tree(
         rates.append(draws.acceptance)
         statistics.append(draws.statistics)
 
+    # The last subject came first.
+    rates.reverse()
+    statistics.reverse()
+
     n_chains, n_draws = size
     coordinates = {
         "chain": np.arange(n_chains),
@@ -99,8 +103,8 @@ def subjects_tree(
     target = model_posterior(model, study.subjects[0], settings.prior)
     density_of = ", ".join(target.coordinates[:6])
     density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
-    sample_stats = xr.Dataset(_by_subject(statistics[::-1]), coordinates)
-    sample_stats["acceptance_rate"] = (("chain", "subject"), np.stack(rates[::-1], axis=-1))
+    sample_stats = xr.Dataset(_by_subject(statistics), coordinates)
+    sample_stats["acceptance_rate"] = (("chain", "subject"), np.stack(rates, axis=-1))
     sample_stats["lp"] = (BY_SUBJECT, values["lp"], {"description": density})
 
     tree = study_tree(study, settings.seed, {"posterior": posterior, "sample_stats": sample_stats})

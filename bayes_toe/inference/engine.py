@@ -67,7 +67,7 @@ class Precision:
     largest_share, largest_weight, largest_k : float
         Share of all weight, and weight over the mean, of one draw, and Pareto k of the weights,
         above which a mixture is refitted.
-    most_returns : int
+    most_refits : int
         How often a mixture is refitted at most.
     has_cover : bool
         Whether a mixture has wide components, so that no draw in a tail is heavy.
@@ -87,7 +87,7 @@ class Precision:
     largest_share: float = 0.03
     largest_weight: float = np.inf
     largest_k: float = np.inf
-    most_returns: int = 8
+    most_refits: int = 8
     has_cover: bool = False
 
 
@@ -108,7 +108,7 @@ SHARP = Precision(
     largest_share=1.0,
     largest_weight=10.0,
     largest_k=0.5,
-    most_returns=12,
+    most_refits=12,
     has_cover=True,
 )
 
@@ -146,7 +146,7 @@ class PriorMixture:
         weights = tempered(draws.log_weights, precision.tempered)
         core = self.core
         for _ in range(precision.em_steps):
-            core = core.drawn_toward(points, weights, precision.floor, inertia)
+            core = core.em_step(points, weights, precision.floor, inertia)
         if not precision.has_cover:
             return replace(self, core=core)
 
@@ -155,7 +155,7 @@ class PriorMixture:
         flat_weights = tempered(flat_log_weights, precision.tempered)
         cover = self.cover or _components(points, flat_weights, 6, core.df)
         for _ in range(2):
-            cover = cover.drawn_toward(points, flat_weights, 0.4, inertia)
+            cover = cover.em_step(points, flat_weights, 0.4, inertia)
         return replace(self, core=core, cover=cover)
 
     def sample(self, rng: AnyRng, size: int) -> tuple[FloatArray, BoolArray]:
@@ -265,11 +265,11 @@ def fitted_draws(
     Parameters
     ----------
     array : PosteriorArray
-        In the coordinates w of the mixtures, (posteriors, points, d).
+        Posteriors in the coordinates w of the mixtures, (posteriors, points, d).
     mixtures : sequence of PriorMixture
-        To begin with, one for each posterior.
+        The mixture of each posterior to begin with.
     generators : sequence of Generator
-        One for each posterior; several may share one.
+        The generator of each posterior; several may share one.
     families : ndarray of int, shape (posteriors,)
         Posteriors that are compared are of one family: one that is far less probable than the best
         of its family needs no precision.
@@ -278,7 +278,7 @@ def fitted_draws(
     no_draws = WeightedDraws(np.empty((0, len(array.names))), *np.empty((3, 0)))
     states = []
     for mixture, rng in zip(mixtures, generators, strict=True):
-        states.append(_State(mixture, rng, no_draws, [], no_draws))
+        states.append(_State(mixture, rng, pool=no_draws, rounds=[], fresh=no_draws))
 
     # Adapt each mixture to the pool of its draws.
     active = list(range(len(array)))
@@ -335,7 +335,7 @@ class _State:
         The mixture of every round of the pool, with its number of draws.
     fresh : WeightedDraws
         Draws of the present mixture, which did not choose it.
-    returns, poor_returns : int
+    refits, poor_refits : int
         How often the mixture was refitted, and how often for a poor efficiency alone.
     """
 
@@ -344,8 +344,8 @@ class _State:
     pool: WeightedDraws
     rounds: list[tuple[PriorMixture, int]]
     fresh: WeightedDraws
-    returns: int = 0
-    poor_returns: int = 0
+    refits: int = 0
+    poor_refits: int = 0
 
     def join(self, draws: WeightedDraws) -> None:
         """Add draws of the present mixture to the pool."""
@@ -392,22 +392,22 @@ def _unfinished(
 
 
 def _fits_badly(state: _State, precision: Precision) -> bool:
-    """Whether a mixture misses a part of its posterior; counts how often it did."""
+    """Whether a mixture misses a part of its posterior; the state counts how often it did."""
     draws = state.fresh
     n_draws = len(state.fresh.x)
-    if n_draws < _FEWEST_ASSESSED or state.returns >= precision.most_returns:
+    if n_draws < _FEWEST_ASSESSED or state.refits >= precision.most_refits:
         return False
 
     largest = float(draws.shares.max())
     is_heavy = largest > precision.largest_share or largest * n_draws > precision.largest_weight
     # A mixture is refitted for a poor efficiency alone twice at most.
-    is_poor = draws.effective_number < 0.25 * n_draws and state.poor_returns < 2
+    is_poor = draws.effective_number < 0.25 * n_draws and state.poor_refits < 2
     has_tail = precision.largest_k < np.inf and _pareto_k(draws) > precision.largest_k
 
     if not (is_heavy or is_poor or has_tail):
         return False
-    state.returns += 1
-    state.poor_returns += not (is_heavy or has_tail)
+    state.refits += 1
+    state.poor_refits += not (is_heavy or has_tail)
     return True
 
 

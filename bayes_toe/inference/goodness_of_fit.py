@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, gammaln, xlogy
 
-from bayes_toe.arrays import ArrayPair, FloatArray, thinned
+from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, thinned
+from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.answer_curves import times_counts
 from bayes_toe.model.posterior import SubjectPosterior, require_points
@@ -173,10 +174,21 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
         n_left = len(asked) - n_determined
         fit_p = deviance_p_value(deviance, n_left, n_trials, log_q, log_rest)
 
-    residuals = np.sqrt(pair_deviances)
+    shares = np.stack([n_yes / n_trials, np.exp(log_q)])
+    worst = _worst_pairs(subject, asked, np.sqrt(pair_deviances), shares)
+    return GoodnessOfFit(deviance, freedom, fit_p, worst)
+
+
+def _worst_pairs(
+    subject: Subject, asked: IndexArray, residuals: FloatArray, shares: FloatArray
+) -> tuple[PairResidual, ...]:
+    """The pairs with the largest residuals, see :class:`GoodnessOfFit`.
+
+    `asked` has the numbers of the questions that were asked, pair by pair. Of each, `shares` has
+    the observed and the expected share of the counted answer, shape (2, questions).
+    """
     largest, *smaller = np.argsort(-residuals, kind="stable").tolist()[:_MOST_WORST]
     conspicuous = [largest, *(i for i in smaller if residuals[i] >= _CONSPICUOUS)]
-    shares = np.stack([n_yes / n_trials, np.exp(log_q)])  # observed and expected
     worst = []
     for i in conspicuous:
         question, pair = divmod(int(asked[i]), subject.n_pairs)
@@ -187,4 +199,4 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
         s1, s2 = float(subject.s1[pair]), float(subject.s2[pair])
         answer = subject.task.questions[question]
         worst.append(PairResidual(s1, s2, observed, expected, answer))
-    return GoodnessOfFit(deviance, freedom, fit_p, tuple(worst))
+    return tuple(worst)

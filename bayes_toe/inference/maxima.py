@@ -128,6 +128,7 @@ def ascend(
         expansion = expand(trial, active)
         is_better = expansion.value >= value[active]
 
+        # Keep the steps that do not lower the value.
         better = active[is_better]
         x[better] = trial[is_better]
         for stored, new in zip((value, gradient, curvature), expansion, strict=True):
@@ -135,9 +136,8 @@ def ascend(
 
         # A gain below the rounding of the value cannot be seen: the search has converged, whether
         # or not the step was taken.
-        is_small = np.abs(gains).sum(axis=1) < _CONVERGED * (
-            1.0 + _ROUNDING * np.abs(value[active])
-        )
+        gain = np.abs(gains).sum(axis=1)
+        is_small = gain < _CONVERGED * (1.0 + _ROUNDING * np.abs(value[active]))
         has_converged[active] = is_small & (damping[active] <= _LIGHT)
 
         lighter = np.maximum(0.1 * damping[active], _LEAST)
@@ -172,7 +172,6 @@ def _steps(
 
         values, vectors = np.linalg.eigh(matrix)
         along = np.einsum("nij,ni->nj", vectors, slope) / (np.abs(values) + damping[:, None])
-
         step = np.einsum("nij,nj->ni", vectors, along)
         return step * scale, 0.5 * step * slope
 
@@ -237,6 +236,7 @@ def _differenced(array: PosteriorArray, sizes: FloatArray) -> Expand:
     sizes = sizes.copy()
 
     def expand(points: FloatArray, index: IndexArray) -> Expansion:
+        """The expansion about the points of some searches; their sizes are updated."""
         n_points, k = points.shape
         ahead = points + _difference_steps(points, sizes[index])
         part = array.part(np.resize(index, (k + 1) * n_points))

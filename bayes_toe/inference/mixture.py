@@ -56,7 +56,10 @@ class StudentMixture:
 
     @cached_property
     def _whiteners(self) -> FloatArray:
-        """Times 1 and the coordinates: D x J whitened ones over df^(1/2), by dimension."""
+        """A matrix, (D J, 1 + D): times (1, x), it is x whitened for each component, over df^(1/2).
+
+        The first J rows are the first coordinate.
+        """
         inverse = np.linalg.inv(self._factors)
         shifts = -np.einsum("jab,jb->aj", inverse, self.means)[:, :, None]
         whiteners = np.concatenate([shifts, inverse.transpose(1, 0, 2)], axis=2)
@@ -70,7 +73,6 @@ class StudentMixture:
         log_norm = (
             gammaln((self.df + dim) / 2) - gammaln(self.df / 2) - dim / 2 * np.log(self.df * np.pi)
         )
-
         return np.log(self.weights) + log_norm - log_volume
 
     @cached_property
@@ -96,7 +98,7 @@ class StudentMixture:
         offsets = np.einsum("nij,nj->ni", self._factors[component], normal)
         return self.means[component] + offsets * stretch[:, None]
 
-    def drawn_toward(
+    def em_step(
         self, x: FloatArray, weights: FloatArray, floor: float, inertia: float
     ) -> StudentMixture:
         """One EM step toward points x, shape (N, D), with normalised weights, (N,).
@@ -109,8 +111,9 @@ class StudentMixture:
         trust = effective / (effective + inertia)
 
         means = self.means + trust[:, None] * (sums.means - self.means)
-        moved = _outer(sums.means - means) * (sums.pulls / sums.weight)[:, None, None]
-        change = sums.scales + moved - self.scales
+        inner_share = sums.inner_weight / sums.weight
+        shift_scatter = _outer(sums.means - means) * inner_share[:, None, None]
+        change = sums.scales + shift_scatter - self.scales
         scales = self.scales + trust[:, None, None] * change
         scales += 1e-9 * scales * np.eye(x.shape[1])
 
@@ -140,11 +143,11 @@ class StudentMixture:
 
         moments *= (self.df + dim) / self.df
         weight = np.maximum(weight, _TINY)
-        pulls = np.maximum(moments[:, 0], _TINY)
-        offsets = moments[:, 1 : dim + 1] / pulls[:, None]
+        inner_weight = np.maximum(moments[:, 0], _TINY)
+        offsets = moments[:, 1 : dim + 1] / inner_weight[:, None]
         around = moments[:, dim + 1 :].reshape(-1, dim, dim)
-        scales = (around - pulls[:, None, None] * _outer(offsets)) / weight[:, None, None]
-        return _Sums(weight, pulls, centre + offsets, scales)
+        scales = (around - inner_weight[:, None, None] * _outer(offsets)) / weight[:, None, None]
+        return _Sums(weight, inner_weight, centre + offsets, scales)
 
     def joined(self, mixtures: Sequence[StudentMixture], share: float) -> StudentMixture:
         """This mixture with others of the same degrees of freedom.
@@ -175,6 +178,7 @@ class StudentMixture:
         return np.einsum("djn,djn->jn", white, white) + 1.0
 
     def _kernel(self, u: FloatArray) -> FloatArray:
+        """The density over that at the mean, from :meth:`_distances`."""
         return 1.0 / _power(u, (self.df + self.means.shape[1]) // 2)
 
 
@@ -182,7 +186,7 @@ class _Sums(NamedTuple):
     """Sums over weighted points for each of J components."""
 
     weight: FloatArray  # (J,)
-    pulls: FloatArray  # (J,): weight where near points count more
+    inner_weight: FloatArray  # (J,): weight where near points count more
     means: FloatArray  # (J, D): of the points
     scales: FloatArray  # (J, D, D): of the points about these means
 

@@ -229,15 +229,16 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         target = fitted.target
         key = stream(seed, target.subject.name, target.model.name, "ensemble", index)
         random = np.random.RandomState(np.random.MT19937(key))
-        judging = len(fitted.draws.x) // settings.ensembles
-        first = fitted.draws.part(slice(index * judging, (index + 1) * judging))
+        # Each ensemble begins with its own part of the draws that judged the mixture.
+        n_each = len(fitted.draws.x) // settings.ensembles
+        first_draws = fitted.draws.part(slice(index * n_each, (index + 1) * n_each))
 
         super().__init__(
             settings.walkers,
             len(target.coordinates),
             self.compute_log_prob,
             vectorize=True,
-            moves=moves(fitted, first),
+            moves=moves(fitted, first_draws),
         )
 
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches

@@ -77,13 +77,13 @@ class ParameterHyperprior(PriorNumbers):
         return ParameterHyperprior(0.0, 0.5 * self.mean_scale, 0.5 * self.sd_scale)
 
     def narrowed(self, share: float) -> ParameterHyperprior:
-        """The same with scales of this share."""
+        """This prior with scales that are smaller by a factor."""
         mean_scale, sd_scale = share * self.mean_scale, share * self.sd_scale
         return replace(self, mean_scale=mean_scale, sd_scale=sd_scale)
 
     @property
     def words(self) -> str:
-        """Both distributions."""
+        """The prior of the mean and of the standard deviation, in words."""
         if self.has_heavy_tails:
             family = "Student t, 3 df,"
             return (
@@ -282,7 +282,7 @@ class Prior(PriorNumbers):
         return any(name.rpartition("_")[0] == parameter for name in self._symbols())
 
     def _symbols(self) -> dict[str, str]:
-        """By name, the symbols of the numbers that the stimuli give."""
+        """The symbols of the numbers that the stimuli give, by name."""
         symbols = {}
         for name, number in self.declared().items():
             if getattr(self, name) == STIMULI:
@@ -308,7 +308,7 @@ class Prior(PriorNumbers):
         return f"{family}({', '.join(words)})"
 
     def describe(self, task: Task = SAME_DIFFERENT) -> str:
-        """H1's in one line for tables, files and Methods sections."""
+        """The prior of H1 in one line, for tables, files and Methods sections."""
         parameters = self.paper_parameters(task)
         words = ", ".join(f"{name} ~ {self.describe_distribution(name)}" for name in parameters)
         if any(map(self.depends_on_stimuli, parameters)):
@@ -415,6 +415,8 @@ def _section_problems(section: str, values: object) -> list[str]:
     for key, value in values.items():
         if key not in keys:
             problems.append(f"[{section}] {quoted(key)}: unknown key, allowed: {', '.join(keys)}")
-        elif keys[key].problem(value):
-            problems.append(f"[{section}] {key}: {keys[key].problem(value)}")
+            continue
+        problem = keys[key].problem(value)
+        if problem:
+            problems.append(f"[{section}] {key}: {problem}")
     return problems

@@ -127,22 +127,20 @@ class HistoryRows(ObserverRows):
             pair = distinct[0].astype(np.intp)
             previous = distinct[1]
 
-        n_yes = [np.bincount(cell, answer > 0.0)]
-        n_no = [np.bincount(cell, answer < 0.0)]
+        n_yes = np.bincount(cell, answer > 0.0)
+        n_no = np.bincount(cell, answer < 0.0)
         if observer.subject.task.has_three_answers:
             # The first question is whether the stimuli are equal, and the second one which of them
             # is stronger.
             n_equal = np.bincount(cell, answer == 0.0)
-            n_unequal = n_yes[0] + n_no[0]
-            n_yes = [n_equal, *n_yes]
-            n_no = [n_unequal, *n_no]
+            n_yes, n_no = np.append(n_equal, n_yes), np.append(n_yes + n_no, n_no)
 
         # Scales and prior are those of the posterior.
         values = {field.name: getattr(observer.rows, field.name) for field in fields(ObserverRows)}
         for name in ("first", "difference", "middle"):
             values[name] = values[name][..., pair]
-        values["n_yes"] = np.concatenate(n_yes)[None, None]
-        values["n_no"] = np.concatenate(n_no)[None, None]
+        values["n_yes"] = n_yes[None, None]
+        values["n_no"] = n_no[None, None]
 
         scales = observer.scales
         first_of_trial = (trials.first - scales.sbar) / scales.step

@@ -43,6 +43,7 @@ def test_observers_without_memory_seldom_fail_the_screen():
     observed = np.array([astuple(row) for row in screens])
     assert observed.shape == (240, 4)
     assert np.count_nonzero(observed < 0.01) <= 20
+
     for column in observed.T:
         assert kstest(column, "uniform").pvalue > 1e-3
 
@@ -76,10 +77,12 @@ def test_an_effect_is_seen_by_its_own_test(options, name, least):
 def test_nothing_is_said_without_the_order_of_trials():
     subject = answered(1)
     assert screen(replace(subject, answers=None)) == SerialScreen()
+
+    # Trials that are sorted by their stimuli have lost their order, too.
     rows = np.lexsort(subject.answers.keys.T[::-1])
     answers = subject.answers
-    in_order = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
-    assert screen(replace(subject, answers=in_order)) == SerialScreen()
+    sorted_answers = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
+    assert screen(replace(subject, answers=sorted_answers)) == SerialScreen()
 
 
 def test_pairs_answered_once_say_nothing():
