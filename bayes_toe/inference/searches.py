@@ -29,10 +29,9 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     A search starts at several constant errors and from a flat curve, then at several lapse rates.
     A posterior without constant error must have its neighbour with it next to it.
     """
-    profile, profile_owners, values = _profile(array)
-    starts, owners, is_held = _second_starts(array, profile, profile_owners, values)
+    profile, profile_owners, errors = _profile(array)
+    starts, owners, is_held = _second_starts(array, profile, profile_owners, errors)
     second = ascend_from(array, owners, starts, is_held)
-    # A search along the constant error is of the posteriors that have it.
     return profile.joined(second).by_owner(np.concatenate([profile_owners, owners]))
 
 
@@ -43,44 +42,53 @@ def _start(array: PosteriorArray, noise: float) -> FloatArray:
 
 
 def _profile(array: PosteriorArray) -> tuple[Ascent, IndexArray, FloatArray]:
-    """Maxima along the constant error, and one from a flat curve for every posterior."""
+    """Maxima at several constant errors, and one from a flat curve for every posterior.
+
+    The first searches hold the constant error. The second value has the posterior of each search,
+    and the third one the constant errors that are held, in D.
+    """
     rows = cast(ObserverRows, array.likelihood.rows)
     error = array.names.index(CONSTANT_ERROR.name)
     errors_in_d = (0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0)
+
     with_error = np.flatnonzero(array.is_free[:, error])
     held_owners = np.repeat(with_error, len(errors_in_d))
-    values = np.tile(errors_in_d, len(with_error))
+    errors = np.tile(errors_in_d, len(with_error))
     # A steep curve shows more than a flat one.
     starts = np.tile(_start(array, noise=-0.5), (len(held_owners), 1))
-    starts[:, error] = values / rows.prior.constant_error_scale
+    starts[:, error] = errors / rows.prior.constant_error_scale
 
     flat = np.tile(_start(array, noise=2.0), (len(array), 1))
     is_held = np.zeros((len(starts) + len(flat), len(array.names)), np.bool_)
     is_held[: len(starts), error] = True
+
     owners = np.concatenate([held_owners, np.arange(len(array))])
     maxima = ascend_from(array, owners, np.concatenate([starts, flat]), is_held)
-    return maxima, owners, values
+    return maxima, owners, errors
 
 
 def _second_starts(
     array: PosteriorArray,
     profile: Ascent,
     owners: IndexArray,
-    values: FloatArray,
+    errors: FloatArray,
     lapse_scores: tuple[float, ...] = (-1.0, 0.6, 1.8),
 ) -> tuple[FloatArray, IndexArray, BoolArray]:
-    """Starts of free maxima, and of those with lapse rates held."""
-    n_held = len(values)  # the searches after these start from a flat curve
+    """Starts of free searches at the maxima of a profile, and of searches with lapse rates held.
+
+    The other values are the posterior of each search, and which coordinates it holds.
+    """
+    n_held = len(errors)  # the searches after these start from a flat curve
     lapse = array.names.index(LAPSE_RATE.name)
 
     starts: list[FloatArray] = []
     start_owners: list[int] = []
     lapse_is_held: list[bool] = []
     for i in range(len(array)):
-        candidates = _profile_maxima(array, i, owners[:n_held], values, profile)
-
+        candidates = _profile_maxima(array, i, owners[:n_held], errors, profile)
         flat = n_held + i
         best = flat if profile.value[flat] > profile.value[candidates[0]] else candidates[0]
+
         free = profile.x[candidates]
         with_lapse = np.tile(profile.x[best], (len(lapse_scores), 1))
         with_lapse[:, lapse] = lapse_scores
@@ -95,24 +103,25 @@ def _second_starts(
 
 
 def _profile_maxima(
-    array: PosteriorArray, i: int, owners: IndexArray, values: FloatArray, profile: Ascent
+    array: PosteriorArray, i: int, owners: IndexArray, errors: FloatArray, profile: Ascent
 ) -> IndexArray:
-    """The maxima of a profile from which a posterior starts, the best first.
+    """The searches of a profile at whose ends a posterior starts, the best first.
 
     A posterior without constant error starts at the maximum of its neighbour with c = 0.
     """
     if array.is_free[i, array.names.index(CONSTANT_ERROR.name)]:
         searches = np.flatnonzero(owners == i)
-        return searches[_two_best_local(values[searches], profile.value[searches])]
+        return searches[_two_best_local(errors[searches], profile.value[searches])]
     searches = np.flatnonzero(owners == i + 1)
-    return searches[values[searches] == 0.0]
+    return searches[errors[searches] == 0.0]
 
 
 def _two_best_local(values: FloatArray, heights: FloatArray) -> IndexArray:
-    """Places of the two highest local maxima along sorted values, the highest first."""
+    """Indices of the two highest local maxima along ascending values, the highest first."""
     order = np.argsort(values)
     padded = np.concatenate([[-np.inf], heights[order], [-np.inf]])
     is_local = (padded[1:-1] >= padded[:-2]) & (padded[1:-1] >= padded[2:])
+
     local = order[is_local]
     ranked = local[np.argsort(-heights[local])]
     if len(ranked) < 2:
