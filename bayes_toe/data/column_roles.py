@@ -565,14 +565,15 @@ def _score_remedies(names: Sequence[str]) -> list[Remedy]:
 
 
 def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOptions) -> Remedy:
-    """The option that names columns, with the names that are likely."""
+    """The option that names the columns of roles, with likely names; else with NAME to replace."""
     stimuli = dict(zip(options.stimuli, _numbered_pair(free), strict=True))
     pairs = []
     for role in to_name:
         alike = [name for name in free if looks_like(name, role)]
         if role == "response":
             alike += [name for name in free if looks_like(name, "key")]
-        pairs.append((role, stimuli.get(role) or (alike or ["NAME"])[0]))
+        likely = [stimuli.get(role, ""), *alike, "NAME"]
+        pairs.append((role, next(filter(None, likely))))
 
     meaning = "with the names in your file"
     if stimuli.get("s1") and not unit_in(stimuli["s1"]):

@@ -89,16 +89,13 @@ class OrderEvidence(ModelSet):
     def with_prior_scale(self, effect: Parameter, factor: float) -> ModelSet:
         """The models where the prior of c, or of p, is `factor` times as wide."""
         if effect == CONSTANT_ERROR:
-            has_effect = HAS_ERROR
-            coordinate = -2
+            has_effect, coordinate = HAS_ERROR, -2
             density: PriorDensity = StandardStudent()
             density_of_scaled = density
         else:
-            has_effect = HAS_CONTRACTION
-            coordinate = -1
+            has_effect, coordinate = HAS_CONTRACTION, -1
             sd = self.prior.contraction_sd * self.subject.scales.roving_share
-            density = CutNormal(1.0 / sd)
-            density_of_scaled = CutNormal(1.0 / (factor * sd))
+            density, density_of_scaled = CutNormal(1.0 / sd), CutNormal(1.0 / (factor * sd))
 
         def log_ratio(points: FloatArray) -> FloatArray:
             u = points[:, coordinate]
@@ -165,9 +162,9 @@ def try_order_evidence(
 def order_posteriors(rows: ObserverRows, task: Task) -> PosteriorArray:
     """The four posteriors of every row, one row after the other."""
     n_rows = len(rows.n_yes)
-    model_rows = rows.part(np.repeat(np.arange(n_rows), _N_MODELS))
+    of_models = rows.part(np.repeat(np.arange(n_rows), _N_MODELS))
     coordinates = [OrderModel(name).coordinates(task) for name in MODEL_NAMES]
-    return independent_array(model_rows, coordinates * n_rows)
+    return independent_array(of_models, coordinates * n_rows)
 
 
 def _evidences(
@@ -177,8 +174,7 @@ def _evidences(
     families = np.repeat(np.arange(len(subjects)), _N_MODELS)
     array = order_posteriors(ObserverRows.from_subjects(subjects, prior), subjects[0].task)
     maxima = observer_maxima(array)
-    modes, laplace_evidence = laplace(array, maxima)
-
+    modes, by_laplace = laplace(array, maxima)
     mixtures = [mixture_of_maxima(*pair) for pair in zip(maxima, array.is_free, strict=True)]
     generators = []
     for subject in subjects:
@@ -193,7 +189,7 @@ def _evidences(
             PRIOR_PROBABILITIES,
             subject=subject,
             prior=prior,
-            laplace=laplace_evidence[models],
+            laplace=by_laplace[models],
             modes=modes[models],
         )
         results.append(_finite(evidence))

@@ -100,7 +100,7 @@ def test_the_first_trial_of_a_session_has_no_trial_before():
     assert astuple(screen(other))[:3] == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_constant_first_stimulus_leaves_the_second():
+def test_with_a_constant_first_stimulus_all_p_values_exist():
     rng = default_rng(7)
     keys = np.column_stack([np.zeros(300), rng.choice([-0.3, 0.3, 0.6], 300)])
     n_yes = (rng.random(300) < norm.cdf(keys[:, 1] / NOISE)).astype(int)

@@ -63,7 +63,7 @@ def subject(task, scale=1, shift=0.0):
         st.floats(-5, 6, allow_subnormal=False),
     ),
 )
-def test_any_point(task, prior, x):
+def test_value_and_gradient_at_any_point(task, prior, x):
     target = paper_posterior(subject(task), prior)
     z = target.rows.distance(np.array([[x]]))[0, 0]
     # Rounding a distance costs what its cancellation costs: only pairs off the axis are held to
@@ -74,13 +74,14 @@ def test_any_point(task, prior, x):
 
 MIDDLE = (0.31, -0.3, 0.4, 1.1)
 FAR = [(1, -25.0), (1, -19.0), (1, 12.0), (2, -30.0), (2, -9.0), (2, 7.0), (3, -9.0), (3, 12.0)]
+#: Prior, coordinate and its value; all other coordinates are in the middle.
 FAR_POINTS = [("sigma_p", *far) for far in FAR] + [("width", *far) for far in FAR[:3]]
 
 
 @OF_ALL
 @pytest.mark.parametrize("prior, coordinate, value", FAR_POINTS)
-def test_far_out(task, prior, coordinate, value):
-    """The prior of the width has a formula of its own for the second coordinate only."""
+def test_value_and_gradient_in_the_tails_of_a_coordinate(task, prior, coordinate, value):
+    """With a prior of the width, only the second coordinate is another one: only it is tested."""
     x = [*MIDDLE]
     x[coordinate] = value
     posterior = paper_posterior(subject(task, scale=1000), PRIORS[prior])
