@@ -148,36 +148,28 @@ def run(
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
     request = AnalysisRequest(settings.sampler, EVIDENCE_DRAWS)
     faults = not_interpreted(study)
-    results = _analyse(study, settings, request, workers, progress, keep)
-    study, analysed, failed = _survivors(study, results)
-    drawn, curves = list[SubjectDraws](), list[Predictor]()
-    for subject, result in zip(study, analysed, strict=True):
-        if result.drawn is not None and result.curve_draws is not None:
-            drawn.append(result.drawn)
+    results = _analyse_study(study, settings, request, workers, progress, keep)
+    study, analyses, failed = _survivors(study, results)
+    table = _table(analyses, settings, failed, study.task)
+
+    all_draws, curves = list[SubjectDraws](), list[Predictor]()
+    for subject, analysis in zip(study, analyses, strict=True):
+        if analysis.draws is not None and analysis.curve_draws is not None:
+            all_draws.append(analysis.draws)
             posterior = OrderModel("both").posterior(subject, settings.prior.observer)
-            curves.append(Predictor(posterior, result.curve_draws))
-    analysed = [replace(result, drawn=None) for result in analysed]
-    summary = tuple(chain.from_iterable(subject.summary for subject in drawn))
-    all_draws = Draws(subjects_tree(study, drawn, settings, failed, faults))
+            curves.append(Predictor(posterior, analysis.curve_draws))
+    summary = tuple(chain.from_iterable(draws.summary for draws in all_draws))
+    tree = subjects_tree(study, all_draws, settings, failed, faults)
+
     differences = None
     if study.conditions is not None:
         differences = contrast(
             study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep
         )
-    table = _table(analysed, settings, failed, study.task)
-    group_of_good_fits = None
-    excluded, misfits = list[OrderEffect](), list[OrderEffect]()
-    for answer in table.answers:
-        if not answer.is_interpretable:
-            excluded.append(answer)
-        elif answer.fits is False:
-            misfits.append(answer)
-    group = _group(study, excluded, settings)
-    if group is not None and misfits:
-        group_of_good_fits = _group(study, [*excluded, *misfits], settings)
+    group, group_of_good_fits = _groups(study, table.answers, settings)
     return Analysis(
         study,
-        all_draws,
+        Draws(tree),
         table,
         settings,
         tuple(curves),
@@ -188,20 +180,41 @@ def run(
     )
 
 
+def _groups(
+    study: Study, answers: Sequence[OrderEffect], settings: Settings
+) -> tuple[PopulationResult | None, PopulationResult | None]:
+    """The group of the interpretable subjects, and the group without those that do not fit.
+
+    The second one is None where all fit.
+    """
+    excluded, misfits = list[OrderEffect](), list[OrderEffect]()
+    for answer in answers:
+        if not answer.is_interpretable:
+            excluded.append(answer)
+        elif answer.fits is False:
+            misfits.append(answer)
+
+    group = _group(study, excluded, settings)
+    if group is None or not misfits:
+        return group, None
+    return group, _group(study, [*excluded, *misfits], settings)
+
+
 def _group(
     study: Study, excluded: Sequence[OrderEffect], settings: Settings
 ) -> PopulationResult | None:
-    """The group of the subjects none of whose answers are excluded; None where they are few.
+    """The group of the subjects without an excluded answer; None where they are few.
 
     The result says itself whether it is reliable, so no warning is raised.
     """
     left_out = {study[answer.subject].subject_name for answer in excluded}
-    names = [subject.name for subject in study if subject.subject_name not in left_out]
-    if len({study[name].subject_name for name in names}) < FEWEST_FOR_GROUP:
+    units = [unit for unit in study if unit.subject_name not in left_out]
+    if len({unit.subject_name for unit in units}) < FEWEST_FOR_GROUP:
         return None
+
+    chosen = study.select([unit.name for unit in units])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        chosen = study.select(names)
         return population(chosen, seed=settings.seed, hyperprior=settings.prior.group)
 
 
@@ -251,11 +264,13 @@ def sample(
     """
     require_study(study)
     name = require_model(model, study.task).name
+
     settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
     request = AnalysisRequest(settings.sampler)
     faults = not_interpreted(study)
+
     results = run_stored(
-        partial(_drawn, settings=settings, request=request),
+        partial(_sample_subjects, settings=settings, request=request),
         study.subjects,
         study.names,
         seed=settings.seed,
@@ -263,8 +278,9 @@ def sample(
         workers=workers,
         progress=progress,
     )
-    study, analysed, failed = _survivors(study, results)
-    all_draws = Draws(subjects_tree(study, analysed, settings, failed, faults))
+    study, subject_draws, failed = _survivors(study, results)
+    all_draws = Draws(subjects_tree(study, subject_draws, settings, failed, faults))
+
     for problem, reasons in (
         (" is left out, ", all_draws.failed),
         (" did not converge: ", all_draws.not_converged),
@@ -304,73 +320,79 @@ def evidence(
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
     request = AnalysisRequest(evidence_draws=draws)
-    results = _analyse(study, settings, request, workers, progress, keep)
-    analysed, failed = without_failed(study.names, results)
-    return _table(analysed, settings, failed, study.task)
+    results = _analyse_study(study, settings, request, workers, progress, keep)
+    analyses, failed = without_failed(study.names, results)
+    return _table(analyses, settings, failed, study.task)
 
 
 @dataclass(frozen=True, eq=False)
-class _Analysed:
+class _SubjectAnalysis:
     """The row of one subject in the evidence table, with draws if they are wanted.
 
     `curve_draws`, shape (draws, k), are averaged over the four models.
     """
 
     evidence: SubjectEvidence
-    drawn: SubjectDraws | None = None
+    draws: SubjectDraws | None = None
     curve_draws: FloatArray | None = None
 
 
-def _drawn(
+def _sample_subjects(
     subjects: Sequence[Subject], settings: Settings, request: AnalysisRequest
 ) -> list[SubjectDraws | NumericalError]:
-    """The draws of some subjects, or the failure of a subject."""
-    return [_catch_failure(_drawn_subject, subject, settings, request) for subject in subjects]
+    """The draws of each subject, or its error."""
+    return [_catch_failure(_sample_subject, subject, settings, request) for subject in subjects]
 
 
-def _drawn_subject(subject: Subject, settings: Settings, request: AnalysisRequest) -> SubjectDraws:
+def _sample_subject(subject: Subject, settings: Settings, request: AnalysisRequest) -> SubjectDraws:
+    """The draws of one subject under the model of the settings."""
     model = stored_model(settings.model, subject.task)
     target = model_posterior(model, subject, settings.prior)
     return subject_draws(fitted_result(target, settings.seed, request))
 
 
-def _analysed(
+def _analyse_subjects(
     flagged_subjects: Sequence[tuple[Subject, Sequence[Finding]]],
     settings: Settings,
     request: AnalysisRequest,
-) -> list[_Analysed | NumericalError]:
-    """The results of some subjects, whose four models are one array."""
+) -> list[_SubjectAnalysis | NumericalError]:
+    """The analysis of each subject, or its error.
+
+    The evidences of all subjects are computed together, which is faster.
+    """
     subjects, all_flags = zip(*flagged_subjects, strict=True)
     evidences = try_order_evidence(subjects, settings.seed, settings.prior.observer)
     results = []
     for evidence, flags in zip(evidences, all_flags, strict=True):
-        results.append(_catch_failure(_analysed_subject, evidence, flags, settings, request))
+        results.append(_catch_failure(_analyse_subject, evidence, flags, settings, request))
     return results
 
 
-def _analysed_subject(
+def _analyse_subject(
     evidence: OrderEvidence | NumericalError,
     flags: Sequence[Finding],
     settings: Settings,
     request: AnalysisRequest,
-) -> _Analysed:
-    """The answer, and the paper's model with all that is wanted."""
+) -> _SubjectAnalysis:
+    """The answer of one subject, and the results under the paper's model that are requested."""
     if isinstance(evidence, NumericalError):
         raise evidence
-    subject, seed = evidence.subject, settings.seed
-    answer = answer_evidence(evidence, seed, flags)
+    answer = answer_evidence(evidence, settings.seed, flags)
+
+    subject = evidence.subject
     target = paper_posterior(subject, settings.prior.for_subjects(subject))
-    result = fitted_result(target, seed, request)
+    result = fitted_result(target, settings.seed, request)
     row = subject_evidence(result, answer)
     if request.chains is None:
-        return _Analysed(row)
-    rng = generator(seed, subject.name, "shown")
+        return _SubjectAnalysis(row)
+
+    rng = generator(settings.seed, subject.name, "shown")
     curve_draws = evidence.averaged().resampled(rng, _N_CURVE_DRAWS)
-    return _Analysed(row, subject_draws(result, summarised=True), curve_draws)
+    return _SubjectAnalysis(row, subject_draws(result, summarised=True), curve_draws)
 
 
 def _catch_failure(work: Callable[..., Result], *arguments: object) -> Result | NumericalError:
-    """The work of a subject; a numerical failure is the refusal of that subject alone."""
+    """The result of a function, or the NumericalError that it raises."""
     try:
         return work(*arguments)
     except NumericalError as error:
@@ -388,29 +410,29 @@ def _settings(
 
 
 def _table(
-    analysed: Sequence[_Analysed], settings: Settings, failed: Mapping[str, str], task: Task
+    analyses: Sequence[_SubjectAnalysis], settings: Settings, failed: Mapping[str, str], task: Task
 ) -> EvidenceTable:
-    n_subjects = len(analysed)
+    """The evidence table, with limits of p-values for as many subjects as it has."""
     rows = []
-    for result in analysed:
-        row = result.evidence
+    for analysis in analyses:
+        row = analysis.evidence
         if row.answer is not None:
-            row = replace(row, answer=row.answer.in_study(n_subjects))
+            row = replace(row, answer=row.answer.in_study(len(analyses)))
         rows.append(row)
     return EvidenceTable(tuple(rows), settings.seed, settings.prior, failed, task)
 
 
-def _analyse(
+def _analyse_study(
     study: Study,
     settings: Settings,
     request: AnalysisRequest,
     workers: Workers,
     progress: Progress | None,
     keep: StrPath | None,
-) -> list[_Analysed | NumericalError]:
-    """The result of every subject, or its error."""
+) -> list[_SubjectAnalysis | NumericalError]:
+    """The analysis of every subject, or its error."""
     return run_stored(
-        partial(_analysed, settings=settings, request=request),
+        partial(_analyse_subjects, settings=settings, request=request),
         list(zip(study, answer_flags(study), strict=True)),
         study.names,
         seed=settings.seed,
@@ -428,8 +450,8 @@ def _survivors(
 
     A WorkerError is raised if all failed.
     """
-    analysed, failed = without_failed(study.names, results)
+    finished, failed = without_failed(study.names, results)
     if failed:
         subjects = tuple(subject for subject in study if subject.name not in failed)
         study = replace(study, subjects=subjects)
-    return study, analysed, failed
+    return study, finished, failed

@@ -49,13 +49,14 @@ def connect(address: str) -> Client:
         from distributed import Client
     except ImportError:
         raise InputError("Dask is not installed: pip install 'bayes_toe[dask]'") from None
+
     try:
         # A client waits without end for a program that is no scheduler, so that the program is
         # asked first; in a thread of its own, because a notebook has an event loop already.
         with ThreadPoolExecutor(1) as thread:
-            kind = thread.submit(lambda: asyncio.run(_identity(address))).result()["type"]
-        if kind != "Scheduler":
-            raise ValueError(f"that is a {kind.lower()}")
+            program = thread.submit(lambda: asyncio.run(_identity(address))).result()["type"]
+        if program != "Scheduler":
+            raise ValueError(f"that is a {program.lower()}")
         # An error says what ends the work, not a log.
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         return Client(address, timeout=PATIENCE, set_as_default=False)
@@ -65,6 +66,7 @@ def connect(address: str) -> Client:
 
 
 async def _identity(address: str) -> dict[str, str]:
+    """What a program at an address says of itself; a Dask scheduler has the type 'Scheduler'."""
     from distributed.core import rpc
     from distributed.security import Security
 
@@ -94,6 +96,7 @@ def run_on(client: Client, jobs: Sequence[Callable[[], Result]]) -> Generator[tu
         because its workers died.
     """
     _require_open(client)
+
     from dask import config
     from distributed import KilledWorker, as_completed
 
@@ -101,6 +104,7 @@ def run_on(client: Client, jobs: Sequence[Callable[[], Result]]) -> Generator[tu
     with config.set({"distributed.admin.large-graph-warning-threshold": "1 TB"}):
         futures = client.map(partial(_run_there, versions()), jobs, pure=False)
     index_of_key = {future.key: index for index, future in enumerate(futures)}
+
     try:
         for future in as_completed(futures, loop=client.loop):
             if future.cancelled():
@@ -155,7 +159,7 @@ def _require_same(expected: Mapping[str, str]) -> None:
 
 
 def without_cluster() -> AbstractContextManager[object]:
-    """Without the session's cluster: xarray would ask it to lock a file that is in memory."""
+    """A block without the session's cluster, which xarray would ask to lock a file in memory."""
     if "dask" not in sys.modules:
         return nullcontext()
     from dask import config

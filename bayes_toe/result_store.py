@@ -52,6 +52,7 @@ def resumed_seed(seed: int | None, folder: StrPath | None) -> int:
     """
     if folder is not None:
         require_kind("keep", folder, (str, os.PathLike), "the path of a folder")
+
     if seed is None and folder is not None:
         for file in sorted(stored_files(Path(folder)), key=os.path.getmtime, reverse=True):
             stored = _read(file)
@@ -106,7 +107,8 @@ def run_stored(
         path = Path(folder)
         require_writable(path / SUFFIX, overwrite=True)
         for index, job in enumerate(jobs):
-            files[index] = path / f"{joblib.hash((versions(), work, job))}{SUFFIX}"
+            job_hash = joblib.hash((versions(), work, job))
+            files[index] = path / f"{job_hash}{SUFFIX}"
             stored = _read(files[index])
             if stored is not None:
                 results[index] = stored["result"]
@@ -118,6 +120,7 @@ def run_stored(
     batch_jobs = []
     for indices in batches:
         batch_jobs.append(partial(work, [jobs[index] for index in indices]))
+
     with closing(run_jobs(batch_jobs, workers)) as outcomes:
         for position, batch_results in outcomes:
             for index, result in zip(batches[position], batch_results, strict=True):
@@ -149,7 +152,7 @@ def versions() -> tuple[str, ...]:
 
 def stored_files(folder: Path) -> list[Path]:
     """The files of results in a folder; none where there is no such folder."""
-    # Because a glob finds nothing under a name that no folder can have, without an error.
+    # A glob would find nothing, without an error, under a name that no folder can have.
     refuse_impossible(folder)
     with reporting(folder):
         return sorted(folder.glob(f"{'[0-9a-f]' * 32}{SUFFIX}"))

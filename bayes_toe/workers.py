@@ -97,6 +97,7 @@ def run_jobs(
     """
     if workers is not None and not isinstance(workers, Integral):
         return run_on(workers, jobs)
+
     n_processes = min(count_processes(workers), len(jobs))
     is_copy_of_parent = bool(_parents - {os.getpid()})
     if n_processes <= 1 or is_copy_of_parent:
@@ -180,7 +181,9 @@ def _run_in_processes(
         parallel = Parallel(
             return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs", max_nbytes=None
         )
+
     _parents.add(os.getpid())
+
     results: Generator[tuple[int, Result]] | None = None
     try:
         with _safe_path():
@@ -218,14 +221,16 @@ def _safe_path() -> Iterator[None]:
 
 @contextmanager
 def _signals_held_back() -> Iterator[None]:
-    """Signals of a terminal wait: a Python that is starting would print many lines and end."""
+    """Hold back signals while workers start, which would end them with many lines of output."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+
     # joblib would start it next, and Python 3.11 and 3.12 let interrupts through after its start.
     resource_tracker.ensure_running()
     held_back = [signal.SIGTERM, *_TERMINAL_SIGNALS]
     earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, held_back)
+
     try:
         yield
     finally:
@@ -233,7 +238,7 @@ def _signals_held_back() -> Iterator[None]:
 
 
 def _start_worker(parent: int) -> None:
-    """First in a worker: it ignores the terminal and ends with its parent."""
+    """Prepare a worker: it ignores signals of the terminal and ends with its parent."""
     ignore_settings_of_folder()
     for number in _TERMINAL_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
@@ -243,7 +248,7 @@ def _start_worker(parent: int) -> None:
 
 
 def _end_with_parent(parent: int) -> None:
-    """A parent that is killed cannot end its workers, so that each looks whether it is there."""
+    """End this worker when its parent is gone: a parent that is killed cannot end its workers."""
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)

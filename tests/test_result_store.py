@@ -112,6 +112,7 @@ def stored_cubes(numbers, folder, **options):
 
 def test_a_damaged_or_foreign_file_is_computed_again(tmp_path):
     assert stored_cubes([2, 3], tmp_path, seed=3) == [8, 27]
+
     first, second = stored_files(tmp_path)
     original = first.read_bytes()
     contents = [b"", original[:-9], pickle.dumps(3), second.read_bytes()]
@@ -139,6 +140,7 @@ def test_files_of_others_stay_and_links_are_refused(tmp_path):
     (file,) = stored_files(folder)
     discard(folder)
     assert [path.name for path in folder.iterdir()] == ["note.result"]
+
     file.symlink_to(folder / "note.result")
     with pytest.raises(OutputError, match="is a link"):
         stored_cubes([2], folder)

@@ -59,8 +59,8 @@ def without_accents(text: str) -> str:
     return re.sub("[\u0300-\u036f]", "", unicodedata.normalize("NFKD", text))
 
 
-def looks_like(name: str, ours: str) -> bool:
-    """Whether a column of a file looks like one of ours in another spelling.
+def looks_like(name: str, role: str) -> bool:
+    """Whether a column of a file has a role by its name, also in another spelling.
 
     Examples
     --------
@@ -68,19 +68,21 @@ def looks_like(name: str, ours: str) -> bool:
     (True, True)
     """
     plain = plain_name(name)
-    if plain == ours.replace("_", "") or plain in VOCABULARY["columns"].get(ours, ()):
+    if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
         return True
+
     _, dot, ending = name.rpartition(".")
-    if dot and ending in VOCABULARY["psychopy"].get(ours, ()):
+    if dot and ending in VOCABULARY["psychopy"].get(role, ()):
         parts = (*VOCABULARY["psychopy"]["other_parts"], *VOCABULARY["practice"]["texts"])
         return not plain.startswith(parts)
+
     stimuli, places, other_words = named_places(name)
-    return [ours] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
+    return [role] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
 
 
 @lru_cache(maxsize=2**16)
 def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
-    """Which of standard and comparison a name or a cell names, their places, and other words.
+    """The stimuli that a name or a cell names, standard or comparison, their places, other words.
 
     Examples
     --------
@@ -94,10 +96,13 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     for word in re.findall("[a-z]+|-?[0-9.,]+(?:st|nd)?", without_accents(camel_case).lower()):
         word = re.sub("[.,]0*$", "", word)
         parts = _KNOWN_WORDS.findall(word)
+        # A word such as 'testinterval' is several words if they are all of it.
         words += parts if "".join(parts) == word else [word]
+
     initials = [VOCABULARY["letters"].get(letter, "") for letter in "".join(words)]
     if sorted(initials) == ["comparison", "standard"]:
         return initials, [], set()
+
     meanings = [_MEANINGS.get(word, "") for word in words]
     stimuli = [*filter(("standard", "comparison").__contains__, meanings)]
     places = [*filter(("first", "second").__contains__, meanings)]
@@ -145,6 +150,7 @@ def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
     beginnings = tuple(VOCABULARY["practice"]["texts"])
     whole_words = VOCABULARY["practice"]["whole"]
     has_flags = is_flag(texts) and any(word in plain_name(name) for word in beginnings)
+
     marks = []
     for text in texts:
         is_true = has_flags and text.lower() in TRUE_WORDS
@@ -190,12 +196,14 @@ def unit_in(name: str) -> str:
     """
     plain = _plain_sign(name).replace("log10", "decadic")
     words = re.findall(r"[^\W\d_]+", plain)
+
     if "decadic" in words:
         return "log10"
     if set(words).intersection(VOCABULARY["units"]["decibel"]):
         return "dB"
     if set(words).intersection(VOCABULARY["units"]["logarithm"]):
         return ""
+
     last_letters = re.findall(r"(?<=[\W_])[^\W\d_](?=[\W_]*[12]?$|\W)", plain)
     for unit in VOCABULARY["units"]["intensity"]:
         if _plain_sign(unit) in (words if len(unit) > 1 else last_letters):
@@ -236,7 +244,7 @@ _REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_COUNT
 
 
 def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptions:
-    """Options that name the columns which are there under another name.
+    """Options that also name the columns of a file with similar names.
 
     Examples
     --------
@@ -244,10 +252,14 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
     {'subject': 'Participant', 'response': 'answer'}
     """
     options = _with_intensities(names, options)
-    roles = [] if options.subject_from is not None else ["subject"]
-    roles += ("standard", "comparison") if options.has_standard else _STIMULI
-    if any(name.endswith(".thisN") for name in names) and "trial" not in options.ignore:
+    roles = ["standard", "comparison"] if options.has_standard else [*_STIMULI]
+    if options.subject_from is None:
+        roles.insert(0, "subject")
+    # PsychoPy numbers trials in a column such as trials.thisN.
+    has_trial_numbers = any(name.endswith(".thisN") for name in names)
+    if has_trial_numbers and "trial" not in options.ignore:
         roles.append("trial")
+
     likely = _likely(names, options, roles)
     if options.correct is None:
         likely |= _likely_answers(names, options)
@@ -255,7 +267,7 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
 
 
 def _with_intensities(names: Sequence[str], options: ReadOptions) -> ReadOptions:
-    """Options that read s1 and s2 as intensities, where a unit is told and no i1 and i2 are there.
+    """Options that read s1 and s2 as intensities if a unit is given and there are no i1 and i2.
 
     Examples
     --------
@@ -266,38 +278,40 @@ def _with_intensities(names: Sequence[str], options: ReadOptions) -> ReadOptions
     if options.unit is None or options.stimuli != ("i1", "i2") or has_columns:
         return options
     columns = {**options.columns}
-    for ours in ("1", "2"):
-        columns[f"i{ours}"] = columns.pop(f"s{ours}", f"s{ours}")
+    for number in ("1", "2"):
+        columns[f"i{number}"] = columns.pop(f"s{number}", f"s{number}")
     if {columns["i1"], columns["i2"]} <= {*names}:
         return replace(options, columns=columns)
     return options
 
 
 def _likely_answers(names: Sequence[str], options: ReadOptions) -> dict[str, str]:
-    """Columns of responses or of counts that are there under another name."""
-    present = {ours for ours in (*_COUNTS, "response") if options.name(ours) in names}
+    """The file's names for the responses, or for counts, if they are other names than ours."""
+    present = {role for role in (*_COUNTS, "response") if options.name(role) in names}
     counts = _likely(names, options, _COUNTS)
     response = _likely(names, options, ("response",))
+
     answer_roles = present | counts.keys()
     may_be_counts = not response
     if "n_trials" in answer_roles:
         may_be_counts = len(answer_roles) == 2
+
     if may_be_counts and "response" not in present:
         return counts
     return {} if present else response
 
 
 def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
-    """The columns of these roles, of which each has one candidate."""
+    """The file's names for these roles, without roles that have several candidates or none."""
     unused = _STIMULI if options.has_standard else ()
-    names_in_use = {options.name(ours) for ours in COLUMNS if ours not in unused}
+    names_in_use = {options.name(role) for role in COLUMNS if role not in unused}
     likely = {}
-    for ours in roles:
-        if ours in options.columns or ours in names:
+    for role in roles:
+        if role in options.columns or role in names:
             continue
-        candidates = [name for name in names if name not in names_in_use and looks_like(name, ours)]
+        candidates = [name for name in names if name not in names_in_use and looks_like(name, role)]
         if len(candidates) == 1:
-            likely[ours] = candidates[0]
+            likely[role] = candidates[0]
     return likely
 
 
@@ -322,11 +336,13 @@ def columns_to_read(
     problems = [*_role_problems(names, roles_read, options)]
     if options.subject_from is not None:
         roles_read.remove("subject")
+
     response = options.name("response")
     if "response" in roles_read and response in names and looks_like(response, "correct"):
         finding = "found as response, though it seems to say right or wrong."
         problems.append(f"column {display_name(response)}: {finding}")
         return roles_read, problems, _score_remedies([response])
+
     unordered = _unordered_stimuli(names, options)
     if unordered:
         problems.append(
@@ -334,14 +350,17 @@ def columns_to_read(
             "would cancel out."
         )
         return roles_read, problems, [*_order_remedies(orders)]
+
     finding, unit = _unit_by_name(names, options)
     if finding:
         return roles_read, [*problems, finding], _unit_remedies(unit)
+
     required = _required(names, roles_read, options)
     problems += repeated_columns(names, required)
     missing = [name for name in required if name not in names]
     if not missing:
         return roles_read, problems, []
+
     absent = join_words([f"no column {display_name(name)}" for name in missing])
     column_list = join_names([display_name(name) for name in names if name])
     finding = f"there is {absent}. The columns are {column_list}."
@@ -355,9 +374,9 @@ def _role_problems(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> Iterator[str]:
     """Problems of two columns for the subject or the answers, and of a column with two meanings."""
-    answers = [ours for ours in ("response", *_COUNTS) if ours in roles_read]
+    answers = [role for role in ("response", *_COUNTS) if role in roles_read]
     if len(answers) > 2 or (len(answers) == 2 and "response" in answers):
-        first, *others = [display_name(options.name(ours)) for ours in answers]
+        first, *others = [display_name(options.name(role)) for role in answers]
         finding = f"found together with {' and '.join(others)}"
         rule = (
             "responses (one row per trial), counts of one response (one row per pair), or n_first, "
@@ -365,11 +384,12 @@ def _role_problems(
         )
         yield f"column {first}: {finding}, allowed: {rule}"
 
-    theirs = [options.name(ours) for ours in roles_read]
+    theirs = [options.name(role) for role in roles_read]
     for name in dict.fromkeys(theirs):
         if theirs.count(name) > 1:
-            roles = " and as ".join(ours for ours in roles_read if options.name(ours) == name)
+            roles = " and as ".join(role for role in roles_read if options.name(role) == name)
             yield f"column {display_name(name)}: found as {roles}, allowed: one meaning per column"
+
     subject = options.name("subject")
     if options.subject_from is not None and subject in names:
         finding = "found together with --subject-from"
@@ -377,19 +397,22 @@ def _role_problems(
 
 
 def _unit_by_name(names: Sequence[str], options: ReadOptions) -> tuple[str, str]:
-    """The problem of stimuli that have a unit by their names, where no option tells it; the unit.
+    """The problem of stimuli whose names have a unit that no option gives, and that unit.
 
-    Both are empty where there is no problem.
+    Both are empty if there is no problem.
     """
     if options.unit is not None:
         return "", ""
+
     theirs = [*map(options.name, options.stimuli)]
     for name in theirs:
         unit = unit_in(name)
         is_intensity = options.has_intensities and unit not in _UNIT_MEANINGS
         if name in names and unit and not is_intensity:
             return f"column {display_name(name)} seems to be in {unit}.", unit
-    first, second = options.name("i1"), options.name("i2")
+
+    first = options.name("i1")
+    second = options.name("i2")
     if {*theirs}.isdisjoint(names) and not options.has_standard and {first, second} <= {*names}:
         columns = f"columns {display_name(first)} and {display_name(second)}"
         return f"{columns} seem to be intensities.", unit_in(first) or ANY_UNIT
@@ -400,20 +423,20 @@ def _required(
     names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> Iterable[str]:
     """Columns that must be there once."""
-    roles = [ours for ours in (*COLUMNS, "correct", "standard_interval") if ours in roles_read]
-    missing = [ours for ours in options.columns if options.name(ours) not in names]
+    roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
+    missing = [role for role in options.columns if options.name(role) not in names]
     return dict.fromkeys([*options.where, *map(options.name, [*roles, *missing])])
 
 
 def _roles_read(names: Sequence[str], options: ReadOptions) -> list[str]:
-    """Our names of the columns that these names call for, and of those that there may be."""
+    """Our names of the columns that must be read, and of optional ones that the file has."""
     roles_read = ["subject", *options.stimuli]
     if options.interval_column is not None:
         roles_read.append("standard_interval")
     roles_read += _answer_roles(names, options)
-    for ours in _optional_roles(names, options):
-        if ours not in options.ignore:
-            roles_read.append(ours)
+    for role in _optional_roles(names, options):
+        if role not in options.ignore:
+            roles_read.append(role)
     return roles_read
 
 
@@ -421,7 +444,7 @@ def _answer_roles(names: Sequence[str], options: ReadOptions) -> list[str]:
     """Our names of the columns of responses or counts."""
     if options.correct is not None:
         return ["correct"]
-    counts = [ours for ours in _COUNTS if options.name(ours) in names]
+    counts = [role for role in _COUNTS if options.name(role) in names]
     if options.name("response") in names or not counts:
         return ["response", *counts]
     if {*map(options.name, _THREE_COUNTS)} <= {*names}:
@@ -437,12 +460,12 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
     if has_condition:
         yield "condition"
     # No inference reads block and trial: twice there, or named as something else, they are ignored.
-    other_names = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
+    other_names = [options.name(role) for role in COLUMNS if role not in LOOKED_AT]
     other_names.append(options.name("standard_interval"))
-    for ours in LOOKED_AT:
-        name = options.name(ours)
+    for role in LOOKED_AT:
+        name = options.name(role)
         if name not in other_names and names.count(name) == 1:
-            yield ours
+            yield role
 
 
 def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
@@ -470,7 +493,8 @@ def _order_remedies(orders: Sequence[str]) -> Iterator[Remedy]:
     for name in orders or ["NAME"]:
         stimuli, places, _ = named_places(name)
         for owner in ("standard", "comparison"):
-            if stimuli in ([], [owner]) or (places and owner == "standard"):
+            may_own = stimuli in ([], [owner])
+            if may_own or (places and owner == "standard"):
                 meaning = f"if {name} says the interval of the {owner}"
                 yield Remedy(f"{owner}_interval", name, meaning)
     yield Remedy("standard_first", "", "if the standard was always first")
@@ -493,7 +517,7 @@ def intensity_remedies(stimuli: FloatArray) -> list[Remedy]:
 
 
 def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:
-    """The one pair of names that differ by 1 and 2, such as 'stim1' and 'stim2'; else empty."""
+    """The only two names that differ by 1 and 2, such as 'stim1' and 'stim2'; else empty."""
     pairs = []
     for name in names:
         other = re.sub("1(?=[^0-9]*$)", "2", name)
@@ -507,14 +531,16 @@ def _remedies(
 ) -> Iterator[Remedy]:
     """Options to type if columns are missing."""
     roles = dict.fromkeys((*roles_read, *options.columns))
-    missing = [ours for ours in roles if options.name(ours) not in names]
-    to_name = [ours for ours in missing if ours in _REQUIRED]
+    missing = [role for role in roles if options.name(role) not in names]
+    to_name = [role for role in missing if role in _REQUIRED]
     if to_name:
-        other_names = {options.name(ours) for ours in roles_read}
+        other_names = {options.name(role) for role in roles_read}
         yield _columns_remedy([name for name in names if name not in other_names], to_name, options)
+
     if missing == ["n_equal"] and options.name("n_trials") in names:
         count = (("n_second", "NAME"),)
         yield Remedy("columns", count, "if it counts 'the second was stronger' (2AFC)")
+
     yield from _answer_remedies(names, missing)
     if "subject" in missing:
         yield Remedy("subject_from", "{}.*", "if the name of the file is the subject")
@@ -539,14 +565,16 @@ def _score_remedies(names: Sequence[str]) -> list[Remedy]:
 
 
 def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOptions) -> Remedy:
-    """The option that names columns, with the names that are likely."""
+    """The option that names the columns of roles, with likely names; else with NAME to replace."""
     stimuli = dict(zip(options.stimuli, _numbered_pair(free), strict=True))
     pairs = []
-    for ours in to_name:
-        alike = [name for name in free if looks_like(name, ours)]
-        if ours == "response":
+    for role in to_name:
+        alike = [name for name in free if looks_like(name, role)]
+        if role == "response":
             alike += [name for name in free if looks_like(name, "key")]
-        pairs.append((ours, stimuli.get(ours) or (alike or ["NAME"])[0]))
+        likely = [stimuli.get(role, ""), *alike, "NAME"]
+        pairs.append((role, next(filter(None, likely))))
+
     meaning = "with the names in your file"
     if stimuli.get("s1") and not unit_in(stimuli["s1"]):
         meaning = f"if they are natural logs; for intensities add --unit {ANY_UNIT}"

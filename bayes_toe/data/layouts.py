@@ -93,6 +93,7 @@ class StandardOrder:
             finding = f"found {join_names(column.counts(texts))}"
             rule = f"{quoted(comparison_code)} for 'comparison' and one other code for 'standard'"
             _ask_order(table, column, f"{finding}, allowed: {rule}", [])
+
         is_comparison = {}
         for text in texts:
             if comparison_code is not None:
@@ -101,6 +102,7 @@ class StandardOrder:
                 stimuli, places, other_words = named_places(text)
                 if len(stimuli) == 1 and not places and not other_words:
                     is_comparison[text] = stimuli == ["comparison"]
+
         words = np.array(column.texts, object)[column.codes]
         is_named = column.map(is_comparison.__contains__, np.bool_)
         is_second = column.map(is_comparison.get, np.bool_) == self.is_first
@@ -119,14 +121,17 @@ def _standard_first_by_text(
     is_first: dict[str, bool | None] = {
         text: _is_standard_first(text, owner, places) for text in texts
     }
+
     code = options.standard_first_code
     if code in texts or (code is not None and len(texts) == 1):
         if len(texts) <= 2:
             is_first = dict.fromkeys(texts, False)
         return {**is_first, str(code): True}
+
     if stimuli and places and {*map(str.lower, texts)} <= TRUE_WORDS | FALSE_WORDS:
-        of_true = _is_standard_first(column.name, "", ())
-        return {text: (text.lower() in TRUE_WORDS) == of_true for text in texts}
+        is_first_if_true = _is_standard_first(column.name, "", ())
+        return {text: (text.lower() in TRUE_WORDS) == is_first_if_true for text in texts}
+
     _require_certain(table, column, is_first, owner)
     return is_first
 
@@ -134,11 +139,12 @@ def _standard_first_by_text(
 def _require_certain(
     table: TextTable, column: Column, is_first: Mapping[str, bool | None], owner: str
 ) -> None:
-    """Refuse one or two codes that may mean either, and intervals of another stimulus by name."""
+    """Refuse one or two codes whose meaning is not certain, and a column of another stimulus."""
     if None in is_first.values() and len(is_first) <= 2:
         counts = join_names(column.counts(is_first))
         problem = f"the codes are {counts}. Which of them means that the standard was first?"
         _ask_order(table, column, problem, [*is_first])
+
     in_first = [text for text in is_first if named_places(text)[:2] == ([], ["first"])]
     stimuli, _, _ = named_places(column.name)
     if in_first and len(stimuli) == 1 and owner not in stimuli:
@@ -169,10 +175,12 @@ def _is_standard_first(text: str, owner: str, places_of_name: Sequence[str]) -> 
     stimuli, places, other_words = named_places(text)
     if not (stimuli or places) or not other_words <= {*VOCABULARY["words"]["filling"]}:
         return None
+
     if len(stimuli) == 1:
         places = places or list(places_of_name)
-    is_standard, is_first = [*stimuli, owner][0] == "standard", [*places, "first"][0] == "first"
-    return is_standard == is_first
+    stimulus = stimuli[0] if stimuli else owner
+    interval = places[0] if places else "first"
+    return (stimulus == "standard") == (interval == "first")
 
 
 # --- Numbers of stimuli ---------------------------------------------------------------------------
@@ -201,16 +209,19 @@ def _require_decimal_sign(
     text = ambiguous_number(stimuli, sign)
     if not text:
         return
+
     texts = [text for column in stimuli for text in column.texts if sign not in text]
     if not options.has_intensities and not any(abs(number(text)) >= 100.0 for text in texts):
         return  # no natural log of an intensity is as large as a thousand
-    digits, decimal = text.replace(sign, ""), text.replace(sign, ".")
+
+    grouped = text.replace(sign, "")
+    decimal = text.replace(sign, ".")
     other_sign = "," if sign == "." else "."
     remedies = [
         Remedy("decimal", sign, f"if it is {decimal}"),
-        Remedy("decimal", other_sign, f"if it is {digits}"),
+        Remedy("decimal", other_sign, f"if it is {grouped}"),
     ]
-    table.problems.ask(f"the stimulus '{text}' can be {digits} or {decimal}.", remedies)
+    table.problems.ask(f"the stimulus '{text}' can be {grouped} or {decimal}.", remedies)
     table.problems.refuse()
 
 
@@ -234,15 +245,19 @@ def require_logs(
     rows = np.flatnonzero(selected & ~np.isnan(stimuli).any(axis=0))
     if not len(rows):
         return
+
     first, second = (values[rows] for values in stimuli)
     sign, pair = sign_of_intensities(first, second)
     if not sign:
         return
+
     names = " and ".join(display_name(column.name) for column in columns)
-    row, location = 0, f"columns {names}"
+    row = 0
+    location = f"columns {names}"
     if pair is not None:
         row = int(table.rows[rows[pair]])
         location = f"row {row}, {location}"
+
     problem = f"{location}: found {sign}, allowed: natural logs"
     if min(first.min(), second.min()) == 0.0:
         problem += ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
@@ -281,38 +296,45 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
         column = table.columns[PAIR]
     else:
         column = _only_fitting(table, regex)
-    columns, other_names = dict(table.columns), list(table.names)
+
+    columns = dict(table.columns)
+    other_names = list(table.names)
     other_names.remove(column.name)
+
     pairs = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
     for i, name in enumerate(map(options.name, options.stimuli), start=1):
         texts = [pair[i] for pair in pairs]
         columns[name] = Column.from_texts(name, texts, column.codes)
         other_names.append(name)
-    where = f"names of {len(names)} columns" if names else f"column {display_name(column.name)}"
-    notes = (*table.notes, f"pairs read from {where}")
+
+    origin = f"names of {len(names)} columns" if names else f"column {display_name(column.name)}"
+    notes = (*table.notes, f"pairs read from {origin}")
     return replace(table, names=other_names, columns=columns, notes=notes)
 
 
 def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
-    """A row for each of these columns, with its name and its cell."""
+    """The table with a row for each cell of these columns: the name of the column, and the cell."""
     repeated = repeated_columns(names, dict.fromkeys(names))
     if repeated:
         table.require(repeated)
+
     columns = {}
     for name, column in table.columns.items():
         if name not in names:
             columns[name] = Column(name, column.texts, np.repeat(column.codes, len(names)))
+
     n_rows = len(table.rows)
     columns[PAIR] = Column(PAIR, list(names), np.tile(np.arange(len(names)), n_rows))
     cells = [table.columns[name].text(row) for row in range(n_rows) for name in names]
     columns[CELL] = Column.from_texts(CELL, cells)
+
     all_names = [*(name for name in table.names if name not in names), PAIR, CELL]
     rows = np.repeat(table.rows, len(names))
     return replace(table, names=all_names, columns=columns, rows=rows)
 
 
 def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:
-    """The only column all of whose cells fit."""
+    """The only column whose cells all fit the pattern."""
     fitting = []
     for column in table.columns.values():
         if all(map(regex.fullmatch, column.texts)):

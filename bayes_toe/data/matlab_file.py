@@ -51,15 +51,18 @@ def matlab_values(source: str, data: bytes) -> Any:
     # -P keeps the working folder off the search path.
     package_parent = str(Path(__file__).resolve().parents[2])
     command = [sys.executable, "-P", "-c", _READER, package_parent, source]
+
     try:
         reader = subprocess.run(command, input=data, capture_output=True, timeout=_LONGEST)
     except subprocess.TimeoutExpired:
         problem = f"{source}: not read within {_LONGEST} s, allowed: {_DAMAGED_ALLOWED}"
         raise InputError(problem) from None
+
     if reader.returncode:
         raise damaged(
             source, "MATLAB", f"its reader ended with {reader.returncode}", _DAMAGED_ALLOWED
         )
+
     result = json.loads(reader.stdout)
     if "problems" in result:
         raise InputError(result["problems"])
@@ -96,6 +99,7 @@ def _variables(source: str, data: bytes) -> Record:
         raise
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         raise damaged(source, "MATLAB", error, _DAMAGED_ALLOWED) from None
+
     if _OBJECTS & variables.keys():
         # MATLAB's own table objects are in no documented format.
         raise InputError(
@@ -122,10 +126,11 @@ def _hdf5_value(group: Any, name: str) -> Any:
     """A variable, a field or a cell: a struct by field, a text, or an array as MATLAB has it."""
     import h5py
 
-    if name.startswith("#"):  # the cells, to which references lead, and objects
+    if name.startswith("#"):  # where references to cells and objects lead
         return None
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         raise ValueError(f"{name} is a link")
+
     item = group[name]
     if isinstance(item, h5py.Group):
         return {field: _hdf5_value(item, field) for field in item}
@@ -135,6 +140,7 @@ def _hdf5_value(group: Any, name: str) -> Any:
         raise MemoryError
     if "MATLAB_empty" in item.attrs:
         return ""
+
     values = item[()].T
     kind = item.attrs.get("MATLAB_class")
     if kind == b"char":
@@ -145,6 +151,7 @@ def _hdf5_value(group: Any, name: str) -> Any:
         for i, reference in enumerate(values.ravel("F")):
             cells[i] = _hdf5_value(item.file["#refs#"], item.file[reference].name.split("/")[-1])
         return cells
+
     if kind == b"logical":
         values = values.astype(np.bool_)
     return values.item() if values.size == 1 else np.squeeze(values)

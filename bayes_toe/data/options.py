@@ -162,16 +162,18 @@ class ReadOptions:
             raise InputError(problems)
 
     def _strip_texts(self) -> None:
-        """Texts without spaces around them; numbers as the cells of a data frame: 1.0 is '1'."""
+        """Replace all values by texts without spaces around them, see :func:`_as_text`."""
         for key in _TEXT_FIELDS:
             text = getattr(self, key)
             if text is not None:
                 object.__setattr__(self, key, _as_text(text))
+
         for key in ("columns", "where"):
             texts = getattr(self, key)
             require_kind(key, texts, Mapping, "texts by name, such as {'subject': 'participant'}")
             texts = {_as_text(name): _as_text(text) for name, text in texts.items()}
             object.__setattr__(self, key, texts)
+
         for key in ("ignore", "missed"):
             entries = getattr(self, key)
             if isinstance(entries, str | int | float):
@@ -192,13 +194,16 @@ class ReadOptions:
         is_number = isinstance(intensity, Real)
         if not is_number or not 0.0 < intensity < sys.float_info.max:
             yield f"--intensity: found {self.intensity!r}, allowed: a positive finite number"
+
         try:
             StimulusUnit(self.unit or "")
         except InputError as error:
             yield from error.problems
+
         if self.intensity is not None and self.unit in LOG_UNITS:
             rule = "--unit alone for logarithms"
             yield f"--intensity: found with --unit {self.unit}, allowed: {rule}"
+
         if self.decimal not in (None, ".", ","):
             yield f"--decimal: found {self.decimal!r}, allowed: '.' or ','"
 
@@ -219,13 +224,15 @@ class ReadOptions:
 
         Both codes may be one text, and two options may tell the task.
         """
-        options, answer_of_code = list[str](), dict[str, str]()
+        options = list[str]()
+        answer_of_code = dict[str, str]()
         for answer, code in self.code_by_answer.items():
             options.append(f"--{answer}-code")
             other = answer_of_code.setdefault(code, answer)
             if other != answer:
                 finding = f"found {quoted(code)} as --{other}-code"
                 yield f"--{answer}-code: {finding}, allowed: different texts"
+
         if self.correct is not None:
             options.append("--correct")
         has_task = self.task is not None or not options
@@ -235,17 +242,20 @@ class ReadOptions:
 
     def _name_problems(self) -> Iterator[str]:
         """Problems of the names of columns and files, a line each."""
-        for ours, name in self.columns.items():
-            if ours not in COLUMNS or not name:
-                finding = quoted(f"{ours}={name}")
+        for role, name in self.columns.items():
+            if role not in COLUMNS or not name:
+                finding = quoted(f"{role}={name}")
                 rule = f"OURS=NAME with OURS one of {', '.join(COLUMNS)}"
                 yield f"--columns: found {finding}, allowed: {rule}"
-        for ours in self.ignore:
-            if ours not in _MAY_BE_IGNORED:
-                yield f"--ignore: found {quoted(ours)}, allowed: {', '.join(_MAY_BE_IGNORED)}"
+
+        for role in self.ignore:
+            if role not in _MAY_BE_IGNORED:
+                yield f"--ignore: found {quoted(role)}, allowed: {', '.join(_MAY_BE_IGNORED)}"
+
         if self.wide is not None and not _is_pair_pattern(self.wide):
             rule = "{first}, some text, {second}, such as '{first}_{second}'"
             yield f"--wide: found {quoted(self.wide)}, allowed: {rule}"
+
         if self.subject_from is not None and self.subject_from.count("{}") != 1:
             rule = "a file's name with one {}, such as 'sub-{}_*.tsv'"
             yield f"--subject-from: found {quoted(self.subject_from)}, allowed: {rule}"
@@ -281,15 +291,15 @@ class ReadOptions:
         """The text that was given for each answer of a task."""
         return tuple(map(self.code_by_answer.get, task.answers))
 
-    def name(self, ours: str) -> str:
-        """The file's name for a column of ours."""
+    def name(self, role: str) -> str:
+        """The name in the file of the column with this role."""
         chosen_by_role = {
             "correct": self.correct,
             "condition": self.condition,
             "standard_interval": self.interval_column,
         }
-        chosen = chosen_by_role.get(ours)
-        return self.columns.get(ours, chosen or ours)
+        chosen = chosen_by_role.get(role)
+        return self.columns.get(role, chosen or role)
 
     @property
     def has_standard(self) -> bool:
@@ -334,7 +344,7 @@ def _is_pair_pattern(pattern: str) -> bool:
 
 
 def _as_text(value: object) -> str:
-    """A text without spaces around it; a number as the cell of a data frame: 1.0 is '1'."""
+    """A text without spaces around it; a number is as in a table, so that 1.0 is '1'."""
     if isinstance(value, bool | float):
         value = f"{value:.15g}"
     return str(value).strip()
@@ -407,9 +417,11 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
         name = quoted(text.partition(":")[0])
         subject_names = join_names(map(display_name, study.names))
         raise InputError(f"{option} {text}: no subject {name}; the subjects are {subject_names}")
+
     name = max(names, key=len)
     if text == name:
         return name, []
+
     blocks = text[len(name) + 1 :]
     for unit in study:
         is_named = name in (unit.name, unit.subject_name)

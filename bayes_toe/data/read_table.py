@@ -17,8 +17,9 @@ import warnings
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -112,15 +113,18 @@ def read_table(
         If the source cannot be read, is too large or empty, or its head cannot be split.
     """
     # A lazy frame has no rows, and warns where it is asked for its columns.
-    if (hasattr(source, "iloc") or hasattr(source, "to_series")) and hasattr(source, "columns"):
-        name = f"{type(source).__module__.partition('.')[0]} {type(source).__name__}"
+    has_rows = hasattr(source, "iloc") or hasattr(source, "to_series")
+    if has_rows and hasattr(source, "columns"):
+        library = type(source).__module__.partition(".")[0]
+        name = f"{library} {type(source).__name__}"
         # Rows count from 0, as in `iloc`.
-        return _table_of_frame((name, name, "columns"), source, 0, choice)
+        return _table_of_frame(Origin(name, name, "columns"), source, 0, choice)
     if not isinstance(source, str | os.PathLike):
         raise InputError(
             f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or "
             "polars DataFrame"
         )
+
     path = Path(source)
     require_parquet(path)
     try:
@@ -131,12 +135,15 @@ def read_table(
             f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and "
             "may be read"
         ) from error
-    name, suffix = display_name(path.name), path.suffix.lower()
+
+    name = display_name(path.name)
+    suffix = path.suffix.lower()
     if suffix in _NOT_READ:
         finding, rule = _NOT_READ[suffix]
         raise InputError(f"{name}: found {finding}, allowed: {rule}")
     if sheet is not None and suffix not in _EXCEL_SUFFIXES:
         raise InputError(f"{name}: found --sheet {sheet}, allowed: with an Excel file")
+
     if suffix in _EXCEL_SUFFIXES:
         return _read_excel(name, data, choice, sheet)
     if _is_json(suffix, data):
@@ -192,37 +199,52 @@ def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
 # --- Values as text ------------------------------------------------------------------------------
 
 
+class Origin(NamedTuple):
+    """Where a table comes from, in the words of messages.
+
+    `source` is the name of the file or the frame, and `head` the place of the names of columns.
+    """
+
+    source: str
+    form: str
+    head: str
+
+
 def _table_of_values(
-    head_words: tuple[str, str, str],
+    origin: Origin,
     names: list[str],
     values: Mapping[str, Iterable[object]],
     rows: Sequence[int],
     choice: Choice,
     notes: Sequence[str] = (),
 ) -> TextTable:
-    """The table of values by column; `head_words` are its source, form and head.
+    """The table of values by column.
 
     The first cell without a text is a problem in the columns that are chosen.
     """
-    source, form, head = head_words
-    columns, problems, chosen = {}, Problems(source), choice(names)
+    chosen = choice(names)
+    problems = Problems(origin.source)
+    columns = {}
     for name, cells in values.items():
-        texts, wrong = list[str](), list[tuple[int, str]]()
+        texts = list[str]()
+        cell_problems = list[tuple[int, str]]()
         for row, text in zip(rows, map(value_text, cells), strict=True):
             if isinstance(text, NoValue):
-                wrong.append((row, f"row {row}, column {display_name(name)}: {text.problem}"))
+                location = f"row {row}, column {display_name(name)}"
+                cell_problems.append((row, f"{location}: {text.problem}"))
                 text = ""
             texts.append(text)
-        if name in chosen:
-            problems.add(wrong[:1])
+
         columns[name] = Column.from_texts(name, texts)
+        if name in chosen:
+            problems.add(cell_problems[:1])
     row_numbers = np.array(rows, np.int64)
-    return TextTable(form, "", head, names, columns, row_numbers, problems, tuple(notes))
+    return TextTable(
+        origin.form, "", origin.head, names, columns, row_numbers, problems, tuple(notes)
+    )
 
 
-def _table_of_frame(
-    head_words: tuple[str, str, str], frame: Any, first_row: int, choice: Choice
-) -> TextTable:
+def _table_of_frame(origin: Origin, frame: Any, first_row: int, choice: Choice) -> TextTable:
     """The table of a pandas or polars DataFrame."""
     names = [str(name).strip() for name in frame.columns]
     values = {}
@@ -231,7 +253,7 @@ def _table_of_frame(
         is_single = str(series.dtype).lower() == "float32"
         values[name] = np.asarray(series, np.float32) if is_single else series.to_list()
     rows = range(first_row, first_row + len(frame))
-    return _table_of_values(head_words, names, values, rows, choice)
+    return _table_of_values(origin, names, values, rows, choice)
 
 
 # --- Excel ---------------------------------------------------------------------------------------
@@ -246,7 +268,8 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
         finding = join_names(map(display_name, sheets))
         raise InputError(f"{source}: found the sheets {finding}, allowed: one of them")
 
-    (first, names), rows = heads[title], sheets[title]
+    first, names = heads[title]
+    rows = sheets[title]
     filled = {}
     for number, cells in enumerate(rows[first + 1 :], start=first + 2):
         if _is_filled(cells):
@@ -261,8 +284,8 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
         notes.append(f"sheet {display_name(title)} read, not {join_names(other_sheets)}")
     if any(map(_is_filled, rows[:first])):
         notes.append(f"rows above row {first + 1} left out")
-    head = (source, EXCEL, f"row {first + 1}")
-    return _table_of_values(head, names, values, [*filled], choice, notes)
+    origin = Origin(source, EXCEL, f"row {first + 1}")
+    return _table_of_values(origin, names, values, [*filled], choice, notes)
 
 
 def _chosen_sheet(
@@ -277,10 +300,12 @@ def _chosen_sheet(
     tables = [title for title, count in n_names.items() if count == largest_count]
     if not tables:
         raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
+
     if len(tables) > 1 and largest_count:
         remedies = [Remedy("sheet", title) for title in tables]
         finding = join_words([*map(display_name, tables)])
         raise InputError(f"{source}: the sheets {finding} have tables.", remedies)
+
     return max(tables, key=lambda title: len(sheets[title]))
 
 
@@ -329,6 +354,7 @@ def _without_formats(source: str, data: bytes) -> io.BytesIO:
         if unpacked > LARGEST_STUDY:
             finding = f"found {unpacked} bytes unpacked"
             raise InputError(f"{source}: {finding}, allowed: at most {LARGEST_STUDY}")
+
         for name in book.namelist():
             part = book.read(name)
             if name.startswith("xl/worksheets/"):
@@ -341,17 +367,18 @@ def _without_formats(source: str, data: bytes) -> io.BytesIO:
 def _sheet_rows(source: str, sheet: Any) -> list[list[Any]]:
     """The values of a sheet, row by row, all of one width."""
     sheet.reset_dimensions()  # a size that a program left may be smaller than the sheet
-    rows, width = list[list[Any]](), 0
+    rule = "a value that Excel has computed and saved"
+    rows = list[list[Any]]()
+    width = 0
     for cells in sheet.iter_rows():
         values = []
         for cell in cells:
             value = cell.value
             if cell.data_type == "e":
-                value = NoValue(
-                    f"found {value}, allowed: a value that Excel has computed and saved"
-                )
+                value = NoValue(f"found {value}, allowed: {rule}")
             values.append(value)
         rows.append(values)
+
         width = max(width, len(values))
         require_size(source, width, width * len(rows))
     return [values + [None] * (width - len(values)) for values in rows]
@@ -361,35 +388,38 @@ def _sheet_rows(source: str, sheet: Any) -> list[list[Any]]:
 
 
 def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -> TextTable:
-    """A list of trials, a list of participants with their trials, columns, or a trial a line.
+    """The table of a list of trials or of participants with trials, of columns, or of lines.
 
     Row 1 is the first trial; a key that a trial lacks is an empty cell.
     """
     text, label = decoded(source, data, encoding)
-    records, n_fields = list[dict[str, object]](), 0
+    records = list[dict[str, object]]()
+    n_fields = 0
     for record in _json_records(source, _parse_json(source, text), {}):
         n_fields += len(record)
         require_size(source, len(record), n_fields)
         records.append(record)
-    return _table_of_records((source, f"JSON, {label}", "keys"), records, choice)
+    return _table_of_records(Origin(source, f"JSON, {label}", "keys"), records, choice)
 
 
 def _table_of_records(
-    head_words: tuple[str, str, str], records: Sequence[Mapping[str, object]], choice: Choice
+    origin: Origin, records: Sequence[Mapping[str, object]], choice: Choice
 ) -> TextTable:
-    """The table of records by name."""
-    names = list(dict.fromkeys(key for record in records for key in record))
-    require_size(head_words[0], len(names), len(names) * len(records))
+    """The table of records, a column for each key and a row for each record."""
+    names = list(dict.fromkeys(chain.from_iterable(records)))
+    require_size(origin.source, len(names), len(names) * len(records))
     values = {}
     for name in names:
         values[name] = [record.get(name) for record in records]
-    return _table_of_values(head_words, names, values, range(1, len(records) + 1), choice)
+    rows = range(1, len(records) + 1)
+    return _table_of_values(origin, names, values, rows, choice)
 
 
 def _parse_json(source: str, text: str) -> object:
     """The content of a file; numbers keep their text."""
 
-    def fields(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
+    def record_of(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
+        """The record of keys and values, each key once."""
         record = dict[str, object]()
         for key, value in pairs:
             name = key.strip()
@@ -399,11 +429,11 @@ def _parse_json(source: str, text: str) -> object:
             record[name] = value
         return record
 
-    load = partial(json.loads, parse_int=str, parse_float=str, object_pairs_hook=fields)
+    load = partial(json.loads, parse_int=str, parse_float=str, object_pairs_hook=record_of)
     try:
         try:
             return load(text)
-        except json.JSONDecodeError:
+        except json.JSONDecodeError:  # perhaps a trial a line
             return [load(line) for line in re.split("[\r\n]+", text) if line.strip()]
     except InputError:
         raise
@@ -427,14 +457,16 @@ def _json_records(
             f"{source}: found {quoted(str(value))} in the place of a trial, allowed: a list of "
             "trials, each with the same keys"
         )
+
     fields = {**shared, **value}
     lists = {key: item for key, item in fields.items() if isinstance(item, list)}
     nested = [key for key, item in lists.items() if item and isinstance(item[0], dict)]
     nested += [key for key, item in fields.items() if isinstance(item, dict)]
-    if len(nested) == 1:
+    lengths = set(map(len, lists.values()))
+    if len(nested) == 1:  # a participant with trials
         trials = fields.pop(nested[0])
         yield from _json_records(source, trials, fields)
-    elif len(lists) > 1 and len(set(map(len, lists.values()))) == 1:
+    elif len(lists) > 1 and len(lengths) == 1:  # columns
         for items in zip(*lists.values(), strict=True):
             yield {**fields, **dict(zip(lists, items, strict=True))}
     else:
@@ -445,7 +477,7 @@ def _json_records(
 
 
 def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
-    """Fields of a struct, a struct array, or vectors by name; row 1 is the first trial.
+    """The table of a struct, a struct array, or vectors by name; row 1 is the first trial.
 
     A single value stands in every row.
     """
@@ -454,11 +486,11 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     if len(records) == 1 and (no_columns or not records[0]):
         finding = join_names(map(display_name, no_columns)) or "nothing"
         raise InputError(f"{source}: found {finding}, no columns of one length, allowed: {SAVED}")
-    return _table_of_records((source, "MATLAB", "variables"), records, choice)
+    return _table_of_records(Origin(source, "MATLAB", "variables"), records, choice)
 
 
 def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
-    """The schema stands for a header.
+    """The table of a Parquet file, whose schema stands for a header.
 
     Row 1 is the first record; a missing value is an empty cell.
     """
@@ -476,7 +508,7 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         allowed = "one that a Parquet writer has finished"
         raise damaged(source, "Parquet", error, allowed) from None
-    return _table_of_frame((source, "Parquet", "schema"), frame, 1, choice)
+    return _table_of_frame(Origin(source, "Parquet", "schema"), frame, 1, choice)
 
 
 def is_parquet(path: StrPath) -> bool:

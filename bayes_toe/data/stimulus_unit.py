@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray
-from bayes_toe.data.messages import join_names, quoted
+from bayes_toe.data.messages import join_names, plural, quoted
 from bayes_toe.data.text_table import Column
 from bayes_toe.errors import InputError
 
@@ -79,7 +79,7 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
 
 
 def _without_rounding(pairs: FloatArray) -> FloatArray:
-    """Pairs of a subject, shape (2, pairs), of which stimuli that differ by rounding are equal.
+    """Pairs of a subject, shape (2, pairs), in which stimuli are equal if they differ by rounding.
 
     The stimulus that was shown most often stands for its neighbours. If every trial has stimuli of
     its own, only those of one pair are taken together.
@@ -223,10 +223,15 @@ class StimulusUnit:
         logs = np.asarray(logs, np.float64)
         values, unit, fewest_digits, form = logs, "ln", 3, "g"
         if self.of_stimuli:
-            values, unit, fewest_digits = self.stimuli(logs), self.of_stimuli, 4
+            values = self.stimuli(logs)
+            unit = self.of_stimuli
+            fewest_digits = 4
         elif self.for_percent(percent(logs - mean)).of_differences != "ln":
-            values, unit = self.or_percent_of(mean).stimuli(logs), "% of mean"
-            fewest_digits, form = 0, "f"
+            values = self.or_percent_of(mean).stimuli(logs)
+            unit = "% of mean"
+            fewest_digits = 0
+            form = "f"
+
         texts = list[str]()
         for digits in range(fewest_digits, 15):
             texts = [f"{value:.{digits}{form}}" for value in values]
@@ -242,8 +247,9 @@ class StimulusUnit:
 
 
 def merge_rounded(stimuli: list[FloatArray], subject: Column, unit: StimulusUnit) -> list[str]:
-    """Make stimuli of a subject that differ by rounding only one stimulus; say it of the file."""
-    levels, n_changed = set[float](), 0
+    """Replace stimuli of a subject that differ by rounding only by one of them; return a note."""
+    levels = set[float]()
+    n_changed = 0
     valid = np.flatnonzero(~np.isnan(stimuli).any(axis=0))
     for rows in subject.rows_by_text(valid).values():
         pairs = np.stack([values[rows] for values in stimuli])
@@ -254,9 +260,11 @@ def merge_rounded(stimuli: list[FloatArray], subject: Column, unit: StimulusUnit
         stimuli[0][rows], stimuli[1][rows] = merged
     if not n_changed:
         return []
+
+    count = plural(n_changed, "row")
+    verb = "differ" if n_changed > 1 else "differs"
     names = join_names(map(unit.describe, sorted(levels)), 3)
-    are = "s differ" if n_changed > 1 else " differs"
-    return [f"stimuli in {n_changed:,} row{are} by rounding only, and are read as one: {names}"]
+    return [f"stimuli in {count} {verb} by rounding only, and are read as one: {names}"]
 
 
 #: Logarithms of intensities of which nothing is known.

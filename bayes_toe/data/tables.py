@@ -157,10 +157,12 @@ def write_table(
         parts = frame["subject"].str.partition(CONDITION_SEPARATOR)
         frame = frame.assign(subject=parts[0])
         frame.insert([*frame].index("subject") + 1, "condition", parts[2])
+
     if seed is not None:
         frame = frame.assign(seed=seed)
     if not is_parquet(target):
         frame = frame.map(_inert).rename(columns=_inert)
+
     with whole_file(target, overwrite=overwrite) as temporary:
         if is_parquet(target):
             frame.to_parquet(temporary, engine="pyarrow", index=False, write_page_checksum=True)
@@ -192,9 +194,8 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
     n_alike = Counter(name.lower() for name in {*names})
     stems = {}
     for name in names:
-        is_safe = (
-            _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name) and len(name) <= _LONGEST_STEM
-        )
+        is_short = len(name) <= _LONGEST_STEM
+        is_safe = is_short and _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name)
         stems[name] = name if is_safe and n_alike[name.lower()] == 1 else _marked(name)
     if len({stem.lower() for stem in stems.values()}) < len(stems):  # one looks like a mark
         stems = {name: _marked(name) for name in names}

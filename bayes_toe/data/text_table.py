@@ -77,10 +77,12 @@ class Column:
         Without codes, each row has a text.
         """
         code_of_text: dict[str, int] = {}
-        places = np.array(
+        new_codes = np.array(
             [code_of_text.setdefault(text.strip(), len(code_of_text)) for text in texts], np.int64
         )
-        return cls(name, list(code_of_text), places if codes is None else places[codes])
+        if codes is not None:
+            new_codes = new_codes[codes]
+        return cls(name, list(code_of_text), new_codes)
 
     def map(self, convert: Callable[[str], object], dtype: type) -> npt.NDArray[Any]:
         """One value per row; each distinct text is converted once."""
@@ -154,11 +156,13 @@ class Problems:
     """Problems of a source, reported together in the order of its rows."""
 
     def __init__(self, source: str) -> None:
-        self.source, self.count, self._shown = source, 0, list[tuple[int, str]]()
+        self.source = source
+        self.count = 0
+        self._shown = list[tuple[int, str]]()
         self.remedies: list[Remedy] = []
 
     def add(self, lines: Iterable[tuple[int, str]], count: int | None = None) -> None:
-        """Rows and what is said of them; the first of `count`."""
+        """Add lines with their rows, which are the first ones of `count` problems."""
         new_lines = list(lines)
         self._shown += new_lines
         self.count += len(new_lines) if count is None else count
@@ -170,7 +174,7 @@ class Problems:
         self.add([(_HEAD_ROW, question)])
 
     def refuse(self) -> None:
-        """Raise ten of them as one InputError, and how many more there are."""
+        """Raise the first ten problems as one InputError, with the number of the others."""
         if self.count == 0:
             return
         first_lines = sorted(self._shown, key=itemgetter(0))[:MAX_LINES]
@@ -231,11 +235,14 @@ class TextTable:
     def require(self, lines: Sequence[str], remedies: Iterable[Remedy] = ()) -> None:
         """Refuse a head with problems, a table without rows, and cells without a value.
 
-        Rows that cannot be split are told with the head. Remedies solve the last problem.
+        `lines` are the problems of the head, and remedies solve the last one. Rows that cannot be
+        split are reported together with them.
         """
         for line in lines:
-            location = f"{self.head}{', ' if line.startswith('column') else ': '}"
-            self.problems.ask(location + line, remedies if line == lines[-1] else ())
+            separator = ", " if line.startswith("column") else ": "
+            options = remedies if line == lines[-1] else ()
+            self.problems.ask(f"{self.head}{separator}{line}", options)
+
         if lines or not self.delimiter:
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
@@ -250,9 +257,12 @@ class TextTable:
         places_of = column.rows_by_text(np.flatnonzero(bad))
         lines = []
         for places in sorted(places_of.values(), key=itemgetter(0))[:MAX_LINES]:
-            index, count = int(places[0]), len(places)
+            index = int(places[0])
+            count = len(places)
             right = rule if isinstance(rule, str) else rule(index)
-            row, finding = int(self.rows[index]), quoted(column.text(index))
+            row = int(self.rows[index])
+            finding = quoted(column.text(index))
+
             name = column.name
             if name == CELL and PAIR in self.columns:
                 name = self.columns[PAIR].text(index)
@@ -273,7 +283,7 @@ def require_size(source: str, n_columns: int, n_cells: int) -> None:
 
 
 def repeated_columns(names: Sequence[str], wanted: Iterable[str]) -> list[str]:
-    """Problems of columns that are wanted and there more than once, a line each."""
+    """Problems of wanted columns that a table has more than once, a line each."""
     problems = []
     for name in wanted:
         if names.count(name) > 1:
@@ -307,22 +317,28 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they
     # are.
     text = _DELIMITER_LINE.sub("", text, count=1)
+
     delimiter, place, first_records = _layout(source, text, choice)
     first_row, head = first_records[0]
     names = _names(head)
+
     n_names = len(names)
     require_size(source, n_names, n_names)
     has_row_names = len(first_records) > 1 and len(_names(first_records[1][1])) == n_names + 1
     if has_row_names:
         names = ["", *names]  # R writes row names without a name of their own
 
-    problems, chosen = Problems(source), {*choice(names), ""}
+    problems = Problems(source)
+    chosen = {*choice(names), ""}
     places = name_places(names)
-    rows, texts = array("q"), {name: list[str]() for name in places}
+    rows = array("q")
+    texts = {name: list[str]() for name in places}
     for row, cells in itertools.islice(_records(text, delimiter), place + 1, None):
         if isinstance(cells, csv.Error) or len(cells) != len(names):
-            is_listed = problems.count < MAX_LINES
-            problems.add([(row, _broken(row, cells, len(names)))] if is_listed else [], 1)
+            lines = []
+            if problems.count < MAX_LINES:
+                lines.append((row, _broken(row, cells, len(names))))
+            problems.add(lines, 1)
             continue
         rows.append(row)
         for name, index in places.items():
@@ -339,13 +355,15 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         column = Column.from_texts(name, texts.pop(name))
         if name in chosen or len(column.texts) <= _MOST_TEXTS:
             columns[name] = column
+
     notes = (f"rows above row {first_row} left out",) if place else ()
-    head_name, record_rows = f"row {first_row}", np.array(rows, np.int64)
-    return TextTable(label, delimiter, head_name, names, columns, record_rows, problems, notes)
+    row_numbers = np.array(rows, np.int64)
+    head_row = f"row {first_row}"
+    return TextTable(label, delimiter, head_row, names, columns, row_numbers, problems, notes)
 
 
 def _layout(source: str, text: str, choice: Choice) -> tuple[str, int, list[Record]]:
-    """The delimiter, which record has the names, and the first records from the names on."""
+    """The delimiter, the index of the record with the names, and the first records from there."""
     best_fit = (-1, -1)
     best: tuple[str, int, list[Record]] = ("", 0, [])
     for delimiter in DELIMITERS:
@@ -393,6 +411,7 @@ def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str,
             f"{source}: found a spreadsheet or an archive, allowed: {_TEXT_ALLOWED}; save its "
             "sheet as .xlsx or CSV"
         )
+
     codec, label = _encoding_of(data) if encoding is None else (encoding, encoding)
     try:
         text = data.decode(codec)
@@ -411,6 +430,7 @@ def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str,
             return text, label
         finding = f"the character {quoted(match[0])}"
         text_before = text[: match.start()]
+
     row = 1 + len(re.findall(r"\r\n|\r|\n", text_before))
     raise InputError(f"{source}: row {row}: found {finding}, allowed: {_TEXT_ALLOWED}")
 
@@ -421,10 +441,12 @@ def _encoding_of(data: bytes) -> tuple[str, str]:
         return "utf-8-sig", "UTF-8"
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16", "UTF-16"
+
     # Of Latin letters at the start, every other byte is NUL.
     for codec, zeros in (("utf-16-le", data[1:8:2]), ("utf-16-be", data[:8:2])):
         if len(zeros) == 4 and not any(zeros):
             return codec, "UTF-16"
+
     try:
         data.decode("utf-8")
     except UnicodeDecodeError:
@@ -438,16 +460,18 @@ def _encoding_of(data: bytes) -> tuple[str, str]:
 def _records(text: str, delimiter: str) -> Iterator[Record]:
     """First physical row and cells of every record that is not blank.
 
-    The error where a row cannot be split.
+    A record that cannot be split has its error in the place of the cells.
     """
     if delimiter == " ":
         # Spaces that fill up a row are no cell; those in front of one are skipped.
         text = _LAST_SPACES.sub("", text)
+
     # Not strict, the csv module would read '"12"3' as 123 and a quote left open as one giant cell,
     # without a word.
     reader = csv.reader(
         io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True
     )
+
     while True:
         row = reader.line_num + 1
         try:
@@ -464,8 +488,10 @@ def _records(text: str, delimiter: str) -> Iterator[Record]:
 def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
     """The problem of a row that cannot be split into as many cells as the header has."""
     if not isinstance(record, csv.Error):
-        finding, rule = plural(len(record), "cell"), plural(width, "cell")
+        finding = plural(len(record), "cell")
+        rule = plural(width, "cell")
         return f"row {row}: found {finding}, allowed: {rule} as in the header"
+
     findings = [words for part, words in _SPLIT_ERRORS.items() if part in str(record)]
     finding = (findings or [str(record)])[0]
     return f"row {row}: found {finding}, allowed: quotes around whole cells, doubled inside"

@@ -40,25 +40,33 @@ def answers_in_order(
     each row by their names in :class:`Answers`; n_trials is 0 where nobody answered a trial.
     """
     is_trials = task_counted(columns) is None
-    pairs, subject = np.column_stack(keys), columns["subject"]
+    pairs = np.column_stack(keys)
+    subject = columns["subject"]
     runs = {name: _ranked(table, columns[name]) for name in _RUNS if name in columns}
     blocks, block_rank = runs.get("block", ((), None))
     ranks = np.column_stack([np.zeros(len(pairs), np.int64), *(rank for _, rank in runs.values())])
-    trial, rows_with_pair, times = None, parts, np.full(len(pairs), math.nan)
+
+    trial = None
+    rows_with_pair = parts
     if is_trials and "trial" in columns:
         trial = numbers(table, columns["trial"])
         rows_with_pair = _rows_with_a_pair(subject, pairs, "condition" in columns)
+    times = np.full(len(pairs), math.nan)
     if "iti" in columns:
         times = numbers(table, columns["iti"])
         times[times < 0.0] = math.nan
 
-    answers, unordered = dict[str, Answers](), list[str]()
-    n_missing, n_untimed = list[tuple[str, int]](), 0
-    for name, part in parts.items():
-        rows, place, iti = part, None, None
+    answers = dict[str, Answers]()
+    unordered = list[str]()
+    n_missing = list[tuple[str, int]]()
+    n_untimed = 0
+    for name, answered_rows in parts.items():
+        rows = answered_rows
+        place = None
+        iti = None
         if trial is not None:
             # Rows without an answer may be no trials.
-            ordered = _ordered((rows_with_pair[name], part), trial, ranks)
+            ordered = _ordered((rows_with_pair[name], answered_rows), trial, ranks)
             if ordered is None:
                 unordered.append(display_name(name))
             else:
@@ -66,8 +74,9 @@ def answers_in_order(
                 place, n_absent = _places(trial[rows], ranks[rows, -1])
                 n_missing.append((name.partition(CONDITION_SEPARATOR)[0], n_absent))
                 iti = times[rows]
+
         # Rows of the same subject in other conditions stay in the sequence, without answers.
-        is_own_row = subject.codes[rows] == subject.codes[part[0]]
+        is_own_row = subject.codes[rows] == subject.codes[answered_rows[0]]
         in_order = Answers(
             keys=pairs[rows],
             **_counts_at(counts, rows, is_own_row),
@@ -76,11 +85,12 @@ def answers_in_order(
             has_trial_rows=is_trials,
             place=place,
             iti=iti if "iti" in columns else None,
-            span=(int(part.min()), int(part.max())) if is_trials else None,
+            span=(int(answered_rows.min()), int(answered_rows.max())) if is_trials else None,
         )
         if in_order.iti is not None:
             n_untimed += int((np.isnan(in_order.iti) & ~in_order.is_session_start).sum())
         answers[name] = in_order.with_own_blocks()
+
     notes = _order_notes(columns, unordered, n_missing, n_untimed)
     # No trial is there twice where the order is known.
     doubts = _repeated(table, columns, keys, counts) if unordered else []
@@ -98,12 +108,14 @@ def _order_notes(
     if unordered:
         problem = f"column {display_name(columns['trial'].name)} does not order all trials"
         notes.append(f"{problem}, so the order of the file is used: {join_names(unordered)}")
+
     missing = {name: count for name, count in n_missing if count}
     if missing:
         notes.append(
             f"trial numbers are missing ({join_counts(missing)}); keep trials without a response "
             "in the file, with an empty response"
         )
+
     if n_untimed:
         notes.append(
             f"no time since the trial before for {plural(n_untimed, 'trial')} in column "
@@ -129,7 +141,7 @@ def _rows_with_a_pair(
 
 
 def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray]:
-    """Names of blocks or sessions in their order, and which of them each row's is.
+    """Names of blocks or sessions in their order, and the index of the one of each row.
 
     The order is that of numbers where all are numbers, else that of appearance.
     """
@@ -144,13 +156,14 @@ def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray
 def _ordered(
     choices: Sequence[IndexArray], trial: FloatArray, ranks: IntArray
 ) -> IndexArray | None:
-    """The first of these rows whose order is known, in it; None if that is not known of any.
+    """The first choice of rows whose order is known, in this order; None if there is none.
 
-    By the numbers of trials where these are unique, else by block, or session, too.
+    The order is that of the numbers of trials. Where these are not unique, block and session count
+    first.
     """
     for rows in choices:
-        for last in range(1, ranks.shape[1] + 1):
-            keys = (trial[rows], *ranks[rows, :last].T)
+        for n_ranks in range(1, ranks.shape[1] + 1):
+            keys = (trial[rows], *ranks[rows, :n_ranks].T)
             order = np.lexsort(keys)
             is_unique = len(run_starts(*(key[order] for key in keys))) == len(rows)
             if is_unique and not np.isnan(trial[rows]).any():

@@ -49,6 +49,7 @@ def _chosen_rows(table: TextTable, options: ReadOptions) -> TextTable:
     """The rows that have in all of these columns the text that is asked for."""
     if not options.where:
         return table
+
     is_chosen_row = np.ones(len(table.rows), np.bool_)
     for name, asked in options.where.items():
         column = table.columns[name]
@@ -59,6 +60,7 @@ def _chosen_rows(table: TextTable, options: ReadOptions) -> TextTable:
             rule = f"{quoted(asked)}, as --where has it, in some row"
             raise InputError(f"{location}: {finding}, allowed: {rule}")
         is_chosen_row &= is_asked
+
     if not is_chosen_row.any():
         asked_names = ", ".join(options.where)
         raise InputError(
@@ -84,11 +86,13 @@ def _without_practice(
         practice = practice_texts(name, column.texts)
         if not practice:
             continue
+
         is_marked = column.map(practice.__contains__, np.bool_)
         subject = _subjects(table, options).codes
         n_marked = np.bincount(subject, is_marked)
         if np.isin(n_marked * (np.bincount(subject) - n_marked), 0).all():
             continue
+
         rows = plural(int(is_marked.sum()), "row")
         marks = join_names(map(quoted, practice))
         reason = f"as practice (column {display_name(name)}: {marks})"
@@ -102,13 +106,16 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
 
     A session that was stopped leaves such rows in a matrix of zeros that was made before it.
     """
-    stimuli = [table.columns[options.name(ours)] for ours in options.stimuli]
+    stimuli = [table.columns[options.name(role)] for role in options.stimuli]
     is_zero = _is_zero(table, [*stimuli, table.columns[options.name(answer)]])
     for name, column in table.columns.items():
         if is_response_sign(name):  # a key or a reaction time shows a trial
             is_zero &= _is_zero(table, [column]) | column.map(is_no_response, np.bool_)
+
     pair = np.column_stack([column.codes for column in stimuli])
-    is_unfilled, counts = np.zeros(len(is_zero), np.bool_), {}
+
+    is_unfilled = np.zeros(len(is_zero), np.bool_)
+    counts = {}
     all_rows = np.arange(len(is_zero))
     for name, rows in _subjects(table, options).rows_by_text(all_rows).items():
         n_unfilled = _count_unfilled(is_zero[rows], pair[rows])
@@ -116,8 +123,10 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
             n_unfilled = len(rows)  # in a matrix the subject is zero, too
         is_unfilled[rows[len(rows) - n_unfilled :]] = True
         counts[name or table.source] = n_unfilled
+
     if not is_unfilled.any():
         return table
+
     rows_left_out = plural(int(is_unfilled.sum()), "row")
     reason = "as unfilled (stimuli and response are 0 in the last rows)"
     return table.only(~is_unfilled, f"{rows_left_out} left out {reason}: {join_counts(counts)}")
@@ -132,6 +141,7 @@ def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
     """
     n_filled = int(np.flatnonzero(~is_zero).max(initial=-1)) + 1
     n_zero = len(is_zero) - n_filled
+
     is_repeat = (np.diff(pair[:n_filled], axis=0) == 0).all(axis=1)
     share_repeated = (is_repeat.sum() + 1) / (n_filled + 1)
     return n_zero if share_repeated ** (n_zero - 1.0) < _RUN_BY_CHANCE else 0
@@ -160,6 +170,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Sequence[str]) -> list[st
         other_texts = [text for text in column.texts if text not in texts]
         if not texts or not other_texts:
             continue
+
         n_rows = int(column.map(texts.__contains__, np.bool_).sum())
         marks = join_names(map(quoted, texts))
         doubt = f"{plural(n_rows, 'row')} with {marks} in column {display_name(name)} are counted"

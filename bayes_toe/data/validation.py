@@ -140,15 +140,18 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     shares = column.map(lambda text: number(text.rstrip(" %"), table.decimal_comma), np.float64)
     has_percent_sign = any("%" in text for text in column.texts)
     whole = 100.0 if has_percent_sign or (shares > 1.0).any() else 1.0
+
     finite = shares[np.isfinite(shares)]
     decimals = (d for d in range(16) if (finite.round(d) == finite).all())
     n_decimals = next(decimals, 16)
+
     largest_error = 0.5 * 10.0**-n_decimals / whole * n
     exact_counts = shares / whole * n
     counts = np.rint(exact_counts)
     # Beyond one half, another count has the same share.
     is_precise = largest_error <= 0.5
     is_near = abs(exact_counts - counts) <= largest_error + _ROUNDING
+
     # A number of trials that cannot be read has a problem of its own.
     is_count = (n <= 0) | (is_precise & is_near & (counts >= 0) & (counts <= n))
     rule = "a share that makes a whole number of"
@@ -167,12 +170,13 @@ def require_numbers(
     """Note cells that hold no number of this kind, with the way out where the comma is to blame."""
 
     def rule(index: int) -> str:
+        """The number that is allowed in the place of a cell."""
         text = column.text(index)
         if table.delimiter == "," and "," in text and not math.isnan(number(text, True)):
             return f"{kind}; decimal commas need ';' or tab between cells"
-        return (
-            f"{kind}, without thousands separators" if "," in text or text.count(".") > 1 else kind
-        )
+        if "," in text or text.count(".") > 1:
+            return f"{kind}, without thousands separators"
+        return kind
 
     table.fault(column, bad, rule)
 
@@ -217,25 +221,30 @@ def read_numbers(
     units of the file. An InputError has a line per problem of the file, ten at most, with row
     and column.
     """
-    keys = () if key is None else (key,)
-    table = _with_columns(source, (*keys, *names), optional)
+    required = names if key is None else (key, *names)
+    table = _with_columns(source, required, optional)
     if not names and len(table.columns) < 2:
-        rule = f"{', '.join(keys)} and some of {', '.join(optional)}"
+        rule = f"{', '.join(required)} and some of {', '.join(optional)}"
         table.require([f"found {join_names(map(quoted, table.names))}, allowed: {rule}"])
+
     if key is not None:
         require_texts(table, table.columns[key], once=True)
+
     columns = {}
     for name, column in table.columns.items():
         if name == key:
             continue
         values = numbers(table, column)
-        bad, kind = np.isnan(values), "a finite number"
+        bad = np.isnan(values)
+        kind = "a finite number"
         if name in counts:
-            bad, kind = ~((values >= 1) & (values % 1 == 0)), "a whole number of at least 1"
+            bad = ~((values >= 1) & (values % 1 == 0))
+            kind = "a whole number of at least 1"
         if gaps:
             bad &= ~empty(column)
         require_numbers(table, column, bad, kind)
         columns[name] = values
+
     table.problems.refuse()
     if key is None:
         return [], columns

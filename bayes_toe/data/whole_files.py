@@ -91,9 +91,11 @@ def whole_folder(path: StrPath, names: Sequence[str], *, overwrite: bool = False
             produced = [file for file in sorted(new.rglob("*")) if file.is_file()]
             for file in produced:
                 _flush(file)
+
         if not os.path.lexists(target):
             _put_in_place(new, target)
             return
+
         names_produced = [file.relative_to(new).as_posix() for file in produced]
         # What cannot be placed is refused before the first file moves.
         for name in names_produced:
@@ -102,6 +104,7 @@ def whole_folder(path: StrPath, names: Sequence[str], *, overwrite: bool = False
             with reporting(target / name):
                 (target / name).parent.mkdir(parents=True, exist_ok=True)
             _put_in_place(new / name, target / name)
+
         if overwrite:
             for name in set(names).difference(names_produced):
                 _remove(target, name)
@@ -122,9 +125,11 @@ def refuse_impossible(target: Path) -> None:
 
 
 def _refuse_taken(target: Path, overwrite: bool) -> None:
+    """Refuse a file that exists and may not be replaced, and what is no regular file."""
     refuse_impossible(target)
     if target.is_dir():
         raise OutputError(f"{format_path(target)}: is a folder, choose the name of a file")
+
     if not os.path.lexists(target):
         return
     if not overwrite:
@@ -134,9 +139,11 @@ def _refuse_taken(target: Path, overwrite: bool) -> None:
 
 
 def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) -> None:
+    """Refuse a file in the place of a folder, and files in it that may not be replaced."""
     refuse_impossible(target)
     if os.path.lexists(target) and not target.is_dir():
         raise OutputError(f"{format_path(target)}: is a file, choose the name of a folder")
+
     if overwrite:
         return
     taken = [name for name in names if os.path.lexists(target / name)]

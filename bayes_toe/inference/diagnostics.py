@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -91,7 +92,7 @@ def _measured(
 ) -> list[list[float]]:
     """Diagnostics of draws, shape (quantities, chains, draws).
 
-    Of constants ArviZ itself says that all draws count.
+    They are NaN for a constant, for which ArviZ would count all draws as effective.
     """
     values = np.full((len(draws), len(measures)), np.nan)
     varies = draws.max(axis=(1, 2)) > draws.min(axis=(1, 2))  # NaN is above nothing
@@ -108,11 +109,13 @@ def worst(
 
     Each comes with its number; effective draws are the fewer of bulk and tail. NaN is worst.
     """
-    ess, r_hat = {}, {}
+    ess = {}
+    r_hat = {}
     for name, convergence in convergences.items():
         ess[name] = float(np.nan_to_num(np.min(convergence[:2])))
         r_hat[name] = float(np.nan_to_num(convergence.r_hat, nan=np.inf))
-    return min(ess.items(), key=lambda item: item[1]), max(r_hat.items(), key=lambda item: item[1])
+    value = itemgetter(1)
+    return min(ess.items(), key=value), max(r_hat.items(), key=value)
 
 
 def shortfall(convergences: Mapping[str, Convergence], draws: int, max_r_hat: float) -> str:
@@ -137,13 +140,19 @@ def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: flo
 
     Source: Vehtari et al. 2021, section 4.4.
     """
-    ascending, p = np.sort(np.ravel(draws)), np.asarray(probabilities, np.float64)
+    ascending = np.sort(np.ravel(draws))
+    p = np.asarray(probabilities, np.float64)
     if not ess > 0.0:
         return np.full(p.shape, np.nan)
-    a, b, size = ess * p + 1.0, ess * (1.0 - p) + 1.0, ascending.size
+
+    a = ess * p + 1.0
+    b = ess * (1.0 - p) + 1.0
+    size = ascending.size
     below, above = _ONE_SD
+
     low_place = np.floor(betaincinv(a, b, below) * size - 1.0)
     high_place = np.ceil(betaincinv(a, b, above) * size - 1.0)
+
     low = ascending[np.maximum(low_place, 0.0).astype(int)]
     high = ascending[np.minimum(high_place, size - 1.0).astype(int)]
     return (high - low) / 2.0

@@ -224,11 +224,13 @@ class Draws:
         name = self.subject(name).name
         if parameter in self.group("posterior"):
             return self._stored(name, parameter)
+
         target = self.posterior(name)
         if parameter not in target.names.all:
             raise InputError(
                 f"unknown parameter {parameter!r}; there are: {', '.join(target.names.all)}"
             )
+
         if name not in self._derived:  # of one subject at a time
             self._derived.clear()
             self._derived[name] = target.quantities(self.points(name))
@@ -278,12 +280,14 @@ class Draws:
         for key in self.parameters:
             values = np.stack([self.values(name, key) for name in self.names], axis=-1)
             groups["/posterior"][key] = (BY_SUBJECT, values, {"units": QUANTITY_BY_NAME[key].unit})
+
         coords = {**groups["/sample_stats"].coords, **groups["/observed_data"].coords}
         answers = zip(*(self._answers(name) for name in self.names), strict=True)
         for group, parts in zip(("log_likelihood", "posterior_predictive"), answers, strict=True):
             values = np.concatenate(parts, axis=-1)
             variable = (("chain", "draw", "obs"), values)
             groups[f"/{group}"] = xr.Dataset({self.task.count: variable}, coords)
+
         return as_arviz(xr.DataTree.from_dict(groups))
 
     def _answers(self, name: str) -> tuple[FloatArray, IndexArray]:
@@ -291,10 +295,12 @@ class Draws:
 
         The same draws give the same answers.
         """
-        target, x = self.posterior(name), self.points(name)
+        target = self.posterior(name)
+        x = self.points(name)
         subject = target.subject
         rng = generator(self.seed, name, self.model, "posterior_predictive")
         log_likelihood, predicted = np.empty((2, *x.shape[:2], subject.n_pairs))
+
         # One chain at a time: temporaries of a large design stay small.
         for chain, points in enumerate(x):
             answers = target.log_answers(points)
@@ -316,8 +322,9 @@ class Draws:
         return save_tree(self.tree, path, overwrite=overwrite)
 
     def _stored(self, name: str, parameter: str) -> FloatArray:
+        """The draws of a quantity that the file has, (chains, draws)."""
         drawn = self.group("posterior")[parameter].sel(subject=name)
-        # Of one layout, so that sums have one order.
+        # A sum adds in the same order whatever the layout of the file.
         return np.ascontiguousarray(drawn.values, np.float64)
 
     def __repr__(self) -> str:
@@ -332,7 +339,7 @@ class Draws:
     def _repr_html_(self) -> str:
         missed = self.not_converged
         rows = []
-        for name in self.names[:MOST_ROWS]:  # natural parameters, and whether they may be read
+        for name in self.names[:MOST_ROWS]:
             row = {"subject": name, "converged": "yes"}
             if name in missed:
                 row["converged"] = "no"
@@ -340,13 +347,14 @@ class Draws:
                 low, middle, high = np.quantile(self.values(name, key), [0.025, 0.5, 0.975])
                 row[key] = f"{middle:.3g} [{low:.3g}, {high:.3g}]"
             rows.append(row)
+
         return as_html(
             f"{repr(self)[1:-1]}. Medians [95 % interval]", pd.DataFrame(rows), len(self.names)
         )
 
 
 def require_draws(value: object) -> None:
-    """Refuse what stands in the place of draws, with what makes them."""
+    """Refuse a value that is no Draws, and name the functions that make them."""
     require_kind(
         "draws",
         value,
@@ -367,8 +375,9 @@ def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
             f"{format_path(Path(path))}: draws of a group, allowed: those of subjects, a "
             "posterior.nc"
         )
+
     draws = Draws(tree)
-    with reading(path):
+    with reading(path):  # what is missing raises an error as soon as it is read
         statistics = draws.group("sample_stats")
         require_numbers(statistics, {"lp": BY_SUBJECT, "min_ess": ("subject",)})
         _ = statistics[["converged", "shortfall", "imprecise", "max_r_hat"]]

@@ -71,14 +71,20 @@ def subjects_tree(
     first = subject_draws[0]
     size = first.log_posterior.shape
     values = {name: np.empty((*size, len(study))) for name in (*first.quantities, "lp")}
-    rates, statistics = [], []
-    for i in reversed(range(len(study))):
+
+    rates = []
+    statistics = []
+    for i in reversed(range(len(study))):  # `pop` takes the last subject
         draws = subject_draws.pop()
         for name, drawn in draws.quantities.items():
             values[name][:, :, i] = drawn
         values["lp"][:, :, i] = draws.log_posterior
         rates.append(draws.acceptance)
         statistics.append(draws.statistics)
+
+    # The last subject came first.
+    rates.reverse()
+    statistics.reverse()
 
     n_chains, n_draws = size
     coordinates = {
@@ -97,8 +103,8 @@ def subjects_tree(
     target = model_posterior(model, study.subjects[0], settings.prior)
     density_of = ", ".join(target.coordinates[:6])
     density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
-    sample_stats = xr.Dataset(_by_subject(statistics[::-1]), coordinates)
-    sample_stats["acceptance_rate"] = (("chain", "subject"), np.stack(rates[::-1], axis=-1))
+    sample_stats = xr.Dataset(_by_subject(statistics), coordinates)
+    sample_stats["acceptance_rate"] = (("chain", "subject"), np.stack(rates, axis=-1))
     sample_stats["lp"] = (BY_SUBJECT, values["lp"], {"description": density})
 
     tree = study_tree(study, settings.seed, {"posterior": posterior, "sample_stats": sample_stats})
@@ -130,6 +136,7 @@ def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.
         observed["n_second"] = _by_pair(study, "n_second")["n_second"]
     tree["observed_data"] = xr.DataTree(observed)
     tree["constant_data"] = xr.DataTree(_by_pair(study, "n_trials"))
+
     versions = library_versions("xarray") | {"python": platform.python_version()}
     tree.attrs |= {
         "format": FORMAT,
@@ -180,12 +187,16 @@ def _study_record(study: Study) -> Record:
 def stored_study(tree: xr.DataTree) -> Study:
     """The study in a tree: the counts of all who have draws, with the notes of reading them."""
     record = json.loads(tree.attrs["study"])
-    task, stimulus_unit = task_of(record["task"]), StimulusUnit(**record["stimulus_unit"])
-    observed, constant = tree["observed_data"].to_dataset(), tree["constant_data"].to_dataset()
+    task = task_of(record["task"])
+    stimulus_unit = StimulusUnit(**record["stimulus_unit"])
+
+    observed = tree["observed_data"].to_dataset()
+    constant = tree["constant_data"].to_dataset()
     columns: Record = {key: observed[key].values for key in ("s1", "s2")}
     columns |= {"n_yes": observed[task.count].values, "n_trials": constant["n_trials"].values}
     if task == THREE_ANSWERS:
         columns["n_second"] = observed["n_second"].values
+
     names = observed["subject"].values
     first_rows = np.flatnonzero(names[1:] != names[:-1]) + 1
     units = []
@@ -202,6 +213,7 @@ def stored_study(tree: xr.DataTree) -> Study:
             shared_scales=scales and StimulusScales(*scales),
         )
         units.append(unit)
+
     conditions = record["conditions"]
     if conditions is not None:
         conditions = Conditions(**{**conditions, "levels": tuple(conditions["levels"])})
@@ -232,6 +244,7 @@ def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> P
         for name, variable in node.to_dataset().variables.items():
             if variable.dtype.kind not in "UOT" and variable.size > 0 and variable.ndim > 0:
                 settings[str(name)] = {"fletcher32": True}
+
     with whole_file(path, overwrite=overwrite) as target, _OutputFile(target, "w+") as file:
         try:
             with without_cluster():
@@ -282,6 +295,7 @@ def read_tree(path: StrPath) -> xr.DataTree:
     if not os.path.isfile(path):
         problem = "not a file" if os.path.exists(path) else "no such file"
         raise InputError(f"{format_path(path)}: {problem}; {_READABLE}")
+
     with reading(path):
         names = _group_names(path)
         tree = xr.DataTree.from_dict({f"/{name}": _read_group(path, name) for name in names})

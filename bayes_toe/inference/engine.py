@@ -43,31 +43,32 @@ class Precision:
     Attributes
     ----------
     standard_error : float
-        Of the log evidence, to reach.
+        Standard error of the log evidence that is to be reached.
     effective_draws : float
-        To reach.
+        Number of effective draws that is to be reached.
     most_draws : int
-        At which a posterior ends in any case.
+        Number of draws at which a posterior ends in any case.
     round_draws : int
         Draws of a round.
     pool_rounds : int
         Rounds of draws by which a mixture is adapted.
     prior_share : float
-        Of the prior in the proposal.
+        Share of the prior in the proposal.
     floor : float
         Weight that all components share, beside the 1 that the draws distribute.
     tempered : float
         Effective draws that weights are flattened to.
     em_steps : int
-        Of a round.
+        Steps of EM in a round.
     n_added : int
-        Components that a mixture gets at its heaviest draws when it goes back.
+        Components that a refitted mixture gets at its heaviest draws.
     added_share : float
-        Of these components.
+        Share of these components.
     largest_share, largest_weight, largest_k : float
         Share of all weight, and weight over the mean, of one draw, and Pareto k of the weights,
-        above which a posterior goes back to get a better mixture.
-    most_returns : int
+        above which a mixture is refitted.
+    most_refits : int
+        How often a mixture is refitted at most.
     has_cover : bool
         Whether a mixture has wide components, so that no draw in a tail is heavy.
     """
@@ -86,7 +87,7 @@ class Precision:
     largest_share: float = 0.03
     largest_weight: float = np.inf
     largest_k: float = np.inf
-    most_returns: int = 8
+    most_refits: int = 8
     has_cover: bool = False
 
 
@@ -107,7 +108,7 @@ SHARP = Precision(
     largest_share=1.0,
     largest_weight=10.0,
     largest_k=0.5,
-    most_returns=12,
+    most_refits=12,
     has_cover=True,
 )
 
@@ -145,7 +146,7 @@ class PriorMixture:
         weights = tempered(draws.log_weights, precision.tempered)
         core = self.core
         for _ in range(precision.em_steps):
-            core = core.drawn_toward(points, weights, precision.floor, inertia)
+            core = core.em_step(points, weights, precision.floor, inertia)
         if not precision.has_cover:
             return replace(self, core=core)
 
@@ -154,7 +155,7 @@ class PriorMixture:
         flat_weights = tempered(flat_log_weights, precision.tempered)
         cover = self.cover or _components(points, flat_weights, 6, core.df)
         for _ in range(2):
-            cover = cover.drawn_toward(points, flat_weights, 0.4, inertia)
+            cover = cover.em_step(points, flat_weights, 0.4, inertia)
         return replace(self, core=core, cover=cover)
 
     def sample(self, rng: AnyRng, size: int) -> tuple[FloatArray, BoolArray]:
@@ -197,6 +198,7 @@ def mixture_of_clouds(
     df = 8 + int(is_free.sum()) % 2  # because its sum with the dimension is even
     even = np.full(_CLOUD, 1.0 / _CLOUD)
     parts = [_components(cloud[:, is_free], even, n_each, df) for cloud in clouds]
+
     weights = np.repeat(_laplace_weights(maxima), n_each) / n_each
     means = np.concatenate([part.means for part in parts])
     scales = np.concatenate([part.scales for part in parts])
@@ -232,7 +234,8 @@ def with_prior_components(mixture: PriorMixture, array: PosteriorArray, rng: Rng
 def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
     """One component with the mean and covariance of points, shape (n, d)."""
     free_points = points[:, is_free]
-    means, scale = free_points.mean(axis=0)[None], np.atleast_2d(np.cov(free_points.T))
+    means = free_points.mean(axis=0)[None]
+    scale = np.atleast_2d(np.cov(free_points.T))
     df = _degrees_of_freedom(is_free)
     return PriorMixture(is_free, StudentMixture(np.ones(1), means, scale[None], df))
 
@@ -262,11 +265,11 @@ def fitted_draws(
     Parameters
     ----------
     array : PosteriorArray
-        In the coordinates w of the mixtures, (posteriors, points, d).
+        Posteriors in the coordinates w of the mixtures, (posteriors, points, d).
     mixtures : sequence of PriorMixture
-        To begin with, one for each posterior.
+        The mixture of each posterior to begin with.
     generators : sequence of Generator
-        One for each posterior; several may share one.
+        The generator of each posterior; several may share one.
     families : ndarray of int, shape (posteriors,)
         Posteriors that are compared are of one family: one that is far less probable than the best
         of its family needs no precision.
@@ -275,14 +278,16 @@ def fitted_draws(
     no_draws = WeightedDraws(np.empty((0, len(array.names))), *np.empty((3, 0)))
     states = []
     for mixture, rng in zip(mixtures, generators, strict=True):
-        states.append(_State(mixture, rng, no_draws, [], no_draws))
-    every = range(len(array))
+        states.append(_State(mixture, rng, pool=no_draws, rounds=[], fresh=no_draws))
+
+    # Adapt each mixture to the pool of its draws.
+    active = list(range(len(array)))
     for _ in range(precision.pool_rounds):
-        for state, draws in zip(states, _round(array, states, every, precision), strict=True):
+        for state, draws in zip(states, _round(array, states, active, precision), strict=True):
             state.join(draws)
             state.mixture = state.mixture.updated(state.pool, precision)
 
-    active = list(every)
+    # Draw from the fixed mixtures, until every posterior has enough draws.
     while active:
         for i, draws in zip(active, _round(array, states, active, precision), strict=True):
             states[i].fresh = joined_draws([states[i].fresh, draws])
@@ -306,12 +311,12 @@ def fresh_draws(
     rows = np.arange(len(array))[:, None]
     from_prior = array.prior_points(probability[rows, order])
     points[rows, order] = np.where(is_prior[rows, order, None], from_prior, points[rows, order])
+
     log_prior, log_posterior = array.densities(points)
     draws = []
-    columns = zip(mixtures, points, log_prior, log_posterior, strict=True)
-    for mixture, x, of_prior, of_posterior in columns:
-        log_proposal = mixture.log_density(x, of_prior)
-        draws.append(WeightedDraws(x, of_prior, of_posterior, log_proposal))
+    for i, mixture in enumerate(mixtures):
+        log_proposal = mixture.log_density(points[i], log_prior[i])
+        draws.append(WeightedDraws(points[i], log_prior[i], log_posterior[i], log_proposal))
     return draws
 
 
@@ -330,8 +335,8 @@ class _State:
         The mixture of every round of the pool, with its number of draws.
     fresh : WeightedDraws
         Draws of the present mixture, which did not choose it.
-    returns, poor_returns : int
-        How often the mixture went back, and how often for a poor efficiency alone.
+    refits, poor_refits : int
+        How often the mixture was refitted, and how often for a poor efficiency alone.
     """
 
     mixture: PriorMixture
@@ -339,8 +344,8 @@ class _State:
     pool: WeightedDraws
     rounds: list[tuple[PriorMixture, int]]
     fresh: WeightedDraws
-    returns: int = 0
-    poor_returns: int = 0
+    refits: int = 0
+    poor_refits: int = 0
 
     def join(self, draws: WeightedDraws) -> None:
         """Add draws of the present mixture to the pool."""
@@ -367,38 +372,42 @@ def _unfinished(
 ) -> list[int]:
     """The posteriors that need more draws; those that fit badly get a new mixture first."""
     log_evidences = np.array([state.fresh.log_evidence for state in states])
-    going = []
+    unfinished = []
     for i in active:
         draws = states[i].fresh
         best = log_evidences[families == families[i]].max()
         if log_evidences[i] + 3.0 * draws.standard_error < best - _FAR:
             continue
-        if _must_return(states[i], precision):
+
+        if _fits_badly(states[i], precision):
             _refit(states[i], precision)
-            going.append(i)
+            unfinished.append(i)
             continue
-        if len(draws.x) >= precision.most_draws:
-            continue
+
         is_precise = draws.standard_error <= precision.standard_error
-        if not is_precise or draws.effective_number < precision.effective_draws:
-            going.append(i)
-    return going
+        has_enough = is_precise and draws.effective_number >= precision.effective_draws
+        if not has_enough and len(draws.x) < precision.most_draws:
+            unfinished.append(i)
+    return unfinished
 
 
-def _must_return(state: _State, precision: Precision) -> bool:
-    """Whether a mixture misses a part of its posterior; counts how often it did."""
-    draws, n_draws = state.fresh, len(state.fresh.x)
-    if n_draws < _FEWEST_ASSESSED or state.returns >= precision.most_returns:
+def _fits_badly(state: _State, precision: Precision) -> bool:
+    """Whether a mixture misses a part of its posterior; the state counts how often it did."""
+    draws = state.fresh
+    n_draws = len(state.fresh.x)
+    if n_draws < _FEWEST_ASSESSED or state.refits >= precision.most_refits:
         return False
+
     largest = float(draws.shares.max())
     is_heavy = largest > precision.largest_share or largest * n_draws > precision.largest_weight
-    # A poor efficiency sends a posterior back, twice at most.
-    is_poor = draws.effective_number < 0.25 * n_draws and state.poor_returns < 2
+    # A mixture is refitted for a poor efficiency alone twice at most.
+    is_poor = draws.effective_number < 0.25 * n_draws and state.poor_refits < 2
     has_tail = precision.largest_k < np.inf and _pareto_k(draws) > precision.largest_k
+
     if not (is_heavy or is_poor or has_tail):
         return False
-    state.returns += 1
-    state.poor_returns += not (is_heavy or has_tail)
+    state.refits += 1
+    state.poor_refits += not (is_heavy or has_tail)
     return True
 
 
@@ -412,10 +421,13 @@ def _pareto_k(draws: WeightedDraws) -> float:
 
 def _refit(state: _State, precision: Precision) -> None:
     """Give a mixture components at its heaviest draws, adapted to all draws that were made."""
-    mixture, draws, n_added = state.mixture, state.fresh, precision.n_added
+    mixture = state.mixture
+    draws = state.fresh
+    n_added = precision.n_added
     heaviest = draws.x[np.argsort(-draws.log_weights)[:n_added]][:, mixture.is_free]
     state.join(draws)
     state.fresh = draws.part(slice(0))  # because the mixture changes
+
     points = state.pool.x[:, mixture.is_free]
     n_near = 120  # draws that give a component its shape
     sds = points.std(axis=0)
@@ -423,9 +435,11 @@ def _refit(state: _State, precision: Precision) -> None:
     for centre in heaviest:
         offsets = points - centre
         distance = np.square(offsets / sds).sum(axis=1)
-        near = np.argpartition(distance, n_near)[:n_near]
-        scales.append(offsets[near].T @ offsets[near] / n_near)
-    weights, core = np.full(n_added, 1.0 / n_added), mixture.core
+        nearest = np.argpartition(distance, n_near)[:n_near]
+        scales.append(offsets[nearest].T @ offsets[nearest] / n_near)
+
+    weights = np.full(n_added, 1.0 / n_added)
+    core = mixture.core
     added = StudentMixture(weights, heaviest, np.array(scales), core.df)
     widened = replace(mixture, core=core.joined([added], precision.added_share))
     state.mixture = widened.updated(state.pool, precision)

@@ -108,21 +108,21 @@ def fit_posterior(
     >>> fitted.is_trusted
     True
     """
-    ends, array = _distinct_ends(target), target.array
+    ends = _distinct_ends(target)
     clouds = normal_clouds(ends, rng)
-    engine_array: PosteriorArray = array
+    array: PosteriorArray = target.array
     if isinstance(target, PaperPosterior):
         # Far from a maximum, the normal about it does not follow the funnel; its points do.
         funnel = funnel_of_maxima(array, [ends])
-        engine_array = FunnelArray.from_array(array, funnel)
+        array = FunnelArray.from_array(array, funnel)
         clouds = [funnel.forward(cloud[None])[0][0] for cloud in clouds]
+
     first = mixture_of_clouds(clouds, ends, target.is_free, SHARP.prior_share)
+    first = with_prior_components(first, array, rng)
     precision = replace(SHARP, most_draws=judging_draws)
-    first = with_prior_components(first, engine_array, rng)
-    (mixture,), (draws,) = fitted_draws(
-        engine_array, [first], [rng], np.zeros(1, np.intp), precision
-    )
-    return Fitted(target, _maxima_from(target, ends), engine_array, mixture, draws)
+    families = np.zeros(1, np.intp)
+    (mixture,), (draws,) = fitted_draws(array, [first], [rng], families, precision)
+    return Fitted(target, _maxima_from(target, ends), array, mixture, draws)
 
 
 def find_maxima(target: SubjectPosterior) -> Ascent:
@@ -176,7 +176,8 @@ def importance_evidence(draws: WeightedDraws) -> Evidence:
     The estimate is the log mean weight; its standard error is that of the mean, relative to it.
     Withheld, with a reason, where the weights' Pareto k says that neither can be trusted.
     """
-    k, efficiency = pareto_k(draws.log_weights), draws.efficiency
+    k = pareto_k(draws.log_weights)
+    efficiency = draws.efficiency
     if not is_trusted(k, efficiency):
         reason = (
             "evidence withheld: importance weights are unreliable "

@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, gammaln, xlogy
 
-from bayes_toe.arrays import ArrayPair, FloatArray, thinned
+from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, thinned
+from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.answer_curves import times_counts
 from bayes_toe.model.posterior import SubjectPosterior, require_points
@@ -81,13 +82,16 @@ def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> ArrayPai
 
     They are 1 and 2, as of chi-square, if this answer is expected often enough.
     """
-    log_rare, log_common = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest)
+    log_rare = np.minimum(log_q, log_rest)
+    log_common = np.maximum(log_q, log_rest)
     n_counts = min(_COUNTS, int(n.max()) + 1)
     counts = np.arange(n_counts, dtype=np.float64)[:, None]  # (counts, pairs)
     k = np.minimum(counts, n)
+
     log_ways = gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0)
     log_chance = log_ways + times_counts(k, log_rare) + times_counts(n - k, log_common)
     chance = np.where(counts <= n, np.exp(log_chance), 0.0)
+
     deviance = np.where(chance > 0.0, binomial_deviance(k, n, log_rare, log_common), 0.0)
     mean = (chance * deviance).sum(axis=0)
     variance = (chance * (deviance - mean) ** 2).sum(axis=0)
@@ -149,34 +153,50 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     """
     subject = posterior.subject
     points = require_points(thinned(x, _DRAWS), len(posterior.coordinates))
-    row = posterior.rows
-    n_yes, n_trials = row.n_yes[0, 0], (row.n_yes + row.n_no)[0, 0]
+    rows = posterior.rows
+    n_trials = (rows.n_yes + rows.n_no)[0, 0]
     # Of three answers, the second question to a pair has no trial where all answers are 'equal'.
     asked = np.flatnonzero(n_trials)
-    n_yes, n_trials = n_yes[asked], n_trials[asked]
-    log_q, log_rest = (logs[0, asked] for logs in posterior.log_answers(maximum[None]))
-    of_pairs = binomial_deviance(n_yes, n_trials, log_q, log_rest)
-    deviance = float(of_pairs.sum())
-    log_answers = [logs[:, asked] for logs in posterior.log_answers(points)]
-    of_draws = binomial_deviance(n_yes, n_trials, *log_answers)
-    n_determined = float(of_draws.sum(axis=1).mean()) - deviance
+    n_trials = n_trials[asked]
+    n_yes = rows.n_yes[0, 0, asked]
 
-    freedom, fit_p = len(asked) - len(posterior.coordinates), float("nan")
+    log_q, log_rest = (logs[0, asked] for logs in posterior.log_answers(maximum[None]))
+    pair_deviances = binomial_deviance(n_yes, n_trials, log_q, log_rest)
+    deviance = float(pair_deviances.sum())
+
+    log_answers = [logs[:, asked] for logs in posterior.log_answers(points)]
+    draw_deviances = binomial_deviance(n_yes, n_trials, *log_answers)
+    n_determined = float(draw_deviances.sum(axis=1).mean()) - deviance
+
+    freedom = len(asked) - len(posterior.coordinates)
+    fit_p = float("nan")
     if freedom > 0:
         n_left = len(asked) - n_determined
         fit_p = deviance_p_value(deviance, n_left, n_trials, log_q, log_rest)
-    size = np.sqrt(of_pairs)
-    largest, *smaller = np.argsort(-size, kind="stable").tolist()[:_MOST_WORST]
-    conspicuous = [largest, *(i for i in smaller if size[i] >= _CONSPICUOUS)]
-    shares, expected = n_yes / n_trials, np.exp(log_q)
+
+    shares = np.stack([n_yes / n_trials, np.exp(log_q)])
+    worst = _worst_pairs(subject, asked, np.sqrt(pair_deviances), shares)
+    return GoodnessOfFit(deviance, freedom, fit_p, worst)
+
+
+def _worst_pairs(
+    subject: Subject, asked: IndexArray, residuals: FloatArray, shares: FloatArray
+) -> tuple[PairResidual, ...]:
+    """The pairs with the largest residuals, see :class:`GoodnessOfFit`.
+
+    `asked` has the numbers of the questions that were asked, pair by pair. Of each, `shares` has
+    the observed and the expected share of the counted answer, shape (2, questions).
+    """
+    largest, *smaller = np.argsort(-residuals, kind="stable").tolist()[:_MOST_WORST]
+    conspicuous = [largest, *(i for i in smaller if residuals[i] >= _CONSPICUOUS)]
     worst = []
     for i in conspicuous:
         question, pair = divmod(int(asked[i]), subject.n_pairs)
-        s1, s2 = float(subject.s1[pair]), float(subject.s2[pair])
-        of_answer = np.array([shares[i], expected[i]])
+        share = shares[:, i]
         if question:  # the second one was asked where the answer to the first one was no
-            of_answer *= 1.0 - np.array([shares[pair], expected[pair]])
-        observed, chance = of_answer.tolist()
+            share = share * (1.0 - shares[:, pair])
+        observed, expected = share.tolist()
+        s1, s2 = float(subject.s1[pair]), float(subject.s2[pair])
         answer = subject.task.questions[question]
-        worst.append(PairResidual(s1, s2, observed, chance, answer))
-    return GoodnessOfFit(deviance, freedom, fit_p, tuple(worst))
+        worst.append(PairResidual(s1, s2, observed, expected, answer))
+    return tuple(worst)

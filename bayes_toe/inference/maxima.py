@@ -111,18 +111,24 @@ def ascend(
     x, value, gradient, curvature, _ = ended
     is_moving = ~np.broadcast_to(is_held, x.shape)
     damping = np.full(len(starts), _FIRST)
+
     for _ in range(most_steps):
         slopes = gradient[active], curvature[active]
         step, gains = _steps(*slopes, is_moving[active], damping[active])
         is_worth_it = gains.sum(axis=1) >= least_gain
-        active, step, gains = active[is_worth_it], step[is_worth_it], gains[is_worth_it]
+        active = active[is_worth_it]
+        step = step[is_worth_it]
+        gains = gains[is_worth_it]
         if not len(active):
             break
+
         longest = np.abs(step).max(axis=1)
         step *= np.minimum(1.0, largest_step / np.maximum(longest, _TINY))[:, None]
         trial = x[active] + step
         expansion = expand(trial, active)
         is_better = expansion.value >= value[active]
+
+        # Keep the steps that do not lower the value.
         better = active[is_better]
         x[better] = trial[is_better]
         for stored, new in zip((value, gradient, curvature), expansion, strict=True):
@@ -130,13 +136,14 @@ def ascend(
 
         # A gain below the rounding of the value cannot be seen: the search has converged, whether
         # or not the step was taken.
-        is_small = np.abs(gains).sum(axis=1) < _CONVERGED * (
-            1.0 + _ROUNDING * np.abs(value[active])
-        )
+        gain = np.abs(gains).sum(axis=1)
+        is_small = gain < _CONVERGED * (1.0 + _ROUNDING * np.abs(value[active]))
         has_converged[active] = is_small & (damping[active] <= _LIGHT)
+
         lighter = np.maximum(0.1 * damping[active], _LEAST)
         heavier = np.maximum(10.0 * damping[active], retry_damping)
         damping[active] = np.where(is_better, lighter, heavier)
+
         # No further where slopes are beyond all floats.
         is_finite = np.isfinite(curvature[active]).all(axis=(1, 2))
         active = active[~has_converged[active] & (damping[active] < _HEAVY) & is_finite]
@@ -155,12 +162,14 @@ def _steps(
     diagonal = np.arange(k)
     size = np.abs(curvature[:, diagonal, diagonal])
     scale = np.where(is_moving, 1.0, 0.0)
+
     # Slopes may be close to the largest float.
     with np.errstate(over="ignore", invalid="ignore"):
         np.divide(1.0, np.sqrt(np.maximum(size, _TINY)), out=scale, where=is_moving & (size > 0.0))
         matrix = curvature * scale[:, :, None] * scale[:, None, :]
         matrix[:, diagonal, diagonal] += ~is_moving
         slope = np.where(is_moving, gradient, 0.0) * scale
+
         values, vectors = np.linalg.eigh(matrix)
         along = np.einsum("nij,ni->nj", vectors, slope) / (np.abs(values) + damping[:, None])
         step = np.einsum("nij,nj->ni", vectors, along)
@@ -227,6 +236,7 @@ def _differenced(array: PosteriorArray, sizes: FloatArray) -> Expand:
     sizes = sizes.copy()
 
     def expand(points: FloatArray, index: IndexArray) -> Expansion:
+        """The expansion about the points of some searches; their sizes are updated."""
         n_points, k = points.shape
         ahead = points + _difference_steps(points, sizes[index])
         part = array.part(np.resize(index, (k + 1) * n_points))
@@ -247,7 +257,8 @@ def _expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
 
     The curvature is that of Fisher information and prior.
     """
-    w, is_free = points[:, None, :], array.is_free
+    w = points[:, None, :]
+    is_free = array.is_free
     log_likelihood, gradient, information = array.likelihood.scoring(w)
     slopes, curvatures = array.prior_slopes(w)
     value = log_likelihood[:, 0] + array.log_prior(w)[:, 0]

@@ -56,7 +56,10 @@ class StudentMixture:
 
     @cached_property
     def _whiteners(self) -> FloatArray:
-        """Times 1 and the coordinates: D x J whitened ones over df^(1/2), by dimension."""
+        """A matrix, (D J, 1 + D): times (1, x), it is x whitened for each component, over df^(1/2).
+
+        The first J rows are the first coordinate.
+        """
         inverse = np.linalg.inv(self._factors)
         shifts = -np.einsum("jab,jb->aj", inverse, self.means)[:, :, None]
         whiteners = np.concatenate([shifts, inverse.transpose(1, 0, 2)], axis=2)
@@ -95,7 +98,7 @@ class StudentMixture:
         offsets = np.einsum("nij,nj->ni", self._factors[component], normal)
         return self.means[component] + offsets * stretch[:, None]
 
-    def drawn_toward(
+    def em_step(
         self, x: FloatArray, weights: FloatArray, floor: float, inertia: float
     ) -> StudentMixture:
         """One EM step toward points x, shape (N, D), with normalised weights, (N,).
@@ -106,22 +109,29 @@ class StudentMixture:
         sums = self._sums(x, weights)
         effective = sums.weight * effective_number(weights)
         trust = effective / (effective + inertia)
+
         means = self.means + trust[:, None] * (sums.means - self.means)
-        moved = _outer(sums.means - means) * (sums.pulls / sums.weight)[:, None, None]
-        change = sums.scales + moved - self.scales
+        inner_share = sums.inner_weight / sums.weight
+        shift_scatter = _outer(sums.means - means) * inner_share[:, None, None]
+        change = sums.scales + shift_scatter - self.scales
         scales = self.scales + trust[:, None, None] * change
         scales += 1e-9 * scales * np.eye(x.shape[1])
+
         shares = sums.weight + floor / len(means)
         return StudentMixture(shares / shares.sum(), means, scales, self.df)
 
     def _sums(self, x: FloatArray, weights: FloatArray) -> _Sums:
         """The sums over weighted points for each component."""
-        dim, n = x.shape[1], len(self.means)
+        dim = x.shape[1]
+        n = len(self.means)
+
         # Moments are counted from the points' mean: a component that is kept is at most 100 of
         # their standard deviations away, and what is subtracted below costs at most that squared in
         # rounding errors, far less than the safeguard adds.
         centre = weights @ x
-        weight, moments = np.zeros(n), np.zeros((n, 1 + dim + dim * dim))
+        weight = np.zeros(n)
+        moments = np.zeros((n, 1 + dim + dim * dim))
+
         for block in _blocks(len(x)):
             u = self._distances(x[block])
             shares = self._tops[:, None] * self._kernel(u)
@@ -130,12 +140,14 @@ class StudentMixture:
             y = x[block] - centre
             powers = np.column_stack([np.ones(len(y)), y, _outer(y).reshape(len(y), -1)])
             moments += (shares / u) @ powers
+
         moments *= (self.df + dim) / self.df
-        weight, pulls = np.maximum(weight, _TINY), np.maximum(moments[:, 0], _TINY)
-        offsets = moments[:, 1 : dim + 1] / pulls[:, None]
+        weight = np.maximum(weight, _TINY)
+        inner_weight = np.maximum(moments[:, 0], _TINY)
+        offsets = moments[:, 1 : dim + 1] / inner_weight[:, None]
         around = moments[:, dim + 1 :].reshape(-1, dim, dim)
-        scales = (around - pulls[:, None, None] * _outer(offsets)) / weight[:, None, None]
-        return _Sums(weight, pulls, centre + offsets, scales)
+        scales = (around - inner_weight[:, None, None] * _outer(offsets)) / weight[:, None, None]
+        return _Sums(weight, inner_weight, centre + offsets, scales)
 
     def joined(self, mixtures: Sequence[StudentMixture], share: float) -> StudentMixture:
         """This mixture with others of the same degrees of freedom.
@@ -148,6 +160,7 @@ class StudentMixture:
         weights = [
             part.weights * part_share for part, part_share in zip(parts, shares, strict=True)
         ]
+
         return StudentMixture(
             np.concatenate(weights),
             np.concatenate([part.means for part in parts]),
@@ -165,6 +178,7 @@ class StudentMixture:
         return np.einsum("djn,djn->jn", white, white) + 1.0
 
     def _kernel(self, u: FloatArray) -> FloatArray:
+        """The density over that at the mean, from :meth:`_distances`."""
         return 1.0 / _power(u, (self.df + self.means.shape[1]) // 2)
 
 
@@ -172,7 +186,7 @@ class _Sums(NamedTuple):
     """Sums over weighted points for each of J components."""
 
     weight: FloatArray  # (J,)
-    pulls: FloatArray  # (J,): weight where near points count more
+    inner_weight: FloatArray  # (J,): weight where near points count more
     means: FloatArray  # (J, D): of the points
     scales: FloatArray  # (J, D, D): of the points about these means
 

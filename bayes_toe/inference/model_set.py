@@ -45,7 +45,7 @@ class ModelSet:
         cls, draws: Sequence[WeightedDraws], prior_probabilities: FloatArray, **attributes: Any
     ) -> Self:
         """Models by their weighted draws, with the further attributes of a subclass."""
-        log_evidence = np.array([of_model.log_evidence for of_model in draws])
+        log_evidence = np.array([model_draws.log_evidence for model_draws in draws])
         return cls(log_evidence, prior_probabilities, tuple(draws), **attributes)
 
     @property
@@ -129,6 +129,7 @@ class ModelSet:
             is_inside = np.isfinite(draws.log_prior)
             change = np.zeros(len(draws.x))
             change[is_inside] = log_ratio(draws.x[is_inside])
+
             log_posterior = draws.log_posterior + change
             reweighted[i] = replace(
                 draws, log_prior=draws.log_prior + change, log_posterior=log_posterior

@@ -48,16 +48,18 @@ class Predictor:
         The paper's model predicts 'equal' alone, of three answers.
         """
         keys = np.column_stack(np.broadcast_arrays(s1, s2))
-        # A subject has its pairs once, in this order.
+        # A subject has each pair once, in sorted order.
         pairs, index = np.unique(keys, axis=0, return_inverse=True)
+
         n_trials = np.ones(len(pairs), np.int64)
         counts = (pairs[:, 0], pairs[:, 1], n_trials, n_trials)
-        own = self.target.subject
-        subject = Subject(own.name, *counts, task=own.task)
+        tested = self.target.subject
+        subject = Subject(tested.name, *counts, task=tested.task)
+
         probabilities = answer_probabilities(self.target.for_subject(subject), self.x)
-        names = own.task.answers
+        names = tested.task.answers
         if len(probabilities) < len(names):
-            names = (own.task.yes,)
+            names = (tested.task.yes,)
         return dict(zip(names, probabilities[..., index.ravel()], strict=False))
 
 

@@ -130,20 +130,25 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
     ensembles = [_Ensemble(fitted, settings, seed, k) for k in range(settings.ensembles)]
     steps = burn_in(fitted)
     thin = 2 if fitted.efficiency < _SLOW and settings.max_thin > 1 else 1
+
     while True:
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
         steps += thin * settings.kept_steps
         x, log_posterior, acceptance = map(np.stack, zip(*passes, strict=True))
+
         quantities = judged_quantities(posterior, x)
         diagnostics = convergence_of(quantities)
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
-        imprecise, hopeless = "", False
+        imprecise = ""
+        is_hopeless = False
         if not reason:
             natural = {name: quantities[name] for name in posterior.names.natural}
-            imprecise, hopeless = _uncertain_quantile(
+            imprecise, is_hopeless = _uncertain_quantile(
                 natural, diagnostics, settings.max_quantile_error
             )
-        if hopeless or thin >= settings.max_thin or not (reason or imprecise):
+
+        is_reached = not reason and not imprecise
+        if is_reached or is_hopeless or thin >= settings.max_thin:
             return Chains(
                 x,
                 log_posterior,
@@ -151,10 +156,11 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
                 diagnostics,
                 thin,
                 steps,
-                not reason,
-                reason,
-                imprecise,
+                converged=not reason,
+                reason=reason,
+                imprecise=imprecise,
             )
+
         thin = min(2 * thin, settings.max_thin)
 
 
@@ -179,7 +185,8 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
     """
 
     def __init__(self, fitted: Fitted, first: WeightedDraws) -> None:
-        self.fitted, self._left = fitted, first
+        self.fitted = fitted
+        self._left = first
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Any]:
         """One step of all walkers, as emcee asks for it."""
@@ -194,14 +201,15 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
         """The next draws from the mixture."""
         if len(self._left.x) < size:
             self._left = self.fitted.fresh(random, max(size, _BATCH))
-        draws, self._left = self._left.part(slice(size)), self._left.part(slice(size, None))
+        draws = self._left.part(slice(size))
+        self._left = self._left.part(slice(size, None))
         return draws
 
 
 def moves(fitted: Fitted, first: WeightedDraws) -> list[tuple[Any, float]]:
     """Emcee moves and their weights: the better the mixture, the fewer local moves.
 
-    Mostly local ones where it may not be trusted.
+    If the mixture cannot be trusted, most moves are local.
 
     emcee's snooker move is never used: in release 3.1.6 it is biased.
     """
@@ -217,18 +225,22 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
     """
 
     def __init__(self, fitted: Fitted, settings: SamplerSettings, seed: int, index: int) -> None:
-        self._fitted, target = fitted, fitted.target
+        self._fitted = fitted
+        target = fitted.target
         key = stream(seed, target.subject.name, target.model.name, "ensemble", index)
         random = np.random.RandomState(np.random.MT19937(key))
-        judging = len(fitted.draws.x) // settings.ensembles
-        first = fitted.draws.part(slice(index * judging, (index + 1) * judging))
+        # Each ensemble begins with its own part of the draws that judged the mixture.
+        n_each = len(fitted.draws.x) // settings.ensembles
+        first_draws = fitted.draws.part(slice(index * n_each, (index + 1) * n_each))
+
         super().__init__(
             settings.walkers,
             len(target.coordinates),
             self.compute_log_prob,
             vectorize=True,
-            moves=moves(fitted, first),
+            moves=moves(fitted, first_draws),
         )
+
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches
         # it.
         self.random_state = random.get_state()
@@ -242,6 +254,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         """
         self.reset()
         self._state = self._run(self._state, n_steps, thin_by=thin)
+
         chain = self.get_chain()
         walker_major = chain.transpose(1, 0, 2).reshape(-1, chain.shape[2])
         x, log_volume = self._fitted.original(self._fitted.target.full_points(walker_major)[0])
@@ -270,8 +283,10 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         Points of zero density are drawn again: emcee would leave such walkers there for good,
         without a word.
         """
-        draws, is_free = self._fitted.draws, self._fitted.target.is_free
+        draws = self._fitted.draws
+        is_free = self._fitted.target.is_free
         mean = (draws.shares @ draws.x)[is_free]
+
         start = np.empty((0, self.ndim))
         while len(start) < self.nwalkers:
             chosen = draws.resampled(random, self.nwalkers)[:, is_free]
@@ -285,10 +300,10 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
 def _uncertain_quantile(
     natural: NamedArrays, diagnostics: Mapping[str, Convergence], limit: float
 ) -> tuple[str, bool]:
-    """The natural quantity with the most uncertain 5 or 95 % quantile, in words.
+    """The most uncertain 5 or 95 % quantile in words, and whether a longer run cannot help.
 
-    The text is empty if that quantile is precise enough. The second value is whether draws further
-    apart would not help, because as many independent draws would not be enough either.
+    The text is empty if that quantile is precise enough. A longer run keeps as many draws, and
+    cannot help if as many independent draws would not be enough.
     """
     errors = {}
     for name, values in natural.items():
@@ -296,12 +311,15 @@ def _uncertain_quantile(
     worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     if errors[worst] < limit:
         return "", False
-    values, error = natural[worst], errors[worst]
+
+    values = natural[worst]
     # A user asks for half of the draws that are kept.
-    n_required = values.size / 2 * (error / (_SAFE * limit)) ** 2
-    digits = 10 ** (int(np.log10(n_required)) - 1)
+    n_required = values.size / 2 * (errors[worst] / (_SAFE * limit)) ** 2
+    unit = 10 ** (int(np.log10(n_required)) - 1)  # of the second digit
+    n_rounded = int(np.ceil(n_required / unit)) * unit
     reason = (
-        f"a 5 or 95 % quantile of {worst} is uncertain by {error:.3f} of the range between them, "
-        f"below {limit:g} wanted: {int(np.ceil(n_required / digits)) * digits:,} draws would do"
+        f"a 5 or 95 % quantile of {worst} is uncertain by {errors[worst]:.3f} of the range between "
+        f"them, below {limit:g} wanted: {n_rounded:,} draws would do"
     )
-    return reason, not tail_error(values, values.size) < limit
+    is_hopeless = not tail_error(values, values.size) < limit
+    return reason, is_hopeless

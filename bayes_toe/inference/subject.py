@@ -170,12 +170,17 @@ class SubjectDraws:
 
 def subject_draws(result: SubjectResult, *, summarised: bool = False) -> SubjectDraws:
     """The draws of a result with chains, with or without rows of a summary."""
-    target, chains, fit = result.fitted.target, result.chains, result.fit
+    target = result.fitted.target
+    chains = result.chains
+    fit = result.fit
     if chains is None or fit is None:
         raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
+
     quantities = target.quantities(chains.x)
     natural = {name: quantities[name] for name in target.names.natural}
-    ess, r_hat = float(chains.log_posterior.size), 1.0
+
+    ess = float(chains.log_posterior.size)
+    r_hat = 1.0
     if chains.diagnostics:
         (_, ess), (_, r_hat) = worst(chains.diagnostics)
     statistics: dict[str, float | int | str] = {
@@ -190,10 +195,12 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         "pareto_k": result.fitted.pareto_k,
         **{column: getattr(fit, column) for column in FIT_COLUMNS},
     }
+
     rows: tuple[SummaryRow, ...] = ()
     if summarised:
         reported = {name: quantities[name] for name in target.names.reported}
         rows = summary_rows(target, reported, chains.diagnostics)
+
     return SubjectDraws(
         result.subject,
         natural,
@@ -216,11 +223,14 @@ def summary_rows(
     by_name = dict(convergences or {})
     missing = {name: draws for name, draws in values.items() if name not in by_name}
     by_name |= convergence_of(missing)
-    errors, rows = errors_of(values), list[SummaryRow]()
+
+    errors = errors_of(values)
+    rows = list[SummaryRow]()
     for name, draws in values.items():
-        location = float(draws.mean()), float(draws.std(ddof=1))
+        moments = float(draws.mean()), float(draws.std(ddof=1))
         quantiles = np.quantile(draws, list(QUANTILES.values())).tolist()
-        narrowed = posterior_contraction(target, name, quantiles[0], quantiles[-1])
-        numbers = *location, *quantiles, *by_name[name], narrowed, *errors[name]
+        contraction = posterior_contraction(target, name, quantiles[0], quantiles[-1])
+        numbers = *moments, *quantiles, *by_name[name], contraction, *errors[name]
         rows.append((target.subject.name, name, *numbers))
+
     return tuple(rows)

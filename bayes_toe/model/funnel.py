@@ -56,11 +56,12 @@ class Funnel:
     def conditional(self, u: FloatArray) -> ArrayPair:
         """Mean and log standard deviation, (posteriors, points) each."""
         log_pull = self.rows.log_pull(u)
-        log_of_answers = self.log_precision + 2.0 * log_pull
         log_square = np.logaddexp(2.0 * self.rows.log_width(u), 2.0 * self.log_least_width)
-        log_of_answers = log_of_answers - self.follows_width * log_square
-        log_sd = -0.5 * np.logaddexp(0.0, log_of_answers)
-        log_share = log_of_answers + 2.0 * log_sd
+        # The precision that the answers give, and its share of the whole precision, 1 - s^2.
+        log_information = self.log_precision + 2.0 * log_pull - self.follows_width * log_square
+        log_sd = -0.5 * np.logaddexp(0.0, log_information)
+        log_share = log_information + 2.0 * log_sd
+
         # c/p in logs, because p may be below the smallest float.
         mean = np.exp(log_share) * self.centre + np.exp(log_share - log_pull) * self.offset
         return mean, log_sd

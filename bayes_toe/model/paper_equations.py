@@ -130,9 +130,10 @@ def natural_names(task: Task) -> tuple[str, ...]:
 def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
     """Every named quantity that follows from natural coordinates.
 
-    They themselves, gamma, sigma1, gain and width, offset and pull.
+    These are the natural coordinates, gamma, sigma1, gain, width, offset and pull.
     """
-    gamma, p = theta.gamma, pull(theta.gamma)
+    gamma = theta.gamma
+    p = pull(theta.gamma)
     values = {
         **theta._asdict(),
         "gamma": gamma,
@@ -212,15 +213,14 @@ def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
     q = np.exp(-np.logaddexp(0.0, -logit) - t)
     fall = -np.expm1(-t)
     lapse = np.exp(-np.logaddexp(0.0, logit))
+
     with np.errstate(divide="ignore"):  # log(0) is the truth where 1 - q is 0
         result = np.asarray(np.log(lapse + (1.0 - lapse) * fall))
         np.log1p(-q, out=result, where=q < 0.5)
-        if np.any(
-            logit > 700.0
-        ):  # 1 - q0 underflows there, its logarithm does not; q0 is 1 to all digits
-            result = np.where(
-                (q >= 0.5) & (logit > 700.0), np.logaddexp(-logit, np.log(fall)), result
-            )
+        # 1 - q0 underflows there, but its logarithm does not; q0 is 1 to all digits.
+        is_extreme = (q >= 0.5) & (logit > 700.0)
+        if is_extreme.any():
+            result = np.where(is_extreme, np.logaddexp(-logit, np.log(fall)), result)
     return np.asarray(result)
 
 
@@ -283,6 +283,7 @@ def require_natural(
         "sigma_l must be finite and not negative": np.isfinite(noise) & (noise >= 0),
         "q0 must lie in 0..1": (top >= 0) & (top <= 1),
     }
+
     for rule, holds in rules.items():
         if not np.all(holds):
             raise NumericalError(rule)

@@ -146,13 +146,17 @@ class PaperPosterior(SubjectPosterior):
         The just noticeable difference is the distance at which 'equal' is half as frequent as at
         its peak, or P(second) 75 % without lapses.
         """
-        rows, u = self.rows, x.reshape(1, -1, 4)
+        rows = self.rows
+        u = x.reshape(1, -1, 4)
         shape = x.shape[:-1]
-        mu1, width = rows.mu1(u).reshape(shape), np.exp(rows.log_width(u)).reshape(shape)
+        mu1 = rows.mu1(u).reshape(shape)
+        width = np.exp(rows.log_width(u)).reshape(shape)
         p = rows.pull(u).reshape(shape)
+
         gain = 1.0 - p
         sigma_p = width * gain**rows.power
         offset = p * (mu1 - self.sbar)
+
         return {
             "mu1": mu1,
             "sigma_p": sigma_p,
@@ -180,13 +184,16 @@ class PaperPosterior(SubjectPosterior):
         mu1, sigma_p, sigma_l, share = (
             np.asarray(quantities[name], np.float64) for name in self.names.natural
         )
+
         rows = self.rows
         ratio = variance_ratio(noise_ratio(sigma_p, sigma_l))
         log_width = np.log(sigma_p) + rows.power * np.log(ratio)
+
         # The row of the subject comes first, whatever the shape of the quantities.
         of_row = (1, -1)
         score = rows.spread_score(log_width.reshape(of_row), (1.0 - 1.0 / ratio).reshape(of_row))
         spread = score.reshape(log_width.shape)
+
         with np.errstate(divide="ignore"):
             columns = (
                 (mu1 - rows.mu1_mean[0, 0]) / rows.mu1_sd[0, 0],

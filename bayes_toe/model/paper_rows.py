@@ -81,6 +81,7 @@ class PaperRows(AnswerRows):
             numbered = prior.for_subjects(subject)
             numbers[:, i, 0] = (numbered.mu1_mean, numbered.mu1_sd, numbered.spread_scale)
         mu1_mean, mu1_sd, spread_scale = numbers
+
         return cls(
             **pairs,
             task=subjects[0].task,
@@ -143,7 +144,8 @@ class PaperRows(AnswerRows):
 
     def log_width(self, u: FloatArray) -> FloatArray:
         """Log of the width w, (rows, points)."""
-        score, sd = u[..., 1], self.prior.spread_sd
+        score = u[..., 1]
+        sd = self.prior.spread_sd
         log_ratio = log_half_normal(score) if sd is None else sd * score
         return np.log(self.spread_scale) + log_ratio - self._log_spread_share(self.pull(u))
 
@@ -209,7 +211,8 @@ class PaperRows(AnswerRows):
 
     def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
         """Log answers, and the slopes of both in every coordinate, (rows, points, 4, pairs)."""
-        z, logit_share = self.distance(u), logit_of_probit(u[..., 3:])
+        z = self.distance(u)
+        logit_share = logit_of_probit(u[..., 3:])
         answers = self._answers_at(z, logit_share)
         curve_slopes = bell_slopes if self.task.lapses == "q0" else guessing_slopes
         in_z, in_share = curve_slopes(z, logit_share, answers)

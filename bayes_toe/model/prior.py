@@ -77,13 +77,13 @@ class ParameterHyperprior(PriorNumbers):
         return ParameterHyperprior(0.0, 0.5 * self.mean_scale, 0.5 * self.sd_scale)
 
     def narrowed(self, share: float) -> ParameterHyperprior:
-        """The same with scales of this share."""
+        """This prior with scales that are smaller by a factor."""
         mean_scale, sd_scale = share * self.mean_scale, share * self.sd_scale
         return replace(self, mean_scale=mean_scale, sd_scale=sd_scale)
 
     @property
     def words(self) -> str:
-        """Both distributions."""
+        """The prior of the mean and of the standard deviation, in words."""
         if self.has_heavy_tails:
             family = "Student t, 3 df,"
             return (
@@ -261,6 +261,7 @@ class Prior(PriorNumbers):
         symbols = self._symbols()
         if not symbols:
             return self
+
         scales = common_scales(*subjects)
         if scales is None:
             # A number that H1 does not use may stay open.
@@ -271,6 +272,7 @@ class Prior(PriorNumbers):
                     "prior 'paper' (--prior paper), or one of numbers"
                 )
             return self
+
         numbers = {"M": scales.mean, "2.5 R": 2.5 * scales.spread, "D": scales.step}
         values: Record = {name: numbers[symbol] for name, symbol in symbols.items()}
         return replace(self, **values)
@@ -280,7 +282,7 @@ class Prior(PriorNumbers):
         return any(name.rpartition("_")[0] == parameter for name in self._symbols())
 
     def _symbols(self) -> dict[str, str]:
-        """By name, the symbols of the numbers that the stimuli give."""
+        """The symbols of the numbers that the stimuli give, by name."""
         symbols = {}
         for name, number in self.declared().items():
             if getattr(self, name) == STIMULI:
@@ -299,13 +301,14 @@ class Prior(PriorNumbers):
         for name in self.declared():
             if name.rpartition("_")[0] == parameter:
                 words.append(symbols.get(name) or f"{getattr(self, name):g}")
+
         family = self.families[parameter]
         if family == "Beta" and words == ["1", "1"]:
             return "Uniform(0, 1)"
         return f"{family}({', '.join(words)})"
 
     def describe(self, task: Task = SAME_DIFFERENT) -> str:
-        """H1's in one line for tables, files and Methods sections."""
+        """The prior of H1 in one line, for tables, files and Methods sections."""
         parameters = self.paper_parameters(task)
         words = ", ".join(f"{name} ~ {self.describe_distribution(name)}" for name in parameters)
         if any(map(self.depends_on_stimuli, parameters)):
@@ -384,6 +387,7 @@ def changed_prior(prior: Prior, table: Mapping[str, Any], source: str) -> Prior:
         for key, value in values.items():
             if value != STIMULI:
                 numbers[key] = float(value)
+
         part, _, parameter = section.partition(".")
         if part == PAPER:
             paper = numbers
@@ -391,8 +395,10 @@ def changed_prior(prior: Prior, table: Mapping[str, Any], source: str) -> Prior:
             group[parameter] = replace(getattr(prior.group, parameter), **numbers)
         else:
             observer |= {f"{section}_{key}": number for key, number in numbers.items()}
-    of_observer, of_group = replace(prior.observer, **observer), replace(prior.group, **group)
-    return replace(prior, **paper, observer=of_observer, group=of_group)
+
+    observer_prior = replace(prior.observer, **observer)
+    group_prior = replace(prior.group, **group)
+    return replace(prior, **paper, observer=observer_prior, group=group_prior)
 
 
 def _section_problems(section: str, values: object) -> list[str]:
@@ -403,11 +409,14 @@ def _section_problems(section: str, values: object) -> list[str]:
         places = [name for name, keys in all_sections.items() if section in keys]
         names = ", ".join(f"[{name}]" for name in places or all_sections)
         return [f"{display_name(section)}: found no such section, allowed: {names}"]
+
     keys = all_sections[section]
     problems = []
     for key, value in values.items():
         if key not in keys:
             problems.append(f"[{section}] {quoted(key)}: unknown key, allowed: {', '.join(keys)}")
-        elif keys[key].problem(value):
-            problems.append(f"[{section}] {key}: {keys[key].problem(value)}")
+            continue
+        problem = keys[key].problem(value)
+        if problem:
+            problems.append(f"[{section}] {key}: {problem}")
     return problems

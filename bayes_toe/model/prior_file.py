@@ -60,11 +60,13 @@ def hyperprior_from(source: Hyperprior | StrPath | None) -> Hyperprior:
         return Hyperprior()
     if isinstance(source, Hyperprior):
         return source
+
     kinds = "a Hyperprior, or the path of a TOML file"
     require_kind("hyperprior", source, (str, os.PathLike), kinds)
     table = toml_table(
         source, "[SECTION] and NAME = NUMBER, as in [group.contraction] and sd_scale = 0.3"
     )
+
     if GROUP not in table:
         table = {GROUP: table}
     return changed_prior(DEFAULT, table, format_path(Path(source))).group

@@ -111,10 +111,11 @@ class HistoryRows(ObserverRows):
         With carry-over, each answered trial is a cell. Without carry-over, all trials of a pair
         after the same answer are one cell.
         """
-        trials, scales = TrialSequence.from_subject(observer.subject), observer.scales
+        trials = TrialSequence.from_subject(observer.subject)
         answered = np.flatnonzero(trials.is_answered)
+        pair = trials.pair[answered]
+        answer = trials.answer[answered]
         earlier = trials.previous[answered]
-        pair, answer = trials.pair[answered], trials.answer[answered]
         # The first trial of a session has no earlier one.
         previous = np.where(earlier >= 0, trials.answer[earlier], 0.0)
 
@@ -123,30 +124,35 @@ class HistoryRows(ObserverRows):
             keys = np.stack([pair, previous])
             distinct, cell = np.unique(keys, axis=1, return_inverse=True)
             cell = cell.ravel()
-            pair, previous = distinct[0].astype(np.intp), distinct[1]
+            pair = distinct[0].astype(np.intp)
+            previous = distinct[1]
 
-        n_yes = [np.bincount(cell, answer > 0.0)]
-        n_no = [np.bincount(cell, answer < 0.0)]
+        n_yes = np.bincount(cell, answer > 0.0)
+        n_no = np.bincount(cell, answer < 0.0)
         if observer.subject.task.has_three_answers:
-            n_yes.insert(0, np.bincount(cell, answer == 0.0))
-            n_no.insert(0, n_yes[1] + n_no[0])
+            # The first question is whether the stimuli are equal, and the second one which of them
+            # is stronger.
+            n_equal = np.bincount(cell, answer == 0.0)
+            n_yes, n_no = np.append(n_equal, n_yes), np.append(n_yes + n_no, n_no)
 
+        # Scales and prior are those of the posterior.
         values = {field.name: getattr(observer.rows, field.name) for field in fields(ObserverRows)}
         for name in ("first", "difference", "middle"):
             values[name] = values[name][..., pair]
-        for name, counts in (("n_yes", n_yes), ("n_no", n_no)):
-            values[name] = np.concatenate(counts)[None, None]
+        values["n_yes"] = n_yes[None, None]
+        values["n_no"] = n_no[None, None]
 
-        first = (trials.first - scales.sbar) / scales.step
-        second = (trials.second - scales.sbar) / scales.step
+        scales = observer.scales
+        first_of_trial = (trials.first - scales.sbar) / scales.step
+        second_of_trial = (trials.second - scales.sbar) / scales.step
         return cls(
             **values,
             history=history,
             trials=trials,
             previous=previous,
             cell=cell,
-            first_of_trial=first[:, None],
-            second_of_trial=second[:, None],
+            first_of_trial=first_of_trial[:, None],
+            second_of_trial=second_of_trial[:, None],
         )
 
     @property
@@ -205,6 +211,7 @@ class HistoryRows(ObserverRows):
         parts = []
         for part in self._parts(u[:, is_possible[0]]):
             parts.append(super().plain_log_likelihood(part))
+
         values = np.full(u.shape[:2], -np.inf)
         values[is_possible] = np.concatenate(parts, axis=1)[0]
         return values
@@ -217,7 +224,8 @@ class HistoryRows(ObserverRows):
         cells = []
         for part in self._parts(u):
             values = self.quantities(part)
-            z, k = self.distance_at(values), self.criterion_at(values)
+            z = self.distance_at(values)
+            k = self.criterion_at(values)
             if k is not None and self.task.has_three_answers:
                 _, p_counted, _ = self._plain_three(values, z, k)
             else:
@@ -226,7 +234,7 @@ class HistoryRows(ObserverRows):
         return np.concatenate(cells)[:, self.cell]
 
     def _parts(self, u: FloatArray, n_values: int = 1 << 17) -> list[FloatArray]:
-        """Points in parts of which temporary arrays have at most about `n_values` values."""
+        """Points in parts, so that temporary arrays have at most about `n_values` values."""
         n_parts = max(1, -(-u.shape[1] * len(self.previous) // n_values))
         return np.array_split(u, n_parts, axis=1)
 
@@ -256,8 +264,8 @@ class TrialHistoryPosterior:
     @cached_property
     def array(self) -> PosteriorArray:
         """The posterior as an array of one."""
-        of_order = self.model.order.coordinates(self.subject.task)
-        return independent_array(self.rows, [(*of_order, *self.model.effects)])
+        coordinates = self.model.order.coordinates(self.subject.task)
+        return independent_array(self.rows, [(*coordinates, *self.model.effects)])
 
     def quantities(self, points: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, (points,) each."""
@@ -332,21 +340,26 @@ class TrialSequence:
     def from_subject(cls, subject: Subject) -> TrialSequence:
         """The trials of a subject; an InputError if their order is not known."""
         answers = require_order(subject)
-        stacked = np.concatenate([np.column_stack([subject.s1, subject.s2]), answers.keys])
+        pairs = np.column_stack([subject.s1, subject.s2])
+        # Equal pairs get the same number, those of the subject and those of the trials.
+        stacked = np.concatenate([pairs, answers.keys])
         _, number = np.unique(stacked, axis=0, return_inverse=True)
         number = number.ravel()
         pair_of_number = np.full(int(number.max()) + 1, -1, np.intp)
         pair_of_number[number[: subject.n_pairs]] = np.arange(subject.n_pairs)
-        n_positive, n_all = answers.n_yes, answers.n_trials
+
+        n_positive = answers.n_yes
+        n_all = answers.n_trials
         if answers.n_second is not None:
-            n_positive, n_all = answers.n_second, answers.n_trials - answers.n_yes
+            n_positive = answers.n_second
+            n_all = answers.n_trials - answers.n_yes
         return cls(
-            answers.keys[:, 0],
-            answers.keys[:, 1],
-            pair_of_number[number[subject.n_pairs :]],
-            np.asarray(2.0 * n_positive - n_all, np.float64),
-            answers.n_trials > 0,
-            answers.is_session_start,
+            first=answers.keys[:, 0],
+            second=answers.keys[:, 1],
+            pair=pair_of_number[number[subject.n_pairs :]],
+            answer=np.asarray(2.0 * n_positive - n_all, np.float64),
+            is_answered=answers.n_trials > 0,
+            is_session_start=answers.is_session_start,
         )
 
     @property
@@ -368,11 +381,13 @@ def require_order(subject: Subject) -> Answers:
             "none; allowed: rows that are trials, with a column trial (numbers, once each, or once "
             "in each session or block)"
         )
+
     if looks_sorted(answers):
         raise InputError(
             f"subject {subject.name!r}: trials are sorted by their stimuli, which is not the order "
             "in which they were presented; allowed: a column trial that tells it"
         )
+
     return answers
 
 
@@ -403,7 +418,11 @@ def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
     n_rarer = min(np.count_nonzero(step > 0), np.count_nonzero(step < 0))
     if bdtr(n_rarer, n_changes, 0.5) < alpha:
         return True
-    in_sessions = np.unique(np.column_stack([np.cumsum(answers.is_session_start), pair]), axis=0)
-    is_run_of_each = n_changes == len(in_sessions) - np.count_nonzero(answers.is_session_start)
+
+    session = np.cumsum(answers.is_session_start)
+    pairs_in_sessions = np.unique(np.column_stack([session, pair]), axis=0)
+    # A run begins with each session, and with each change of the pair.
+    n_runs = n_changes + np.count_nonzero(answers.is_session_start)
+    is_run_of_each = n_runs == len(pairs_in_sessions)
     is_long = len(step) > 2 * n_changes > 2
     return bool(n_rarer == 0 and is_run_of_each and is_long)

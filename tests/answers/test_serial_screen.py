@@ -43,6 +43,7 @@ def test_observers_without_memory_seldom_fail_the_screen():
     observed = np.array([astuple(row) for row in screens])
     assert observed.shape == (240, 4)
     assert np.count_nonzero(observed < 0.01) <= 20
+
     for column in observed.T:
         assert kstest(column, "uniform").pvalue > 1e-3
 
@@ -76,10 +77,12 @@ def test_an_effect_is_seen_by_its_own_test(options, name, least):
 def test_nothing_is_said_without_the_order_of_trials():
     subject = answered(1)
     assert screen(replace(subject, answers=None)) == SerialScreen()
+
+    # Trials that are sorted by their stimuli have lost their order, too.
     rows = np.lexsort(subject.answers.keys.T[::-1])
     answers = subject.answers
-    in_order = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
-    assert screen(replace(subject, answers=in_order)) == SerialScreen()
+    sorted_answers = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
+    assert screen(replace(subject, answers=sorted_answers)) == SerialScreen()
 
 
 def test_pairs_answered_once_say_nothing():
@@ -97,7 +100,7 @@ def test_the_first_trial_of_a_session_has_no_trial_before():
     assert astuple(screen(other))[:3] == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_constant_first_stimulus_leaves_the_second():
+def test_with_a_constant_first_stimulus_all_p_values_exist():
     rng = default_rng(7)
     keys = np.column_stack([np.zeros(300), rng.choice([-0.3, 0.3, 0.6], 300)])
     n_yes = (rng.random(300) < norm.cdf(keys[:, 1] / NOISE)).astype(int)

@@ -82,10 +82,13 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(marked, tmp_path
     column = Regressor("group", "<b>", "group <b> against a", reference="a")
     covariates = Regressors(study.names, np.array([[0.0], [1.0], [0.0], [1.0]]), (column,))
     group = made_result(study, covariates, n_divergent=2)
+
     wrong = Statistic("spread", "accuracy", 0.3, 0.1, 0.15, 0.2, 0.004, is_above=True)
     check = PredictiveCheck((wrong,))
+
     out = write_results(replace(marked, group=group), tmp_path / "out", check=check, **NO_FIGURES)
     section = page(out).partition('<summary id="group">')[2].partition('id="subjects"')[0]
+
     order = [
         "not reliable</span>",
         "the group&#39;s result is not reliable: 2 of 1600 trajectories diverged",
@@ -99,8 +102,10 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(marked, tmp_path
     ]
     places = [section.index(words) for words in order]
     assert places == sorted(places)
+
     of_group = [*out.glob("population*")]
     assert (len(of_group), min(path.stat().st_size for path in of_group) > 500) == (4, True)
+
     write_results(marked, out, overwrite=True, **NO_FIGURES)
     assert 'id="group"' not in page(out)
     assert not [*out.glob("population*")]

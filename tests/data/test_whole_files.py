@@ -69,18 +69,19 @@ def produce(path, files, *, overwrite=False, names=NAMES, meanwhile=int):
         meanwhile()
 
 
-def test_a_file_appears_whole_and_a_look_beforehand_leaves_nothing(tmp_path, monkeypatch):
+def test_a_file_appears_whole_and_the_check_before_it_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     require_writable("new/deep/fit.nc", overwrite=False)
     require_folder("new/out", NAMES, overwrite=False)
     assert tree(tmp_path) == {}
+
     for earlier, text in (({}, "whole"), ({"new/deep/fit.nc": "whole"}, "new")):
         with whole_file("new/deep/fit.nc", overwrite=True) as temporary:
             assert (temporary.exists(), temporary.name) == (False, "fit.nc")
             temporary.write_text(text)
-            observed = tree(tmp_path)
-            del observed[temporary.absolute().relative_to(tmp_path).as_posix()]
-            assert observed == earlier
+            other_files = tree(tmp_path)
+            del other_files[temporary.absolute().relative_to(tmp_path).as_posix()]
+            assert other_files == earlier
         assert tree(tmp_path) == {"new/deep/fit.nc": text}
 
 
@@ -200,9 +201,11 @@ def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
     is_early = []
     produce(out, files, meanwhile=lambda: is_early.append(out.exists()))
     assert (is_early, tree(out)) == ([False], files)
+
     create(out, {"corner/mine.png": "mine"})
     produce(out, {"corner/a.png": "b"}, overwrite=True)
     assert tree(out) == {"corner/a.png": "b", "corner/mine.png": "mine"}  # no longer table.csv
+
     produce(out, {"evidence.csv": "1"}, names=["evidence.csv"])  # another command
     assert tree(out) == {"corner/a.png": "b", "corner/mine.png": "mine", "evidence.csv": "1"}
 
@@ -233,8 +236,10 @@ def test_what_is_named_and_no_longer_produced_goes_and_all_else_stays(tmp_path):
     (out / "link").symlink_to(tmp_path / "elsewhere")
     produce(out, {}, names=names, overwrite=True)
     assert tree(tmp_path / "elsewhere") == {"a": "mine"}
+
     (out / "link").unlink()
     assert tree(out) == {"folder.csv/": "", "corner/b.png": "1"}
+
     produce(out, {"table.csv": "2"}, names=["corner/b.png", "table.csv"], overwrite=True)
     assert tree(out) == {"folder.csv/": "", "table.csv": "2"}  # without the empty folder
 
@@ -244,9 +249,11 @@ def test_what_others_put_there_or_delete_meanwhile_is_no_success(tmp_path):
     with pytest.raises(OutputError, match=r"table\.csv: exists"):
         produce(tmp_path, files, meanwhile=lambda: create(tmp_path, theirs))
     assert tree(tmp_path) == theirs
+
     out = tmp_path / "out"
     produce(out, {"table.csv": "1"}, meanwhile=lambda: create(out, {"mine.txt": "m"}))
     assert tree(out) == {"mine.txt": "m", "table.csv": "1"}
+
     no_file = pytest.raises(OutputError, match=r"(out|a\.csv): cannot be written \(No such file")
     with no_file, whole_folder(out, NAMES, overwrite=True) as new:
         new.rmdir()

@@ -88,6 +88,7 @@ def test_the_heaviest_weights_are_smoothed_and_all_sum_to_one():
     observed = smoothed_weights(raw)
     assert np.exp(observed.log_weights).sum() == pytest.approx(1.0, abs=1e-12)
     assert observed.pareto_k == pytest.approx(0.9, abs=0.2)
+
     body = np.argsort(raw)[: -int(np.ceil(3 * np.sqrt(raw.size)))]
     shift = observed.log_weights[body] - raw[body]
     assert shift == pytest.approx(np.full(body.size, shift[0]), abs=1e-12)

@@ -57,12 +57,14 @@ def test_summary_fit_and_predictions_are_those_of_the_draws(draws):
     rows = draws["A"].summary()
     assert tuple(rows["parameter"]) == target.names.reported
     assert np.isfinite(rows["mean"]).all()
+
     maximum = find_maxima(target).x[:1, target.is_free]
     counts = subject.n_yes, subject.n_trials
     deviance = binomial_deviance(*counts, *target.log_answers(maximum)).sum()
     fit = draws.fit("A")
     assert fit.deviance == pytest.approx(deviance, rel=1e-6)
     assert fit.degrees_of_freedom == 13 - len(target.coordinates)
+
     x = draws.points("A").reshape(-1, len(target.coordinates))
     predicted, q = bt.predict(draws, "A", subject.s1, subject.s2), np.exp(target.log_answers(x)[0])
     assert predicted["mean"].to_numpy() == pytest.approx(q.mean(axis=0), rel=1e-9)
@@ -73,10 +75,12 @@ def test_the_command_samples_any_model(tmp_path, small_study):
     grouped_csv(tmp_path / "study.csv", small_study.select(["A"]))
     words = "sample study.csv -o bias.nc --model constant-error --draws 100 --seed 1 --workers 1"
     assert "Draws in bias.nc. Seed 1." in good(words, cwd=tmp_path)
+
     draws = bt.load(tmp_path / "bias.nc")
     message = "model 'constant error' has no mu1, sigma_p, sigma_l; it has: noise, q0, lapse_rate"
     with pytest.raises(InputError, match=message):
         draws.natural("A")
+
     message = refused("sample study.csv -o none.nc --model biased", cwd=tmp_path)
     assert "model 'biased': no such model; allowed: none, constant-error, contraction" in message
 
@@ -88,13 +92,16 @@ def test_summary_has_the_columns_and_the_numbers(analysis):
     frame = analysis.draws.summary()
     assert tuple(frame.columns) == SUMMARY_COLUMNS
     assert len(frame) == 3 * len(PARAMETERS)
+
     row = frame.set_index(["subject", "parameter"]).loc["B", "sigma_p"]
     values = analysis.draws.values("B", "sigma_p")
     assert row["mean"] == pytest.approx(values.mean())
+
     quantiles = np.quantile(values, [0.05, 0.25, 0.5, 0.75, 0.95])
     names = ["q05", "q25", "q50", "q75", "q95"]
     assert row[names].tolist() == pytest.approx(quantiles.tolist())
     assert row["mcse_mean"] == pytest.approx(values.std(ddof=1) / np.sqrt(row["ess_bulk"]), rel=0.2)
+
     target = analysis.draws.posterior("B")
     prior_range = target.prior_quantile("sigma_p", 0.95) - target.prior_quantile("sigma_p", 0.05)
     expected = 1.0 - ((row["q95"] - row["q05"]) / prior_range) ** 2
@@ -113,6 +120,7 @@ def test_arviz_functions_take_it(data, analysis):
     expected = analysis.draws["A"].summary().set_index("parameter").loc[list(PARAMETERS)]
     assert table["mean"].to_numpy(float) == pytest.approx(expected["mean"].to_numpy())
     assert table["r_hat"].to_numpy(float) == pytest.approx(expected["r_hat"].to_numpy(), abs=1e-6)
+
     for draws, n_pairs in ((subject, 13), (data, 39)):
         loo = az.loo(draws, var_name="n_equal", pointwise=True)
         assert np.asarray(loo.elpd_i if hasattr(loo, "elpd_i") else loo.loo_i).size == n_pairs
@@ -125,8 +133,10 @@ def test_log_likelihoods_and_predicted_answers_follow_from_the_draws(analysis, d
     expected = s.n_yes * np.log(q) + (s.n_trials - s.n_yes) * np.log1p(-q)
     log_likelihood = data["log_likelihood"]["n_equal"].values[..., index]
     np.testing.assert_allclose(log_likelihood, expected, rtol=1e-9, atol=1e-9)
+
     predicted, mean = data["posterior_predictive"]["n_equal"].values[..., index], s.n_trials * q
     assert predicted.mean(axis=(0, 1)) == pytest.approx(mean.mean(axis=(0, 1)), abs=0.5)
+
     variance = (mean * (1 - q)).mean(axis=(0, 1)) + mean.var(axis=(0, 1))
     assert predicted.var(axis=(0, 1)) == pytest.approx(variance, rel=0.1)
 

@@ -51,8 +51,10 @@ def test_natural_parameters_are_stored_and_all_else_follows(saved, analysis):
     xr.testing.assert_identical(loaded.tree, draws.tree)
     assert loaded.names == ("A", "B", "C")
     assert loaded["B"].study.frame().equals(loaded.study.select("B").frame())
+
     half_a_megabyte_each = 3 * 1.06e6
     assert (saved / "posterior.nc").stat().st_size < half_a_megabyte_each
+
     loaded.save(saved / "posterior.nc", overwrite=True)  # A file is not locked by having been read.
 
 
@@ -83,13 +85,16 @@ def test_a_group_is_read_as_it_was_saved(kind, tmp_path):
 def test_arviz_opens_the_files(analysis, saved, tmp_path):
     data = az.from_netcdf(saved / "posterior.nc")
     assert data["sample_stats"]["lp"].dims == ("chain", "draw", "subject")
+
     data.close()
     GROUPS["conditions"]().save(tmp_path / "population.nc")
     group = az.from_netcdf(tmp_path / "population.nc")
     assert group["posterior"]["mean"].dims == ("chain", "draw", "coefficient")
+
     coefficients = group["posterior"]["coefficient"].values.tolist()
     assert coefficients[3:] == [f"difference 1 of {name}" for name in coefficients[:3]]
     assert group["posterior"]["parameter"].values.tolist()[-2:] == ["lapse_rate", "noise_slope"]
+
     group.close()
     table = az.summary(bt.load(tmp_path / "population.nc").to_arviz(), var_names=["mean"])
     assert len(table) == len(coefficients)

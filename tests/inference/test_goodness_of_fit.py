@@ -43,10 +43,12 @@ def test_deviance_of_answers_that_are_impossible_or_all_but():
     # 3 'equal' of 5 at q = e^-2000: 2 [3 (ln 0.6 + 2000) + 2 ln 0.4].
     expected = 2 * (3 * (np.log(0.6) + 2000) + 2 * np.log(0.4))
     assert float(gof.binomial_deviance(3, 5, -2000.0, -0.0)) == pytest.approx(expected, rel=1e-14)
+
     k = np.array([0, 1, 4, 5])
     never, always = (gof.binomial_deviance(k, 5, *logs) for logs in ((-np.inf, 0), (0, -np.inf)))
     assert never.tolist() == [0.0, np.inf, np.inf, np.inf]
     assert always.tolist() == [np.inf, np.inf, np.inf, 0.0]
+
     session = [10, 10], np.array([-np.inf, -np.inf]), np.zeros(2)
     assert gof.deviance_p_value(np.inf, 1, *session) == 0.0
     assert gof.deviance_p_value(0.0, 1, *session) == 1.0
@@ -74,12 +76,14 @@ def test_a_misfit_has_a_small_p_and_names_its_worst_pairs(small_study, is_bent):
         n_yes = subject.n_yes.copy()
         n_yes[[2, 5]] = subject.n_trials[[2, 5]] - n_yes[[2, 5]]
         subject = bt.Subject("bent", subject.s1, subject.s2, n_yes, subject.n_trials)
+
     posterior = bt.model.paper_posterior(subject)
     maximum = find_maxima(posterior).x[0]
     draws = maximum + default_rng(1).normal(0.0, 0.01, (500, 4))
     fit = gof.summarise_fit(posterior, draws, maximum)
     assert fit.degrees_of_freedom == subject.n_pairs - 4
     assert (fit.fit_p < 0.001) == is_bent
+
     worst = fit.worst[0]
     is_worst = (subject.s1 == worst.s1) & (subject.s2 == worst.s2)
     assert worst.observed == (subject.n_yes / subject.n_trials)[is_worst]
@@ -109,6 +113,7 @@ def test_sound_observers_are_flagged_as_often_as_the_limit_says(task):
         p_yes = Observer(str(seed), "sound", parameters, task).p_yes(s1, s2, s1.mean())
         n_yes = rng.binomial(n_trials, p_yes)
         subjects.append(bt.Subject(str(seed), s1, s2, n_yes, n_trials, task=task))
+
     n_flagged = 0
     for evidence in order_evidence(subjects, seed=1, precision=Precision(0.2, 100.0, 1000)):
         n_flagged += best_model_fit(evidence, seed=1).fit_p < 0.05

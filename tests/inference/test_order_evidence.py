@@ -82,6 +82,7 @@ def test_a_criterion_near_zero_is_no_numerical_failure():
     plain = batch.plain_log_likelihood(u)
     assert not np.isnan(plain).any()
     assert np.allclose(plain, batch.log_likelihood(u), rtol=1e-9)
+
     slope = batch.gradient(u)[1]
     assert np.allclose(batch.plain_gradient(u)[1], slope, rtol=1e-5, atol=1e-6)
 
@@ -93,6 +94,7 @@ def test_draws_by_which_a_mixture_is_changed_do_not_count(evidence, monkeypatch)
     difference = np.abs(changed.log_evidence - evidence.log_evidence)
     error = np.hypot(evidence.standard_error, changed.standard_error)
     assert ((difference > 0.0) & (difference < 4.0 * error)).all()
+
     n_draws = np.array([len(draws.x) for draws in changed.draws])
     assert np.all(n_draws <= 1500)
     assert np.all(changed.effective_draws > 0.6 * n_draws)

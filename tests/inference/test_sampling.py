@@ -48,11 +48,14 @@ def test_far_tails_do_not_come_in_lumps(name):
 def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
     draws, sampler = analysis.draws, analysis.settings.sampler
     assert not draws.not_converged
+
     n_draws = sampler.walkers * sampler.kept_steps
     assert dict(draws.tree["posterior"].sizes) == {"chain": 4, "draw": n_draws, "subject": 3}
+
     natural = draws.summary().query("parameter != ['pse_shift', 'jnd']")
     assert natural[["ess_bulk", "ess_tail"]].to_numpy().min() >= 2000
     assert natural["r_hat"].max() < 1.01
+
     walker = draws.tree["posterior"]["walker"].values
     assert (np.diff(walker) >= 0).all()
     assert (np.bincount(walker) == sampler.kept_steps).all()
@@ -104,11 +107,13 @@ def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain(funn
     once, worst_once = sampled(5000, np.inf, max_thin=1)
     assert once.converged
     assert once.log_posterior.size >= 10_000
+
     limit = 0.95 * worst_once  # just missed by a single pass, within reach of independent draws
     longer, worst_longer = sampled(5000, limit)
     assert longer.converged
     assert longer.thin > 1
     assert worst_longer <= limit
+
     # Beyond the reach of so many draws it says so at once, and how many would do.
     short, _ = sampled(5000, limit / 2)
     assert (short.converged, short.reason, short.thin) == (True, "", 1)
@@ -116,6 +121,7 @@ def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain(funn
     sufficient, worst_enough = sampled(int(match[1].replace(",", "")), limit / 2)
     assert sufficient.imprecise == ""
     assert worst_enough <= limit / 2
+
     cut, _ = sampled(5000, limit, max_thin=1)
     assert cut.converged
     assert cut.imprecise.endswith("draws would do")

@@ -138,12 +138,15 @@ def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
     values = posterior.log_likelihood(points)
     is_near = values > posterior.log_likelihood(best)[0] - 200.0
     assert is_near.sum() > 1000
+
     full = posterior.full_points(points[is_near])
     plain = posterior.rows.plain_log_likelihood(full)[0]
     assert plain == pytest.approx(values[is_near], rel=1e-12)
+
     value, slope = posterior.rows.gradient(full)
     plain_value, plain_slope = posterior.rows.plain_gradient(full)
     assert plain_value == pytest.approx(value, rel=1e-12)
+
     scale = 1.0 + np.abs(slope).max(axis=-1, keepdims=True)
     assert np.abs((plain_slope - slope) / scale).max() < 1e-10
 
@@ -199,6 +202,7 @@ def test_scales_by_hand():
     s1, s2, n = np.array([0.0, 1.0, 1.0]), np.array([3.0, 0.0, 1.0]), np.array([5, 15, 20])
     scales = StimulusScales.from_pairs(s1, s2, n)
     assert (scales.sbar, scales.step) == pytest.approx((35 / 40, np.sqrt((5 * 9 + 15) / 20)))
+
     stimuli = np.repeat(np.concatenate([s1, s2]), np.tile(n, 2))
     assert scales.spread == pytest.approx(stimuli.std())
     assert scales.first_spread == pytest.approx(np.repeat(s1, n).std())
@@ -300,11 +304,13 @@ def test_other_pairs_keep_the_scales(posterior):
 def test_emcee_and_importance_sampling_agree(subject):
     draws = bt.sample(bt.Study([subject]), model="both", draws=2000, seed=3, workers=1)
     assert not draws.not_converged
+
     weighted = order_evidence([subject], 3)[0].draws[-1]
     weights = np.exp(weighted.log_weights - weighted.log_weights.max())
     weights /= weights.sum()
     effective = 1.0 / np.square(weights).sum()
     assert effective > 250
+
     posterior = draws.posterior(subject.name)
     values = posterior.quantities(weighted.x)
     for name in posterior.names.natural:

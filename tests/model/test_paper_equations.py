@@ -77,15 +77,19 @@ def test_two_stimuli_are_two_steps_of_the_filter(s1, s2, mu1, sigma_p, gamma):
     prior = settled(mu1, sigma_p, sigma_l)
     evolved = evolve(update(prior, s1, sigma_l), sigma_p)
     assert evolved.variance == pytest.approx(prior.variance, rel=1e-14)
+
     theta = Natural(*map(np.asarray, (mu1, sigma_p, sigma_l, q0)))
     gamma = noise_ratio(theta.sigma_p, theta.sigma_l)
     mean, sd = float(evolved_mean(s1, mu1, gamma)), np.sqrt(evolved.variance)
     assert mean == pytest.approx(evolved.mean, rel=1e-14, abs=1e-14)
     assert float(width(theta.sigma_p, gamma)) == pytest.approx(sd + sigma_l**2 / sd, rel=1e-14)
+
     weight = prior.variance / (prior.variance + sigma_l**2)
     assert float(gain(gamma)) == pytest.approx(weight, rel=1e-12)
+
     z, expected = float(normalised_distance(s1, s2, *theta[:3])), shift(evolved, s2, sigma_l)
     assert z == pytest.approx(expected, rel=1e-9, abs=1e-13 + 1e-13 / sigma_p)
+
     q = float(equal_probability(s1, s2, *theta))
     assert q == pytest.approx(q0 * 2.0 ** -(z**2), rel=1e-12, abs=1e-300)
 

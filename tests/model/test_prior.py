@@ -36,6 +36,7 @@ def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
     shares = (values[:, None] < limits).mean(axis=0)
     # 4.5 standard errors of a share: 48 comparisons, a false alarm in about 3,000 such tests
     assert np.all(np.abs(shares - p) < 4.5 * np.sqrt(p * (1 - p) / n))
+
     middle, quarter = 0.5 * (low + high), 0.25 * (high - low)
     half = posterior_contraction(target, parameter, middle - quarter, middle + quarter)
     assert half == pytest.approx(0.75, rel=1e-9)

@@ -28,8 +28,10 @@ def test_a_subject_without_different_stimuli_has_no_default_prior():
     message = "^subject 'L': the prior takes its scale from pairs of different stimuli, found none"
     with pytest.raises(bt.InputError, match=f"{message}; .*--prior p"):
         prior_for(study)
+
     paper = bt.model.paper_posterior(study["L"], prior_for(study, "paper"))
     assert np.isfinite(paper.log_density([[0.1, 0.0, 0.0, 0.0]])).all()
+
     message = "subject 'L': no pair has two different stimuli, so no order effect can be seen"
     with pytest.raises(bt.InputError, match=message):
         bt.model.observer_posterior(study["L"], model="constant-error").log_density(
@@ -62,14 +64,17 @@ def test_presets_words_and_what_is_refused(tmp_path):
     for preset in (None, "default"):
         assert preset_or_file(preset) == prior_for(STUDY, preset) == DEFAULT
     assert prior_for(STUDY, "paper") == prior_for(STUDY, bt.Prior()) == bt.Prior()
+
     prior = prior_for(STUDY, bt.Prior(mu1_mean="stimuli", mu1_sd=3.0))
     assert prior.describe() == (
         "mu1 ~ Normal(M, 3), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1); "
         f"M is the mean of the stimuli, {SCALES}"
     )
+
     message = "prior 'flat': no such preset or file, allowed: 'default', 'paper', a TOML file"
     with pytest.raises(bt.InputError, match=message):
         prior_for(STUDY, "flat")
+
     path = tmp_path / "default"
     path.write_text("[paper]\nsigma_p_scale = 0.5", encoding="utf-8")
     assert preset_or_file(str(path)) == bt.Prior(sigma_p_scale=0.5)

@@ -111,6 +111,7 @@ def test_the_prior_is_that_of_the_documents(task):
     assert np.quantile(values["carry_over"], [0.25, 0.5, 0.75]) == pytest.approx(
         [0.25, 0.5, 0.75], abs=0.03
     )
+
     own_prior = posterior.array.log_prior(x[None])[0] - posterior.observer.log_prior(x[:, :-2])
     assert own_prior == pytest.approx(stats.norm.logpdf(x[:, -2:]).sum(axis=1))
 
@@ -131,6 +132,7 @@ def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
     keys[is_turned] = keys[is_turned][:, ::-1]
     answers = Answers(keys, unit_counts, unit_counts, None, (), True, np.arange(48))
     assert not looks_sorted(answers)
+
     in_order = keys[np.lexsort(keys.T[::-1])]
     assert looks_sorted(replace(answers, keys=in_order))
     assert looks_sorted(replace(answers, keys=in_order[::-1]))
