@@ -416,11 +416,8 @@ def one_observer(units: Sequence[Subject], prior: ObserverPrior, seed: int) -> O
         raise evidence
 
     # One task may tell what another one cannot.
-    identified = max(
-        map(identify, units),
-        key=lambda found: (found.order_effect, found.constant_error, found.contraction),
-    )
-    return order_effect(evidence, identified)
+    identification = min(map(identify, units), key=lambda of_unit: len(of_unit.reasons))
+    return order_effect(evidence, identification)
 
 
 def subject_contrast(

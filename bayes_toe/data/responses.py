@@ -143,8 +143,8 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
 
     What tells none, such as the name of an experiment, is not looked at.
     """
-    for text, told in _told_tasks(column).items():
-        if told != task:
+    for text, other_task in _tasks_in(column).items():
+        if other_task != task:
             finding = f"{table.source}: column task: found {quoted(text)}"
             rule = f"{task.name!r}, which the answers are of; --where task=TEXT chooses rows"
             raise InputError(f"{finding}, allowed: {rule}")
@@ -286,16 +286,16 @@ def _unknown_meaning(
 
     `trends` are what makes an answer likelier, by the option that names its code.
     """
-    told = _told_tasks(task_column)
+    tasks_by_text = _tasks_in(task_column)
     texts = [*filter(None, column.texts)]
     words_by_answer = _words_by_answer(column)
     shares = column.counts(texts)
     if words_by_answer and task_with(words_by_answer) is None:
         words = join_words([quoted(words[0]) for words in words_by_answer.values()])
-        return _two_tasks(f"found {words}, words of two tasks", told)
-    if not words_by_answer and len({*told.values()}) > 1:
-        tasks = join_words([*map(quoted, told)])
-        return _two_tasks(f"found {join_names(shares, 4)} of the tasks {tasks}", told)
+        return _two_tasks(f"found {words}, words of two tasks", tasks_by_text)
+    if not words_by_answer and len({*tasks_by_text.values()}) > 1:
+        tasks = join_words([*map(quoted, tasks_by_text)])
+        return _two_tasks(f"found {join_names(shares, 4)} of the tasks {tasks}", tasks_by_text)
     if words_by_answer or not texts:
         return "", []
     problem = f"the codes are {join_names(shares, 4)}. The program does not know what they mean."
@@ -304,24 +304,24 @@ def _unknown_meaning(
     remedies = []
     for remedy in _code_remedies(column, texts, trends):
         answer = "equal" if remedy.option == "equal_code" else "second"
-        if not told or any(answer in task.answers for task in told.values()):
+        if not tasks_by_text or any(answer in task.answers for task in tasks_by_text.values()):
             remedies.append(remedy)
     return problem, remedies
 
 
-def _two_tasks(finding: str, told: Mapping[str, Task]) -> tuple[str, list[Remedy]]:
+def _two_tasks(finding: str, tasks_by_text: Mapping[str, Task]) -> tuple[str, list[Remedy]]:
     """The problem of a column with responses to two tasks, with what chooses one of them."""
     problem = (
         f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
         "contrast compares the tasks that --condition COLUMN names"
     )
     remedies = []
-    for text, task in told.items():
+    for text, task in tasks_by_text.items():
         remedies.append(Remedy("where", (("task", text),), f"for the task {task.name!r}"))
     return problem, remedies
 
 
-def _told_tasks(column: Column | None) -> dict[str, Task]:
+def _tasks_in(column: Column | None) -> dict[str, Task]:
     """The tasks that a column `task` tells, by its texts."""
     return {} if column is None else tasks_named(column.texts)
 
@@ -449,8 +449,8 @@ def direction(study: Study) -> int:
     13 are findings of :mod:`bayes_toe.checks.answer_checks`.
     """
     covariances, variances = list[float](), list[float]()
-    for asked in study:
-        subject = asked.two_answers if asked.task.has_direction else None
+    for unit in study:
+        subject = unit.two_answers if unit.task.has_direction else None
         if subject is None:
             continue
         covariance, variance = response_trend(subject, subject.s2 - subject.s1)
