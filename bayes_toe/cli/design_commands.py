@@ -59,7 +59,9 @@ def power(
         ),
     ] = None,
     output: Annotated[Path, writes("DIR", "Output folder.")] = Path("power"),
-    question: Question = "2afc",
+    questions: Annotated[
+        str, option("--task", "TASK,TASK", "2afc (default), same/different, ternary")
+    ] = "2afc",
     unit: Unit = None,
     trials: Annotated[str, option("--trials", "N,N", "Trials of each subject.")] = "240,480,960",
     subjects: Annotated[
@@ -77,7 +79,7 @@ def power(
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.design.observers import GROUPS, KINDS_IN_WORDS, assume_observers
-    from bayes_toe.design.power import group_power, observer_prior
+    from bayes_toe.design.power import designs_by_task, group_power, observer_prior
 
     numbers = _whole_numbers("--trials", trials)
     sizes = list[int]()
@@ -86,12 +88,15 @@ def power(
         observers = observers or GROUPS
 
     context.require_folder(output, _POWER_FILES)
-    designs = _read_designs(design, question, unit)
-    # A bad file is refused before any work.
-    assumed = assume_observers(observers, simulated, 0, list(designs.values()))
+    designs = _designs_of_tasks(design, questions, unit)
+    n_data_sets = 0
+    for of_task in designs_by_task(designs):
+        # A bad file is refused before any work.
+        assumed = assume_observers(observers, simulated, 0, list(of_task.values()))
+        n_data_sets += len(of_task) * len(numbers) * len(assumed)
     table = context.work(
         "simulating and analysing",
-        len(designs) * len(numbers) * len(assumed),
+        n_data_sets,
         bt.design.power,
         designs,
         numbers,
@@ -118,6 +123,20 @@ def power(
     if observers is None:
         context.out.line(KINDS_IN_WORDS)
     context.out.answer([*table.sentences(), written])
+
+
+def _designs_of_tasks(
+    files: list[Path] | None, questions: str, unit: str | None
+) -> Mapping[str, StudyDesign]:
+    """Designs by the names of their files and, of several tasks, the name of the task."""
+    names = questions.split(",")
+    if len(names) == 1:
+        return _read_designs(files, questions, unit)
+    designs = {}
+    for question in names:
+        for name, design in _read_designs(files, question, unit).items():
+            designs[f"{name}, {design.task.short_name}"] = design
+    return designs
 
 
 def _read_designs(

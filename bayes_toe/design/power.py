@@ -295,7 +295,8 @@ def power(
     Parameters
     ----------
     design : StudyDesign or mapping of str to StudyDesign, optional
-        Or several by name; by default the paper's 13 pairs.
+        Or several by name; by default the paper's 13 pairs. Observers of several tasks have the
+        same effects and the same noise.
     trials : sequence of int
         Numbers of trials of one subject, shared among the pairs as the design shares its own.
     observers : str, path or sequence of Observer, optional
@@ -319,14 +320,25 @@ def power(
     """
     designs = name_designs(design)
     root, numbers = root_seed(seed), observer_prior(prior)
-    assumed = assume_observers(
-        observers, data_sets, root, list(designs.values()), numbers, is_even=True
-    )
-    totals = dict.fromkeys(trials)
-    planned = []
-    for (name, own_design), total in product(designs.items(), totals):
-        planned.append((name, own_design.with_total(total)))
-    return simulate_power(planned, assumed, root, numbers, workers, progress)
+    simulated = list[DataSet]()
+    for of_task in designs_by_task(designs):
+        assumed = assume_observers(
+            observers, data_sets, root, list(of_task.values()), numbers, is_even=True
+        )
+        planned = []
+        for (name, own_design), total in product(of_task.items(), dict.fromkeys(trials)):
+            planned.append((name, own_design.with_total(total)))
+        table = simulate_power(planned, assumed, root, numbers, workers, progress)
+        simulated += table.data_sets
+    return PowerTable.from_data_sets(simulated, root)
+
+
+def designs_by_task(designs: Mapping[str, StudyDesign]) -> list[dict[str, StudyDesign]]:
+    """The designs of each task, by name."""
+    by_task = dict[Task, dict[str, StudyDesign]]()
+    for name, design in designs.items():
+        by_task.setdefault(design.task, {})[name] = design
+    return list(by_task.values())
 
 
 def observer_prior(prior: Prior | str | None) -> ObserverPrior:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from commands import good, refused
 from populations import grid_design
@@ -112,9 +113,25 @@ def test_the_command(tmp_path):
     assert names == {*tables, "power.pdf", "power.png"}
 
 
+def test_tasks_are_compared_by_observers_with_the_same_effects(tmp_path):
+    words = "power --task 2afc,ternary --trials 130 --data-sets 2 --observers both --seed 1"
+    screen = good(words, "-o", "both", cwd=tmp_path)
+    assert "The paper's pairs, three answers, 130 trials: both detected in" in screen
+    data_sets = pd.read_csv(tmp_path / "both" / "power_data_sets.csv").groupby("design")
+    two, three = (rows for _, rows in data_sets)
+    for effect in ("true_constant_error", "true_contraction"):
+        assert two[effect].tolist() == three[effect].tolist()
+
+    alone = words.replace("2afc,ternary", "ternary")
+    good(alone, "-o", "alone", cwd=tmp_path)
+    expected = pd.read_csv(tmp_path / "alone" / "power_data_sets.csv").drop(columns="design")
+    assert three.drop(columns="design").reset_index(drop=True).equals(expected)
+
+
 @pytest.mark.parametrize(
     "options, message",
     [
+        ("--task 2afc,3afc", "--task: found '3afc', allowed: same/different, 2afc"),
         ("--trials 0", "--trials is '0'. It must be whole numbers from 1"),
         ("--trials 12", "12 trials for 13 pairs"),
         ("--subjects 1,9", "--subjects is '1,9'. It must be whole numbers from 2"),
