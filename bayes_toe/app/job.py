@@ -40,11 +40,14 @@ from bayes_toe.result_store import discard, stored_files
 RESULTS = "results"
 RECORD, _COMMAND, _LOG = "study", "command", "run.log"
 _STORE = f"{RESULTS}.partial"
+_LONGEST_NAME = 120  # bytes, without the suffix
 #: In the home folder, a folder with the locks of the server and of the run.
 _LOCKS, _SERVER, _RUN = ".bayes_toe_app", "server", "run"
 
-#: The options of the page, which have the names of the command's.
-_OPTIONS = {"swap", "exclude", *vars(ReadOptions())}
+#: The options of the page, which have the names of the command's, with the kind of their value.
+_KINDS: dict[str, type] = {"swap": list, "exclude": list}
+for _name, _default in vars(ReadOptions()).items():
+    _KINDS[_name] = {tuple: list, dict: dict, bool: bool}.get(type(_default), str)
 
 
 @dataclass(frozen=True)
@@ -64,18 +67,22 @@ class Job:
         Raises
         ------
         InputError
-            If the record is damaged.
+            If the folder is none of ours, or its record is damaged.
         """
-        file = self.folder / RECORD
         try:
-            record: Record = json.loads(file.read_text(encoding="utf-8"))
-        except ValueError:
-            raise InputError(f"{format_path(file)}: damaged. Remove its folder.") from None
-        return record
+            record: Record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
+            names, _ = record["files"], (record["seed"], record["options"], record["created"])
+            has_good_names = names and [*map(file_name, names)] == names
+            if has_good_names and re.fullmatch("[0-9a-f]{16}", self.name):
+                return record
+        except (OSError, ValueError, TypeError, LookupError, RecursionError):
+            pass
+        raise InputError(f"The folder {quoted(self.name)} holds no study, or a damaged one")
 
     def store(self, files: Mapping[str, bytes]) -> None:
-        """Store the files of a study that is not stored yet."""
-        if (self.folder / RECORD).exists():
+        """Store the files of a study that is not stored yet, or damaged."""
+        with suppress(InputError):
+            self.record()
             return
         record = {
             "files": sorted(files),
@@ -218,7 +225,7 @@ def held(home: Path) -> Iterator[None]:
 def job_of(home: Path, files: Mapping[str, bytes]) -> Job:
     """The study of these files; its folder is named after their names and contents."""
     contents = [[name, sha256(content).hexdigest()] for name, content in sorted(files.items())]
-    return Job(home / sha256(json.dumps(contents).encode()).hexdigest()[:16])
+    return Job(home / _checksum(contents)[:16])
 
 
 def named_files(files: Sequence[tuple[str, bytes]]) -> dict[str, bytes]:
@@ -244,6 +251,8 @@ def named_files(files: Sequence[tuple[str, bytes]]) -> dict[str, bytes]:
 def file_name(path: str) -> str:
     """A name for a file from a browser: of one folder, without signs that mean something.
 
+    A long name ends with a checksum, so that it differs from others with the same beginning.
+
     Examples
     --------
     >>> file_name("../../a b?.csv"), file_name("-x.CSV"), file_name("e\u0301.csv")
@@ -255,13 +264,25 @@ def file_name(path: str) -> str:
         raise InputError(
             f"{quoted(last)}: the page reads files whose names end in {', '.join(TABLE_SUFFIXES)}"
         )
+    if len(stem.encode()) > _LONGEST_NAME:
+        stem = f"{stem[:30]}-{_checksum(stem)[:8]}"
     return f"{stem}{suffix}"
 
 
-def jobs(home: Path) -> list[Job]:
-    """The studies of a home folder, the newest first."""
-    studies = [Job(file.parent) for file in home.glob(f"{'[0-9a-f]' * 16}/{RECORD}")]
-    return sorted(studies, key=lambda job: job.record()["created"], reverse=True)
+def _checksum(value: object) -> str:
+    return sha256(json.dumps(value).encode()).hexdigest()
+
+
+def jobs(home: Path) -> tuple[list[Job], list[str]]:
+    """The studies of a home folder, the newest first, and the folders of none or a damaged one."""
+    created, damaged = dict[Job, str](), list[str]()
+    for file in home.glob(f"*/{RECORD}"):
+        job = Job(file.parent)
+        try:
+            created[job] = job.record()["created"]
+        except InputError:
+            damaged.append(job.name)
+    return sorted(created, key=created.__getitem__, reverse=True), sorted(damaged)
 
 
 def result_files(results: Path) -> list[Path]:
@@ -279,15 +300,17 @@ def require_options(content: bytes) -> Record:
     Raises
     ------
     InputError
-        If it is no JSON, or a name is unknown.
+        If it is no JSON, or a name or the kind of a value is unknown.
     """
     try:
         options = Record(json.loads(content))
     except (TypeError, ValueError, RecursionError):
         raise InputError("The options are no record") from None
-    unknown = {*options} - _OPTIONS
-    if unknown:
-        raise InputError(f"The option {quoted(unknown.pop())} is unknown")
+    for name, value in options.items():
+        texts = [*value, *value.values()] if isinstance(value, dict) else value
+        has_other_kinds = isinstance(texts, list) and not {*map(type, texts)} <= {str}
+        if type(value) is not _KINDS.get(name) or has_other_kinds:
+            raise InputError(f"The option {name}, or its value, is unknown")
     return options
 
 
@@ -308,10 +331,11 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
             value = [",".join(value)]
         if isinstance(value, bool):
             words += [option] * value
-            continue
-        texts = [value] if isinstance(value, str) else value
-        for text in texts:
-            words += [option, text]
+        elif isinstance(value, str):
+            words += [option, value]
+        else:
+            for text in value:
+                words += [option, text]
     return words
 
 
@@ -336,8 +360,11 @@ def end_group(group: int, number: signal.Signals) -> None:
 
 
 def _open_lock(home: Path, name: str) -> IO[str]:
-    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
-    return open(os.open(home / _LOCKS / name, flags, 0o666), "a+", encoding="utf-8")
+    return open(home / _LOCKS / name, "a+", encoding="utf-8", opener=_open_no_link)
+
+
+def _open_no_link(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
 def is_locked(lock: IO[str]) -> bool:

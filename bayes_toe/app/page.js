@@ -115,9 +115,10 @@ async function upload(files) {
 }
 
 async function list() {
-  const { jobs } = await ask("api/jobs");
-  $("#studies").hidden = !jobs.length;
+  const { jobs, damaged } = await ask("api/jobs");
+  $("#studies").hidden = !jobs.length && !damaged.length;
   $("#studies").open = !job;
+  $("#damaged").textContent = damaged.length ? `Not listed, since they hold no study or a damaged one: ${damaged.join(", ")}` : "";
   const unused = jobs.filter(({ run }) => run === "new");
   $("#clear").hidden = unused.length < 2;
   $("#clear").onclick = () => remove(unused, `Delete ${unused.length} studies that are not analysed?`);

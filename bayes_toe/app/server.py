@@ -46,7 +46,8 @@ from bayes_toe.errors import InputError
 ADDRESS = "127.0.0.1"
 LARGEST_UPLOAD = 64 * 2**20  # bytes; page.js checks it too
 HEADER = "X-Bayes-Toe"
-READING_TIME = 120  # seconds that reading may take
+#: Seconds that reading may take, and that a run may take to end.
+READING_TIME, ENDING_TIME = 120, 15
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -101,7 +102,7 @@ class Site:
         _, group = running(self.home)
         for number in (signal.SIGTERM, signal.SIGKILL):
             end_group(group, number)
-            for _ in range(150):  # 15 seconds
+            for _ in range(ENDING_TIME * 10):
                 if not running(self.home)[0]:
                     return
                 await asyncio.sleep(0.1)
@@ -230,11 +231,12 @@ class Jobs(Handler):
     """The studies of the folder."""
 
     def get(self) -> None:
-        """List names and states."""
+        """List names and states, and the folders of no study or a damaged one."""
+        studies, damaged = jobs(self.site.home)
         listed = []
-        for job in jobs(self.site.home):
+        for job in studies:
             listed.append({"id": job.name, "run": job.run_state(), **job.record()})
-        self.finish({"jobs": listed})
+        self.finish({"jobs": listed, "damaged": damaged})
 
     async def post(self) -> None:
         """Store dropped files as a study, or open the study of these files, and read them."""

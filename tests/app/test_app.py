@@ -153,9 +153,12 @@ def job(server, tmp_path_factory):
 FILES = {"u.csv": b"subject,s1\n1,2\n", "v.csv": b"subject,s1\n3,4\n"}
 
 
-def test_files_get_different_names_and_others_are_refused():
-    names = ["../a.csv", "b c.csv", "d?.csv"]
-    assert {*named_files([(name, b"x") for name in names])} == {"a.csv", "b c.csv", "d_.csv"}
+def test_files_get_different_names_of_bounded_length_and_others_are_refused():
+    names = [f"{'a' * 60}1.csv", f"{'a' * 60}2.csv", f"{'ä' * 200}1.csv", f"{'ä' * 200}2.csv"]
+    files = named_files([(name, b"x") for name in names])
+    assert {*names[:2]} < {*files}
+    assert len(files) == 4
+    assert max(len(name.encode()) for name in files) < 130
     for names in (["x.xls"], ["x"], [".csv"], ["a.csv", "a.csv"], ["a?.csv", "A*.csv"], []):
         with pytest.raises(InputError) as refusal:
             named_files([(name, b"x") for name in names])
@@ -170,15 +173,20 @@ def test_the_same_files_are_the_same_study(tmp_path):
         assert job_of(tmp_path, dict(different)) != job
 
 
-def test_folders_of_others_are_not_listed_and_a_study_is_of_the_user_alone(tmp_path):
-    for name in ("exp", "mine"):
+def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again(tmp_path):
+    records = {"0" * 16: "", "1" * 16: "[]", "2" * 16: '{"files": ["../x.csv"]}', "exp": "{}"}
+    for name, record in records.items():
         (tmp_path / name).mkdir()
-        (tmp_path / name / "study").write_text("{}")
+        (tmp_path / name / "study").write_text(record)
+    (tmp_path / "mine" / "study").mkdir(parents=True)
     job = job_of(tmp_path, FILES)
     with held(tmp_path):
         job.store(FILES)
-        (job.folder / "command").write_text("")  # as after a loss of power
-        assert jobs(tmp_path) == [job]
+        for name in ("command", "study"):
+            (job.folder / name).write_text("")  # as after a loss of power
+        assert jobs(tmp_path) == ([], sorted([job.name, *records, "mine"]))
+        job.store(FILES)
+        assert jobs(tmp_path) == ([job], sorted([*records, "mine"]))
         assert job.run_state() == "new"
     assert stat.S_IMODE(job.folder.stat().st_mode) == 0o700
 
@@ -283,7 +291,7 @@ def test_the_token_sets_a_cookie_that_replaces_an_old_one(server):
 @pytest.mark.parametrize(
     "body",
     [
-        *("{", "", "[1]", "3", '{"output": "x"}'),
+        *("{", "", "[1]", "3", '{"output": "x"}', '{"columns": {"s1": 3}}', '{"swap": "A"}'),
         *("[" * 100_000, '{"a":' * 100_000),
     ],
     ids=lambda body: body[:20],
@@ -305,10 +313,8 @@ def test_a_damaged_study_is_a_bad_request_and_a_deleted_one_is_gone(server, home
     assert stat.S_IMODE(home.stat().st_mode) == 0o700
     record = (folder / "study").read_bytes()
     (folder / "study").write_text("")
-    for path in ("/api/jobs", f"/api/jobs/{folder.name}"):
-        refusal = server.ask(path)
-        assert refusal.code == 400
-        assert folder.name in json.loads(refusal.body)["problem"]
+    assert folder.name in server.state("/api/jobs")["damaged"]
+    assert server.ask(f"/api/jobs/{folder.name}").code == 400
     assert server.ask(f"/api/jobs/{folder.name}/delete", "").code == 400
     (folder / "study").write_bytes(record)
     server.state(f"/api/jobs/{folder.name}/delete", "")
@@ -597,7 +603,7 @@ def test_all_studies_that_are_not_analysed_are_deleted_together(opened):
     listed = []
     for name, run in (("a.csv", "new"), ("b.csv", "new"), ("c.csv", "changed")):
         listed.append({"id": name[0], "files": [name], "run": run, "created": "2026-01-01"})
-    page.route("**/api/jobs", lambda route: route.fulfill(json={"jobs": listed}))
+    page.route("**/api/jobs", lambda route: route.fulfill(json={"jobs": listed, "damaged": []}))
 
     def delete(route):
         deleted.append(urlsplit(route.request.url).path)
