@@ -92,7 +92,7 @@ def contrast(
     ),
     context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
-    """Estimate differences between the conditions, or tasks, of each subject.
+    """Compare the conditions, or the tasks, of each subject.
 
     [bold]Example[/bold]: bayes-toe contrast study.csv --condition hand -o contrast.csv --seed 1
     """

@@ -152,8 +152,9 @@ def sample(
     from bayes_toe.checks.design_checks import identification_findings
 
     keep = context.prepare(output)
-    read, prior = context.read_and_describe(study)
+    read, prior = context.read(study)
     _require_fitting(context, read, prior, model)
+    context.introduce(read, prior)
     context.out.findings(identification_findings(read), "-")
 
     draws = context.work(

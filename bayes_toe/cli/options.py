@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from glob import glob
 from inspect import Parameter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -203,7 +204,7 @@ class StudyFile:
         if self.example:
             study = example_study(task_of(self.example, "--example"))
         elif self.files:
-            study = read_study(self.files, self._read_options())
+            study = read_study(self._paths(), self._read_options())
         else:
             raise InputError(NO_FILE)
 
@@ -219,6 +220,14 @@ class StudyFile:
         from bayes_toe.data.study_files import table_files
 
         return tuple(table_files(self.files or ())[0])
+
+    def _paths(self) -> list[Path]:
+        """The files; some shells leave a name with * to the program."""
+        paths = []
+        for file in self.files or ():
+            matches = [] if os.path.exists(file) else sorted(map(Path, glob(str(file))))
+            paths += matches or [file]
+        return paths
 
     def _read_options(self) -> ReadOptions:
         """The options of reading."""

@@ -73,17 +73,23 @@ class RunContext:
 
     # --- what is read -----------------------------------------------------------------------------
 
-    def read_and_describe(self, file: StudyFile) -> tuple[Study, Prior]:
-        """The study and the prior, which are described on the screen with probable mistakes.
-
-        The prior is read first, because it is the shorter file.
-        """
-        from bayes_toe.checks.design_checks import urgent_findings
+    def read(self, file: StudyFile) -> tuple[Study, Prior]:
+        """The study and the prior; the prior is read first, because it is the shorter file."""
         from bayes_toe.model.prior_file import preset_or_file, prior_for
 
         preset = preset_or_file(self.prior)
         study = file.read()
-        prior = prior_for(study, preset)
+        return study, prior_for(study, preset)
+
+    def read_and_describe(self, file: StudyFile) -> tuple[Study, Prior]:
+        """The study and the prior, which are described on the screen."""
+        study, prior = self.read(file)
+        self.introduce(study, prior)
+        return study, prior
+
+    def introduce(self, study: Study, prior: Prior) -> None:
+        """Describe a study on the screen, with a prior that is named and probable mistakes."""
+        from bayes_toe.checks.design_checks import urgent_findings
 
         self.out.line(describe_study(study))
         if study.changes:
@@ -92,7 +98,6 @@ class RunContext:
             self.out.line(f"Prior: {self.prior}")
         for part in study.by_task:
             self.out.findings(urgent_findings(part, prior))
-        return study, prior
 
     def print_uninterpretable(self, study: Study) -> None:
         """Subjects that this command uses although their responses cannot be interpreted."""

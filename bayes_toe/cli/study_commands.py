@@ -69,7 +69,7 @@ def fit(
     require_share("level", level)
     outputs = [output] if asymmetry_output is None else [output, asymmetry_output]
     context.require_files(*outputs)
-    read, prior = context.read_and_describe(study)
+    read, prior = context.read(study)
     asymmetries, why_none = None, ""
     try:
         asymmetries = bt.asymmetry(read)
@@ -78,6 +78,7 @@ def fit(
             raise
         why_none = str(error)
 
+    context.introduce(read, prior)
     table = context.work(
         "fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior
     )

@@ -75,6 +75,7 @@ def corner(
     coordinates: str | Sequence[str] = "natural",
     truths: Mapping[str, Values] | None = None,
     prior: Prior | None = None,
+    fig: Figure | None = None,
 ) -> Figure:
     """Draw the corner plot of a subject. Contours hold 50 and 95 % of the draws.
 
@@ -98,6 +99,8 @@ def corner(
     prior : Prior, optional
         Its marginals are drawn in grey on the diagonal;
         `draws.prior` is the one that the draws were made under.
+    fig : matplotlib Figure or SubFigure, optional
+        Drawn into, where given.
 
     Raises
     ------
@@ -130,7 +133,7 @@ def corner(
 
     lowest, highest = np.min(limits, axis=0)[:, 0], np.max(limits, axis=0)[:, 1]
     spans = list(zip(lowest.tolist(), highest.tolist(), strict=True))
-    figure = _new_figure(len(spans))
+    figure = _new_figure(len(spans)) if fig is None else fig
     for panel in subjects:
         _draw_posterior(figure, panel, spans, is_single=is_single)
     diagonal = np.array(figure.axes).reshape(len(spans), len(spans)).diagonal()

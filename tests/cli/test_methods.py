@@ -8,7 +8,7 @@ from populations import made_result
 
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import EvidenceTable
-from bayes_toe.answers.order_effect import PRIOR_FLAG, QUESTIONS
+from bayes_toe.answers.order_effect import PRIOR_FLAG, QUESTIONS, Problem
 from bayes_toe.answers.words import Word
 from bayes_toe.cli.methods import write_methods
 
@@ -69,7 +69,8 @@ def test_citations_are_those_of_the_text(analysis, tmp_path):
 def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
     words = dict.fromkeys(analysis.answers[0].words, Word.NOT_INTERPRETABLE)
     poor = {"fit_p": 0.001}
-    excluded = {"words": words, "is_interpretable": False, "flags": ("keys look swapped",)}
+    problems = {"keys look swapped": Problem("")}
+    excluded = {"words": words, "is_interpretable": False, "problems": problems}
     untestable = {"fit_p": None}
     text = text_of(with_answers(analysis, poor, excluded, untestable), tmp_path)
     first, second, third = analysis.draws.names
@@ -118,7 +119,8 @@ def test_names_are_no_markup(analysis, tmp_path):
 
 
 def test_answers_that_depend_on_the_prior_are_named_and_marked(analysis, tmp_path):
-    plain, dependent = {"flags": ()}, {"flags": (f"{PRIOR_FLAG}: order effect",)}
+    plain = {"problems": {}}
+    dependent = {"problems": {f"{PRIOR_FLAG}: order effect": Problem("")}}
     unchanged = text_of(with_answers(analysis, plain, plain, plain), tmp_path)
     assert "no conclusion 'yes' or 'no' became undecided." in unchanged
     text = text_of(with_answers(analysis, dependent, plain, plain), tmp_path)
