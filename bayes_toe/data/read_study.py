@@ -584,12 +584,14 @@ def _percentage_doubts(n: IntArray) -> list[str]:
 
 
 def _trial_study(rows: _Rows, column: Column) -> Study:
+    """The study of a table whose rows are trials; the column has the responses."""
     table = rows.table
-    column, missed = blank_missed(column, rows.options)
+    column, missed_texts = blank_missed(column, rows.options)
     if rows.options.has_standard and "response" in rows.columns:
         column = rows.order.by_interval(table, column, rows.options)
     answers = responses(table, column, rows.options, rows.keys, rows.order)
-    answers, signs = without_missed(answers, column, rows.signs, rows.options.missed)
+    answers, missed_signs = without_missed(answers, column, rows.signs, rows.options.missed)
+
     # Rows without an answer, such as instruction screens, may hold anything else.
     rows.require_pairs(answers.is_answered | answers.is_unscorable)
     table.problems.refuse()
@@ -603,16 +605,19 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
             f"{len(answers.is_answered)} rows, allowed: at least one answered trial",
             [elsewhere] if rows.options.correct is None else [],
         )
+
     notes = rows.layout("trial", answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable
-    notes += _dropped_note(rows, unanswered, "without a response", [*missed, *signs])
+    causes = [*missed_texts, *missed_signs]
+    notes += _dropped_note(rows, unanswered, "without a response", causes)
     equal_stimuli = "with equal stimuli, of which no answer is right,"
     notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
-    heard = {"", *rows.subject.only(answers.is_answered).texts}
-    silent = [display_name(text) for text in rows.subject.texts if text not in heard]
-    if silent:
-        subjects = plural(len(silent), "subject")
-        notes.append(f"{subjects} without any response left out: {join_names(silent)}")
+    responding = {"", *rows.subject.only(answers.is_answered).texts}
+    absent = [display_name(text) for text in rows.subject.texts if text not in responding]
+    if absent:
+        subjects = plural(len(absent), "subject")
+        notes.append(f"{subjects} without any response left out: {join_names(absent)}")
+
     # A trial is a count of one, a trial without an answer a count of none.
     counts = {"n_yes": answers.is_yes, "n_trials": answers.is_answered}
     if answers.task == THREE_ANSWERS:

@@ -124,16 +124,16 @@ class Subject:
                 object.__setattr__(self, "answers", None)
 
     def _all_n_second(self) -> npt.ArrayLike | None:
-        """The numbers of 'second' that the task needs; None of two answers."""
-        has_three = self.task == THREE_ANSWERS
-        if has_three and self.n_second is None and np.array_equal(self.n_yes, self.n_trials):
-            return np.zeros_like(self.n_trials)
-        if has_three != (self.n_second is not None):
-            raise InputError(
-                f"subject {self.name!r}: n_second must be given with the task "
-                f"{THREE_ANSWERS.name!r}, and with no other"
-            )
-        return self.n_second
+        """The numbers of 'second', which only the task with three answers has."""
+        has_three = self.task.has_three_answers
+        if has_three == (self.n_second is not None):
+            return self.n_second
+        if has_three and np.array_equal(self.n_yes, self.n_trials):
+            return np.zeros_like(self.n_trials)  # all answers are 'equal'
+        raise InputError(
+            f"subject {self.name!r}: n_second must be given with the task "
+            f"{THREE_ANSWERS.name!r}, and with no other"
+        )
 
     @classmethod
     def from_counts(

@@ -169,7 +169,9 @@ def _level_order(unit_levels: Sequence[str], options: ReadOptions) -> tuple[list
     """The levels, the reference first, and whether they are numbers."""
     values = [number(level, False) for level in unit_levels]
     is_numeric = not options.categorical and not any(map(math.isnan, values))
-    order = level_words(levels(values if is_numeric else unit_levels))
+    sorted_levels = levels(values if is_numeric else unit_levels)
+    order = level_words(sorted_levels)
+
     reference = options.reference
     if reference is None:
         return order, is_numeric

@@ -110,16 +110,19 @@ def information(
     # At a lapse rate of 0 its information is not defined.
     arrays["lapse_rate"] = np.maximum(arrays["lapse_rate"], 1e-3)
     points = posterior.full_points(posterior.points(arrays))
+
     answers, yes_slopes, _ = posterior.rows.answer_slopes(points)
     # A trial asks the second question as often as the answer to the first one is not 'equal'.
     of_trial = posterior.rows.expected_trials(answers)[0] / np.tile(pairs.n_trials, n_questions)
     odds_root = np.exp(0.5 * (answers.yes - answers.no))[0] * np.sqrt(of_trial)
-    rows = np.swapaxes(yes_slopes[0], 1, 2) * odds_root[..., None]
-    rows = np.stack(np.split(rows, n_questions, axis=1), axis=2)
+    scaled_slopes = np.swapaxes(yes_slopes[0], 1, 2) * odds_root[..., None]
+    by_question = np.split(scaled_slopes, n_questions, axis=1)
+    slopes = np.stack(by_question, axis=2)  # (observers, pairs, questions, k)
+
     curvature = posterior.array.prior_slopes(points)[1][0]
     k = curvature.shape[1]
     is_target = np.array([name in AIMS[aim] for name in posterior.coordinates])
-    return Information(rows, curvature[:, :, None] * np.eye(k), is_target)
+    return Information(slopes, curvature[:, :, None] * np.eye(k), is_target)
 
 
 # --- Exchange -------------------------------------------------------------------------------------

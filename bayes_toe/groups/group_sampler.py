@@ -134,8 +134,8 @@ class Hamiltonian:
         self.step = 0.5 * start.shape[1] ** -0.25
 
     def warm_up(self) -> None:
-        """Let the chains settle, then learn step and metric over rounds of so many draws."""
-        self._adapt_step(_SETTLING, np.min, _FEW_STEPS)
+        """Let the chains settle, then learn step and metric in rounds of :data:`_ROUNDS` draws."""
+        self._adapt_step(_SETTLING, np.min, most_steps=_FEW_STEPS)
         for i, size in enumerate(_ROUNDS):
             most_steps = _MOST_STEPS if i else _FIRST_STEPS
             draws = self._adapt_step(size, most_steps=most_steps)[size // 4 :]

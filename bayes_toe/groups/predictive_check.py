@@ -116,12 +116,17 @@ def predictive_check(result: PopulationResult) -> PredictiveCheck:
 
 
 def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
-    """Points of new subjects, (subjects, groups, q + own)."""
+    """Points of new subjects, (subjects, groups, coordinates).
+
+    The first q coordinates have a distribution over subjects. The others are those of the subjects.
+    """
     draws = result.draws
-    n_draws, q = draws.mean.shape[0] * draws.mean.shape[1], draws.mean.shape[2]
-    chosen = np.linspace(0, n_draws - 1, _N_GROUPS).astype(int)
+    n_chains, n_of_chain, q = draws.mean.shape
+    n_draws = n_chains * n_of_chain
+    index = np.linspace(0, n_draws - 1, _N_GROUPS).astype(int)
     parts = (draws.mean, draws.sd, draws.effects, draws.subjects)
-    mean, sd, effects, subjects = (part.reshape(n_draws, *part.shape[2:])[chosen] for part in parts)
+    mean, sd, effects, subjects = (part.reshape(n_draws, *part.shape[2:])[index] for part in parts)
+
     expected = mean[:, None] + result.regressors.x @ effects
     coefficients = expected + sd[:, None] * rng.standard_normal(expected.shape)
     return np.concatenate([coefficients, subjects[..., q:]], axis=-1).swapaxes(0, 1)
