@@ -139,6 +139,18 @@ def shifts(kind: str, pair: IntArray, keys: FloatArray, rng: Rng) -> FloatArray:
     return np.zeros(n_trials)
 
 
+def learning_p(
+    task: Task, parameters: dict[str, Any], keys: FloatArray, sbar: float
+) -> list[float]:
+    """P(yes) of every trial of an observer whose noise falls over the trials."""
+    p_yes = []
+    for factor, (s1, s2) in zip(np.linspace(1.6, 0.6, len(keys)), keys, strict=True):
+        noise = float(factor * parameters["noise"])
+        observer = Observer("observer", "learning", parameters | {"noise": noise}, task)
+        p_yes.append(float(observer.p_yes(s1, s2, sbar)))
+    return p_yes
+
+
 def simulate(
     kind: str, task: Task, parameters: dict[str, Any], n_levels: int, repeats: int, rng: Rng
 ) -> Subject:
@@ -148,14 +160,14 @@ def simulate(
     n_trials = len(pair)
     keys = distinct[pair]
     noise = parameters["noise"]
-    if kind == "learning":
-        parameters = parameters | {"noise": noise * np.linspace(1.6, 0.6, n_trials)}
     shift = noise * shifts(kind, pair, keys, rng)
     observer = Observer("observer", kind, parameters, task)
 
     uniform = rng.random(n_trials)
     sbar = float(keys[:, 0].mean())
     is_yes = uniform < observer.p_yes(keys[:, 0], keys[:, 1] + shift, sbar)
+    if kind == "learning":
+        is_yes = uniform < learning_p(task, parameters, keys, sbar)
     if kind == "lapses to one response":
         is_yes |= rng.random(n_trials) < 0.08
     if kind == "previous response":

@@ -57,11 +57,6 @@ def hard_cases() -> dict[str, Subject]:
     return {name: replace(case, name=name) for name, case in cases.items()}
 
 
-def twins() -> tuple[Subject, Subject]:
-    """Two subjects whose names differ only in case, with different answers."""
-    return replace(_observer(mu1=-0.5), name="Ann"), replace(_observer(mu1=1.0), name="ann")
-
-
 def _pairs(amplitudes: npt.ArrayLike = PAPER_AMPLITUDES) -> tuple[FloatArray, FloatArray]:
     design = reference_design(np.asarray(amplitudes, np.float64), batches=1)
     return design.s1, design.s2

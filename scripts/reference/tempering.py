@@ -22,7 +22,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import erf, erfinv, gammaln, log_ndtr, logsumexp, ndtr, ndtri, stdtrit, xlogy
+from scipy.spatial.distance import cdist
+from scipy.special import erf, erfinv, log_ndtr, logsumexp, ndtr, ndtri, stdtrit, xlogy
+from scipy.stats import multivariate_t
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
@@ -267,15 +269,10 @@ def _draw_t(rng: np.random.Generator, n: int, factor: FloatArray) -> FloatArray:
 def _log_t(points: FloatArray, centres: FloatArray, factor: FloatArray) -> FloatArray:
     """Log density of Student-t kernels, 4 degrees of freedom, (points, centres)."""
     k = len(factor)
+    peak = multivariate_t(np.zeros(k), factor @ factor.T, df=4).logpdf(np.zeros(k))
     a, b = (np.linalg.solve(factor, part.T).T for part in (points, centres))
-    far = np.square(a).sum(axis=1)[:, None] + np.square(b).sum(axis=1) - 2.0 * a @ b.T
-    norm = (
-        gammaln(0.5 * (4 + k))
-        - gammaln(2.0)
-        - 0.5 * k * np.log(4.0 * np.pi)
-        - np.log(np.diagonal(factor)).sum()
-    )
-    return np.asarray(norm - 0.5 * (4 + k) * np.log1p(np.maximum(far, 0.0) / 4.0))
+    far = cdist(a, b, "sqeuclidean")
+    return np.asarray(peak - 0.5 * (4 + k) * np.log1p(far / 4.0))
 
 
 def _step(value: FloatArray, largest: float) -> float:

@@ -12,6 +12,7 @@ from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
 from unittest.mock import patch
 
+import alarms
 import pandas as pd
 import pytest
 from conftest import text_table
@@ -94,3 +95,10 @@ def test_a_session_is_saved_goes_on_and_leaves_a_study(tmp_path):
         study = bt.read_study(tmp_path / "a.csv")
         assert (study.names, study["P7"].total_trials) == (("P7",), n_trials)
     assert bt.design.Adaptive.resume(tmp_path / "a.json").trials == 6
+
+
+@pytest.mark.parametrize("task", alarms.TASKS, ids=lambda task: task.yes)
+def test_observers_of_every_kind_respond(task):
+    for kind in alarms.KINDS:
+        (subject,) = alarms.kind_observers(kind, task, 1, 1)
+        assert len(subject.answers_given) == 2, kind
