@@ -216,6 +216,7 @@ def _results(analysis: Analysis) -> Record:
         "without_poor": _in_paper(" ".join(without_poor)),
         "limits_of_design": limits,
         "sizes": SIZE_OF,
+        "has_zone": analysis.study.task.has_criterion,
     }
 
 
