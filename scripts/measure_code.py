@@ -29,7 +29,7 @@ HIGHEST_COMPLEXITY = 15
 LIMITS = {
     "bayes_toe": {
         "files": 139,
-        "nodes": 223_120,
+        "nodes": 222_900,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.62,
@@ -40,7 +40,7 @@ LIMITS = {
     },
     "tests": {
         "files": 106,
-        "nodes": 131_500,
+        "nodes": 130_600,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.70,
