@@ -390,30 +390,32 @@ class SubjectContrasts(NamedTuple):
 
 def _contrasts(
     subjects: Sequence[Sequence[Subject]], conditions: Conditions, prior: ObserverPrior, seed: int
-) -> list[SubjectContrasts]:
-    contrasts = []
+) -> list[SubjectContrasts | NumericalError]:
+    results = list[SubjectContrasts | NumericalError]()
     for units in subjects:
         answer = None
         if len({unit.task for unit in units}) > 1:
             answer = one_observer(units, prior, seed)
-        rows = subject_contrast(units, conditions, prior, seed)
-        contrasts.append(SubjectContrasts(rows, answer))
-    return contrasts
+        if isinstance(answer, NumericalError):
+            results.append(answer)
+        else:
+            rows = subject_contrast(units, conditions, prior, seed)
+            results.append(SubjectContrasts(rows, answer))
+    return results
 
 
-def one_observer(units: Sequence[Subject], prior: ObserverPrior, seed: int) -> OrderEffect:
+def one_observer(
+    units: Sequence[Subject], prior: ObserverPrior, seed: int
+) -> OrderEffect | NumericalError:
     """The order effect of a subject, if one observer does the tasks of all units.
 
-    Raises
-    ------
-    NumericalError
-        If an evidence is not finite.
+    An error if an evidence is not finite.
     """
-    # The differences between conditions are not needed, and their design is neither.
+    # Without columns in the design nothing differs between the units.
     models = ConditionModels(tuple(units), np.zeros((len(units), 0)), prior)
     (evidence,) = evidences_of(models.without_differences, [models.subject], seed, prior)
     if isinstance(evidence, NumericalError):
-        raise evidence
+        return evidence
 
     # One task may tell what another one cannot.
     identification = min(map(identify, units), key=lambda of_unit: len(of_unit.reasons))
