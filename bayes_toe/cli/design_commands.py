@@ -347,6 +347,8 @@ def _search(
         context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:
         context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
+    typed = f"bayes-toe power {output} --task 2afc,same/different,ternary --trials {trials}"
+    context.out.notes([("", "Another task may find more with the same trials.", typed)], "-")
     seed = f"{written} Seed {optimal.power.seed}."
     context.out.answer([*optimal.power.sentences(), *optimal.reasons(), seed])
 

@@ -369,8 +369,9 @@ def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observ
     n_steps = round(float(np.ptp(levels)) / noise)
     n_first = max(2, min(n_steps + 1, (goal.max_pairs + 2) // 3, len(levels)))
     targets = np.linspace(levels[0], levels[-1], n_first)
-    first = levels[np.abs(levels[:, None] - targets).argmin(axis=0)]
-    index = np.arange(n_first)
+    # Of uneven levels, two targets may have the same nearest one.
+    first = levels[np.unique(np.abs(levels[:, None] - targets).argmin(axis=0))]
+    index = np.arange(len(first))
     near = np.abs(index[:, None] - index) <= 1
     s1, s2 = np.meshgrid(first, first, indexing="ij")
     return each_once(s1[near], s2[near], task=goal.task)

@@ -226,3 +226,11 @@ def test_an_even_design_has_neighbours_over_the_whole_range():
     assert set(design.pairs) == {(s2, s1) for s1, s2 in design.pairs}
     assert np.abs(design.s2 - design.s1).max() == pytest.approx(np.diff(first).max())
     assert not optimal.learnable
+
+
+def test_an_even_design_of_uneven_levels_has_each_pair_once(tmp_path):
+    words = "design -o d.csv --lowest 45 --highest 213 --step 40 --unit um --even --trials 130"
+    screen = good(f"{words} --data-sets 1 --seed 1", cwd=tmp_path)
+    typed = "power d.csv --task 2afc,same/different,ternary --trials 130"
+    assert f"bayes-toe {typed}" in " ".join(screen.split())
+    good(f"{typed} --observers none --data-sets 1 --seed 1", cwd=tmp_path)
