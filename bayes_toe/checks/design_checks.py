@@ -117,8 +117,9 @@ def _raw_stimuli(study: Study) -> Iterator[Finding]:
 def _two_scales(study: Study, lone_share: float = 0.01) -> Iterator[Finding]:
     """Stimuli in two groups that are far apart, as where some decimal points are missing.
 
-    The gap is wider than all others together. At most this share of the trials is in a group that
-    may be a mistake.
+    If the gap is wider than a factor of 100, and than twice all other gaps together, the rows are
+    wrong. If it is only wider than all other gaps together, the smaller group may be a mistake, but
+    only with at most `lone_share` of the trials.
     """
     for subject in study:
         levels = np.unique(subject.stimuli)

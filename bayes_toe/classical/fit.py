@@ -195,7 +195,10 @@ class PenalisedLikelihood:
 
 
 def _bell(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) -> Slopes:
-    """The slopes of 'same or different?', P(equal) = q0 2^(-z^2). Source: Eq. mod:q."""
+    """Log likelihood of 'same or different?' with its slopes in z, (pairs,), and in q0.
+
+    P(equal) = q0 2^(-z^2). Source: Eq. mod:q.
+    """
     log_shape = -LN2 * z * z
     q = share * np.exp(log_shape)
     value = n_yes @ (np.log(share) + log_shape) + n_no @ np.log1p(-q)
@@ -204,7 +207,10 @@ def _bell(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) -> S
 
 
 def _guessing(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) -> Slopes:
-    """The slopes of 'which is stronger?', P(second) = lambda/2 + (1 - lambda) Phi(z)."""
+    """Log likelihood of 'which is stronger?' with its slopes in z, (pairs,), and in lambda.
+
+    P(second) = lambda/2 + (1 - lambda) Phi(z).
+    """
     attended_yes, attended_no = ndtr(z), ndtr(-z)
     p_yes = 0.5 * share + (1.0 - share) * attended_yes
     p_no = 0.5 * share + (1.0 - share) * attended_no

@@ -87,12 +87,17 @@ def _texts(rows: Sequence[GroupPower], name: str) -> list[str]:
 
 
 def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
-    """The true mean, and the standard deviation between subjects."""
-    values, name = 100.0 * np.array([row.true_mean, row.true_sd]), "%"
+    """The true mean, and the standard deviation between subjects.
+
+    Where the true mean is 0, that of the simulated observers is a rounding error.
+    """
+    values = 100.0 * np.array([row.true_mean, row.true_sd])
+    unit_name = "%"
     if row.question == CONSTANT_ERROR.name:
         values = unit.differences([row.true_mean, row.true_sd])
-        name = unit.of_differences
-    mean, sd = (float(f"{value:.2g}") + 0.0 for value in values)
+        unit_name = unit.of_differences
+
+    mean, sd = (float(f"{value:.2g}") + 0.0 for value in values)  # -0 becomes 0
     if not row.has_mean:
         mean = 0.0
-    return f"{mean:g} ({sd:g}) {name}"
+    return f"{mean:g} ({sd:g}) {unit_name}"

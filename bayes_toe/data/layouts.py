@@ -114,7 +114,11 @@ class StandardOrder:
 def _standard_first_by_text(
     table: TextTable, column: Column, options: ReadOptions
 ) -> Mapping[str, bool | None]:
-    """Whether the standard came first, by the texts of a column; None where it is not said."""
+    """Whether the standard came first, by the texts of a column; None where it is not said.
+
+    The code that the options give decides first. A column such as `standard_first` has words for
+    true and false. All other texts must say it themselves, such as 'first' or '1'.
+    """
     texts = [text for text in column.texts if not is_no_response(text)]
     stimuli, places, _ = named_places(column.name)
     owner = "comparison" if options.comparison_interval else "standard"

@@ -533,7 +533,11 @@ def _stated_observers(
 def _stated_observer(
     name: str, values: Mapping[str, float], task: Task, source: str
 ) -> SimulatedObserver:
-    """An observer of either model; the error of a parameter of the paper's names the source."""
+    """An observer with these parameters: of the paper's model if mu1 is one of them.
+
+    An error of a parameter of the paper's model begins with the source. It calls the fourth
+    parameter by its name in the task.
+    """
     if "mu1" not in values:
         return make_observer(name, "stated", values, task)
     names = natural_names(task)

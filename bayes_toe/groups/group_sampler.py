@@ -102,7 +102,10 @@ class Metric:
 
 
 def _shrunk_root(draws: FloatArray, root: FloatArray) -> FloatArray:
-    """Cholesky factors of covariances of draws, (blocks, draws, size)."""
+    """Cholesky factors of the covariances of centred draws, (blocks, draws, size).
+
+    A covariance is shrunk toward that of the former factor, `root`, which counts as a few draws.
+    """
     n_draws = draws.shape[1]
     weight = n_draws / (n_draws + _GUESS_WEIGHT)
     covariance = draws.swapaxes(1, 2) @ draws / n_draws

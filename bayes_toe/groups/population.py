@@ -239,7 +239,11 @@ class PopulationResult:
         return self.study.unit.for_percent(np.append(*ends))
 
     def difference_columns(self, name: str) -> list[int]:
-        """The coefficients by which a parameter differs between conditions."""
+        """The positions of the coefficients by which a parameter differs between conditions.
+
+        The coefficients of the conditions follow those of the parameters. Each differing parameter
+        has one for each column of the design.
+        """
         if self.study.conditions is None:
             return []
         n_columns = self.study.conditions.design().shape[1]
@@ -249,7 +253,12 @@ class PopulationResult:
     def difference(
         self, name: str, levels: tuple[str, str]
     ) -> tuple[FloatArray, FloatArray, ZeroBayesFactor]:
-        """Draws of the mean difference of two conditions and of its standard deviation."""
+        """The difference of two conditions in a parameter.
+
+        Returns draws of its mean and of its standard deviation between subjects, and the Bayes
+        factor for a mean of 0. The coefficients of a subject are independent, so that their
+        variances add up.
+        """
         conditions = self.study.conditions
         assert conditions is not None  # there are levels
         design = conditions.design()

@@ -140,7 +140,11 @@ class PriorMixture:
         return np.logaddexp(student, log_prior + np.log(self.prior_share))
 
     def updated(self, draws: WeightedDraws, precision: Precision) -> PriorMixture:
-        """Steps of EM toward draws whose weights are flattened."""
+        """The proposal after steps of EM toward draws.
+
+        The core follows the draws by their flattened weights. The cover is wide, because it follows
+        a power of 0.3 of the posterior density. It begins with six components.
+        """
         inertia = 2.0 * len(self.is_free)
         points = draws.x[:, self.is_free]
         weights = tempered(draws.log_weights, precision.tempered)
@@ -370,7 +374,11 @@ def _round(
 def _unfinished(
     active: Sequence[int], states: Sequence[_State], families: IndexArray, precision: Precision
 ) -> list[int]:
-    """The posteriors that need more draws; those that fit badly get a new mixture first."""
+    """The posteriors that need more draws; those that fit badly get a new mixture first.
+
+    `families` has the subject of every posterior. A model whose evidence is far below the best one
+    of its subject, also with three standard errors more, needs no more draws.
+    """
     log_evidences = np.array([state.fresh.log_evidence for state in states])
     unfinished = []
     for i in active:

@@ -143,6 +143,10 @@ class GoodnessOfFit:
 def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArray) -> GoodnessOfFit:
     """Goodness of fit of one subject.
 
+    The responses determine fewer parameters than the model has, because the prior determines them
+    too. Their effective number is the mean deviance of the draws minus that of the maximum. The
+    p-value counts with it; whether there is a p-value is decided by the number of coordinates.
+
     Parameters
     ----------
     posterior : SubjectPosterior

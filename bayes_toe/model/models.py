@@ -155,7 +155,9 @@ class ObserverPosterior(SubjectPosterior):
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, each with the shape of x without its last axis.
 
-        The scales are those of the subject's stimuli: natural-log intensity where these are.
+        The scales are those of the subject's stimuli: natural-log intensity where these are. The
+        rows compute in units of D (`scales.step`), and the numbers are multiplied by it here. An
+        effect that the model does not have is 0.
         """
         full = np.zeros((*x.shape[:-1], len(self.array.names)))
         full[..., self.is_free] = x

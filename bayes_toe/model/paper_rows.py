@@ -210,7 +210,11 @@ class PaperRows(AnswerRows):
         return guessing_answers(z, logit_share)
 
     def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
-        """Log answers, and the slopes of both in every coordinate, (rows, points, 4, pairs)."""
+        """Log answers, and the slopes of both in every coordinate, (rows, points, 4, pairs).
+
+        The first three coordinates act through z = distance / width, the fourth one through the
+        share of lapses or q0.
+        """
         z = self.distance(u)
         logit_share = logit_of_probit(u[..., 3:])
         answers = self._answers_at(z, logit_share)

@@ -189,7 +189,10 @@ class PosteriorArray:
         return total
 
     def prior_slopes(self, w: FloatArray) -> ArrayPair:
-        """Gradient and positive curvature of the log prior, (posteriors, points, d) each."""
+        """Gradient of the log prior, and a positive stand-in for its negative curvature.
+
+        The shape of both is (posteriors, points, d).
+        """
         slopes, curvatures = np.empty_like(w), np.empty_like(w)
         for j, density in enumerate(self.priors):
             slopes[..., j] = density.slope(w[..., j])

@@ -231,9 +231,10 @@ def first_panel(ax: Axes, counts: Subject, curve: Curve, firsts: FloatArray) -> 
 def three_panel(ax: Axes, counts: Subject, fitted: Predictor, firsts: FloatArray) -> None:
     """P of each of three answers over s2 - s1, of all pairs with one of these first stimuli (ln).
 
-    Pairs whose difference is the same are pooled.
+    Pairs whose difference is the same are pooled. The marks of the answers stand side by side.
     """
     rows, steps = np.isin(counts.s1, firsts), counts.steps
+    # Which pairs have each difference, (differences, pairs).
     groups = rows & (steps == np.unique(steps[rows])[:, None])
     expected = fitted.answers(counts.s1, counts.s2)
     answered = {"first": counts.n_first, "equal": counts.n_yes, "second": counts.n_second}
