@@ -98,7 +98,6 @@ FILES = {
     ),
     "Wide tables of counts": ({"wide.csv": WIDE}, ["2 subjects, 400 trials"]),
     "Pairs in one cell": ({"cells.csv": CELLS}, ["Pairs read from column pair"]),
-    "Excel": ({}, []),
     "A folder": (FOLDER, ["folder data: 2 .csv files read", "2 subjects, 2 trials"]),
     "Several files a subject": (
         SESSIONS,

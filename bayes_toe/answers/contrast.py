@@ -57,7 +57,6 @@ from bayes_toe.model.parameters import (
     PEAK,
     ObserverPrior,
     Parameter,
-    task_parameters,
 )
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
@@ -220,7 +219,7 @@ class ContrastTable(Table[Difference]):
     prior : ObserverPrior
     seed : int
     task : Task
-        Of several tasks, the one with most parameters.
+        Of several tasks, one that has a criterion.
     unit : StimulusUnit
         The unit in which differences are shown.
     left_out : dict of str to str
@@ -342,7 +341,7 @@ def contrast(
         conditions,
         numbers,
         root,
-        task=max(tasks, key=lambda task: len(task_parameters(task))),
+        task=max(tasks, key=attrgetter("has_criterion")),
         unit=study.unit,
         left_out=left_out,
         failed=failed,

@@ -58,8 +58,8 @@ from bayes_toe.data.tasks import (
     WHICH_STRONGER,
     Task,
     task_counted,
-    task_named,
     task_of,
+    tasks_named,
 )
 from bayes_toe.data.text_table import (
     DELIMITERS,
@@ -453,7 +453,7 @@ def _order_columns(table: TextTable) -> list[str]:
 def _marks(table: TextTable) -> dict[str, Column]:
     """The columns that tell something of the whole file."""
     columns = {mark: table.columns[mark] for mark in _MARKS if mark in table.columns}
-    if "task" in columns and not any(map(task_named, columns["task"].texts)):
+    if "task" in columns and not tasks_named(columns["task"].texts):
         del columns["task"]  # another kind of task, such as the name of a part of the experiment
     return columns
 

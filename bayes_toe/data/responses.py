@@ -289,15 +289,16 @@ def _unknown_meaning(
     tasks_by_text = _tasks_in(task_column)
     texts = [*filter(None, column.texts)]
     words_by_answer = _words_by_answer(column)
-    shares = column.counts(texts)
     if words_by_answer and task_with(words_by_answer) is None:
         words = join_words([quoted(words[0]) for words in words_by_answer.values()])
         return _two_tasks(f"found {words}, words of two tasks", tasks_by_text)
     if not words_by_answer and len({*tasks_by_text.values()}) > 1:
         tasks = join_words([*map(quoted, tasks_by_text)])
+        shares = column.counts(texts)
         return _two_tasks(f"found {join_names(shares, 4)} of the tasks {tasks}", tasks_by_text)
     if words_by_answer or not texts:
         return "", []
+    shares = column.counts(texts)
     problem = f"the codes are {join_names(shares, 4)}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares[0]}. The program does not know what it means."

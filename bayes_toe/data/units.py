@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import chain, compress, product
+from itertools import compress, product
 from operator import attrgetter
 
 import numpy as np
@@ -123,7 +123,9 @@ def options_by_task(table: TextTable, options: ReadOptions) -> list[ReadOptions]
     InputError
         If tasks are not the condition, and the codes of responses are of two tasks.
     """
-    column = table.columns.get(options.condition or "")
+    if options.condition is None:
+        return [options]
+    column = table.columns.get(options.condition)
     if column is None and options.condition == TASK:
         return [options.without_condition]
 
@@ -146,17 +148,16 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
 
     by_level = {task.short_name: together(of_task) for task, of_task in by_task.items()}
     order, _ = _level_order([*by_level], options)
-    units_by_subject = dict[str, list[Subject]]()
+    units = list[Subject]()
     for level in order:
         for subject in by_level[level]:
             unit_name = f"{subject.name}{CONDITION_SEPARATOR}{level}"
-            unit = replace(subject, name=unit_name, condition=level)
-            units_by_subject.setdefault(subject.name, []).append(unit)
+            units.append(replace(subject, name=unit_name, condition=level))
 
     joined = [*by_level.values()]
     conditions = Conditions(options.condition or TASK, tuple(order))
     return Study(
-        with_shared_scales(chain.from_iterable(units_by_subject.values())),
+        with_shared_scales(units),  # which also brings the units of a subject together
         " and ".join(dict.fromkeys(map(attrgetter("source"), joined))),
         all(map(attrgetter("synthetic"), joined)),
         (*common_notes(joined), f"condition {conditions.about}"),

@@ -93,16 +93,17 @@ class ConditionModels:
 
     @cached_property
     def units_by_task(self) -> list[list[int]]:
-        """The positions of the units of each task; first the one with most parameters."""
+        """The positions of the units of each task; first one that has a criterion."""
         positions = dict[Task, list[int]]()
         for i, unit in enumerate(self.units):
             positions.setdefault(unit.task, []).append(i)
-        tasks = sorted(positions, key=lambda task: -len(task_parameters(task)))
+        # Without a criterion, a task has fewer parameters.
+        tasks = sorted(positions, key=lambda task: not task.has_criterion)
         return [positions[task] for task in tasks]
 
     @cached_property
     def subject(self) -> Subject:
-        """All answers of the subject; of several tasks, those to the one with most parameters."""
+        """All answers of the subject; of several tasks, those to the first of `units_by_task`."""
         subject = pooled([self.units[i] for i in self.units_by_task[0]])
         if len(self.units_by_task) > 1:
             subject = replace(subject, shared_scales=common_scales(*self.units))
