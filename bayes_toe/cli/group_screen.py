@@ -76,6 +76,7 @@ def print_one_observer(out: Terminal, table: ContrastTable, file: str) -> None:
     out.line()
     out.line("If one observer does all tasks of a subject:")
     print_subjects(out, table.answers, file)
+    out.line("This does not test whether one observer fits. 'evidence' tests the fit of each task.")
 
 
 def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:

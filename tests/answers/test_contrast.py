@@ -180,6 +180,7 @@ def test_tasks_agree_but_for_what_differs(tmp_path):
     pd.concat(frames).to_csv(tmp_path / "study.csv", index=False)
     screen = good("contrast study.csv --condition task --seed 1", cwd=tmp_path)
     assert "same/different - 2AFC" in screen
+    assert "This does not test whether one observer fits." in screen
     words = pd.read_csv(tmp_path / "contrast.csv").set_index("quantity").word
     assert (words["constant error"], words["contraction"]) == (WORDS[0], WORDS[2])
     assert words["JND"] in WORDS[2:]
