@@ -264,7 +264,7 @@ class ContrastTable(Table[Difference]):
             first: dict[str, Difference] = {}
             for row in self.select(quantity):
                 first.setdefault(row.subject, row)
-            words = [row.short_word for row in first.values()]
+            words = map(attrgetter("short_word"), first.values())
             counts = count_words(words, f" of {plural(len(first), 'subject')}")
             if self.answers:
                 factor = format_bayes_factor(sum(row.log_bf_differs for row in first.values()))
@@ -277,8 +277,8 @@ class ContrastTable(Table[Difference]):
         import pandas as pd
 
         frame = pd.DataFrame([answer.cells for answer in self.answers], columns=[*ANSWER_COLUMNS])
-        prior = self.prior.describe(self.task)
-        return write_table(frame.assign(prior=prior), path, self.seed, overwrite=overwrite)
+        frame["prior"] = self.prior.describe(self.task)
+        return write_table(frame, path, self.seed, overwrite=overwrite)
 
     def select(self, quantity: str, comparison: str | None = None) -> tuple[Difference, ...]:
         """The rows of a quantity, and of a comparison."""
@@ -335,13 +335,12 @@ def contrast(
         rows += contrasts.rows
         if contrasts.answer is not None:
             answers.append(contrasts.answer.in_study(len(compared)))
-    tasks = map(attrgetter("task"), study)
     return ContrastTable(
         tuple(rows),
         conditions,
         numbers,
         root,
-        task=max(tasks, key=attrgetter("has_criterion")),
+        task=max(map(attrgetter("task"), study), key=attrgetter("has_criterion")),
         unit=study.unit,
         left_out=left_out,
         failed=failed,

@@ -40,7 +40,6 @@ from bayes_toe.result_store import discard, stored_files
 RESULTS = "results"
 RECORD, _COMMAND, _LOG = "study", "command", "run.log"
 _STORE = f"{RESULTS}.partial"
-_LONGEST_NAME = 120  # bytes, without the suffix
 #: In the home folder, a folder with the locks of the server and of the run.
 _LOCKS, _SERVER, _RUN = ".bayes_toe_app", "server", "run"
 
@@ -264,7 +263,7 @@ def file_name(path: str) -> str:
         raise InputError(
             f"{quoted(last)}: the page reads files whose names end in {', '.join(TABLE_SUFFIXES)}"
         )
-    if len(stem.encode()) > _LONGEST_NAME:
+    if len(stem.encode()) > 120:
         stem = f"{stem[:30]}-{_checksum(stem)[:8]}"
     return f"{stem}{suffix}"
 
@@ -360,11 +359,8 @@ def end_group(group: int, number: signal.Signals) -> None:
 
 
 def _open_lock(home: Path, name: str) -> IO[str]:
-    return open(home / _LOCKS / name, "a+", encoding="utf-8", opener=_open_no_link)
-
-
-def _open_no_link(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
+    return open(os.open(home / _LOCKS / name, flags, 0o666), "a+", encoding="utf-8")
 
 
 def is_locked(lock: IO[str]) -> bool:

@@ -25,8 +25,6 @@ from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.study import pooled
 from bayes_toe.data.text_table import TextTable
 
-_MOST_ROWS, _MOST_TEXTS = 6, 12
-
 
 def read_job(job: Job) -> Record:
     """The columns of the files and the study, or the problem and its remedies."""
@@ -70,10 +68,10 @@ def describe_table(table: TextTable) -> Record:
     texts = {}
     for name, column in table.columns.items():
         counts = Counter(column.codes.tolist()).most_common()
-        if len(counts) <= _MOST_TEXTS:
+        if len(counts) <= 12:
             texts[name] = [(column.texts[code], count) for code, count in counts]
     rows = []
-    for i in range(min(_MOST_ROWS, len(table.rows))):
+    for i in range(min(6, len(table.rows))):
         rows.append([table.columns[name].text(i) for name in table.names])
     return {
         "names": table.names,

@@ -6,15 +6,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
+from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER
+from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER, Task
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
@@ -63,7 +65,6 @@ class Identification:
         return self.reasons.get("contraction") in (ONE_FIRST_STIMULUS, ONE_LINE)
 
 
-@lru_cache(maxsize=1024)
 def identify(subject: Subject) -> Identification:
     """The questions that a subject's pairs and order of trials can answer.
 
@@ -80,7 +81,8 @@ def identify(subject: Subject) -> Identification:
     reason = _no_question(subject, order)
     if reason:
         return Identification(dict.fromkeys(QUESTIONS, reason), tuple(notes))
-    reason = _no_contraction(subject)
+    columns = (subject.s1, subject.s2, subject.n_trials)
+    reason = _no_contraction(subject.task, subject.shared_scales, *map(tuple, columns))
     if reason:
         return Identification({"contraction": reason}, tuple(notes))
     return Identification({}, tuple(notes))
@@ -104,8 +106,18 @@ def _no_question(subject: Subject, order: FloatArray) -> str:
     return ""
 
 
-def _no_contraction(subject: Subject) -> str:
-    """The reason why only a constant error can be identified; empty if a contraction can too."""
+@lru_cache(maxsize=1024)
+def _no_contraction(
+    task: Task, shared_scales: StimulusScales | None, *columns: tuple[Any, ...]
+) -> str:
+    """The reason why only a constant error can be identified; empty if a contraction can too.
+
+    The columns are s1, s2 and n_trials. The subjects of a study often have the same ones, so that
+    one answer serves them all, and no subject is held in memory.
+    """
+    s1, s2, n_trials = map(np.array, columns)
+    pairs = Subject("pairs", s1, s2, n_trials, n_trials, task=task)
+    subject = replace(pairs, shared_scales=shared_scales)
     stimuli = np.column_stack([subject.s1, subject.s2])
     offsets = stimuli - stimuli.mean(axis=0)
     extent = np.abs(offsets).max()

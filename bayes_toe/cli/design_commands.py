@@ -129,13 +129,11 @@ def _designs_of_tasks(
     files: list[Path] | None, questions: str, unit: str | None
 ) -> Mapping[str, StudyDesign]:
     """Designs by the names of their files and, of several tasks, the name of the task."""
-    names = questions.split(",")
-    if len(names) == 1:
-        return _read_designs(files, questions, unit)
     designs = {}
-    for question in names:
+    for question in questions.split(","):
         for name, design in _read_designs(files, question, unit).items():
-            designs[f"{name}, {design.task.short_name}"] = design
+            task = f", {design.task.short_name}" if "," in questions else ""
+            designs[name + task] = design
     return designs
 
 

@@ -278,10 +278,7 @@ class ReadOptions:
 
     def of_task(self, task: Task, rows: Mapping[str, str]) -> ReadOptions:
         """The options for the rows of one task, where a column has these texts."""
-        foreign: dict[str, None] = {}
-        for answer in self.code_by_answer:
-            if answer not in task.answers:
-                foreign[f"{answer}_code"] = None
+        foreign = {f"{answer}_code": None for answer in _ANSWERS if answer not in task.answers}
         if task != WHICH_STRONGER:
             foreign["correct"] = None
         of_rows = replace(self, where={**self.where, **rows}, **foreign)  # type: ignore[arg-type]

@@ -607,20 +607,18 @@ def common_scales(*subjects: Subject) -> StimulusScales | None:
     return StimulusScales.from_pairs(s1, s2, n_trials)
 
 
-def require_study(given: object, several_tasks: bool = False) -> None:
+def require_study(given: Any, several_tasks: bool = False) -> None:
     """Refuse what stands in the place of a study, with what makes one; and one of several tasks.
 
     `several_tasks` allows those.
     """
     rule = "a Study, such as bt.read_study(path or DataFrame) or bt.Study(subjects)"
     require_kind("study", given, Study, rule)
-    assert isinstance(given, Study)
-    studies = given.by_task
-    if len(studies) > 1 and not several_tasks:
-        tasks = join_words([repr(study.task.name) for study in studies])
+    tasks = [repr(study.task.name) for study in given.by_task]
+    if len(tasks) > 1 and not several_tasks:
         raise InputError(
-            f"{given.source}: found the tasks {tasks}, allowed: one task, in a file of its own or "
-            "in the rows that --where COLUMN=TEXT chooses; contrast compares tasks"
+            f"{given.source}: found the tasks {join_words(tasks)}, allowed: one task, in a file of "
+            "its own or in the rows that --where COLUMN=TEXT chooses; contrast compares tasks"
         )
 
 

@@ -142,9 +142,8 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     by_task = dict[Task, list[Study]]()
     for study in studies:
         by_task.setdefault(study.task, []).append(study)
-    has_other_levels = any("condition" in study.reading.read for study in studies)
-    if len(by_task) == 1 or has_other_levels:
-        return together(studies)
+    if len(by_task) == 1 or any("condition" in study.reading.read for study in studies):
+        return together(studies)  # one task, or conditions that are no tasks
 
     by_level = {task.short_name: together(of_task) for task, of_task in by_task.items()}
     order, _ = _level_order([*by_level], options)

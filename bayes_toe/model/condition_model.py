@@ -122,9 +122,9 @@ class ConditionModels:
     @cached_property
     def differing(self) -> tuple[Parameter, ...]:
         """The parameters that may differ."""
-        of_all_tasks = set(self.parameters)
-        for unit in self.units:
-            of_all_tasks &= {*task_parameters(unit.task)}
+        # The last task has the fewest parameters, and the other tasks have them too.
+        last_unit = self.units[self.units_by_task[-1][0]]
+        of_all_tasks = task_parameters(last_unit.task)
         return tuple(parameter for parameter in DIFFERENCE_SDS if parameter in of_all_tasks)
 
     @cached_property
