@@ -12,9 +12,10 @@ import io
 import os
 import pickle
 import platform
+import shutil
 from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
-from dataclasses import is_dataclass, replace
+from dataclasses import is_dataclass
 from enum import Enum
 from functools import cache, partial
 from pathlib import Path
@@ -25,6 +26,7 @@ from threadpoolctl import threadpool_info
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.whole_files import (
+    HIDDEN,
     Standing,
     refuse_impossible,
     remove_empty,
@@ -113,7 +115,7 @@ def run_stored(
             if stored is not None:
                 results[index] = stored["result"]
                 report_progress(progress, [names[index]])
-        under_way[path] = Standing(len(jobs), len(results), len(results))
+        under_way[path] = Standing(files.values(), len(results))
 
     missing = [index for index in range(len(jobs)) if index not in results]
     batches = in_batches(missing, batch, workers)
@@ -128,15 +130,13 @@ def run_stored(
                 if folder is not None and not isinstance(result, NumericalError):
                     _write(files[index], seed, result)
                 report_progress(progress, [names[index]])
-    return [results[index] for index in range(len(jobs))]
+    return [results[index] for index in sorted(results)]
 
 
 def _write(file: Path, seed: int, result: object) -> None:
-    """Store a result, which then counts as done."""
+    """Store a result."""
     with reporting(file.parent, hidden=file):
         write_whole(file, pickle.dumps({"job": file.stem, "seed": seed, "result": result}))
-    standing = under_way[file.parent]
-    under_way[file.parent] = replace(standing, done=standing.done + 1)
 
 
 @cache
@@ -164,13 +164,16 @@ def discard(folder: Path) -> None:
     with reporting(folder):
         for file in stored_files(folder):
             file.unlink(missing_ok=True)
+        # A command that was killed while it wrote a file has left its temporary folder.
+        for unfinished_folder in folder.glob(f"{HIDDEN}*"):
+            shutil.rmtree(unfinished_folder)
     remove_empty(folder)
 
 
 def _read(file: Path) -> dict[str, Any] | None:
     """The seed and the result in a file; None where there is none, or those of another job."""
     with suppress(Exception):  # A damaged file can raise anything.
-        stored: dict[str, Any] = _Records(io.BytesIO(file.read_bytes())).load()
+        stored = _Records(io.BytesIO(file.read_bytes())).load()
         if stored["job"] == file.stem:
             return {"seed": root_seed(stored["seed"]), "result": stored["result"]}
     return None

@@ -11,6 +11,7 @@ from conftest import known_observers
 
 import bayes_toe as bt
 from bayes_toe import result_store
+from bayes_toe.data.whole_files import unfinished
 from bayes_toe.errors import InputError, NumericalError, OutputError
 from bayes_toe.result_store import discard, run_stored, stored_files
 from bayes_toe.seeds import generator
@@ -147,3 +148,12 @@ def test_files_of_others_stay_and_links_are_refused(tmp_path):
     assert (folder / "note.result").read_text() == "mine"
     with pytest.raises(OutputError, match="cannot be written"):
         stored_cubes([2], folder / "note.result")
+
+
+def test_what_a_kill_during_writing_has_left_is_removed(tmp_path):
+    folder = tmp_path / "kept"
+    stored_cubes([2], folder)
+    with unfinished(folder) as temporary:
+        (temporary / "half.result").touch()
+        discard(folder)
+        assert not folder.exists()

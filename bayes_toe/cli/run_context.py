@@ -173,7 +173,7 @@ class RunContext:
 
         standing = under_way.get(folder)
         if self.resume and standing is not None:
-            self.out.line(f"{standing.taken} of {standing.jobs} subjects taken from {folder}")
+            self.out.line(f"{standing.taken} of {len(standing.files)} subjects taken from {folder}")
         if not failed:
             discard(folder)
 

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import format_path, join_names
@@ -225,13 +225,11 @@ def unfinished(home: Path) -> Iterator[Path]:
 # --- How far the work of a command is -----------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Standing:
-    """Numbers of results: wanted, stored before, and stored now."""
+class Standing(NamedTuple):
+    """The files of all results that are wanted, and how many existed before."""
 
-    jobs: int
+    files: Collection[Path]
     taken: int
-    done: int
 
 
 #: By folder of results; a signal handler reports it.
@@ -240,11 +238,11 @@ under_way: dict[Path, Standing] = {}
 
 def describe_stored() -> str:
     """The stored results that another call need not compute again; empty if there are none."""
-    parts = [
-        f"{standing.done} of {standing.jobs} subjects are saved in {folder}"
-        for folder, standing in under_way.items()
-        if standing.done
-    ]
+    parts = []
+    for folder, standing in under_way.items():
+        n_stored = sum(map(os.path.exists, standing.files))
+        if n_stored:
+            parts.append(f"{n_stored} of {len(standing.files)} subjects are saved in {folder}")
     if not parts:
         return ""
     return f"{', '.join(parts)}; type --resume to continue"
