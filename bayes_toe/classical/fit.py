@@ -39,7 +39,7 @@ from bayes_toe.model.paper_equations import (
     pull,
     variance_ratio,
 )
-from bayes_toe.model.paper_rows import POWERS, bell_answers, guessing_answers
+from bayes_toe.model.paper_rows import CURVES, POWERS
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.seeds import generator, root_seed
@@ -167,10 +167,8 @@ class PenalisedLikelihood:
         mu1, log_width, gamma, share = x.T[:, :, None]
         pairs = self.subject
         z = (pairs.s2 - pairs.s1 + pull(gamma) * (pairs.s1 - mu1)) / np.exp(log_width)
-        if pairs.task.lapses == "q0":
-            log_yes, log_no = bell_answers(z, logit(share))
-        else:
-            log_yes, log_no = guessing_answers(z, logit(share))
+        answers_at, _ = CURVES[pairs.task.lapses]
+        log_yes, log_no = answers_at(z, logit(share))
         log_likelihood = n_yes @ log_yes.T + (pairs.n_trials - n_yes) @ log_no.T
         deviation = (x[:, 0] - self.mu1_mean) / self.mu1_sd
         return np.asarray(log_likelihood - 0.5 * np.square(deviation))

@@ -26,9 +26,8 @@ from bayes_toe.inference.maxima import POLISH_GAIN, Ascent, ascend_from, polishe
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_posteriors
 from bayes_toe.inference.searches import funnel_of_maxima, observer_maxima, paper_maxima
-from bayes_toe.model.funnel import FunnelArray
 from bayes_toe.model.models import ObserverPosterior
-from bayes_toe.model.paper_model import PaperPosterior
+from bayes_toe.model.paper_model import FunnelArray, PaperPosterior
 from bayes_toe.model.posterior import SubjectPosterior
 from bayes_toe.model.posterior_array import PosteriorArray
 
@@ -113,8 +112,8 @@ def fit_posterior(
     array: PosteriorArray = target.array
     if isinstance(target, PaperPosterior):
         # Far from a maximum, the normal about it does not follow the funnel; its points do.
-        funnel = funnel_of_maxima(array, [ends])
-        array = FunnelArray.from_array(array, funnel)
+        funnel = funnel_of_maxima(target.rows, ends)
+        array = FunnelArray(array.likelihood, array.names, (), array.is_free, funnel)
         clouds = [funnel.forward(cloud[None])[0][0] for cloud in clouds]
 
     first = mixture_of_clouds(clouds, ends, target.is_free, SHARP.prior_share)
@@ -149,7 +148,7 @@ def _distinct_ends(target: SubjectPosterior) -> Ascent:
 def _searches(target: SubjectPosterior) -> Ascent:
     """The ends of searches for the maxima of a posterior."""
     if not isinstance(target, ObserverPosterior):
-        return paper_maxima(target.array)[0]
+        return paper_maxima(target.array)
     # A search begins at the maxima of its neighbour, so that the four models belong together.
     maxima = observer_maxima(order_posteriors(target.rows, target.subject.task))
     return maxima[MODEL_NAMES.index(target.model.name)]

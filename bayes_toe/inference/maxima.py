@@ -21,8 +21,8 @@ _ROUNDING = 1e-3  # of the value, in units of this, where that is large
 _LIGHT, _HEAVY = 1e-2, 1e12  # damping of a search that converges, and of one that fails
 _FIRST, _LEAST = 1e-3, 1e-12  # damping to begin with, and the smallest
 _TINY = 1e-300
+_LARGEST_STEP = 2.0  # in every coordinate
 # --- Of posteriors ---
-_LARGEST_STEP = 2.0
 POLISH_GAIN = 1e-8  # nats of predicted gain below which a search for an exact maximum ends
 _APART = 0.5  # standard deviations, in every coordinate, within which two ends are one maximum
 _FAR = 8.0  # nats below the highest at which a maximum does not matter
@@ -83,11 +83,12 @@ def ascend(
     *,
     is_held: npt.ArrayLike = False,
     least_gain: float = 0.0,
-    largest_step: float = 5.0,
     most_steps: int = 200,
     retry_damping: float = 1e-3,
 ) -> Ascent:
     """Damped Newton ascent from every start; no step is taken that lowers the value.
+
+    A step is at most 2 in every coordinate.
 
     Parameters
     ----------
@@ -99,81 +100,67 @@ def ascend(
         Coordinates that stay where they start.
     least_gain : float
         A search ends, without having converged, before a step that promises fewer nats.
-    largest_step : float
-        In every coordinate.
     most_steps : int
     retry_damping : float
         Least damping after a step that would have lowered the value.
     """
     active = np.arange(len(starts))
-    has_converged = np.zeros(len(starts), np.bool_)
-    ended = Ascent(starts.copy(), *expand(starts, active), has_converged)
-    x, value, gradient, curvature, _ = ended
-    is_moving = ~np.broadcast_to(is_held, x.shape)
+    ends = Ascent(starts.copy(), *expand(starts, active), np.zeros(len(starts), np.bool_))
+    is_moving = ~np.broadcast_to(is_held, starts.shape)
     damping = np.full(len(starts), _FIRST)
 
     for _ in range(most_steps):
-        slopes = gradient[active], curvature[active]
-        step, gains = _steps(*slopes, is_moving[active], damping[active])
+        step, gains = _steps(ends.part(active), is_moving[active], damping[active])
         is_worth_it = gains.sum(axis=1) >= least_gain
         active = active[is_worth_it]
-        step = step[is_worth_it]
-        gains = gains[is_worth_it]
         if not len(active):
             break
 
-        longest = np.abs(step).max(axis=1)
-        step *= np.minimum(1.0, largest_step / np.maximum(longest, _TINY))[:, None]
-        trial = x[active] + step
+        trial = ends.x[active] + step[is_worth_it]
         expansion = expand(trial, active)
-        is_better = expansion.value >= value[active]
-
-        # Keep the steps that do not lower the value.
-        better = active[is_better]
-        x[better] = trial[is_better]
-        for stored, new in zip((value, gradient, curvature), expansion, strict=True):
-            stored[better] = new[is_better]
+        is_better = expansion.value >= ends.value[active]
+        for stored, new in zip(ends[:4], (trial, *expansion), strict=True):
+            stored[active[is_better]] = new[is_better]
 
         # A gain below the rounding of the value cannot be seen: the search has converged, whether
         # or not the step was taken.
-        gain = np.abs(gains).sum(axis=1)
-        is_small = gain < _CONVERGED * (1.0 + _ROUNDING * np.abs(value[active]))
-        has_converged[active] = is_small & (damping[active] <= _LIGHT)
-
-        lighter = np.maximum(0.1 * damping[active], _LEAST)
-        heavier = np.maximum(10.0 * damping[active], retry_damping)
+        gain = np.abs(gains[is_worth_it]).sum(axis=1)
+        is_small = gain < _CONVERGED * (1.0 + _ROUNDING * np.abs(ends.value[active]))
+        old = damping[active]
+        ends.has_converged[active] = is_small & (old <= _LIGHT)
+        lighter, heavier = np.maximum(0.1 * old, _LEAST), np.maximum(10.0 * old, retry_damping)
         damping[active] = np.where(is_better, lighter, heavier)
 
         # No further where slopes are beyond all floats.
-        is_finite = np.isfinite(curvature[active]).all(axis=(1, 2))
-        active = active[~has_converged[active] & (damping[active] < _HEAVY) & is_finite]
-    return ended
+        is_finite = np.isfinite(ends.curvature[active]).all(axis=(1, 2))
+        has_ended = ends.has_converged | (damping >= _HEAVY)
+        active = active[is_finite & ~has_ended[active]]
+    return ends
 
 
-def _steps(
-    gradient: FloatArray, curvature: FloatArray, is_moving: BoolArray, damping: FloatArray
-) -> ArrayPair:
+def _steps(searches: Ascent, is_moving: BoolArray, damping: FloatArray) -> ArrayPair:
     """Steps uphill in the moving coordinates, (points, k), and the gain that each predicts.
 
     The curvature is scaled to a unit diagonal, and the damping is added to the sizes of its
     eigenvalues: where it is not positive definite, the step leads away from a saddle.
     """
-    k = gradient.shape[1]
-    diagonal = np.arange(k)
-    size = np.abs(curvature[:, diagonal, diagonal])
+    diagonal = np.arange(searches.x.shape[1])
+    size = np.abs(searches.curvature[:, diagonal, diagonal])
     scale = np.where(is_moving, 1.0, 0.0)
 
     # Slopes may be close to the largest float.
     with np.errstate(over="ignore", invalid="ignore"):
         np.divide(1.0, np.sqrt(np.maximum(size, _TINY)), out=scale, where=is_moving & (size > 0.0))
-        matrix = curvature * scale[:, :, None] * scale[:, None, :]
+        matrix = searches.curvature * scale[:, :, None] * scale[:, None, :]
         matrix[:, diagonal, diagonal] += ~is_moving
-        slope = np.where(is_moving, gradient, 0.0) * scale
+        slope = np.where(is_moving, searches.gradient, 0.0) * scale
 
         values, vectors = np.linalg.eigh(matrix)
         along = np.einsum("nij,ni->nj", vectors, slope) / (np.abs(values) + damping[:, None])
-        step = np.einsum("nij,nj->ni", vectors, along)
-        return step * scale, 0.5 * step * slope
+        scaled = np.einsum("nij,nj->ni", vectors, along)
+        step = scaled * scale
+        longest = np.maximum(np.abs(step).max(axis=1), _TINY)
+        return step * np.minimum(1.0, _LARGEST_STEP / longest)[:, None], 0.5 * scaled * slope
 
 
 # --- Posteriors ----------------------------------------------------------------------------------
@@ -204,7 +191,6 @@ def ascend_from(
         starts,
         is_held=~array.is_free[owners] | is_held,
         least_gain=least_gain,
-        largest_step=_LARGEST_STEP,
         most_steps=12,
         retry_damping=0.0,
     )
@@ -223,7 +209,6 @@ def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> A
         starts,
         is_held=~owned.is_free,
         least_gain=POLISH_GAIN,
-        largest_step=_LARGEST_STEP,
     )
 
 
@@ -264,11 +249,16 @@ def _expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
     value = log_likelihood[:, 0] + array.log_prior(w)[:, 0]
     gradient = np.where(is_free, (gradient + slopes)[:, 0], 0.0)
 
-    both_free = is_free[:, :, None] & is_free[:, None, :]
-    curvature = np.where(both_free, information[:, 0], 0.0)
+    curvature = _free_part(information[:, 0], is_free)
     diagonal = np.arange(points.shape[1])
-    curvature[:, diagonal, diagonal] += np.where(is_free, curvatures[:, 0], 1.0)
+    curvature[:, diagonal, diagonal] += np.where(is_free, curvatures[:, 0], 0.0)
     return Expansion(value, gradient, curvature)
+
+
+def _free_part(curvature: FloatArray, is_free: BoolArray) -> FloatArray:
+    """The curvature in the free coordinates; in those that are held it is 1."""
+    both_free = is_free[:, :, None] & is_free[:, None, :]
+    return np.where(both_free, curvature, np.eye(is_free.shape[1]))
 
 
 def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
@@ -277,8 +267,7 @@ def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
     highest = np.array([ends.x[np.argmax(ends.value)] for ends in maxima])
     top = polished(array, owners, highest)
 
-    both_free = array.is_free[:, :, None] & array.is_free[:, None, :]
-    curvature = np.where(both_free, top.curvature, np.eye(top.x.shape[1]))
+    curvature = _free_part(top.curvature, array.is_free)
     is_proper = np.linalg.eigvalsh(curvature)[:, 0] > 0.0
     log_determinant = np.linalg.slogdet(curvature)[1]
     dimensions = array.is_free.sum(axis=1)

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaln, logsumexp
@@ -106,22 +105,26 @@ class StudentMixture:
         Every component stays, and shares `floor` with all others. One that holds `inertia`
         effective points goes half the way from its old shape.
         """
-        sums = self._sums(x, weights)
-        effective = sums.weight * effective_number(weights)
+        weight, inner_weight, new_means, new_scales = self._sums(x, weights)
+        effective = weight * effective_number(weights)
         trust = effective / (effective + inertia)
 
-        means = self.means + trust[:, None] * (sums.means - self.means)
-        inner_share = sums.inner_weight / sums.weight
-        shift_scatter = _outer(sums.means - means) * inner_share[:, None, None]
-        change = sums.scales + shift_scatter - self.scales
+        means = self.means + trust[:, None] * (new_means - self.means)
+        inner_share = inner_weight / weight
+        shift_scatter = _outer(new_means - means) * inner_share[:, None, None]
+        change = new_scales + shift_scatter - self.scales
         scales = self.scales + trust[:, None, None] * change
         scales += 1e-9 * scales * np.eye(x.shape[1])
 
-        shares = sums.weight + floor / len(means)
+        shares = weight + floor / len(means)
         return StudentMixture(shares / shares.sum(), means, scales, self.df)
 
-    def _sums(self, x: FloatArray, weights: FloatArray) -> _Sums:
-        """The sums over weighted points for each component."""
+    def _sums(self, x: FloatArray, weights: FloatArray) -> tuple[FloatArray, ...]:
+        """Sums over weighted points for each component.
+
+        The weight, (J,); the same where near points count more, (J,); means of the points, (J, D);
+        and their scales about these, (J, D, D).
+        """
         dim = x.shape[1]
         n = len(self.means)
 
@@ -147,7 +150,7 @@ class StudentMixture:
         offsets = moments[:, 1 : dim + 1] / inner_weight[:, None]
         around = moments[:, dim + 1 :].reshape(-1, dim, dim)
         scales = (around - inner_weight[:, None, None] * _outer(offsets)) / weight[:, None, None]
-        return _Sums(weight, inner_weight, centre + offsets, scales)
+        return weight, inner_weight, centre + offsets, scales
 
     def joined(self, mixtures: Sequence[StudentMixture], share: float) -> StudentMixture:
         """This mixture with others of the same degrees of freedom.
@@ -180,15 +183,6 @@ class StudentMixture:
     def _kernel(self, u: FloatArray) -> FloatArray:
         """The density over that at the mean, from :meth:`_distances`."""
         return 1.0 / _power(u, (self.df + self.means.shape[1]) // 2)
-
-
-class _Sums(NamedTuple):
-    """Sums over weighted points for each of J components."""
-
-    weight: FloatArray  # (J,)
-    inner_weight: FloatArray  # (J,): weight where near points count more
-    means: FloatArray  # (J, D): of the points
-    scales: FloatArray  # (J, D, D): of the points about these means
 
 
 def _blocks(size: int) -> list[slice]:

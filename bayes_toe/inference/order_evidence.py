@@ -154,7 +154,10 @@ def try_order_evidence(
     for indices in by_size.values():
         for start in range(0, len(indices), BATCH):
             batch = indices[start : start + BATCH]
-            evidences = _evidences([subjects[i] for i in batch], seed, prior, precision)
+            chosen = [subjects[i] for i in batch]
+            rows = ObserverRows.from_subjects(chosen, prior)
+            array = order_posteriors(rows, rows.task)
+            evidences = evidences_of(array, chosen, seed, prior, precision)
             results.update(zip(batch, evidences, strict=True))
     return [results[i] for i in range(len(subjects))]
 
@@ -165,14 +168,6 @@ def order_posteriors(rows: ObserverRows, task: Task) -> PosteriorArray:
     of_models = rows.part(np.repeat(np.arange(n_rows), _N_MODELS))
     coordinates = [OrderModel(name).coordinates(task) for name in MODEL_NAMES]
     return independent_array(of_models, coordinates * n_rows)
-
-
-def _evidences(
-    subjects: Sequence[Subject], seed: int, prior: ObserverPrior, precision: Precision
-) -> list[OrderEvidence | NumericalError]:
-    """The evidences of a few subjects, four posteriors each, computed together."""
-    array = order_posteriors(ObserverRows.from_subjects(subjects, prior), subjects[0].task)
-    return evidences_of(array, subjects, seed, prior, precision)
 
 
 def evidences_of(

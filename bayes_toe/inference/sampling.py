@@ -14,11 +14,10 @@ import emcee
 import numpy as np
 
 from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
-from bayes_toe.errors import require_number
+from bayes_toe.errors import NumericalError, require_number
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
 from bayes_toe.inference.fitted import Fitted
 from bayes_toe.inference.mixture import WeightedDraws
-from bayes_toe.model.posterior import judged_quantities, require_defined
 from bayes_toe.seeds import stream
 
 #: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long
@@ -136,7 +135,9 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
         steps += thin * settings.kept_steps
         x, log_posterior, acceptance = map(np.stack, zip(*passes, strict=True))
 
-        quantities = judged_quantities(posterior, x)
+        quantities = posterior.quantities(x)
+        for name in posterior.names.monotone:
+            del quantities[name]  # its ranks, and so its diagnostics, are those of another one
         diagnostics = convergence_of(quantities)
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
         imprecise = ""
@@ -269,7 +270,9 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         """
         w = self._fitted.target.full_points(coords)
         (log_prior,), (log_posterior,) = self._fitted.array.densities(w)
-        require_defined(log_posterior, self._fitted.target)
+        if np.isnan(log_posterior).any():
+            name = self._fitted.target.subject.name
+            raise NumericalError(f"subject {name!r}: log posterior is NaN")
         return log_posterior, self._fitted.mixture.log_density(w[0], log_prior)
 
     def _run(self, state: Any, steps: int, **options: Any) -> Any:

@@ -6,7 +6,6 @@ of the paper's model (H1). `funnel_of_maxima` has the funnel about the maxima of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
@@ -15,12 +14,16 @@ from scipy.special import logit, ndtri
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.inference.maxima import Ascent, ascend_from
 from bayes_toe.model.densities import probit_of_logit
-from bayes_toe.model.funnel import Funnel
 from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.paper_equations import pull
+from bayes_toe.model.paper_model import Funnel
 from bayes_toe.model.paper_rows import PaperRows
-from bayes_toe.model.parameters import CONSTANT_ERROR, LAPSE_RATE
+from bayes_toe.model.parameters import CONSTANT_ERROR, LAPSE_RATE, NOISE, PEAK
 from bayes_toe.model.posterior_array import PosteriorArray
+
+#: Constant errors in D at which searches start; the first one is that of a model without them.
+_ERRORS = np.array([0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0])
+_LAPSE_SCORES = (-1.0, 0.6, 1.8)
 
 
 def observer_maxima(array: PosteriorArray) -> list[Ascent]:
@@ -29,96 +32,60 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     A search starts at several constant errors and from a flat curve, then at several lapse rates.
     A posterior without constant error must have its neighbour with it next to it.
     """
-    profile, profile_owners, errors = _profile(array)
-    starts, owners, is_held = _second_starts(array, profile, profile_owners, errors)
-    second = ascend_from(array, owners, starts, is_held)
-    return profile.joined(second).by_owner(np.concatenate([profile_owners, owners]))
-
-
-def _start(array: PosteriorArray, noise: float) -> FloatArray:
-    """A point from which to search, (d,), from the score of the noise."""
-    values = {"noise": noise, "q0": 2.0}
-    return np.array([values.get(name, 0.0) for name in array.names])
-
-
-def _profile(array: PosteriorArray) -> tuple[Ascent, IndexArray, FloatArray]:
-    """Maxima at several constant errors, and one from a flat curve for every posterior.
-
-    The first searches hold the constant error. The second value has the posterior of each search,
-    and the third one the constant errors that are held, in D.
-    """
-    rows = cast(ObserverRows, array.likelihood.rows)
-    error = array.names.index(CONSTANT_ERROR.name)
-    errors_in_d = (0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0)
-
-    with_error = np.flatnonzero(array.is_free[:, error])
-    held_owners = np.repeat(with_error, len(errors_in_d))
-    errors = np.tile(errors_in_d, len(with_error))
-    # A steep curve shows more than a flat one.
-    starts = np.tile(_start(array, noise=-0.5), (len(held_owners), 1))
-    starts[:, error] = errors / rows.prior.constant_error_scale
-
-    flat = np.tile(_start(array, noise=2.0), (len(array), 1))
-    is_held = np.zeros((len(starts) + len(flat), len(array.names)), np.bool_)
-    is_held[: len(starts), error] = True
-
-    owners = np.concatenate([held_owners, np.arange(len(array))])
-    maxima = ascend_from(array, owners, np.concatenate([starts, flat]), is_held)
-    return maxima, owners, errors
-
-
-def _second_starts(
-    array: PosteriorArray,
-    profile: Ascent,
-    owners: IndexArray,
-    errors: FloatArray,
-    lapse_scores: tuple[float, ...] = (-1.0, 0.6, 1.8),
-) -> tuple[FloatArray, IndexArray, BoolArray]:
-    """Starts of free searches at the maxima of a profile, and of searches with lapse rates held.
-
-    The other values are the posterior of each search, and which coordinates it holds.
-    """
-    n_held = len(errors)  # the searches after these start from a flat curve
+    has_error = array.is_free[:, array.names.index(CONSTANT_ERROR.name)]
     lapse = array.names.index(LAPSE_RATE.name)
+    profile, profile_owners = _profile(array, has_error)
+    n_held = len(profile.x) - len(array)
 
-    starts: list[FloatArray] = []
-    start_owners: list[int] = []
-    lapse_is_held: list[bool] = []
-    for i in range(len(array)):
-        candidates = _profile_maxima(array, i, owners[:n_held], errors, profile)
+    parts = []
+    # The first search of each posterior, or of its neighbour: that with c = 0.
+    first_search = len(_ERRORS) * (np.cumsum(has_error) - has_error)
+    for i, first in enumerate(first_search):
+        candidates = np.array([first])
+        if has_error[i]:
+            candidates = first + _two_best_local(profile.value[first : first + len(_ERRORS)])
         flat = n_held + i
         best = flat if profile.value[flat] > profile.value[candidates[0]] else candidates[0]
 
-        free = profile.x[candidates]
-        with_lapse = np.tile(profile.x[best], (len(lapse_scores), 1))
-        with_lapse[:, lapse] = lapse_scores
+        # Free searches, then searches with lapse rates that are held.
+        n_free = len(candidates)
+        starts = profile.x[np.append(candidates, [best] * len(_LAPSE_SCORES))]
+        starts[n_free:, lapse] = _LAPSE_SCORES
+        is_held = np.zeros(starts.shape, np.bool_)
+        is_held[n_free:, lapse] = True
+        parts.append((np.full(len(starts), i), starts, is_held))
 
-        starts += [*free, *with_lapse]
-        start_owners += [i] * (len(free) + len(with_lapse))
-        lapse_is_held += [False] * len(free) + [True] * len(with_lapse)
-
-    is_held = np.zeros((len(starts), len(array.names)), np.bool_)
-    is_held[:, lapse] = lapse_is_held
-    return np.array(starts), np.array(start_owners), is_held
+    owners, starts, is_held = map(np.concatenate, zip(*parts, strict=True))
+    second = ascend_from(array, owners, starts, is_held)
+    return profile.joined(second).by_owner(np.append(profile_owners, owners))
 
 
-def _profile_maxima(
-    array: PosteriorArray, i: int, owners: IndexArray, errors: FloatArray, profile: Ascent
-) -> IndexArray:
-    """The searches of a profile at whose ends a posterior starts, the best first.
+def _profile(array: PosteriorArray, has_error: BoolArray) -> tuple[Ascent, IndexArray]:
+    """Maxima at several constant errors, and one from a flat curve for every posterior.
 
-    A posterior without constant error starts at the maximum of its neighbour with c = 0.
+    The first searches hold the constant error. The second value has the posterior of each search.
     """
-    if array.is_free[i, array.names.index(CONSTANT_ERROR.name)]:
-        searches = np.flatnonzero(owners == i)
-        return searches[_two_best_local(errors[searches], profile.value[searches])]
-    searches = np.flatnonzero(owners == i + 1)
-    return searches[errors[searches] == 0.0]
+    rows = cast(ObserverRows, array.likelihood.rows)
+    with_error = np.flatnonzero(has_error)
+    owners = np.append(np.repeat(with_error, len(_ERRORS)), np.arange(len(array)))
+    is_profile = np.arange(len(owners)) < len(owners) - len(array)
+
+    values = {name: np.zeros(len(owners)) for name in array.names}
+    # A steep curve shows more than a flat one.
+    values[NOISE.name] = np.where(is_profile, -0.5, 2.0)
+    errors = np.tile(_ERRORS / rows.prior.constant_error_scale, len(with_error))
+    values[CONSTANT_ERROR.name][is_profile] = errors
+    if PEAK.name in values:
+        values[PEAK.name] += 2.0
+
+    is_held = is_profile[:, None] & (np.array(array.names) == CONSTANT_ERROR.name)
+    starts = np.stack(list(values.values()), axis=-1)
+    return ascend_from(array, owners, starts, is_held), owners
 
 
-def _two_best_local(values: FloatArray, heights: FloatArray) -> IndexArray:
-    """Indices of the two highest local maxima along ascending values, the highest first."""
-    order = np.argsort(values)
+def _two_best_local(heights: FloatArray) -> IndexArray:
+    """Indices of the two highest local maxima along the constant errors, the highest first."""
+    order = np.argsort(_ERRORS)
     padded = np.concatenate([[-np.inf], heights[order], [-np.inf]])
     is_local = (padded[1:-1] >= padded[:-2]) & (padded[1:-1] >= padded[2:])
 
@@ -133,17 +100,10 @@ def _two_best_local(values: FloatArray, heights: FloatArray) -> IndexArray:
 # --- The paper's model ---------------------------------------------------------------------------
 
 
-def paper_maxima(array: PosteriorArray) -> list[Ascent]:
-    """The ends of searches of every posterior, from a grid on the scale of its stimuli."""
-    rows = cast(PaperRows, array.likelihood.rows)
-    starts = []
-    owners = []
-    for i in range(len(array)):
-        points = _starts(rows.part(np.array([i])))
-        starts.append(points)
-        owners += [i] * len(points)
-    owner_array = np.array(owners)
-    return ascend_from(array, owner_array, np.concatenate(starts)).by_owner(owner_array)
+def paper_maxima(array: PosteriorArray) -> Ascent:
+    """The ends of searches of one posterior, from a grid on the scale of its stimuli."""
+    starts = _starts(cast(PaperRows, array.likelihood.rows))
+    return ascend_from(array, np.zeros(len(starts), np.intp), starts)
 
 
 def _starts(row: PaperRows) -> FloatArray:
@@ -171,9 +131,10 @@ def _starts(row: PaperRows) -> FloatArray:
     share_pulled = pull(gamma)
     width = step * np.exp(log_width)
     mu1 = _mean_first(row) + offset * step / share_pulled
-    spread = row.spread_score(np.log(width), share_pulled)[0]
+    spread = row.spread_score(np.log(width), share_pulled)
     probits = ndtri(gamma), probit_of_logit(lapse_logit)
-    return np.stack([(mu1 - row.mu1_mean[0]) / row.mu1_sd[0], spread, *probits], -1)
+    mean, sd = row.prior.mu1_normal
+    return np.stack([(mu1 - mean) / sd, spread, *probits], -1)
 
 
 def _mean_first(row: PaperRows) -> float:
@@ -181,21 +142,12 @@ def _mean_first(row: PaperRows) -> float:
     return float(np.average(row.first[0, 0], weights=(row.n_yes + row.n_no)[0, 0]))
 
 
-def funnel_of_maxima(array: PosteriorArray, maxima: Sequence[Ascent]) -> Funnel:
-    """The funnel of every posterior about its maxima, the highest first."""
-    rows = cast(PaperRows, array.likelihood.rows)
-    columns = np.empty((5, len(array), 1))
-    for i, ends in enumerate(maxima):
-        # A maximum that is 3 nats lower says nothing of the funnel.
-        near = ends.part(ends.value > ends.value[0] - 3.0)
-        columns[:, i, 0] = _funnel_numbers(rows.part(np.array([i])), near.x[None])
-    return Funnel(rows, *columns)
-
-
-def _funnel_numbers(row: PaperRows, u: FloatArray) -> tuple[float, ...]:
-    """The numbers of :class:`Funnel` from maxima, (1, maxima, 4), the highest first."""
+def funnel_of_maxima(row: PaperRows, maxima: Ascent) -> Funnel:
+    """The funnel of one posterior about its maxima, the highest first."""
+    # A maximum that is 3 nats lower says nothing of the funnel.
+    u = maxima.x[None, maxima.value > maxima.value[0] - 3.0]
     mean_first = _mean_first(row)
-    sd = float(row.mu1_sd[0, 0])
+    mean, sd = row.prior.mu1_normal
     offsets = row.pull(u)[0] * (row.mu1(u)[0] - mean_first)
     log_width = float(row.log_width(u)[0, 0])
     information = float(row.scoring(u[:, :1])[2][0, 0, 0, 0])  # of the score of mu1
@@ -211,5 +163,5 @@ def _funnel_numbers(row: PaperRows, u: FloatArray) -> tuple[float, ...]:
     log_precision = 2.0 * (np.log(sd) - np.log(np.hypot(spread, distance)))
     log_precision += follows_width * (2.0 * log_width + np.log(2.0))
 
-    centre = (mean_first - float(row.mu1_mean[0, 0])) / sd
-    return centre, float(offsets.mean()) / sd, log_precision, log_width, follows_width
+    centre = (mean_first - mean) / sd
+    return Funnel(row, centre, offsets.mean() / sd, log_precision, log_width, follows_width)

@@ -223,7 +223,7 @@ class AnswerRows(ABC):
     n_yes: FloatArray
     n_no: FloatArray
     #: The names of further arrays that have rows.
-    row_numbers: ClassVar[tuple[str, ...]]
+    row_numbers: ClassVar[tuple[str, ...]] = ()
 
     @property
     @abstractmethod

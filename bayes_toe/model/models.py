@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 from scipy.special import expit, logit
@@ -41,7 +40,6 @@ from bayes_toe.model.parameters import (
     task_parameters,
 )
 from bayes_toe.model.posterior import Names, SubjectPosterior
-from bayes_toe.model.posterior_array import PosteriorArray, independent_array
 from bayes_toe.model.prior import DEFAULT, Prior
 
 #: What the models say of the order of the stimuli.
@@ -121,21 +119,20 @@ class ObserverPosterior(SubjectPosterior):
             return self.given_scales
         return self.subject.scales
 
-    @cached_property
-    def array(self) -> PosteriorArray:
-        """The same posterior as an array of one, with all coordinates of the task."""
-        rows = ObserverRows.from_subjects([self.subject], self.prior, [self.scales])
-        return independent_array(rows, [self.model.coordinates(self.subject.task)])
-
     @property
     def sbar(self) -> float:
         """Mean first stimulus, natural-log intensity."""
         return self.scales.sbar
 
-    @property
+    @cached_property
     def rows(self) -> ObserverRows:
         """The counts, as one row."""
-        return cast(ObserverRows, self.array.likelihood.rows)
+        return ObserverRows.from_subjects([self.subject], self.prior, [self.scales])
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that the model has."""
+        return self.model.coordinates(self.subject.task)
 
     def for_subject(self, subject: Subject) -> ObserverPosterior:
         """The same model with the same prior and scales for other answers or other pairs."""

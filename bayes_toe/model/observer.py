@@ -206,47 +206,39 @@ class ObserverRows(AnswerRows):
         """
         values = self.quantities(u)
         z, k = self.distance_at(values), self.criterion_at(values)
-        if k is None or not self.task.has_three_answers:
-            yes, no = self.plain_answers_at(values, z, k)
-            return (xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1)
-        return self._trinomial(self._plain_three(values, z, k))
+        return self._multinomial(self.plain_answers_at(values, z, k))
 
     @property
-    def _three_counts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """How often each of three answers was given: 'equal', 'second' and 'first'."""
+    def _answer_counts(self) -> tuple[FloatArray, ...]:
+        """How often each answer was given: of three answers 'equal', 'second' and 'first'."""
+        if not self.task.has_three_answers:
+            return self.n_yes, self.n_no
         n_equal, n_second = np.split(self.n_yes, 2, axis=-1)
         return n_equal, n_second, self.n_no[..., n_equal.shape[-1] :]
 
-    def _trinomial(self, probabilities: Sequence[FloatArray]) -> FloatArray:
-        """Log likelihood of three answers, (rows, points), from their probabilities."""
-        terms = map(xlogy, self._three_counts, probabilities)
+    def _multinomial(self, probabilities: Sequence[FloatArray]) -> FloatArray:
+        """Log likelihood, (rows, points), from the probabilities of the answers."""
+        terms = map(xlogy, self._answer_counts, probabilities)
         return np.asarray(sum(terms)).sum(axis=-1)
 
-    def _plain_three(
-        self, values: NamedArrays, z: FloatArray, k: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Probability of 'equal', 'second' and 'first', (rows, points, pairs) each."""
+    def plain_answers_at(
+        self, values: NamedArrays, z: FloatArray, k: FloatArray | None
+    ) -> tuple[FloatArray, ...]:
+        """Probability of each answer at distances and criteria, (rows, points, pairs) each.
+
+        Two answers are the counted one and the other one; three are 'equal', 'second' and 'first'.
+        """
         lapse, attend = map(np.exp, self._lapse_logs(values))
+        if k is None:
+            return 0.5 * lapse + attend * ndtr(z), 0.5 * lapse + attend * ndtr(-z)
         inside, near, far = _window_and_tails(z, k)
         equal = lapse * erf(k * np.sqrt(0.5)) + attend * inside
+        if not self.task.has_three_answers:
+            return equal, lapse * 2.0 * ndtr(-k) + attend * (near + far)
         guessed = lapse * ndtr(-k)
         near, far = guessed + attend * near, guessed + attend * far
         is_second_near = z > 0.0
         return equal, np.where(is_second_near, near, far), np.where(is_second_near, far, near)
-
-    def plain_answers_at(
-        self, values: NamedArrays, z: FloatArray, k: FloatArray | None
-    ) -> ArrayPair:
-        """Probability of both answers at distances and criteria, (rows, points, pairs) each."""
-        lapse, attend = map(np.exp, self._lapse_logs(values))
-        if k is None:
-            yes = 0.5 * lapse + attend * ndtr(z)
-            no = 0.5 * lapse + attend * ndtr(-z)
-            return yes, no
-        inside, near, far = _window_and_tails(z, k)
-        yes = lapse * erf(k * np.sqrt(0.5)) + attend * inside
-        no = lapse * 2.0 * ndtr(-k) + attend * (near + far)
-        return yes, no
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
     def plain_gradient(self, u: FloatArray) -> ArrayPair:
@@ -258,57 +250,52 @@ class ObserverRows(AnswerRows):
         """
         values = self.quantities(u)
         z, k = self.distance_at(values), self.criterion_at(values)
-        if k is not None and self.task.has_three_answers:
-            return self._plain_gradient_of_three(values, z, k)
-        yes, no = self.plain_answers_at(values, z, k)
-        value = (xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1)
-        by_yes = _per_answer(self.n_yes, yes) - _per_answer(self.n_no, no)
+        probabilities = self.plain_answers_at(values, z, k)
+        slopes = self._plain_slopes(values, z, k, probabilities)
+        terms = self._slope_terms(values, z, *slopes)
 
-        log_lapse, log_attend = self._lapse_logs(values)
-        lapse, attend = np.exp(log_lapse), np.exp(log_attend)
-        in_log_k = None
-        if k is None:
-            blind = 0.5
-            in_z = attend * by_yes * _density(z)
-        else:
-            blind = erf(k * np.sqrt(0.5))
-            edge = attend * by_yes * _density(np.abs(z) - k)
-            far_share = np.exp(-2.0 * np.abs(z) * k)
-            in_z = edge * np.sign(z) * np.expm1(-2.0 * np.abs(z) * k)
-            in_k = edge * (1.0 + far_share) + 2.0 * lapse * by_yes * _density(k)
-            in_log_k = in_k * k
-        # P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P;
-        # and d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))).
-        in_lapse = by_yes * (blind - yes)
-        terms = self._slope_terms(values, z, in_z, in_log_k, in_lapse)
-        return value, self._summed_slopes(values, terms)
-
-    def _summed_slopes(self, values: NamedArrays, terms: Sequence[FloatArray]) -> FloatArray:
-        """The gradient, (rows, points, k), from :meth:`_slope_terms`."""
         lapse_rise = np.exp(_log_hazard(values["lapse_score"])) / self.prior.lapse_rate_b
         sums = [term.sum(axis=-1) for term in terms]
-        return np.stack(sums, axis=-1) * self._slope_units(values, lapse_rise)
+        slope = np.stack(sums, axis=-1) * self._slope_units(values, lapse_rise)
+        return self._multinomial(probabilities), slope
 
-    def _plain_gradient_of_three(
-        self, values: NamedArrays, z: FloatArray, k: FloatArray
-    ) -> ArrayPair:
-        """:meth:`plain_gradient` of three answers, by the trinomial."""
-        equal, second, first = probabilities = self._plain_three(values, z, k)
-        by_equal, by_second, by_first = map(_per_answer, self._three_counts, probabilities)
+    def _plain_slopes(
+        self,
+        values: NamedArrays,
+        z: FloatArray,
+        k: FloatArray | None,
+        probabilities: Sequence[FloatArray],
+    ) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+        """Slopes of the log likelihood of each pair in z, in ln k and in the lapse rate.
 
+        P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P; and
+        d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))).
+        """
         lapse, attend = map(np.exp, self._lapse_logs(values))
-        # A criterion that moves takes from one answer what it gives to the other.
-        upper = attend * _density(z - k) * (by_second - by_equal)
-        lower = attend * _density(z + k) * (by_first - by_equal)
-        blind = lapse * _density(k) * (by_second + by_first - 2.0 * by_equal)
-        in_log_k = -k * (upper + lower + blind)
-        in_lapse = (
-            by_equal * (erf(k * np.sqrt(0.5)) - equal)
-            + by_second * (ndtr(-k) - second)
-            + by_first * (ndtr(-k) - first)
-        )
-        terms = self._slope_terms(values, z, upper - lower, in_log_k, in_lapse)
-        return self._trinomial(probabilities), self._summed_slopes(values, terms)
+        by_yes, *by_others = map(_per_answer, self._answer_counts, probabilities)
+        if k is not None and self.task.has_three_answers:
+            equal, second, first = probabilities
+            by_second, by_first = by_others
+            # A criterion that moves takes from one answer what it gives to the other.
+            upper = attend * _density(z - k) * (by_second - by_yes)
+            lower = attend * _density(z + k) * (by_first - by_yes)
+            blind = lapse * _density(k) * (by_second + by_first - 2.0 * by_yes)
+            in_lapse = (
+                by_yes * (erf(k * np.sqrt(0.5)) - equal)
+                + by_second * (ndtr(-k) - second)
+                + by_first * (ndtr(-k) - first)
+            )
+            return upper - lower, -k * (upper + lower + blind), in_lapse
+
+        # What is added to P is taken from the probability of the other answer.
+        by_yes = by_yes - by_others[0]
+        if k is None:
+            return attend * by_yes * _density(z), None, by_yes * (0.5 - probabilities[0])
+        edge = attend * by_yes * _density(np.abs(z) - k)
+        far_share = np.exp(-2.0 * np.abs(z) * k)
+        in_z = edge * np.sign(z) * np.expm1(-2.0 * np.abs(z) * k)
+        in_k = edge * (1.0 + far_share) + 2.0 * lapse * by_yes * _density(k)
+        return in_z, in_k * k, by_yes * (erf(k * np.sqrt(0.5)) - probabilities[0])
 
     @np.errstate(over="ignore", invalid="ignore")
     def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:

@@ -133,7 +133,7 @@ def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
     These are the natural coordinates, gamma, sigma1, gain, width, offset and pull.
     """
     gamma = theta.gamma
-    p = pull(theta.gamma)
+    p = pull(gamma)
     values = {
         **theta._asdict(),
         "gamma": gamma,
@@ -180,14 +180,6 @@ def normalised_distance(
     return displacement / width(sigma_p, gamma)
 
 
-def log_equal(z: npt.ArrayLike, log_q0: npt.ArrayLike) -> FloatArray:
-    """Log P(equal) = log q0 - ln2 z^2.
-
-    Source: Eq. mod:q.
-    """
-    return np.asarray(log_q0, np.float64) - LN2 * np.square(np.asarray(z, np.float64))
-
-
 def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
     """Log P(different) = log(1 - q0 2^(-z^2)), accurate for q near 0 and for q near 1.
 
@@ -208,8 +200,7 @@ def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
     >>> float(log_different(0.0, 690.0))
     -690.0
     """
-    t = LN2 * np.square(np.asarray(z, np.float64))
-    logit = np.asarray(logit_q0, np.float64)
+    t, logit = LN2 * np.square(z), np.asarray(logit_q0)
     q = np.exp(-np.logaddexp(0.0, -logit) - t)
     fall = -np.expm1(-t)
     lapse = np.exp(-np.logaddexp(0.0, logit))

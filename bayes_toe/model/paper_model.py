@@ -5,7 +5,8 @@
 
 with c = p (mu1 - sbar), sbar the mean first stimulus of the subject; p, gamma and G are those of
 :mod:`bayes_toe.model.paper_equations`. Which is stronger has the lapse rate in the place of q0. The
-coordinates are those of :mod:`bayes_toe.model.paper_rows`.
+coordinates are those of :mod:`bayes_toe.model.paper_rows`; :class:`FunnelArray` has the posterior
+in coordinates without a funnel.
 """
 
 from __future__ import annotations
@@ -13,12 +14,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from bayes_toe.arrays import FloatArray, NamedArrays
+from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.model.densities import probit_of_logit
@@ -30,7 +30,7 @@ from bayes_toe.model.paper_equations import (
 )
 from bayes_toe.model.paper_rows import PaperRows
 from bayes_toe.model.posterior import Names, SubjectPosterior
-from bayes_toe.model.posterior_array import PosteriorArray, independent_array
+from bayes_toe.model.posterior_array import PosteriorArray
 from bayes_toe.model.prior import DEFAULT, Prior
 
 #: Its name in files and in the keys of its random streams.
@@ -92,15 +92,9 @@ class PaperPosterior(SubjectPosterior):
         object.__setattr__(self, "prior", self.prior.for_subjects(self.subject))
 
     @cached_property
-    def array(self) -> PosteriorArray:
-        """The same posterior as an array of one."""
-        rows = PaperRows.from_subjects([self.subject], self.prior)
-        return independent_array(rows, [rows.coordinates])
-
-    @property
     def rows(self) -> PaperRows:
         """The counts, as one row."""
-        return cast(PaperRows, self.array.likelihood.rows)
+        return PaperRows.from_subject(self.subject, self.prior)
 
     @property
     def share(self) -> str:
@@ -147,11 +141,7 @@ class PaperPosterior(SubjectPosterior):
         its peak, or P(second) 75 % without lapses.
         """
         rows = self.rows
-        u = x.reshape(1, -1, 4)
-        shape = x.shape[:-1]
-        mu1 = rows.mu1(u).reshape(shape)
-        width = np.exp(rows.log_width(u)).reshape(shape)
-        p = rows.pull(u).reshape(shape)
+        mu1, width, p = rows.mu1(x), np.exp(rows.log_width(x)), rows.pull(x)
 
         gain = 1.0 - p
         sigma_p = width * gain**rows.power
@@ -189,15 +179,12 @@ class PaperPosterior(SubjectPosterior):
         ratio = variance_ratio(noise_ratio(sigma_p, sigma_l))
         log_width = np.log(sigma_p) + rows.power * np.log(ratio)
 
-        # The row of the subject comes first, whatever the shape of the quantities.
-        of_row = (1, -1)
-        score = rows.spread_score(log_width.reshape(of_row), (1.0 - 1.0 / ratio).reshape(of_row))
-        spread = score.reshape(log_width.shape)
+        mean, sd = self.prior.mu1_normal
 
         with np.errstate(divide="ignore"):
             columns = (
-                (mu1 - rows.mu1_mean[0, 0]) / rows.mu1_sd[0, 0],
-                spread,
+                (mu1 - mean) / sd,
+                rows.spread_score(log_width, 1.0 - 1.0 / ratio),
                 probit_of_logit(_logit_gamma(sigma_p, sigma_l)),
                 ndtri(share),
             )
@@ -214,3 +201,103 @@ def _logit_gamma(sigma_p: FloatArray, sigma_l: FloatArray, rounding: float = 1e-
     complement = difference * (1.0 + sigma_l / sigma_p)
     log_complement = np.log(np.where(is_rounding, 0.0, complement))
     return 2.0 * (np.log(sigma_l) - np.log(sigma_p)) - log_complement
+
+
+# --- Without a funnel -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Funnel:
+    """The normal distribution of the score of mu1 given pull and width, and coordinates without it.
+
+    The answers determine the offset c = p (mu1 - sbar), so that mu1 is the more open the smaller
+    the pull p is. Given pull and width, the score of mu1 is about normal with
+
+        s^-2 = 1 + kappa sd^2 p^2 / (w^2 + w_0^2),   mean = (1 - s^2) (sbar + c/p - m) / sd,
+
+    where m and sd are those of the prior of mu1, and the answers give c, kappa and w_0 at the
+    highest maximum. A curve that is much steeper than the steps of the stimuli tells c no better.
+    The coordinates y have (u_0 - mean)/s in the place of u_0, and the others as they are.
+
+    Attributes
+    ----------
+    row : PaperRows
+        The answers of one subject.
+    centre : float
+        The score at which mu1 is sbar.
+    offset : float
+        c over the prior standard deviation of mu1.
+    log_precision : float
+        Of kappa sd^2.
+    log_least_width : float
+        Of w_0.
+    follows_width : float
+        1, or 0 where the precision does not depend on the width: several maxima leave c open.
+    """
+
+    row: PaperRows
+    centre: float
+    offset: float
+    log_precision: float
+    log_least_width: float
+    follows_width: float
+
+    def conditional(self, u: FloatArray) -> ArrayPair:
+        """Mean and log standard deviation, (posteriors, points) each."""
+        log_pull = self.row.log_pull(u)
+        log_square = np.logaddexp(2.0 * self.row.log_width(u), 2.0 * self.log_least_width)
+        # The precision that the answers give, and its share of the whole precision, 1 - s^2.
+        log_information = self.log_precision + 2.0 * log_pull - self.follows_width * log_square
+        log_sd = -0.5 * np.logaddexp(0.0, log_information)
+        log_share = log_information + 2.0 * log_sd
+
+        # c/p in logs, because p may be below the smallest float.
+        mean = np.exp(log_share) * self.centre + np.exp(log_share - log_pull) * self.offset
+        return mean, log_sd
+
+    def forward(self, u: FloatArray) -> ArrayPair:
+        """Coordinates y of u, (posteriors, points, 4), and log |dy/du|, (posteriors, points)."""
+        mean, log_sd = self.conditional(u)
+        y = u.copy()
+        y[..., 0] = (u[..., 0] - mean) * np.exp(-log_sd)
+        if self.row.prior.spread != "width":
+            y[..., 1] = self.row.log_width(u)
+        return y, self._log_volume(u, log_sd)
+
+    def inverse(self, y: FloatArray) -> ArrayPair:
+        """Coordinates u of y, and log |dy/du| there."""
+        u = y.copy()
+        if self.row.prior.spread != "width":
+            u[..., 1] = self.row.spread_score(y[..., 1], self.row.pull(y))
+        mean, log_sd = self.conditional(u)
+        u[..., 0] = mean + y[..., 0] * np.exp(log_sd)
+        return u, self._log_volume(u, log_sd)
+
+    def _log_volume(self, u: FloatArray, log_sd: FloatArray) -> FloatArray:
+        if self.row.prior.spread == "width":
+            return -log_sd
+        return np.log(self.row.spread_slope(u)) - log_sd
+
+
+@dataclass(frozen=True, eq=False)
+class FunnelArray(PosteriorArray):
+    """The posterior of one subject under H1 in the coordinates y of its funnel.
+
+    Densities are with respect to y.
+    """
+
+    funnel: Funnel
+
+    def prior_points(self, probability: FloatArray) -> FloatArray:
+        """Points of the prior by the quantiles of its coordinates, (posteriors, points, 4)."""
+        return self.funnel.forward(super().prior_points(probability))[0]
+
+    def densities(self, y: FloatArray) -> ArrayPair:
+        """Log prior and log posterior density, (posteriors, points)."""
+        u, log_volume = self.funnel.inverse(y)
+        log_prior, log_posterior = super().densities(u)
+        return log_prior - log_volume, log_posterior - log_volume
+
+    def original(self, y: FloatArray) -> ArrayPair:
+        """Points u of the posteriors, and log |dy/du| there."""
+        return self.funnel.inverse(y)

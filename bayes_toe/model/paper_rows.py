@@ -11,7 +11,6 @@ is that of :mod:`bayes_toe.model.densities`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -39,7 +38,7 @@ from bayes_toe.model.densities import (
     logit_rise,
     normal_hazard,
 )
-from bayes_toe.model.paper_equations import LN2, log_different, log_equal, pull
+from bayes_toe.model.paper_equations import LN2, log_different, pull
 from bayes_toe.model.prior import Prior
 
 #: Of G = 1 / (1 - p) in the width sigma_p G^power, by the parameter of the task.
@@ -48,48 +47,25 @@ POWERS = {"q0": 1.5, "lapse_rate": 1.0}
 
 @dataclass(frozen=True, eq=False)
 class PaperRows(AnswerRows):
-    """Counts of one or several subjects of a task, with the four coordinates of H1.
+    """Counts of one subject of a task, with the four coordinates of H1; a row may be repeated.
 
     Attributes
     ----------
     task : Task
     prior : Prior
-        Its numbers that do not depend on the stimuli count.
+        With numbers in the place of "stimuli".
     first, difference : ndarray, shape (rows, 1, pairs)
         s1 and s2 - s1, natural-log intensity.
     n_yes, n_no : ndarray, shape (rows, 1, pairs)
-    mu1_mean, mu1_sd : ndarray, shape (rows, 1)
-        Of the prior of mu1.
-    spread_scale : ndarray, shape (rows, 1)
-        Median of the width, or scale of sigma_p.
     """
 
     task: Task
     prior: Prior
-    mu1_mean: FloatArray
-    mu1_sd: FloatArray
-    spread_scale: FloatArray
-    row_numbers = ("mu1_mean", "mu1_sd", "spread_scale")
 
     @classmethod
-    def from_subjects(cls, subjects: Sequence[Subject], prior: Prior) -> PaperRows:
-        """A row for each subject; all of one task."""
-        n_rows = len(subjects)
-        pairs = pair_arrays(subjects, [0.0] * n_rows, [1.0] * n_rows)
-        numbers = np.empty((3, n_rows, 1))
-        for i, subject in enumerate(subjects):
-            numbered = prior.for_subjects(subject)
-            numbers[:, i, 0] = (numbered.mu1_mean, numbered.mu1_sd, numbered.spread_scale)
-        mu1_mean, mu1_sd, spread_scale = numbers
-
-        return cls(
-            **pairs,
-            task=subjects[0].task,
-            prior=prior,
-            mu1_mean=mu1_mean,
-            mu1_sd=mu1_sd,
-            spread_scale=spread_scale,
-        )
+    def from_subject(cls, subject: Subject, prior: Prior) -> PaperRows:
+        """The row of a subject."""
+        return cls(**pair_arrays([subject], [0.0], [1.0]), task=subject.task, prior=prior)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -116,7 +92,8 @@ class PaperRows(AnswerRows):
 
     def mu1(self, u: FloatArray) -> FloatArray:
         """Prior mean of the observer, natural-log intensity, (rows, points)."""
-        return self.mu1_mean + self.mu1_sd * u[..., 0]
+        mean, sd = self.prior.mu1_normal
+        return mean + sd * u[..., 0]
 
     def pull(self, u: FloatArray) -> FloatArray:
         """Pull p, (rows, points)."""
@@ -147,47 +124,20 @@ class PaperRows(AnswerRows):
         score = u[..., 1]
         sd = self.prior.spread_sd
         log_ratio = log_half_normal(score) if sd is None else sd * score
-        return np.log(self.spread_scale) + log_ratio - self._log_spread_share(self.pull(u))
+        return np.log(self.prior.spread_scale) + log_ratio - self._log_spread_share(self.pull(u))
 
     def spread_score(self, log_width: FloatArray, pull: FloatArray) -> FloatArray:
         """The second coordinate, from the log width and the pull."""
-        log_ratio = log_width + self._log_spread_share(pull) - np.log(self.spread_scale)
+        log_ratio = log_width + self._log_spread_share(pull) - np.log(self.prior.spread_scale)
         if self.prior.spread_sd is None:
             return half_normal_score(np.exp(log_ratio))
         return log_ratio / self.prior.spread_sd
 
-    def _spread_slope(self, u: FloatArray) -> FloatArray:
+    def spread_slope(self, u: FloatArray) -> FloatArray:
         """Slope of the log width in the second coordinate, (rows, points)."""
         if self.prior.spread_sd is None:
             return log_half_normal_slope(u[..., 1])
         return np.full(u.shape[:-1], self.prior.spread_sd)
-
-    def _log_width_slopes(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Slopes of the log width in the second and in the third coordinate, (rows, points)."""
-        by_gamma = np.zeros(u.shape[:-1])
-        if self.prior.spread != "width":
-            by_gamma = self.power * self._pull_slope(u) / (1.0 - self.pull(u))
-        return self._spread_slope(u), by_gamma
-
-    def with_log_width(self, u: FloatArray) -> FloatArray:
-        """Points with the log width in the place of the score of sigma_p."""
-        changed = u.copy()
-        if self.prior.spread != "width":
-            changed[..., 1] = self.log_width(u)
-        return changed
-
-    def log_width_volume(self, u: FloatArray) -> FloatArray:
-        """Log of the change of volume by :meth:`with_log_width`, (rows, points)."""
-        if self.prior.spread == "width":
-            return np.zeros(u.shape[:-1])
-        return np.log(self._spread_slope(u))
-
-    def without_log_width(self, changed: FloatArray) -> FloatArray:
-        """Inverse of :meth:`with_log_width`."""
-        u = changed.copy()
-        if self.prior.spread != "width":
-            u[..., 1] = self.spread_score(changed[..., 1], self.pull(u))
-        return u
 
     def distance(self, u: FloatArray) -> FloatArray:
         """Distance z of the second stimulus from the evolved mean, in w, (rows, points, pairs)."""
@@ -202,12 +152,8 @@ class PaperRows(AnswerRows):
 
     def log_answers(self, u: FloatArray) -> LogAnswers:
         """Log probability of both answers to every pair, (rows, points, pairs) each."""
-        return self._answers_at(self.distance(u), logit_of_probit(u[..., 3:]))
-
-    def _answers_at(self, z: FloatArray, logit_share: FloatArray) -> LogAnswers:
-        if self.task.lapses == "q0":
-            return bell_answers(z, logit_share)
-        return guessing_answers(z, logit_share)
+        answers_at, _ = CURVES[self.task.lapses]
+        return answers_at(self.distance(u), logit_of_probit(u[..., 3:]))
 
     def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
         """Log answers, and the slopes of both in every coordinate, (rows, points, 4, pairs).
@@ -217,16 +163,18 @@ class PaperRows(AnswerRows):
         """
         z = self.distance(u)
         logit_share = logit_of_probit(u[..., 3:])
-        answers = self._answers_at(z, logit_share)
-        curve_slopes = bell_slopes if self.task.lapses == "q0" else guessing_slopes
-        in_z, in_share = curve_slopes(z, logit_share, answers)
+        answers_at, slopes_at = CURVES[self.task.lapses]
+        answers = answers_at(z, logit_share)
+        in_z, in_share = slopes_at(z, logit_share, answers)
 
-        by_spread, by_gamma = self._log_width_slopes(u)
+        by_spread, by_gamma = self.spread_slope(u), np.zeros(u.shape[:-1])
+        if self.prior.spread != "width":
+            by_gamma = self.power * self._pull_slope(u) / (1.0 - self.pull(u))
         lever = self.first - self.mu1(u)[..., None]
         slopes = []
         with np.errstate(over="ignore", invalid="ignore"):  # far out, where the density is 0
             inverse_width = np.exp(-self.log_width(u))[..., None]
-            z_by_mu1 = -(self.pull(u) * self.mu1_sd)[..., None] * inverse_width
+            z_by_mu1 = -(self.pull(u) * self.prior.mu1_normal[1])[..., None] * inverse_width
             z_by_pull = self._pull_slope(u)[..., None] * lever * inverse_width
             z_slopes = (z_by_mu1, -z * by_spread[..., None], z_by_pull - z * by_gamma[..., None])
             for of_z, of_share in zip(in_z, in_share, strict=True):
@@ -243,7 +191,7 @@ class PaperRows(AnswerRows):
 def bell_answers(z: FloatArray, logit_q0: FloatArray) -> LogAnswers:
     """Log of P(equal) = q0 2^(-z^2) and of its complement. Source: Eq. mod:q."""
     with np.errstate(over="ignore"):  # z^2 beyond the largest float: log P(equal) is -inf
-        return LogAnswers(log_equal(z, log_expit(logit_q0)), log_different(z, logit_q0))
+        return LogAnswers(log_expit(logit_q0) - LN2 * np.square(z), log_different(z, logit_q0))
 
 
 def bell_slopes(
@@ -268,7 +216,7 @@ def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:
     >>> round(float(np.exp(far.yes)[0, 0]), 12)
     0.1
     """
-    guessed, attended = _guessing_parts(second_answers(z), logit_rate)
+    guessed, attended = _guessing_parts(z, logit_rate)
     yes, no = np.logaddexp(guessed, attended.yes), np.logaddexp(guessed, attended.no)
     # The larger probability is the complement of the smaller one.
     is_rare = yes < no
@@ -281,7 +229,7 @@ def guessing_slopes(
     z: FloatArray, logit_rate: FloatArray, answers: LogAnswers
 ) -> tuple[ArrayPair, ArrayPair]:
     """Slopes of :func:`guessing_answers` in z and in the logit of lambda, of both answers each."""
-    log_guessed, log_attended = _guessing_parts(second_answers(z), logit_rate)
+    log_guessed, log_attended = _guessing_parts(z, logit_rate)
     log_density = log_expit(-logit_rate) + log_normal(z)
     yes_in_z, no_in_z = np.exp(log_density - answers.yes), -np.exp(log_density - answers.no)
     in_rate = []
@@ -292,8 +240,16 @@ def guessing_slopes(
     return (yes_in_z, no_in_z), (yes_in_rate, no_in_rate)
 
 
-def _guessing_parts(curve: LogAnswers, logit_rate: FloatArray) -> tuple[FloatArray, LogAnswers]:
+def _guessing_parts(z: FloatArray, logit_rate: FloatArray) -> tuple[FloatArray, LogAnswers]:
     """Log probability of either answer by a guess, and of both by the curve."""
+    curve = second_answers(z)
     log_attend = log_expit(-logit_rate)
     attended = LogAnswers(log_attend + curve.yes, log_attend + curve.no)
     return log_expit(logit_rate) - LN2, attended
+
+
+#: The curves of both answers with their slopes, by the parameter of the task.
+CURVES = {
+    "q0": (bell_answers, bell_slopes),
+    "lapse_rate": (guessing_answers, guessing_slopes),
+}

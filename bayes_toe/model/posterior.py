@@ -20,7 +20,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.model.answer_curves import AnswerRows, LogAnswers
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
-from bayes_toe.model.posterior_array import PosteriorArray
+from bayes_toe.model.posterior_array import PosteriorArray, independent_array
 
 #: The range of quantiles that :func:`posterior_contraction` compares.
 RANGE = (0.05, 0.95)
@@ -64,12 +64,6 @@ def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
     return points
 
 
-def require_defined(log_posterior: FloatArray, target: SubjectPosterior) -> None:
-    """Refuse log densities among which there is a NaN."""
-    if np.isnan(log_posterior).any():
-        raise NumericalError(f"subject {target.subject.name!r}: log posterior is NaN")
-
-
 class NamedModel(Protocol):
     """A model, by whose name random streams are keyed."""
 
@@ -89,8 +83,8 @@ class SubjectPosterior(ABC):
 
     @property
     @abstractmethod
-    def array(self) -> PosteriorArray:
-        """The same posterior as an array of one, with all coordinates of the task."""
+    def rows(self) -> AnswerRows:
+        """The counts, as one row."""
 
     @property
     @abstractmethod
@@ -120,19 +114,19 @@ class SubjectPosterior(ABC):
         """Points, shape (..., k), from natural quantities of shape (...)."""
 
     @property
-    def rows(self) -> AnswerRows:
-        """The counts, as one row."""
-        return self.array.likelihood.rows
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that the model has."""
+        return self.rows.coordinates
+
+    @cached_property
+    def array(self) -> PosteriorArray:
+        """The same posterior as an array of one, with all coordinates of the task."""
+        return independent_array(self.rows, [self.coordinates])
 
     @property
     def is_free(self) -> BoolArray:
         """Which coordinates of the task the model has, shape (all,)."""
         return self.array.is_free[0]
-
-    @cached_property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates that the model has."""
-        return tuple(np.array(self.array.names)[self.is_free].tolist())
 
     def full_points(self, x: npt.ArrayLike) -> FloatArray:
         """Points with all coordinates of the task, (points, k) -> (1, points, all)."""
@@ -195,8 +189,8 @@ class SubjectPosterior(ABC):
             return float(np.quantile(self._prior_quantities[name], probability))
         coordinate, direction = self.monotone_in[name]
         probabilities = np.full((1, len(self.array.names)), 0.5)
-        is_coordinate = np.array(self.array.names) == coordinate
-        probabilities[:, is_coordinate] = probability if direction > 0 else 1.0 - probability
+        share = probability if direction > 0 else 1.0 - probability
+        probabilities[0, self.array.names.index(coordinate)] = share
         return float(self.quantities(self._prior_points(probabilities))[name][0])
 
     @cached_property
@@ -207,15 +201,6 @@ class SubjectPosterior(ABC):
 
         spread_points = qmc.Sobol(len(self.array.names), rng=np.random.default_rng(0))
         return self.quantities(self._prior_points(spread_points.random_base2(14)))
-
-
-def judged_quantities(target: SubjectPosterior, x: FloatArray) -> dict[str, FloatArray]:
-    """The quantities by which draws are judged, without monotone functions of another one.
-
-    Ranks, and so the diagnostics, of such a function are those of the other quantity.
-    """
-    repeated = target.names.monotone
-    return {name: values for name, values in target.quantities(x).items() if name not in repeated}
 
 
 def posterior_contraction(

@@ -176,17 +176,14 @@ class HistoryRows(ObserverRows):
             values["carry_over"] = ndtr(scores["carry_over"])
         return values
 
-    def expectation(self, values: NamedArrays) -> FloatArray:
-        """E of every trial in D, (trials, points), for quantities of shape (1, points)."""
-        effects = values["contraction"][0], values["carry_over"][0]
-        starts = self.trials.is_session_start
-        return expectations(self.first_of_trial, self.second_of_trial, *effects, starts)
-
     def lever_at(self, values: NamedArrays) -> FloatArray:
         """The first stimulus from the centre of the contraction, in D: from sbar + E."""
         if not self.history.has_carry_over:
             return self.first
-        return self.first - self.expectation(values)[self.trials.is_answered].T[None]
+        effects = values["contraction"][0], values["carry_over"][0]
+        starts = self.trials.is_session_start
+        expected = expectations(self.first_of_trial, self.second_of_trial, *effects, starts)
+        return self.first - expected[self.trials.is_answered].T[None]
 
     def distance_at(self, values: NamedArrays) -> FloatArray:
         """The distance z of every cell, (1, points, cells)."""
@@ -224,12 +221,8 @@ class HistoryRows(ObserverRows):
         cells = []
         for part in self._parts(u):
             values = self.quantities(part)
-            z = self.distance_at(values)
-            k = self.criterion_at(values)
-            if k is not None and self.task.has_three_answers:
-                _, p_counted, _ = self._plain_three(values, z, k)
-            else:
-                p_counted, _ = self.plain_answers_at(values, z, k)
+            z, k = self.distance_at(values), self.criterion_at(values)
+            *_, p_counted, _ = self.plain_answers_at(values, z, k)
             cells.append(p_counted[0])
         return np.concatenate(cells)[:, self.cell]
 

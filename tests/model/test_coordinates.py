@@ -17,7 +17,7 @@ points = st.tuples(*[st.floats(-4, 4)] * 4)
 @pytest.fixture(scope="module", params=["funnel", "all different"])
 def funnel(request):
     posterior = paper_posterior(CASES[request.param])
-    return funnel_of_maxima(posterior.array, [find_maxima(posterior)])
+    return funnel_of_maxima(posterior.rows, find_maxima(posterior))
 
 
 @given(x=points)
