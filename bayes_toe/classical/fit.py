@@ -29,7 +29,7 @@ from scipy.special import logit, ndtr
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import Task
 from bayes_toe.errors import require_number, require_share
 from bayes_toe.model.paper_equations import (
     LN2,
@@ -337,7 +337,7 @@ class FitTable(SubjectTable[SubjectFit]):
         Of the percentile bootstrap intervals.
     replicates : int
     seed : int
-    prior : Prior, optional
+    prior : Prior
         Its normal of mu1 is the penalty.
     task : Task
     """
@@ -345,15 +345,15 @@ class FitTable(SubjectTable[SubjectFit]):
     level: float
     replicates: int
     seed: int
-    prior: Prior | None = None
-    task: Task = SAME_DIFFERENT
+    prior: Prior
+    task: Task
 
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of fit.csv.
 
         NaN (in the file: empty) where the answers do not determine a parameter.
         """
-        penalty = None if self.prior is None else self.prior.describe_penalty()
+        penalty = self.prior.describe_penalty()
         rows = []
         for row in self:
             fitted = (row.subject, *row.parameters, row.log_likelihood, row.at_edge)

@@ -25,8 +25,7 @@ def laplace_estimate(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArra
     >>> laplace_estimate([0, 24, 48], 48).tolist()
     [0.02, 0.5, 0.98]
     """
-    k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
-    return (k + 1.0) / (n + 2.0)
+    return np.add(n_yes, 1.0) / np.add(n_trials, 2.0)
 
 
 def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
@@ -36,8 +35,9 @@ def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
 
     Source: Eq. e:2b, in the form in which nothing cancels.
     """
-    k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
-    return np.sqrt((k + 1.0) / (n + 2.0) * ((n - k + 1.0) / (n + 2.0)) / (n + 3.0))
+    estimate = laplace_estimate(n_yes, n_trials)
+    complement = laplace_estimate(np.subtract(n_trials, n_yes), n_trials)
+    return np.sqrt(estimate * complement / np.add(n_trials, 3.0))
 
 
 def accuracy(subject: Subject) -> float:

@@ -68,25 +68,20 @@ def subjects_tree(
     The list of draws is empty afterwards, so that the memory of each subject is free again.
     `failed` and `not_interpreted` have the reason for each subject that they name.
     """
-    first = subject_draws[0]
-    size = first.log_posterior.shape
-    values = {name: np.empty((*size, len(study))) for name in (*first.quantities, "lp")}
+    n_chains, n_draws = subject_draws[0].log_posterior.shape
+    names = [*subject_draws[0].quantities]
+    values = {name: np.empty((n_chains, n_draws, len(study))) for name in (*names, "lp")}
 
     rates = []
     statistics = []
-    for i in reversed(range(len(study))):  # `pop` takes the last subject
-        draws = subject_draws.pop()
-        for name, drawn in draws.quantities.items():
-            values[name][:, :, i] = drawn
+    for i in range(len(study)):
+        draws = subject_draws.pop(0)
+        for name in names:
+            values[name][:, :, i] = draws.quantities[name]
         values["lp"][:, :, i] = draws.log_posterior
         rates.append(draws.acceptance)
         statistics.append(draws.statistics)
 
-    # The last subject came first.
-    rates.reverse()
-    statistics.reverse()
-
-    n_chains, n_draws = size
     coordinates = {
         "chain": np.arange(n_chains),
         "draw": np.arange(n_draws),
@@ -95,7 +90,7 @@ def subjects_tree(
     n_walkers = settings.sampler.walkers
     walker = ("draw", np.repeat(np.arange(n_walkers), n_draws // n_walkers))
     posterior = xr.Dataset(coords={**coordinates, "walker": walker})
-    for name in first.quantities:
+    for name in names:
         units = {"units": QUANTITY_BY_NAME[name].unit}
         posterior[name] = (BY_SUBJECT, values[name], units)
 

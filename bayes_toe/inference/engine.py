@@ -21,7 +21,6 @@ from bayes_toe.inference.maxima import Ascent
 from bayes_toe.inference.mixture import (
     StudentMixture,
     WeightedDraws,
-    joined_draws,
     tempered,
 )
 from bayes_toe.model.posterior_array import PosteriorArray
@@ -62,8 +61,6 @@ class Precision:
         Steps of EM in a round.
     n_added : int
         Components that a refitted mixture gets at its heaviest draws.
-    added_share : float
-        Share of these components.
     largest_share, largest_weight, largest_k : float
         Share of all weight, and weight over the mean, of one draw, and Pareto k of the weights,
         above which a mixture is refitted.
@@ -83,7 +80,6 @@ class Precision:
     tempered: float = 60.0
     em_steps: int = 1
     n_added: int = 1
-    added_share: float = 1.0 / 16.0
     largest_share: float = 0.03
     largest_weight: float = np.inf
     largest_k: float = np.inf
@@ -104,7 +100,6 @@ SHARP = Precision(
     tempered=400.0,
     em_steps=3,
     n_added=4,
-    added_share=1.0 / 16.0,
     largest_share=1.0,
     largest_weight=10.0,
     largest_k=0.5,
@@ -132,7 +127,7 @@ class PriorMixture:
         """The core, and the cover with a tenth of the whole."""
         if self.cover is None:
             return self.core
-        return self.core.joined([self.cover], 0.1)
+        return self.core.joined(self.cover, 0.1)
 
     def log_density(self, points: FloatArray, log_prior: FloatArray) -> FloatArray:
         """Log density at points, (n, d) -> (n,)."""
@@ -232,7 +227,7 @@ def with_prior_components(mixture: PriorMixture, array: PosteriorArray, rng: Rng
 
     core = mixture.core
     added = _components(points[0][:, mixture.is_free], weights, _COMPONENTS // 2, core.df)
-    return replace(mixture, core=core.joined([added], 0.5))
+    return replace(mixture, core=core.joined(added, 0.5))
 
 
 def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
@@ -294,7 +289,7 @@ def fitted_draws(
     # Draw from the fixed mixtures, until every posterior has enough draws.
     while active:
         for i, draws in zip(active, _round(array, states, active, precision), strict=True):
-            states[i].fresh = joined_draws([states[i].fresh, draws])
+            states[i].fresh = states[i].fresh.joined(draws)
         active = _unfinished(active, states, families, precision)
     return [state.mixture for state in states], [state.fresh for state in states]
 
@@ -354,7 +349,7 @@ class _State:
     def join(self, draws: WeightedDraws) -> None:
         """Add draws of the present mixture to the pool."""
         self.rounds.append((self.mixture, len(draws.x)))
-        pooled = joined_draws([self.pool, draws])
+        pooled = self.pool.joined(draws)
         densities = []
         for mixture, count in self.rounds:
             log_density = mixture.log_density(pooled.x, pooled.log_prior)
@@ -449,5 +444,5 @@ def _refit(state: _State, precision: Precision) -> None:
     weights = np.full(n_added, 1.0 / n_added)
     core = mixture.core
     added = StudentMixture(weights, heaviest, np.array(scales), core.df)
-    widened = replace(mixture, core=core.joined([added], precision.added_share))
+    widened = replace(mixture, core=core.joined(added, 1.0 / 16.0))
     state.mixture = widened.updated(state.pool, precision)

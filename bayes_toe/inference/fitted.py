@@ -31,9 +31,6 @@ from bayes_toe.model.paper_model import FunnelArray, PaperPosterior
 from bayes_toe.model.posterior import SubjectPosterior
 from bayes_toe.model.posterior_array import PosteriorArray
 
-#: Pareto k above which, and efficiency below which, weights are not trusted.
-TRUSTED_K, TRUSTED_EFFICIENCY = 0.7, 0.02
-
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
@@ -90,7 +87,7 @@ class Fitted:
 
 def is_trusted(k: float, efficiency: float) -> bool:
     """Whether averages by importance weights, and their errors, can be trusted."""
-    return k < TRUSTED_K and efficiency > TRUSTED_EFFICIENCY
+    return k < 0.7 and efficiency > 0.02
 
 
 def fit_posterior(
@@ -150,7 +147,7 @@ def _searches(target: SubjectPosterior) -> Ascent:
     if not isinstance(target, ObserverPosterior):
         return paper_maxima(target.array)
     # A search begins at the maxima of its neighbour, so that the four models belong together.
-    maxima = observer_maxima(order_posteriors(target.rows, target.subject.task))
+    maxima = observer_maxima(order_posteriors(target.rows))
     return maxima[MODEL_NAMES.index(target.model.name)]
 
 

@@ -10,7 +10,6 @@ number, so that each density is a power by multiplication, without a logarithm.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -152,22 +151,12 @@ class StudentMixture:
         scales = (around - inner_weight[:, None, None] * _outer(offsets)) / weight[:, None, None]
         return weight, inner_weight, centre + offsets, scales
 
-    def joined(self, mixtures: Sequence[StudentMixture], share: float) -> StudentMixture:
-        """This mixture with others of the same degrees of freedom.
-
-        Each takes a share of what was before it.
-        """
-        n_left = np.arange(len(mixtures), -1, -1)
-        shares = (1.0 - share) ** n_left * [1.0, *[share] * len(mixtures)]
-        parts = [self, *mixtures]
-        weights = [
-            part.weights * part_share for part, part_share in zip(parts, shares, strict=True)
-        ]
-
+    def joined(self, other: StudentMixture, share: float) -> StudentMixture:
+        """This mixture with another one, of the same degrees of freedom, which takes a share."""
         return StudentMixture(
-            np.concatenate(weights),
-            np.concatenate([part.means for part in parts]),
-            np.concatenate([part.scales for part in parts]),
+            np.concatenate([(1.0 - share) * self.weights, share * other.weights]),
+            np.concatenate([self.means, other.means]),
+            np.concatenate([self.scales, other.scales]),
             self.df,
         )
 
@@ -214,6 +203,11 @@ class WeightedDraws:
     log_proposal: FloatArray
 
     @property
+    def columns(self) -> tuple[FloatArray, ...]:
+        """The four arrays, in their order."""
+        return self.x, self.log_prior, self.log_posterior, self.log_proposal
+
+    @property
     def log_weights(self) -> FloatArray:
         """Log of posterior over proposal density, unnormalised, shape (draws,)."""
         return self.log_posterior - self.log_proposal
@@ -251,20 +245,14 @@ class WeightedDraws:
         """Draws by their shares, so of equal weight, shape (size, k)."""
         return self.x[rng.choice(len(self.x), size, p=self.shares)]
 
+    def joined(self, other: WeightedDraws) -> WeightedDraws:
+        """These draws, then other ones."""
+        columns = zip(self.columns, other.columns, strict=True)
+        return WeightedDraws(*map(np.concatenate, columns))
+
     def part(self, rows: slice) -> WeightedDraws:
         """Some of the draws, without a copy."""
-        return WeightedDraws(
-            self.x[rows],
-            self.log_prior[rows],
-            self.log_posterior[rows],
-            self.log_proposal[rows],
-        )
-
-
-def joined_draws(parts: Iterable[WeightedDraws]) -> WeightedDraws:
-    """The draws of all parts, in order."""
-    columns = [(part.x, part.log_prior, part.log_posterior, part.log_proposal) for part in parts]
-    return WeightedDraws(*map(np.concatenate, zip(*columns, strict=True)))
+        return WeightedDraws(*(column[rows] for column in self.columns))
 
 
 def effective_number(weights: FloatArray) -> float:

@@ -15,7 +15,6 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import Task
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.engine import USUAL, Precision, fitted_draws, mixture_of_maxima
 from bayes_toe.inference.maxima import laplace
@@ -155,18 +154,17 @@ def try_order_evidence(
         for start in range(0, len(indices), BATCH):
             batch = indices[start : start + BATCH]
             chosen = [subjects[i] for i in batch]
-            rows = ObserverRows.from_subjects(chosen, prior)
-            array = order_posteriors(rows, rows.task)
+            array = order_posteriors(ObserverRows.from_subjects(chosen, prior))
             evidences = evidences_of(array, chosen, seed, prior, precision)
             results.update(zip(batch, evidences, strict=True))
     return [results[i] for i in range(len(subjects))]
 
 
-def order_posteriors(rows: ObserverRows, task: Task) -> PosteriorArray:
+def order_posteriors(rows: ObserverRows) -> PosteriorArray:
     """The four posteriors of every row, one row after the other."""
     n_rows = len(rows.n_yes)
     of_models = rows.part(np.repeat(np.arange(n_rows), _N_MODELS))
-    coordinates = [OrderModel(name).coordinates(task) for name in MODEL_NAMES]
+    coordinates = [OrderModel(name).coordinates(rows.task) for name in MODEL_NAMES]
     return independent_array(of_models, coordinates * n_rows)
 
 

@@ -39,8 +39,8 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
 
     parts = []
     # The first search of each posterior, or of its neighbour: that with c = 0.
-    first_search = len(_ERRORS) * (np.cumsum(has_error) - has_error)
-    for i, first in enumerate(first_search):
+    n_searches = np.where(has_error, len(_ERRORS), 0)
+    for i, first in enumerate(np.cumsum(n_searches) - n_searches):
         candidates = np.array([first])
         if has_error[i]:
             candidates = first + _two_best_local(profile.value[first : first + len(_ERRORS)])
@@ -86,15 +86,11 @@ def _profile(array: PosteriorArray, has_error: BoolArray) -> tuple[Ascent, Index
 def _two_best_local(heights: FloatArray) -> IndexArray:
     """Indices of the two highest local maxima along the constant errors, the highest first."""
     order = np.argsort(_ERRORS)
-    padded = np.concatenate([[-np.inf], heights[order], [-np.inf]])
-    is_local = (padded[1:-1] >= padded[:-2]) & (padded[1:-1] >= padded[2:])
-
-    local = order[is_local]
-    ranked = local[np.argsort(-heights[local])]
-    if len(ranked) < 2:
-        by_height = np.argsort(-heights)
-        ranked = np.concatenate([ranked, by_height[by_height != ranked[0]]])
-    return ranked[:2]
+    ascending = heights[order]
+    padded = np.pad(ascending, 1, constant_values=-np.inf)
+    is_local = (ascending >= padded[:-2]) & (ascending >= padded[2:])
+    # Where there is one local maximum, the next highest value follows.
+    return order[np.lexsort((-ascending, ~is_local))[:2]]
 
 
 # --- The paper's model ---------------------------------------------------------------------------

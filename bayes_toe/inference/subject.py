@@ -179,10 +179,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
     quantities = target.quantities(chains.x)
     natural = {name: quantities[name] for name in target.names.natural}
 
-    ess = float(chains.log_posterior.size)
-    r_hat = 1.0
-    if chains.diagnostics:
-        (_, ess), (_, r_hat) = worst(chains.diagnostics)
+    (_, ess), (_, r_hat) = worst(chains.diagnostics)
     statistics: dict[str, float | int | str] = {
         "converged": int(chains.converged),
         "shortfall": chains.reason,

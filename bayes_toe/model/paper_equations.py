@@ -97,7 +97,7 @@ def width(sigma_p: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
     >>> round(float(width(0.5, 2.0)), 12) == round(0.5 * 2**1.5, 12)
     True
     """
-    return np.asarray(sigma_p, np.float64) * variance_ratio(gamma) ** 1.5
+    return np.multiply(sigma_p, variance_ratio(gamma) ** 1.5)
 
 
 def noise_ratio(sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> FloatArray:
@@ -105,7 +105,7 @@ def noise_ratio(sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> FloatArray:
 
     Source: Eq. axis1.
     """
-    return (np.asarray(sigma_l, np.float64) / np.asarray(sigma_p, np.float64)) ** 2
+    return np.divide(sigma_l, sigma_p) ** 2
 
 
 class Natural(NamedTuple):
@@ -156,8 +156,7 @@ def evolved_mean(s1: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) ->
     >>> float(evolved_mean(0.0, 1.0, 2.0))
     0.5
     """
-    first = np.asarray(s1, np.float64)
-    return first + pull(gamma) * (np.asarray(mu1, np.float64) - first)
+    return np.add(s1, pull(gamma) * np.subtract(mu1, s1))
 
 
 def normalised_distance(
@@ -173,10 +172,7 @@ def normalised_distance(
     """
     require_natural(mu1, sigma_p, sigma_l, 1.0)
     gamma = noise_ratio(sigma_p, sigma_l)
-    first = np.asarray(s1, np.float64)
-    displacement = (np.asarray(s2, np.float64) - first) - pull(gamma) * (
-        np.asarray(mu1, np.float64) - first
-    )
+    displacement = np.subtract(s2, s1) - pull(gamma) * np.subtract(mu1, s1)
     return displacement / width(sigma_p, gamma)
 
 
@@ -212,7 +208,7 @@ def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
         is_extreme = (q >= 0.5) & (logit > 700.0)
         if is_extreme.any():
             result = np.where(is_extreme, np.logaddexp(-logit, np.log(fall)), result)
-    return np.asarray(result)
+    return result
 
 
 def equal_probability(
@@ -241,7 +237,7 @@ def equal_probability(
     """
     require_natural(mu1, sigma_p, sigma_l, q0)
     z = normalised_distance(s1, s2, mu1, sigma_p, sigma_l)
-    return np.asarray(q0, np.float64) * np.exp(-LN2 * np.square(z))
+    return np.multiply(q0, np.exp(-LN2 * np.square(z)))
 
 
 def p_counted(task: Task, s1: npt.ArrayLike, s2: npt.ArrayLike, natural: Natural) -> FloatArray:
@@ -258,7 +254,7 @@ def p_counted(task: Task, s1: npt.ArrayLike, s2: npt.ArrayLike, natural: Natural
 
     if task.lapses == "q0":
         return equal_probability(s1, s2, *natural)
-    distance = np.asarray(s2, np.float64) - evolved_mean(s1, natural.mu1, natural.gamma)
+    distance = np.subtract(s2, evolved_mean(s1, natural.mu1, natural.gamma))
     z = distance / (variance_ratio(natural.gamma) * natural.sigma_p)
     return 0.5 * natural.q0 + (1.0 - natural.q0) * ndtr(z)
 
@@ -269,7 +265,7 @@ def require_natural(
     """Raise NumericalError, naming the parameter, unless all natural parameters are usable."""
     sigma, noise, top = (np.asarray(v, np.float64) for v in (sigma_p, sigma_l, q0))
     rules = {
-        "mu1 must be finite": np.isfinite(np.asarray(mu1, np.float64)),
+        "mu1 must be finite": np.isfinite(mu1),
         "sigma_p must be finite and positive": np.isfinite(sigma) & (sigma > 0),
         "sigma_l must be finite and not negative": np.isfinite(noise) & (noise >= 0),
         "q0 must lie in 0..1": (top >= 0) & (top <= 1),

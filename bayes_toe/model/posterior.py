@@ -155,8 +155,7 @@ class SubjectPosterior(ABC):
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Log posterior density, (points, k) -> (points,); its integral is the evidence."""
-        full = self.full_points(x)
-        return self.array.likelihood.value(full)[0] + self.array.log_prior(full)[0]
+        return self.log_likelihood(x) + self.log_prior(x)
 
     def gradient(self, x: npt.ArrayLike) -> ArrayPair:
         """Log posterior density, (points,), and its gradient, (points, k)."""
