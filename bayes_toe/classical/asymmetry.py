@@ -35,7 +35,7 @@ from scipy.stats import boschloo_exact, fisher_exact
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
 from bayes_toe.data.messages import plural
-from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import (
     Study,
     Subject,
@@ -43,7 +43,7 @@ from bayes_toe.data.study import (
     require_study,
 )
 from bayes_toe.data.tables import SubjectTable
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError
 
 
@@ -132,8 +132,8 @@ class SubjectAsymmetry:
 class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
     """Asymmetries of every subject of a study, in the study's order."""
 
-    task: Task = SAME_DIFFERENT
-    unit: StimulusUnit = UNKNOWN_UNIT
+    task: Task
+    unit: StimulusUnit
     short_columns = ("subject", "s_weak", "s_strong", "asymmetry", "asymmetry_se", "p_adjusted")
 
     @property

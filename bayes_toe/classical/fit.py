@@ -426,19 +426,15 @@ def subject_fit(
     The seed and the name of the subject determine the random stream.
     """
     likelihood = PenalisedLikelihood(subject, *prior.for_subjects(subject).mu1_normal)
-    maxima = likelihood.search(subject.n_yes, likelihood.starts(subject.n_yes[None])[0])
-    parameters = likelihood.natural(maxima.best[None])[0]
+    resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
+    counts = np.vstack([subject.n_yes, resampled])
+    searches = [*map(likelihood.search, counts, likelihood.starts(counts))]
+    natural = likelihood.natural(np.array([maxima.best for maxima in searches]))
+    n_failed = sum(not maxima.has_converged[maxima.is_highest].any() for maxima in searches)
+
+    maxima, parameters = searches[0], natural[0]
     equally_high = likelihood.natural(maxima.x[maxima.is_highest])
     parameters[np.ptp(equally_high, axis=0) > _TOLERANCE] = np.nan
-
-    counts = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
-    points = []
-    n_failed = int(not maxima.has_converged[maxima.is_highest].any())
-    for n_yes, starts in zip(counts, likelihood.starts(counts), strict=True):
-        ends = likelihood.search(n_yes, starts)
-        points.append(ends.best)
-        n_failed += int(not ends.has_converged[ends.is_highest].any())
-
     penalty = 0.5 * ((maxima.best[0] - likelihood.mu1_mean) / likelihood.mu1_sd) ** 2
     return SubjectFit(
         subject.name,
@@ -446,6 +442,6 @@ def subject_fit(
         parameters,
         float(maxima.value.max() + penalty),
         likelihood.reached_bounds(maxima.best),
-        likelihood.natural(np.array(points)),
+        natural[1:],
         n_failed,
     )

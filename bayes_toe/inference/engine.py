@@ -397,7 +397,7 @@ def _unfinished(
 def _fits_badly(state: _State, precision: Precision) -> bool:
     """Whether a mixture misses a part of its posterior; the state counts how often it did."""
     draws = state.fresh
-    n_draws = len(state.fresh.x)
+    n_draws = len(draws.x)
     if n_draws < _FEWEST_ASSESSED or state.refits >= precision.most_refits:
         return False
 
@@ -405,21 +405,18 @@ def _fits_badly(state: _State, precision: Precision) -> bool:
     is_heavy = largest > precision.largest_share or largest * n_draws > precision.largest_weight
     # A mixture is refitted for a poor efficiency alone twice at most.
     is_poor = draws.effective_number < 0.25 * n_draws and state.poor_refits < 2
-    has_tail = precision.largest_k < np.inf and _pareto_k(draws) > precision.largest_k
+    has_tail = False
+    if precision.largest_k < np.inf:
+        # Only here, because a quick command needs no tails, and their library takes long to load.
+        from bayes_toe.inference.diagnostics import pareto_k
+
+        has_tail = pareto_k(draws.log_weights) > precision.largest_k
 
     if not (is_heavy or is_poor or has_tail):
         return False
     state.refits += 1
     state.poor_refits += not (is_heavy or has_tail)
     return True
-
-
-def _pareto_k(draws: WeightedDraws) -> float:
-    """Pareto k of weights."""
-    # Only here, because a quick command needs no tails, and their library takes long to load.
-    from bayes_toe.inference.diagnostics import pareto_k
-
-    return pareto_k(draws.log_weights)
 
 
 def _refit(state: _State, precision: Precision) -> None:

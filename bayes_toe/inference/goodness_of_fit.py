@@ -22,7 +22,7 @@ from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, thinned
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.answer_curves import times_counts
-from bayes_toe.model.posterior import SubjectPosterior, require_points
+from bayes_toe.model.posterior import SubjectPosterior
 
 _OFTEN = 20.0  # expected rarer answers from which chi-square holds for a pair
 _COUNTS = 101  # counts that matter where there are fewer
@@ -52,7 +52,7 @@ def binomial_deviance(
 
 
 def deviance_p_value(
-    value: float, freedom: float, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray
+    value: float, freedom: float, n_trials: FloatArray, log_q: FloatArray, log_rest: FloatArray
 ) -> float:
     """P(deviance >= value) of a fit with these degrees of freedom; NaN without any.
 
@@ -69,7 +69,7 @@ def deviance_p_value(
     """
     if freedom <= 0.0:
         return float("nan")
-    moments = _moments(np.asarray(n_trials, np.float64), log_q, log_rest)
+    moments = _moments(n_trials, log_q, log_rest)
     mean, variance = (float(values.sum()) for values in moments)
     if variance == 0.0:  # the answers are certain under the model
         return float(value <= 0.0)
@@ -156,7 +156,7 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
         The point with the highest posterior density.
     """
     subject = posterior.subject
-    points = require_points(thinned(x, _DRAWS), len(posterior.coordinates))
+    points = np.vstack([maximum, thinned(x, _DRAWS)])
     rows = posterior.rows
     n_trials = (rows.n_yes + rows.n_no)[0, 0]
     # Of three answers, the second question to a pair has no trial where all answers are 'equal'.
@@ -164,22 +164,19 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     n_trials = n_trials[asked]
     n_yes = rows.n_yes[0, 0, asked]
 
-    log_q, log_rest = (logs[0, asked] for logs in posterior.log_answers(maximum[None]))
-    pair_deviances = binomial_deviance(n_yes, n_trials, log_q, log_rest)
-    deviance = float(pair_deviances.sum())
-
-    log_answers = [logs[:, asked] for logs in posterior.log_answers(points)]
-    draw_deviances = binomial_deviance(n_yes, n_trials, *log_answers)
-    n_determined = float(draw_deviances.sum(axis=1).mean()) - deviance
+    log_yes, log_no = (logs[:, asked] for logs in posterior.log_answers(points))
+    deviances = binomial_deviance(n_yes, n_trials, log_yes, log_no)
+    deviance = float(deviances[0].sum())
+    n_determined = float(deviances[1:].sum(axis=1).mean()) - deviance
 
     freedom = len(asked) - len(posterior.coordinates)
     fit_p = float("nan")
     if freedom > 0:
         n_left = len(asked) - n_determined
-        fit_p = deviance_p_value(deviance, n_left, n_trials, log_q, log_rest)
+        fit_p = deviance_p_value(deviance, n_left, n_trials, log_yes[0], log_no[0])
 
-    shares = np.stack([n_yes / n_trials, np.exp(log_q)])
-    worst = _worst_pairs(subject, asked, np.sqrt(pair_deviances), shares)
+    shares = np.stack([n_yes / n_trials, np.exp(log_yes[0])])
+    worst = _worst_pairs(subject, asked, np.sqrt(deviances[0]), shares)
     return GoodnessOfFit(deviance, freedom, fit_p, worst)
 
 

@@ -83,7 +83,7 @@ class StudentMixture:
         density = np.empty(len(x))
         for block in _blocks(len(x)):
             density[block] = self._tops @ self._kernel(self._distances(x[block]))
-        return np.log(density) + float(self._log_tops.max())
+        return np.log(density) + self._log_tops.max()
 
     def sample_components(self, rng: AnyRng, size: int) -> IndexArray:
         """Random components of the draws, shape (size,)."""

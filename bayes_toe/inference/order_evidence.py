@@ -202,10 +202,11 @@ def evidences_of(
 
 def _finite(evidence: OrderEvidence) -> OrderEvidence | NumericalError:
     """The evidences, or an error where one is not a finite number."""
-    for model, log_evidence in zip(MODEL_NAMES, evidence.log_evidence, strict=True):
-        if not np.isfinite(log_evidence):
-            return NumericalError(
-                f"subject {evidence.subject.name!r}: the evidence of the model {model!r} is not a "
-                "finite number"
-            )
-    return evidence
+    is_finite = np.isfinite(evidence.log_evidence)
+    if is_finite.all():
+        return evidence
+    model = MODEL_NAMES[np.argmin(is_finite)]
+    return NumericalError(
+        f"subject {evidence.subject.name!r}: the evidence of the model {model!r} is not a finite "
+        "number"
+    )

@@ -111,8 +111,8 @@ def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) ->
     ['s1', 's2', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
     predictor = Predictor.from_draws(draws, subject)
-    pairs = np.broadcast_arrays(np.asarray(s1, np.float64), np.asarray(s2, np.float64))
-    first, second = np.reshape(pairs, (2, -1))
+    pairs = np.array(np.broadcast_arrays(s1, s2), np.float64)
+    first, second = pairs.reshape(2, -1)
     values = predictor.yes(first, second)
 
     quantiles = np.quantile(values, list(QUANTILES.values()), axis=0)

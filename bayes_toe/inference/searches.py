@@ -115,7 +115,7 @@ def _starts(row: PaperRows) -> FloatArray:
     lapse_logits: tuple[float, ...] = (-3.0, -0.5)  # of the lapse rate
     if row.task.lapses == "q0":
         largest_q0 = ((n_yes + 1.0) / (n_trials + 2.0))[has_trials].max()
-        lapse_logits = (float(logit(largest_q0)),)
+        lapse_logits = (logit(largest_q0),)
 
     # Offsets, in D, are off the round numbers at which a distance may be 0.
     offsets = (-0.93, 0.07, 1.01)
@@ -145,16 +145,16 @@ def funnel_of_maxima(row: PaperRows, maxima: Ascent) -> Funnel:
     mean_first = _mean_first(row)
     mean, sd = row.prior.mu1_normal
     offsets = row.pull(u)[0] * (row.mu1(u)[0] - mean_first)
-    log_width = float(row.log_width(u)[0, 0])
-    information = float(row.scoring(u[:, :1])[2][0, 0, 0, 0])  # of the score of mu1
+    log_width = row.log_width(u)[0, 0]
+    information = row.scoring(u[:, :1])[2][0, 0, 0, 0]  # of the score of mu1
 
     # Where the answers say little of the offset, one width stands in for its spread.
     spread = np.exp(log_width)
     if information > 0.0:
-        spread = float(row.pull(u)[0, 0]) * sd / np.sqrt(information)
+        spread = row.pull(u)[0, 0] * sd / np.sqrt(information)
 
     # Several maxima: the answers leave the offset as open as the maxima are apart.
-    distance = float(offsets.std())
+    distance = offsets.std()
     follows_width = 1.0 if distance < spread else 0.0
     log_precision = 2.0 * (np.log(sd) - np.log(np.hypot(spread, distance)))
     log_precision += follows_width * (2.0 * log_width + np.log(2.0))

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import expit, log_expit, log_ndtr
 
-from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
+from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.densities import PriorDensity, half_normal_quantile, log_normal
 from bayes_toe.model.paper_equations import LN2
@@ -117,16 +117,12 @@ def _log_inside(distance: FloatArray, k: FloatArray, near: FloatArray) -> FloatA
     is_finite = np.isfinite(upper)
     ratio = np.where(is_finite, lower - np.where(is_finite, upper, 0.0), -np.inf)
     result = np.asarray(upper + np.log1p(-np.exp(ratio)))
-    is_narrow = _is_narrow(distance, k)
+    # Where the window is narrow and the density in it nearly level, both terms cancel.
+    is_narrow = (k < 0.5) & (np.minimum(k, 0.5) * distance < 0.5)
     if is_narrow.any():
         d = distance[is_narrow]
         result[is_narrow] = _log_window(d, k[is_narrow]) + log_normal(d)
     return result
-
-
-def _is_narrow(distance: FloatArray, k: FloatArray) -> BoolArray:
-    """Where the window is narrow and the density in it nearly level: there both terms cancel."""
-    return (k < 0.5) & (np.minimum(k, 0.5) * distance < 0.5)
 
 
 def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:

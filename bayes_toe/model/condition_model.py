@@ -122,10 +122,8 @@ class ConditionModels:
     @cached_property
     def differing(self) -> tuple[Parameter, ...]:
         """The parameters that may differ."""
-        # The last task has the fewest parameters, and the other tasks have them too.
-        last_unit = self.units[self.units_by_task[-1][0]]
-        of_all_tasks = task_parameters(last_unit.task)
-        return tuple(parameter for parameter in DIFFERENCE_SDS if parameter in of_all_tasks)
+        tasks = {unit.task for unit in self.units}
+        return tuple(parameter for parameter in DIFFERENCE_SDS if tasks.issubset(parameter.tasks))
 
     @cached_property
     def loading(self) -> FloatArray:
@@ -174,10 +172,10 @@ class ConditionModels:
         The design has no columns.
         """
         array = self.array([()] * len(ORDER_MODELS))
-        is_free = array.is_free.copy()
-        for i, name in enumerate(ORDER_MODELS):
-            is_free[i] = np.isin(array.names, OrderModel(name).coordinates(self.subject.task))
-        return replace(array, is_free=is_free)
+        task = self.subject.task
+        models = map(OrderModel, ORDER_MODELS)
+        is_free = [np.isin(array.names, model.coordinates(task)) for model in models]
+        return replace(array, is_free=np.array(is_free))
 
     def in_conditions(self, points: FloatArray) -> FloatArray:
         """The observer's coordinates in each condition, (points, d) -> (conditions, points, k)."""

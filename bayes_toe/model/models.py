@@ -42,25 +42,12 @@ from bayes_toe.model.parameters import (
 from bayes_toe.model.posterior import Names, SubjectPosterior
 from bayes_toe.model.prior import DEFAULT, Prior
 
-#: What the models say of the order of the stimuli.
-_MODEL_WORDS = {
-    "none": "no order effect",
-    "constant error": "a constant error",
-    "contraction": "a contraction of the first stimulus to the mean",
-    "both": "a constant error and a contraction",
-}
-
 
 @dataclass(frozen=True)
 class OrderModel:
     """One of the four models of the observer, by its name in :data:`ORDER_MODELS`."""
 
     name: str
-
-    @property
-    def about(self) -> str:
-        """The effects of order that the model has, in words."""
-        return _MODEL_WORDS[self.name]
 
     @property
     def held(self) -> frozenset[Parameter]:
@@ -158,7 +145,7 @@ class ObserverPosterior(SubjectPosterior):
         """
         full = np.zeros((*x.shape[:-1], len(self.array.names)))
         full[..., self.is_free] = x
-        values = self.rows.quantities(full.reshape(1, -1, full.shape[-1]))
+        values = self.rows.quantities(full)
         step = self.scales.step
         log_lapse, _ = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
         noise = step * np.exp(values["log_noise"])

@@ -181,13 +181,9 @@ class ObserverRows(AnswerRows):
     def _answers_at(self, values: NamedArrays, z: FloatArray, k: FloatArray | None) -> LogAnswers:
         """Log probability of both answers at distances and criteria, with lapses."""
         if k is None:
-            return self._with_lapses(values, second_answers(z), _GUESS)
-        return self._with_lapses(values, equal_answers(z, k), equal_answers(np.zeros(1), k))
-
-    def _with_lapses(
-        self, values: NamedArrays, attending: LogAnswers, blind: LogAnswers
-    ) -> LogAnswers:
-        """Log probability of both answers from those with and without regard to the stimuli."""
+            attending, blind = second_answers(z), _GUESS
+        else:
+            attending, blind = equal_answers(z, k), equal_answers(np.zeros(1), k)
         log_lapse, log_attend = self._lapse_logs(values)
         yes = np.logaddexp(log_lapse + blind.yes, log_attend + attending.yes)
         no = np.logaddexp(log_lapse + blind.no, log_attend + attending.no)
@@ -272,10 +268,10 @@ class ObserverRows(AnswerRows):
         d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))).
         """
         lapse, attend = map(np.exp, self._lapse_logs(values))
-        by_yes, *by_others = map(_per_answer, self._answer_counts, probabilities)
+        by_yes, *by_alternatives = map(_per_answer, self._answer_counts, probabilities)
         if k is not None and self.task.has_three_answers:
             equal, second, first = probabilities
-            by_second, by_first = by_others
+            by_second, by_first = by_alternatives
             # A criterion that moves takes from one answer what it gives to the other.
             upper = attend * _density(z - k) * (by_second - by_yes)
             lower = attend * _density(z + k) * (by_first - by_yes)
@@ -288,7 +284,7 @@ class ObserverRows(AnswerRows):
             return upper - lower, -k * (upper + lower + blind), in_lapse
 
         # What is added to P is taken from the probability of the other answer.
-        by_yes = by_yes - by_others[0]
+        by_yes = by_yes - by_alternatives[0]
         if k is None:
             return attend * by_yes * _density(z), None, by_yes * (0.5 - probabilities[0])
         edge = attend * by_yes * _density(np.abs(z) - k)
@@ -390,7 +386,8 @@ class ObserverRows(AnswerRows):
         """Derivatives of those quantities in their coordinates, (rows, points, k)."""
         units = self.units | {"lapse_score": lapse_unit}
         if self.task.has_criterion:
-            units["logit_q0"] = _log_criterion_slope(values["logit_q0"])
+            k = criterion(values["logit_q0"])
+            units["logit_q0"] = criterion_slope(values["logit_q0"], k) / k  # of ln k
         columns = [np.atleast_2d(unit) for unit in units.values()]
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
@@ -438,12 +435,6 @@ def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:
 def _log_hazard(score: FloatArray) -> FloatArray:
     """Log of phi(u) / (1 - Phi(u))."""
     return log_normal(score) - log_ndtr(-score)
-
-
-def _log_criterion_slope(logit_q0: FloatArray) -> FloatArray:
-    """Derivative of ln k in the logit of q0."""
-    k = criterion(logit_q0)
-    return criterion_slope(logit_q0, k) / k
 
 
 def _density(x: FloatArray) -> FloatArray:

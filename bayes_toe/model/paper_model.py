@@ -48,7 +48,6 @@ class PaperModel:
     task: Task = SAME_DIFFERENT
 
     name = PAPER_MODEL
-    about = "H1: memory is updated by a prior and diffuses"
 
     def posterior(self, subject: Subject, prior: Prior = DEFAULT) -> PaperPosterior:
         """The posterior of a subject."""
