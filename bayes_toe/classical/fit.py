@@ -39,7 +39,7 @@ from bayes_toe.model.paper_equations import (
     pull,
     variance_ratio,
 )
-from bayes_toe.model.paper_rows import CURVES, POWERS
+from bayes_toe.model.paper_model import CURVES, POWERS
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.seeds import generator, root_seed

@@ -56,44 +56,45 @@ _ERRORS = (
 )
 
 
-def convergence(draws: npt.ArrayLike) -> Convergence:
+def convergence(draws: FloatArray) -> Convergence:
     """Diagnostics of draws, shape (chains, draws).
 
     A constant quantity has no such diagnostics; all three are then NaN. So are those of draws with
     a NaN, of fewer than four draws, and R-hat of a single chain.
     """
-    return convergence_of({"": np.asarray(draws, np.float64)})[""]
+    return convergence_of({"": draws})[""]
 
 
-def errors(draws: npt.ArrayLike) -> Errors:
+def errors(draws: FloatArray) -> Errors:
     """Monte Carlo standard errors of what is said of draws, shape (chains, draws).
 
     NaN where there is no convergence to judge.
     """
-    return errors_of({"": np.asarray(draws, np.float64)})[""]
+    return errors_of({"": draws})[""]
 
 
 def convergence_of(quantities: NamedArrays) -> dict[str, Convergence]:
     """:func:`convergence` of many quantities of one shape, by name, in one go."""
     if not quantities:
         return {}
-    values = _measured(_CONVERGENCE, np.stack(list(quantities.values())))
+    values = _measured(_CONVERGENCE, quantities)
     return dict(zip(quantities, map(Convergence._make, values), strict=True))
 
 
 def errors_of(quantities: NamedArrays) -> dict[str, Errors]:
     """:func:`errors` of many quantities of one shape, by name, in one go."""
-    values = _measured(_ERRORS, np.stack(list(quantities.values())))
+    values = _measured(_ERRORS, quantities)
     return dict(zip(quantities, map(Errors._make, values), strict=True))
 
 
 def _measured(
-    measures: tuple[Callable[[FloatArray], FloatArray], ...], draws: FloatArray
+    measures: tuple[Callable[[FloatArray], FloatArray], ...], quantities: NamedArrays
 ) -> list[list[float]]:
-    """Diagnostics of draws, shape (quantities, chains, draws).
+    """Diagnostics of draws, (chains, draws) of each quantity.
 
     They are NaN for a constant, for which ArviZ would count all draws as effective.
     """
+    draws = np.stack(list(quantities.values()))
     values = np.full((len(draws), len(measures)), np.nan)
     varies = draws.max(axis=(1, 2)) > draws.min(axis=(1, 2))  # NaN is above nothing
     if varies.any():
@@ -177,7 +178,7 @@ class SmoothedWeights(NamedTuple):
     pareto_k: float
 
 
-def pareto_k(log_weights: npt.ArrayLike) -> float:
+def pareto_k(log_weights: FloatArray) -> float:
     """Pareto k-hat of importance weights, shape (draws,); infinite where there is no tail.
 
     Above 0.7 their average cannot be trusted.
@@ -185,17 +186,16 @@ def pareto_k(log_weights: npt.ArrayLike) -> float:
     return smoothed_weights(log_weights).pareto_k
 
 
-def smoothed_weights(log_weights: npt.ArrayLike) -> SmoothedWeights:
+def smoothed_weights(log_weights: FloatArray) -> SmoothedWeights:
     """Pareto-smoothed importance weights of log weights, shape (draws,); in sum 1.
 
     Where no tail can be fitted, the raw ones.
     """
-    raw = np.asarray(log_weights, np.float64)
     with np.errstate(all="ignore"):  # weights of zero, and tails that are all but flat
         try:
-            smoothed, k = array_stats.psislw(-raw)  # it takes negative ones
+            smoothed, k = array_stats.psislw(-log_weights)  # it takes negative ones
             if np.isfinite(k) and not np.isnan(smoothed).any():
                 return SmoothedWeights(np.asarray(smoothed), float(k))
         except ValueError:  # a tail of fewer than five weights, or of equal ones
             pass
-        return SmoothedWeights(raw - logsumexp(raw), float("inf"))
+        return SmoothedWeights(log_weights - logsumexp(log_weights), float("inf"))

@@ -190,9 +190,14 @@ def mixture_of_maxima(maxima: Ascent, is_free: BoolArray) -> PriorMixture:
 
 
 def mixture_of_clouds(
-    clouds: Sequence[FloatArray], maxima: Ascent, is_free: BoolArray, prior_share: float
+    clouds: Sequence[FloatArray], maxima: Ascent, array: PosteriorArray, rng: Rng
 ) -> PriorMixture:
-    """Several components in a cloud of points about every maximum, (n, d) each."""
+    """Several components in a cloud of points about every maximum, (n, d) each.
+
+    Further components, at draws of the prior that a flattened likelihood chose, find what lies far
+    from every maximum, such as a ridge. The array has one posterior.
+    """
+    is_free = array.is_free[0]
     n_each = _COMPONENTS // len(clouds) + 1
     df = 8 + int(is_free.sum()) % 2  # because its sum with the dimension is even
     even = np.full(_CLOUD, 1.0 / _CLOUD)
@@ -201,7 +206,13 @@ def mixture_of_clouds(
     weights = np.repeat(_laplace_weights(maxima), n_each) / n_each
     means = np.concatenate([part.means for part in parts])
     scales = np.concatenate([part.scales for part in parts])
-    return PriorMixture(is_free, StudentMixture(weights, means, scales, df), prior_share)
+    core = StudentMixture(weights, means, scales, df)
+
+    points = array.prior_points(rng.uniform(size=(1, _PRIOR_DRAWS, len(array.names))))
+    log_prior, log_posterior = array.densities(points)
+    prior_weights = tempered((log_posterior - log_prior)[0], _PRIOR_EFFECTIVE)
+    added = _components(points[0][:, is_free], prior_weights, _COMPONENTS // 2, df)
+    return PriorMixture(is_free, core.joined(added, 0.5), SHARP.prior_share)
 
 
 def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:
@@ -213,21 +224,6 @@ def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:
         sds = 1.0 / np.sqrt(np.maximum(values, 0.2))
         clouds.append(x + (rng.standard_normal((_CLOUD, len(x))) * sds) @ axes.T)
     return clouds
-
-
-def with_prior_components(mixture: PriorMixture, array: PosteriorArray, rng: Rng) -> PriorMixture:
-    """The mixture, and components at draws of the prior that a flattened likelihood chose.
-
-    They find what lies far from every maximum, such as a ridge.
-    """
-    probability = rng.uniform(size=(1, _PRIOR_DRAWS, len(array.names)))
-    points = array.prior_points(probability)
-    log_prior, log_posterior = array.densities(points)
-    weights = tempered((log_posterior - log_prior)[0], _PRIOR_EFFECTIVE)
-
-    core = mixture.core
-    added = _components(points[0][:, mixture.is_free], weights, _COMPONENTS // 2, core.df)
-    return replace(mixture, core=core.joined(added, 0.5))
 
 
 def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
@@ -401,7 +397,7 @@ def _fits_badly(state: _State, precision: Precision) -> bool:
     if n_draws < _FEWEST_ASSESSED or state.refits >= precision.most_refits:
         return False
 
-    largest = float(draws.shares.max())
+    largest = draws.shares.max()
     is_heavy = largest > precision.largest_share or largest * n_draws > precision.largest_weight
     # A mixture is refitted for a poor efficiency alone twice at most.
     is_poor = draws.effective_number < 0.25 * n_draws and state.poor_refits < 2

@@ -20,7 +20,6 @@ from bayes_toe.inference.engine import (
     fresh_draws,
     mixture_of_clouds,
     normal_clouds,
-    with_prior_components,
 )
 from bayes_toe.inference.maxima import POLISH_GAIN, Ascent, ascend_from, polished
 from bayes_toe.inference.mixture import WeightedDraws
@@ -113,8 +112,7 @@ def fit_posterior(
         array = FunnelArray(array.likelihood, array.names, (), array.is_free, funnel)
         clouds = [funnel.forward(cloud[None])[0][0] for cloud in clouds]
 
-    first = mixture_of_clouds(clouds, ends, target.is_free, SHARP.prior_share)
-    first = with_prior_components(first, array, rng)
+    first = mixture_of_clouds(clouds, ends, array, rng)
     precision = replace(SHARP, most_draws=judging_draws)
     families = np.zeros(1, np.intp)
     (mixture,), (draws,) = fitted_draws(array, [first], [rng], families, precision)

@@ -42,11 +42,6 @@ class StudentMixture:
     scales: FloatArray  # (J, D, D): scale matrices, not covariances, positive definite
     df: int
 
-    def __post_init__(self) -> None:
-        dim = self.means.shape[1]
-        if (self.df + dim) % 2:
-            raise ValueError(f"df={self.df} and dimension {dim}: their sum must be even")
-
     @cached_property
     def _factors(self) -> FloatArray:
         """Cholesky factors of the scales, (J, D, D)."""

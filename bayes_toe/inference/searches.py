@@ -16,8 +16,7 @@ from bayes_toe.inference.maxima import Ascent, ascend_from
 from bayes_toe.model.densities import probit_of_logit
 from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.paper_equations import pull
-from bayes_toe.model.paper_model import Funnel
-from bayes_toe.model.paper_rows import PaperRows
+from bayes_toe.model.paper_model import Funnel, PaperRows
 from bayes_toe.model.parameters import CONSTANT_ERROR, LAPSE_RATE, NOISE, PEAK
 from bayes_toe.model.posterior_array import PosteriorArray
 

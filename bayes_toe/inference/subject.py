@@ -224,7 +224,7 @@ def summary_rows(
     errors = errors_of(values)
     rows = list[SummaryRow]()
     for name, draws in values.items():
-        moments = float(draws.mean()), float(draws.std(ddof=1))
+        moments = draws.mean(), draws.std(ddof=1)
         quantiles = np.quantile(draws, list(QUANTILES.values())).tolist()
         contraction = posterior_contraction(target, name, quantiles[0], quantiles[-1])
         numbers = *moments, *quantiles, *by_name[name], contraction, *errors[name]

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import expit, log_expit, log_ndtr
 
 from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray
@@ -63,7 +62,7 @@ def second_answers(z: FloatArray) -> LogAnswers:
 # --- Same or different ---------------------------------------------------------------------------
 
 
-def criterion(logit_peak: npt.ArrayLike) -> FloatArray:
+def criterion(logit_peak: FloatArray) -> FloatArray:
     """Criterion k with 2 Phi(k) - 1 = expit(logit_peak), accurate in both tails.
 
     Examples
@@ -71,9 +70,8 @@ def criterion(logit_peak: npt.ArrayLike) -> FloatArray:
     >>> criterion(np.array([0.0, 50.0])).round(4).tolist()
     [0.6745, 9.7455]
     """
-    logits = np.asarray(logit_peak, np.float64)
-    peak, log_rest = expit(np.minimum(logits, 0.0)), log_expit(-np.maximum(logits, 0.0))
-    return half_normal_quantile(logits < 0.0, peak, log_rest)
+    peak, log_rest = expit(np.minimum(logit_peak, 0.0)), log_expit(-np.maximum(logit_peak, 0.0))
+    return half_normal_quantile(logit_peak < 0.0, peak, log_rest)
 
 
 def criterion_slope(logit_peak: FloatArray, k: FloatArray) -> FloatArray:

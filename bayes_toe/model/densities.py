@@ -26,9 +26,9 @@ from scipy.special import (
 )
 
 from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.model.paper_equations import LN2
 
 LOG_2PI = float(np.log(2.0 * np.pi))
-_LN2 = float(np.log(2.0))
 #: A half-normal quantile of a lower score is proportional to its probability.
 _LOWEST_SCORE = -20.0
 
@@ -95,7 +95,7 @@ class StandardStudent:
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
         values = stdtrit(3.0, probability)
-        return np.where(np.asarray(probability) == 0.0, -np.inf, values)
+        return np.where(probability == 0.0, -np.inf, values)
 
 
 @dataclass(frozen=True)
@@ -106,13 +106,13 @@ class CutNormal(StandardNormal):
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density of the normal over its mass inside; -inf outside."""
-        log_mass = np.log1p(-2.0 * ndtr(-np.asarray(self.limit)))
+        log_mass = np.log1p(-2.0 * ndtr(-self.limit))
         inside = log_normal(u) - log_mass
         return np.where(np.abs(u) < self.limit, inside, -np.inf)
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
-        outside = ndtr(-np.asarray(self.limit))
+        outside = ndtr(-self.limit)
         return ndtri(outside + probability * (1.0 - 2.0 * outside))
 
 
@@ -229,7 +229,7 @@ def half_normal_quantile(
         P and ln(1 - P), each where it is used.
     """
     lower = np.sqrt(2.0) * erfinv(probability)
-    upper = -ndtri_exp(log_rest - _LN2)
+    upper = -ndtri_exp(log_rest - LN2)
     return np.where(is_lower, lower, upper)
 
 
@@ -248,7 +248,7 @@ def from_half_normal_score(score: FloatArray) -> FloatArray:
 def half_normal_score(u: FloatArray) -> FloatArray:
     """Inverse of :func:`from_half_normal_score`."""
     probability = erf(u * np.sqrt(0.5))
-    upper = -ndtri_exp(log_ndtr(-u) + _LN2)
+    upper = -ndtri_exp(log_ndtr(-u) + LN2)
     return np.where(probability < 0.5, ndtri(probability), upper)
 
 

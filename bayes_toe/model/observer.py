@@ -135,7 +135,7 @@ class ObserverRows(AnswerRows):
     def quantities(self, u: FloatArray) -> dict[str, FloatArray]:
         """The parameters at points, stimuli in units of D, shape (rows, points) each."""
         values = {name: unit * u[..., j] for j, (name, unit) in enumerate(self.units.items())}
-        values["log_noise"] = np.log(self.prior.noise_median) + values["log_noise"]
+        values["log_noise"] += np.log(self.prior.noise_median)
         return values
 
     def distance_at(self, values: NamedArrays) -> FloatArray:

@@ -456,4 +456,4 @@ def lapse_logs(u: FloatArray, b: float) -> ArrayPair:
 
 def lapse_score(rate: FloatArray, b: float) -> FloatArray:
     """The normal score of a lapse rate under Beta(1, b), the inverse of :func:`lapse_logs`."""
-    return -ndtri_exp(b * np.log1p(-np.asarray(rate, np.float64)))
+    return -ndtri_exp(b * np.log1p(-rate))

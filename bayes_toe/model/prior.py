@@ -396,9 +396,9 @@ def changed_prior(prior: Prior, table: Mapping[str, Any], source: str) -> Prior:
         else:
             observer |= {f"{section}_{key}": number for key, number in numbers.items()}
 
-    observer_prior = replace(prior.observer, **observer)
-    group_prior = replace(prior.group, **group)
-    return replace(prior, **paper, observer=observer_prior, group=group_prior)
+    paper["observer"] = replace(prior.observer, **observer)
+    paper["group"] = replace(prior.group, **group)
+    return replace(prior, **paper)
 
 
 def _section_problems(section: str, values: object) -> list[str]:
