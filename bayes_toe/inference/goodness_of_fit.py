@@ -52,7 +52,7 @@ def binomial_deviance(
 
 
 def deviance_p_value(
-    value: float, freedom: float, n_trials: FloatArray, log_q: FloatArray, log_rest: FloatArray
+    value: float, freedom: float, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray
 ) -> float:
     """P(deviance >= value) of a fit with these degrees of freedom; NaN without any.
 
@@ -69,7 +69,7 @@ def deviance_p_value(
     """
     if freedom <= 0.0:
         return float("nan")
-    moments = _moments(n_trials, log_q, log_rest)
+    moments = _moments(np.asarray(n_trials, np.float64), log_q, log_rest)
     mean, variance = (float(values.sum()) for values in moments)
     if variance == 0.0:  # the answers are certain under the model
         return float(value <= 0.0)
