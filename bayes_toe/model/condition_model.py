@@ -151,7 +151,10 @@ class ConditionModels:
 
     def array(self, choices: Sequence[Collection[Parameter]]) -> PosteriorArray:
         """The posteriors for these choices of parameters that differ."""
-        likelihood = JointLikelihood(tuple(map(self._likelihood, self.units_by_task)))
+        likelihoods = [self._likelihood(positions) for positions in self.units_by_task]
+        likelihood: LinearLikelihood | JointLikelihood = likelihoods[0]
+        if len(likelihoods) > 1:
+            likelihood = JointLikelihood(tuple(likelihoods))
         repeated = likelihood.part(np.zeros(len(choices), np.intp))
 
         n_columns = self.design.shape[1]
