@@ -33,9 +33,12 @@ from bayes_toe.model.parameters import (
     real,
     task_parameters,
 )
+from bayes_toe.model.trial_history import expectations
 from bayes_toe.seeds import generator
 
 Range = tuple[float, float]
+#: Ranges of parameters by kind.
+Kinds = Mapping[str, Mapping[str, Range]]
 #: Ranges of what is not an effect of order; observers are uniform in them.
 COMMON: Mapping[str, Range] = {
     "noise": (0.15, 0.25),
@@ -43,7 +46,7 @@ COMMON: Mapping[str, Range] = {
     "lapse_rate": (0.0, 0.08),
 }
 #: The kinds of observers that are assumed where nothing else is asked for, with their effects.
-KINDS: Mapping[str, Mapping[str, Range]] = {
+KINDS: Kinds = {
     "none": {},
     "small constant error": {"constant_error": (0.05, 0.1)},
     "large constant error": {"constant_error": (0.2, 0.4)},
@@ -55,7 +58,7 @@ KINDS_IN_WORDS = (
     "Small: a PSE shift of 5 to 11 %; large: 22 to 49 %. Contraction, repulsion: 20 to 35 %."
 )
 #: Kinds for a group: subjects differ with an SD of 10 %, about a mean that the name says.
-GROUP_KINDS: Mapping[str, Mapping[str, Range]] = {
+GROUP_KINDS: Kinds = {
     "mean 0": {"constant_error": (-0.17, 0.17), "contraction": (-0.17, 0.17)},
     "constant error 5 %": {"constant_error": (-0.12, 0.22), "contraction": (-0.17, 0.17)},
     "constant error 10 %": {"constant_error": (-0.07, 0.27), "contraction": (-0.17, 0.17)},
@@ -89,21 +92,15 @@ class Observer:
     task: Task = SAME_DIFFERENT
 
     def __post_init__(self) -> None:
-        problems = _problems(self.parameters, parameter_names(self.task))
-        lines = [f"observer {self.name!r}: {problem}" for problem in problems]
-        if lines:
-            raise InputError(lines)
+        problems = list(_problems(self.parameters, parameter_names(self.task)))
+        if problems:
+            raise InputError(f"observer {self.name!r}: {problem}" for problem in problems)
 
     @property
     def has_effect(self) -> dict[str, bool]:
         """The true answer to each of the three questions."""
-        has_error = self.parameters["constant_error"] != 0.0
-        has_contraction = self.parameters["contraction"] != 0.0
-        return {
-            "order_effect": has_error or has_contraction,
-            "constant_error": has_error,
-            "contraction": has_contraction,
-        }
+        effects = {name: self.parameters[name] != 0.0 for name in ("constant_error", "contraction")}
+        return {"order_effect": any(effects.values()), **effects}
 
     def p_yes(self, s1: npt.ArrayLike, s2: npt.ArrayLike, sbar: float) -> FloatArray:
         """Probability of the answer that the task counts, for every trial.
@@ -141,6 +138,17 @@ class Observer:
         points = posterior.points(parameters)
         log_yes = rows.log_answers(points.reshape(-1, 1, points.shape[-1])).yes
         return np.exp(log_yes[:, 0].T).reshape(-1, *trials[0].shape)
+
+    def p_trials(self, s1: FloatArray, s2: FloatArray, carry_over: float) -> FloatArray:
+        """:meth:`p_questions` for trials in their order, shape (questions, trials).
+
+        `carry_over` is the share of what is expected after a trial that is carried over to the
+        next one.
+        """
+        sbar = float(s1.mean())
+        contraction = self.parameters["contraction"]
+        expected = expectations(s1 - sbar, s2 - sbar, contraction, carry_over)
+        return self.p_questions(s1, s2, sbar, expected)
 
     def p_design(self, design: StudyDesign) -> FloatArray:
         """:meth:`p_questions` for the pairs of a design, shape (questions, pairs)."""
@@ -237,63 +245,56 @@ def assume_observers(
     """
     require_number("data_sets", size)
     task = designs[0].task
-    ranges: Mapping[str, Mapping[str, Range]] = {}
-    observers: Sequence[Observer] = ()
-    if source is None:
-        ranges = KINDS
-    elif not isinstance(source, StrPath):
-        observers = source
-        _require_task(observers, task)
-    elif source == PRIOR:
+    if source == PRIOR:
         return _from_prior(prior, _all_pairs_of(designs), size, seed)
-    elif source == GROUPS:
-        ranges = GROUP_KINDS
-    elif source in KINDS:
-        ranges = {str(source): KINDS[str(source)]}
-    elif Path(source).suffix == ".toml":
-        ranges = read_ranges(source, task)
-    elif Path(source).suffix == ".nc":
+    observers: Sequence[Observer]
+    if source is not None and not isinstance(source, StrPath):
+        observers = source
+    elif source is not None and Path(source).suffix == ".nc":
         observers = _from_draws(Path(source), size, seed, task)
     else:
-        raise InputError(
-            f"--observers: found {str(source)!r}, allowed: {', '.join(KINDS)}, groups, prior, a "
-            ".toml file of ranges, or draws (posterior.nc)"
-        )
-    if ranges:
-        observers = _in_ranges(ranges, size, seed, task, is_even=is_even)
-    for design in designs:
-        _require_answers(observers, design)
-    return observers
+        observers = _in_ranges(_ranges_of(source, task), size, seed, task, is_even=is_even)
 
-
-def _require_task(observers: Sequence[Observer], task: Task) -> None:
-    """Refuse observers of another task than that of the design."""
     for observer in observers:
         if observer.task != task:
             raise InputError(
                 f"observer {observer.name!r}: found the task {observer.task.name!r}, allowed: "
                 f"{task.name!r}, the task of the design"
             )
+    for design in designs:
+        _require_answers(observers, design)
+    return observers
 
 
-def _in_ranges(
-    kinds: Mapping[str, Mapping[str, Range]], size: int, seed: int, task: Task, *, is_even: bool
-) -> list[Observer]:
+def _ranges_of(source: StrPath | None, task: Task) -> Kinds:
+    """The ranges of each kind of a source."""
+    if source is None:
+        return KINDS
+    if source == GROUPS:
+        return GROUP_KINDS
+    if source in KINDS:
+        return {str(source): KINDS[str(source)]}
+    if Path(source).suffix == ".toml":
+        return read_ranges(source, task)
+    raise InputError(
+        f"--observers: found {str(source)!r}, allowed: {', '.join(KINDS)}, groups, prior, a "
+        ".toml file of ranges, or draws (posterior.nc)"
+    )
+
+
+def _in_ranges(kinds: Kinds, size: int, seed: int, task: Task, *, is_even: bool) -> list[Observer]:
     """Observers that are uniform in ranges; those of :data:`COMMON` hold where none is given."""
     common = {name: COMMON[name] for name in parameter_names(task) if name in COMMON}
     observers = []
     for kind, effects in kinds.items():
         ranges = {**common, **effects}
-        positions = {}
-        for key in ranges:
-            order = generator(seed, kind, key, "even").permutation(size)
-            positions[key] = (order + 0.5) / size
+        orders = {key: generator(seed, kind, key, "even").permutation(size) for key in ranges}
         for i in range(size):
             name = f"{kind} {i + 1}"
             rng = generator(seed, name, "observer")
             values = {}
             for key, (low, high) in ranges.items():
-                position = positions[key][i] if is_even else rng.uniform()
+                position = (orders[key][i] + 0.5) / size if is_even else rng.uniform()
                 values[key] = float(low + (high - low) * position)
             observers.append(make_observer(name, kind, values, task))
     return observers
@@ -336,9 +337,8 @@ def _range(value: object) -> Range:
 
 def _all_pairs_of(designs: Sequence[StudyDesign]) -> Subject:
     """All pairs of all designs, as a subject whose scales are those of the prior."""
-    s1 = np.concatenate([design.s1 for design in designs])
-    s2 = np.concatenate([design.s2 for design in designs])
-    n_trials = np.concatenate([design.n_trials for design in designs])
+    columns = [(design.s1, design.s2, design.n_trials) for design in designs]
+    s1, s2, n_trials = map(np.concatenate, zip(*columns, strict=True))
     return Subject.from_counts("design", s1, s2, n_trials, n_trials, task=designs[0].task)
 
 
@@ -358,9 +358,7 @@ def _from_point(name: str, kind: str, posterior: ObserverPosterior, x: FloatArra
     """The observer at a point, shape (1, k), of a posterior."""
     quantities = posterior.quantities(x)
     values = {key: float(quantities[key][0]) for key in posterior.coordinates}
-    names = parameter_names(posterior.subject.task)
-    parameters = {key: values.get(key, 0.0) for key in names}
-    return Observer(name, kind, parameters, posterior.subject.task)
+    return make_observer(name, kind, values, posterior.subject.task)
 
 
 def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:

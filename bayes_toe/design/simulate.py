@@ -102,14 +102,14 @@ class PaperObserver:
         names = natural_names(self.task)
         return dict(zip(names, map(float, self.natural), strict=True))
 
-    def p_trials(self, s1: FloatArray, s2: FloatArray, share: float) -> FloatArray:
-        """Probability of the answer that the task counts, in the order of trials."""
+    def p_trials(self, s1: FloatArray, s2: FloatArray, carry_over: float) -> FloatArray:
+        """As :meth:`bayes_toe.design.observers.Observer.p_trials`, of its one question."""
         natural = self.natural
-        if share:
+        if carry_over:
             middle = 0.5 * (s1.mean() + s2.mean())
-            expected = expectations(s1 - middle, s2 - middle, pull(natural.gamma), share)
+            expected = expectations(s1 - middle, s2 - middle, pull(natural.gamma), carry_over)
             natural = natural._replace(mu1=natural.mu1 + expected)
-        return p_counted(self.task, s1, s2, natural)
+        return p_counted(self.task, s1, s2, natural)[None]
 
 
 def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
@@ -179,28 +179,29 @@ class ConditionDifferences:
             return self.conditions.design()[:, 0]
         return np.linspace(-0.5, 0.5, len(self.conditions.levels))
 
-    def observers(self, observer: SimulatedObserver, seed: int) -> list[SimulatedObserver]:
+    def observers(self, observer: SimulatedObserver, seed: int) -> dict[str, SimulatedObserver]:
         """An observer in every condition, named such as S01@left."""
-        names = [f"{observer.name}{CONDITION_SEPARATOR}{level}" for level in self.conditions.levels]
-        if isinstance(observer, PaperObserver):
-            if self.sizes:
-                raise InputError(
-                    "--differ: allowed with observers of the four models, such as --observers both"
-                )
-            return [replace(observer, name=name) for name in names]
+        if self.sizes and isinstance(observer, PaperObserver):
+            raise InputError(
+                "--differ: allowed with observers of the four models, such as --observers both"
+            )
         rng = generator(seed, observer.name, "differences between conditions")
         drawn = {}
-        for name, (size, sd) in self.sizes.items():
-            drawn[name] = size + sd * float(rng.standard_normal())
-        moved: list[SimulatedObserver] = []
-        for name, step in zip(names, self.steps.tolist(), strict=True):
+        for key, (size, sd) in self.sizes.items():
+            drawn[key] = size + sd * float(rng.standard_normal())
+        moved = dict[str, SimulatedObserver]()
+        for level, step in zip(self.conditions.levels, self.steps.tolist(), strict=True):
+            name = f"{observer.name}{CONDITION_SEPARATOR}{level}"
+            if isinstance(observer, PaperObserver):
+                moved[level] = replace(observer, name=name)
+                continue
             parameters = dict(observer.parameters)
             for key, size in drawn.items():
                 if key == "noise":
                     parameters[key] *= float(np.exp(step * size))
                 else:
                     parameters[key] += step * size
-            moved.append(make_observer(name, observer.kind, parameters, observer.task))
+            moved[level] = replace(observer, name=name, parameters=parameters)
         return moved
 
 
@@ -217,7 +218,7 @@ def condition_differences(
         if differ:
             raise InputError("--differ: allowed with --conditions, between which observers differ")
         return None
-    values = [number(level, decimal_comma=False) for level in levels]
+    values = [number(level) for level in levels]
     is_numeric = bool(np.isfinite(values).all())
     names = tuple(level_words(values) if is_numeric else levels)
     have_names = all(name and CONDITION_SEPARATOR not in name for name in names)
@@ -336,14 +337,12 @@ def simulate_trials(
         require_number(option, value, 0, 0.999, Real)
     trials = []
     for observer in observers:
-        if differences is None:
-            trials.append(_observer_trials(observer, design, seed, carry_over, missed))
-            continue
-        in_conditions = differences.observers(observer, seed)
-        levels = differences.conditions.levels
-        for level, moved in zip(levels, in_conditions, strict=True):
+        by_condition = {"": observer}
+        if differences is not None:
+            by_condition = differences.observers(observer, seed)
+        for condition, moved in by_condition.items():
             answered = _observer_trials(moved, design, seed, carry_over, missed)
-            trials.append(replace(answered, condition=level))
+            trials.append(replace(answered, condition=condition))
     return trials
 
 
@@ -358,13 +357,7 @@ def _observer_trials(
     pair = in_batch[shuffled]
     s1, s2 = design.s1[pair], design.s2[pair]
 
-    if isinstance(observer, PaperObserver):
-        p_yes, p_second = observer.p_trials(s1, s2, carry_over), []
-    else:
-        sbar = float(s1.mean())
-        contraction = observer.parameters["contraction"]
-        expected = expectations(s1 - sbar, s2 - sbar, contraction, carry_over)
-        p_yes, *p_second = observer.p_questions(s1, s2, sbar, expected)
+    p_yes, *p_second = observer.p_trials(s1, s2, carry_over)
     batch = np.repeat(np.arange(1, n_batches + 1), len(in_batch))
     yes = rng.uniform(size=len(pair)) < p_yes
     n_trials = np.where(rng.uniform(size=len(pair)) < missed, 0, 1)
@@ -508,13 +501,12 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
     require_file(path, "--observers", POPULATIONS)
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         is_paper = "mu1" in file.readline(10_000)
-    if is_paper:
-        names, columns = read_numbers(path, natural_names(task), key="subject")
-    else:
-        all_names = parameter_names(task)
-        required = tuple(name for name in all_names if name in ("noise", "q0"))
-        optional = tuple(name for name in all_names if name not in required)
-        names, columns = read_numbers(path, required, optional=optional, key="subject")
+    required, optional = natural_names(task), list[str]()
+    if not is_paper:
+        optional = parameter_names(task)
+        required = tuple(name for name in optional if name in ("noise", "q0"))
+        optional = [name for name in optional if name not in required]
+    names, columns = read_numbers(path, required, "subject", optional=optional)
     truth = {}
     for i, name in enumerate(names):
         truth[name] = {key: float(column[i]) for key, column in columns.items()}
@@ -524,32 +516,28 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
 def _stated_observers(
     truth: Truth, task: Task, source: str = "observers"
 ) -> list[SimulatedObserver]:
-    """Observers of these parameters, of either model."""
-    if not truth:
-        raise InputError(f"{source}: found none, allowed: at least one")
-    return [_stated_observer(name, values, task, source) for name, values in truth.items()]
-
-
-def _stated_observer(
-    name: str, values: Mapping[str, float], task: Task, source: str
-) -> SimulatedObserver:
-    """An observer with these parameters: of the paper's model if mu1 is one of them.
+    """Observers of these parameters: of the paper's model where mu1 is one of them.
 
     An error of a parameter of the paper's model begins with the source. It calls the fourth
     parameter by its name in the task.
     """
-    if "mu1" not in values:
-        return make_observer(name, "stated", values, task)
+    if not truth:
+        raise InputError(f"{source}: found none, allowed: at least one")
     names = natural_names(task)
-    if set(values) != set(names):
-        raise InputError(
-            f"observer {name!r}: found {', '.join(values)}, allowed: {', '.join(names)}, all four"
-        )
-    natural = Natural(*(np.asarray(values[key], np.float64) for key in names))
-    try:
-        return PaperObserver(name, natural, task)
-    except ArithmeticError as error:
-        raise InputError(f"{source}: {str(error).replace('q0', task.lapses)}") from error
+    observers = list[SimulatedObserver]()
+    for name, values in truth.items():
+        if "mu1" not in values:
+            observers.append(make_observer(name, "stated", values, task))
+            continue
+        if set(values) != set(names):
+            allowed = f"{', '.join(names)}, all four"
+            raise InputError(f"observer {name!r}: found {', '.join(values)}, allowed: {allowed}")
+        natural = Natural(*(np.asarray(values[key], np.float64) for key in names))
+        try:
+            observers.append(PaperObserver(name, natural, task))
+        except ArithmeticError as error:
+            raise InputError(f"{source}: {str(error).replace('q0', task.lapses)}") from error
+    return observers
 
 
 def require_file(text: str, option: str, words: Iterable[str]) -> None:

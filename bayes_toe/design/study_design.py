@@ -273,8 +273,7 @@ def stimulus_columns(
     if unit.of_stimuli and not unit.is_decibel:
         for name, logs in (("i1", s1), ("i2", s2)):
             # Without the rounding of logarithms: 45, not 44.99999999999997.
-            stimuli = [float(f"{value:.12g}") for value in unit.stimuli(logs)]
-            columns[name] = np.array(stimuli)
+            columns[name] = np.array([float(f"{value:.12g}") for value in unit.stimuli(logs)])
     return columns
 
 
