@@ -20,7 +20,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
+from itertools import compress, product
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -77,7 +77,6 @@ _SELDOM = 0.15  # share of a response that a large constant error leaves, whatev
 #: Logits by which a block's answers may differ from those of the others, with Laplace's prior.
 _MOVES = np.linspace(-6.0, 6.0, 25)
 _TILT_SCALE = 0.75  # of such moves at the largest s2 - s1
-_TILTS = _TILT_SCALE * _MOVES
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,7 @@ def answer_flags(study: Study) -> list[tuple[Finding, ...]]:
     flags: dict[str, list[Finding]] = {name: [] for name in study.names}
     for finding in check_answers(study):
         flags[finding.subject].append(finding)
-    return [tuple(flags[name]) for name in study.names]
+    return [*map(tuple, flags.values())]
 
 
 def not_interpreted(study: Study) -> dict[str, str]:
@@ -173,14 +172,11 @@ def subject_findings(
     findings = []
     for find in _ALARMS:
         finding = find(subject, n_subjects)
-        if finding is None:
-            continue
-        findings.append(finding)
-        if finding.code == "one_answer":
-            break
-        # Swapped blocks explain what else may be found.
-        if finding.code == "swapped_blocks":
-            return findings
+        if finding is not None:
+            findings.append(finding)
+            # Swapped blocks explain what else may be found.
+            if finding.code == "swapped_blocks":
+                return findings
     if alternatives is not None:
         answered = cast(Subject, subject.two_answers)  # there are alternatives
         findings += _explained_otherwise(answered, alternatives, n_subjects)
@@ -192,8 +188,7 @@ def _few_trials(subject: Subject, n_subjects: int) -> Finding | None:
     if subject.total_trials >= FEW_TRIALS:
         return None
     n_trials = plural(subject.total_trials, "trial")
-    message = f"Only {n_trials}, so the prior has much influence."
-    return Finding(subject.name, "few_trials", message)
+    return Finding(subject.name, "few_trials", f"Only {n_trials}, so the prior has much influence.")
 
 
 def _one_answer(subject: Subject, n_subjects: int) -> Finding | None:
@@ -229,8 +224,7 @@ def _repeated_trials(subject: Subject, n_subjects: int, least_nats: float = 12.0
 
     lag = _lag_to_first_copy(_row_codes(answers))
     run_start = run_starts(lag)
-    last_window = np.append(run_start[1:], len(lag)) - 1
-    run_end = last_window + _WINDOW
+    run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
     nats_in_run = nats_before[run_end] - nats_before[run_start]
     limit = least_nats + math.log(n_subjects)
@@ -241,22 +235,21 @@ def _repeated_trials(subject: Subject, n_subjects: int, least_nats: float = 12.0
     is_copy = np.zeros(n_rows, np.bool_)
     for start, end in zip(run_start[is_repeat], run_end[is_repeat], strict=True):
         is_copy[start:end] = True
-    first_trial = int(run_start[is_repeat][0]) + 1
-    message = (
-        f"{np.count_nonzero(is_copy)} of {n_rows} trials repeat earlier ones, from trial "
-        f"{first_trial} on. "
-        "Remove the copies from the file. The option leaves out the whole subject."
+    return Finding(
+        subject.name,
+        "repeated_trials",
+        f"{is_copy.sum()} of {n_rows} trials repeat earlier ones, from trial "
+        f"{is_copy.argmax() + 1} on. "
+        "Remove the copies from the file. The option leaves out the whole subject.",
+        f"--exclude {cli_argument(subject.name)}",
     )
-    option = f"--exclude {cli_argument(subject.name)}"
-    return Finding(subject.name, "repeated_trials", message, option)
 
 
 def _lag_to_first_copy(codes: IntArray) -> IntArray:
     """How many rows before each window of rows the first window with the same rows begins."""
     windows = np.lib.stride_tricks.sliding_window_view(codes, _WINDOW)
     hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
-    window_hash = windows @ hash_weights
-    _, first, group = np.unique(window_hash, return_index=True, return_inverse=True)
+    _, first, group = np.unique(windows @ hash_weights, return_index=True, return_inverse=True)
     return np.arange(len(windows)) - first[group]
 
 
@@ -293,20 +286,25 @@ def _explained_otherwise(
     subject: Subject, alternatives: Alternatives, n_subjects: int
 ) -> Iterator[Finding]:
     """Swapped keys, or responses that say little about the stimuli."""
-    best, share = max(alternatives), subject.fraction_yes
+    best = max(alternatives)
+    has_both_answers = _SELDOM < subject.fraction_yes < 1.0 - _SELDOM
     if best == alternatives.swapped > evidence_limit(n_subjects, REFUSAL_SHARE):
-        option = f"--swap {cli_argument(subject.name)}"
-        message = f"Responses look reversed. Check which code means {subject.task.yes!r}."
-        yield Finding(subject.name, "reversed_answers", message, option)
-        return
-    has_both_answers = _SELDOM < share < 1.0 - _SELDOM
-    is_likely = best == alternatives.guesses > evidence_limit(n_subjects, FALSE_ALARM_SHARE)
-    if is_likely and has_both_answers:
-        message = (
-            "The responses say little about the stimuli. The subject guesses, or hardly "
-            "distinguishes them."
+        yield Finding(
+            subject.name,
+            "reversed_answers",
+            f"Responses look reversed. Check which code means {subject.task.yes!r}.",
+            f"--swap {cli_argument(subject.name)}",
         )
-        yield Finding(subject.name, "independent_answers", message)
+    elif (
+        best == alternatives.guesses > evidence_limit(n_subjects, FALSE_ALARM_SHARE)
+        and has_both_answers
+    ):
+        yield Finding(
+            subject.name,
+            "independent_answers",
+            "The responses say little about the stimuli. The subject guesses, or hardly "
+            "distinguishes them.",
+        )
 
 
 def has_other_task(alternatives: Alternatives, task: Task) -> bool:
@@ -324,18 +322,19 @@ def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[
     if len(names) <= 0.5 * len(study):
         return {}
     subjects = f"{len(names)} of {plural(len(study), 'subject')}"
+    code, flagged = "other_task", study.names
+    message = (
+        f"Responses look like another task. In {subjects}, P(second) is highest or lowest near "
+        "s2 = s1, as in 'same or different?'. Check which code means 'equal'."
+    )
     if study.task.has_criterion:
+        code, flagged = "like_2afc", tuple(names)
         message = (
             f"P(equal) rises or falls with s2 - s1 in {subjects}. Check whether the question was "
             "'which was stronger?'. If it was 'same or different?', they share a large constant "
             "error."
         )
-        return {name: Finding(name, "like_2afc", message) for name in names}
-    message = (
-        f"Responses look like another task. In {subjects}, P(second) is highest or lowest near "
-        "s2 = s1, as in 'same or different?'. Check which code means 'equal'."
-    )
-    return {name: Finding(name, "other_task", message) for name in study.names}
+    return {name: Finding(name, code, message) for name in flagged}
 
 
 # --- The answers in their blocks, and in their order ---------------------------------------------
@@ -353,6 +352,11 @@ class AnswerTable:
         """Pairs with both answers: the others cannot deviate."""
         n_yes, n_all = self.k.sum(1), self.n.sum(1)
         return (n_yes > 0) & (n_yes < n_all)
+
+    @property
+    def excess_yes(self) -> IntArray:
+        """The counted answers minus the others."""
+        return 2 * self.k - self.n
 
     def informative(self) -> AnswerTable:
         """The pairs that were answered in both ways."""
@@ -417,11 +421,11 @@ def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTab
 
 def _swapped_blocks(subject: Subject, n_subjects: int) -> Finding | None:
     """Blocks with swapped response keys."""
-    answered = subject.two_answers
-    answers = None if answered is None else _drawable_answers(answered)
-    if answered is None or answers is None or answers.block is None:
+    directed = subject.two_answers
+    answers = None if directed is None else _drawable_answers(directed)
+    if directed is None or answers is None or answers.block is None:
         return None
-    subject = answered
+    subject = directed
     table = _tabulate(subject, answers, answers.block)
     if table.informative().freedom == 0:
         return None
@@ -434,11 +438,14 @@ def _swapped_blocks(subject: Subject, n_subjects: int) -> Finding | None:
     limit = evidence_limit(n_subjects * len(swapped), REFUSAL_SHARE)
     if log_bayes_factor(changed, subject) <= limit:
         return None
-    blocks = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
+    blocks = [*compress(answers.blocks, swapped)]
     noun = "block" if len(blocks) == 1 else "blocks"
-    message = f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}."
-    option = f"--swap {cli_argument(subject.name, blocks)}"
-    return Finding(subject.name, "swapped_blocks", message, option)
+    return Finding(
+        subject.name,
+        "swapped_blocks",
+        f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}.",
+        f"--swap {cli_argument(subject.name, blocks)}",
+    )
 
 
 def _unlike_blocks(subject: Subject, n_subjects: int) -> Finding | None:
@@ -454,21 +461,21 @@ def _unlike_blocks(subject: Subject, n_subjects: int) -> Finding | None:
     p = table.p_value(table.chi_square, subject.name)
     if p > 0.5 * flag_limit(n_subjects):  # one of two tests
         return None
-    block = answers.blocks[int(np.argmax(table.block_chi_square(table.k)))]
-    message = (
+    block = answers.blocks[table.block_chi_square(table.k).argmax()]
+    return Finding(
+        subject.name,
+        "block_dispersion",
         f"Block {display_name(block)} differs from the others ({describe_p_value(p)}). Intervals "
-        "are too narrow if blocks differ."
+        "are too narrow if blocks differ.",
     )
-    return Finding(subject.name, "block_dispersion", message)
 
 
 def _explains_blocks(table: AnswerTable, swapped: BoolArray) -> bool:
     """Whether turning some blocks, but not all, removes most of what blocks differ by."""
     if not swapped.any() or swapped.all():
         return False
-    ratio = table.informative().ratio
-    swapped_ratio = _turned(table, swapped).informative().ratio
-    return swapped_ratio - 1.0 < 0.5 * max(0.0, ratio - 1.0)
+    excess = table.informative().ratio - 1.0
+    return _turned(table, swapped).informative().ratio - 1.0 < 0.5 * max(0.0, excess)
 
 
 def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
@@ -493,16 +500,14 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
 
 def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
     """The one of two camps of blocks, each of which agrees inside, that leans wrongly."""
-    is_turned: BoolArray = lean @ (2 * table.k - table.n) < 0
+    is_turned: BoolArray = lean @ table.excess_yes < 0
     for _ in range(20):
         turned = _turned(table, is_turned)
-        excess_yes = 2 * turned.k - turned.n
-        disagrees = (excess_yes * turned.other_logits()).sum(axis=0) < 0
+        disagrees = (turned.excess_yes * turned.other_logits()).sum(axis=0) < 0
         if not disagrees.any():
             break
         is_turned = is_turned ^ disagrees
-    turned = _turned(table, is_turned)
-    leans_wrongly = np.sum(lean @ (2 * turned.k - table.n)) < 0
+    leans_wrongly = np.sum(lean @ _turned(table, is_turned).excess_yes) < 0
     return ~is_turned if leans_wrongly else is_turned
 
 
@@ -535,7 +540,7 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
     """
     logits = table.other_logits()
     relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)
-    slopes = _TILTS if tilt.any() else np.zeros(1)
+    slopes = _TILT_SCALE * _MOVES if tilt.any() else np.zeros(1)
     unswapped, swapped = [], []
     for preference, slope in product(_MOVES.tolist(), slopes.tolist()):
         moved = logits + preference + slope * relative_tilt
@@ -547,8 +552,7 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
 
 def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:
     """Log likelihood of each block, (pairs, blocks) -> (blocks,)."""
-    terms = k * logits - n * np.logaddexp(0.0, logits)
-    return terms.sum(axis=0)
+    return (k * logits - n * np.logaddexp(0.0, logits)).sum(axis=0)
 
 
 def _drift(
@@ -581,19 +585,19 @@ def _drift(
         return np.square(amplitudes(k)).sum(-1).max(-1)
 
     observed = amplitudes(table.k)
-    course = observed @ waves
-    largest = int(np.argmax(np.square(observed).sum(-1)))
-    change = float(np.ptp(course[largest]))
+    largest = np.square(observed).sum(-1).argmax()
+    change = float(np.ptp((observed @ waves)[largest]))
     if change < small_drift:
         return None
     p = table.p_value(largest_power, subject.name)
     if p > 0.5 * flag_limit(n_subjects):  # one of two tests
         return None
-    message = (
+    return Finding(
+        subject.name,
+        "drift",
         f"Responses drift ({describe_p_value(p)}). The {[*kinds][largest]} changes by "
-        f"{change:.2f} over the trials."
+        f"{change:.2f} over the trials.",
     )
-    return Finding(subject.name, "drift", message)
 
 
 def _kinds_of_drift(subject: Subject, difference: FloatArray) -> dict[str, FloatArray]:

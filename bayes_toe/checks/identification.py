@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
+from bayes_toe.arrays import FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
@@ -74,18 +74,15 @@ def identify(subject: Subject) -> Identification:
     >>> identify(subject).reasons["contraction"]
     'the first stimulus is always the same, so a contraction looks like a constant error'
     """
-    notes = []
+    notes: tuple[str, ...] = ()
     if subject.task in CRITERION_NOTES:
-        notes.append(CRITERION_NOTES[subject.task])
-    order = _order_sign(subject.s1, subject.s2)
-    reason = _no_question(subject, order)
+        notes = (CRITERION_NOTES[subject.task],)
+    reason = _no_question(subject)
     if reason:
-        return Identification(dict.fromkeys(QUESTIONS, reason), tuple(notes))
+        return Identification(dict.fromkeys(QUESTIONS, reason), notes)
     columns = (subject.s1, subject.s2, subject.n_trials)
     reason = _no_contraction(subject.task, subject.shared_scales, *map(tuple, columns))
-    if reason:
-        return Identification({"contraction": reason}, tuple(notes))
-    return Identification({}, tuple(notes))
+    return Identification({"contraction": reason} if reason else {}, notes)
 
 
 def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
@@ -95,8 +92,9 @@ def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
     return np.where(is_equal, 0.0, np.sign(difference))
 
 
-def _no_question(subject: Subject, order: FloatArray) -> str:
+def _no_question(subject: Subject) -> str:
     """The reason why no question can be answered; empty if some can."""
+    order = _order_sign(subject.s1, subject.s2)
     if not order.any():
         return NO_DIFFERENCE
     if order.min() >= 0 or order.max() <= 0:
@@ -153,9 +151,8 @@ def _order_fills_blocks(answers: Answers) -> bool:
 def _holds_one_order(run: IntArray, order: FloatArray, n_trials: IntArray) -> bool:
     """Whether every block or session has one order, and enough trials to be more than a pair."""
     runs, index = np.unique(run, return_inverse=True)
-    is_second_larger: BoolArray = order > 0
-    has_rising = np.bincount(index, is_second_larger) > 0
-    has_falling = np.bincount(index, ~is_second_larger) > 0
+    has_rising = np.bincount(index, order > 0) > 0
+    has_falling = np.bincount(index, order <= 0) > 0
     is_long = n_trials.sum() >= _FEWEST_IN_STRETCH * len(runs)
     return bool(is_long and not (has_rising & has_falling).any())
 
