@@ -88,7 +88,7 @@ def _is_doubtful(subject: Subject) -> bool:
 
 def _guessing_evidence(subject: Subject) -> float:
     """Log evidence of one probability for all trials, which is uniform."""
-    n_yes = float(subject.n_yes.sum())
+    n_yes = subject.n_yes.sum()
     return float(betaln(n_yes + 1.0, subject.total_trials - n_yes + 1.0))
 
 

@@ -122,7 +122,7 @@ def answer_flags(study: Study) -> list[tuple[Finding, ...]]:
     >>> [flag.words for flag in answer_flags(Study([subject]))[0]]
     ['fewer than 60 trials', 'all responses are the same']
     """
-    flags: dict[str, list[Finding]] = {name: [] for name in study.names}
+    flags = {name: list[Finding]() for name in study.names}
     for finding in check_answers(study):
         flags[finding.subject].append(finding)
     return [*map(tuple, flags.values())]
@@ -149,7 +149,7 @@ def check_answers(study: Study) -> tuple[Finding, ...]:
     require_study(study)
     alternatives = compare_alternatives(study)
     other_task = _other_task(study, alternatives)
-    findings: list[Finding] = []
+    findings = list[Finding]()
     for subject in study:
         if subject.name in other_task:
             findings.append(other_task[subject.name])
@@ -193,15 +193,15 @@ def _few_trials(subject: Subject, n_subjects: int) -> Finding | None:
 
 def _one_answer(subject: Subject, n_subjects: int) -> Finding | None:
     """One response only, in a study of any size."""
-    answer, *others = subject.answers_given
-    if others:
+    answers = subject.answers_given
+    if len(answers) > 1:
         return None
-    return Finding(subject.name, "one_answer", f"Every response is {answer!r}.")
+    return Finding(subject.name, "one_answer", f"Every response is {answers[0]!r}.")
 
 
-def _drawable_answers(subject: Subject, most_drawn: int = 10**8) -> Answers | None:
+def _drawable_answers(subject: Subject) -> Answers | None:
     """The answered rows, if the file has them, and few enough to draw tables of them."""
-    if subject.answers is None or subject.total_trials > most_drawn:
+    if subject.answers is None or subject.total_trials > 10**8:
         return None
     return subject.answers.answered
 
@@ -209,7 +209,7 @@ def _drawable_answers(subject: Subject, most_drawn: int = 10**8) -> Answers | No
 # --- Trials that are there twice -----------------------------------------------------------------
 
 
-def _repeated_trials(subject: Subject, n_subjects: int, least_nats: float = 12.0) -> Finding | None:
+def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
     """Long sequences of trials that repeat earlier ones, stimuli and answers.
 
     A list of stimuli may be used again on purpose, so only equal answers count, by the chance
@@ -227,8 +227,7 @@ def _repeated_trials(subject: Subject, n_subjects: int, least_nats: float = 12.0
     run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
     nats_in_run = nats_before[run_end] - nats_before[run_start]
-    limit = least_nats + math.log(n_subjects)
-    is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > limit)
+    is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > 12.0 + math.log(n_subjects))
     if not is_repeat.any():
         return None
 
@@ -266,16 +265,15 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     """
     n, k = subject.n_trials, subject.n_yes
     _, index = np.unique(answers.keys, axis=0, return_inverse=True)
-    by_pair = (k + 0.5) / (n + 1.0)
     right = subject.task.right(subject.s2 - subject.s1)
     n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
-    accuracy = (n_right + 0.5) / (n[right != 0].sum() + 1.0)
-    agreement = np.maximum(_agreement(by_pair), _agreement(accuracy))
+    agreement = np.maximum(_agreement(k, n), _agreement(n_right, n[right != 0].sum()))
     return -np.log(agreement)[index.ravel()]
 
 
-def _agreement(p: FloatArray) -> FloatArray:
-    """Probability that two answers are the same."""
+def _agreement(k: IntArray, n: IntArray) -> FloatArray:
+    """Probability that two answers are the same, where one was given k times in n."""
+    p = (k + 0.5) / (n + 1.0)
     return np.square(p) + np.square(1.0 - p)
 
 
@@ -490,11 +488,11 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
     often. Blocks that disagree with the others are then turned until nothing changes. This leaves
     two camps. The one with the expected relation counts as right, and the other one is swapped.
     """
-    expects_counted = -np.abs(difference) if task == SAME_DIFFERENT else difference
-    lean = expects_counted - expects_counted.mean()
-    candidates = _camp_that_leans_wrongly(table, lean)
-    # Another point of subjective equality tilts the answers 'equal'.
-    tilt = difference if task == SAME_DIFFERENT else np.zeros(len(difference))
+    expects_counted, tilt = difference, np.zeros(len(difference))
+    if task == SAME_DIFFERENT:
+        # Another point of subjective equality tilts the answers 'equal'.
+        expects_counted, tilt = -np.abs(difference), difference
+    candidates = _camp_that_leans_wrongly(table, expects_counted - expects_counted.mean())
     return _surely_swapped(table, candidates, tilt)
 
 
@@ -511,23 +509,17 @@ def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
     return ~is_turned if leans_wrongly else is_turned
 
 
-def _surely_swapped(
-    table: AnswerTable,
-    candidates: BoolArray,
-    tilt: FloatArray,
-    sure_gain: float = 5.0,
-    likely_gain: float = 2.0,
-) -> BoolArray:
+def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray) -> BoolArray:
     """The candidates that are likely swapped; none if no candidate is surely swapped.
 
-    `sure_gain` and `likely_gain` are log evidences, in nats.
+    A log evidence of 2 nats makes a swap likely, one of 5 nats makes it sure.
     """
     none = np.zeros_like(candidates)
     while candidates.any():
         gain = _swap_gain(_turned(table, candidates), tilt)
-        likely: BoolArray = candidates & (gain > likely_gain)
+        likely: BoolArray = candidates & (gain > 2.0)
         if np.array_equal(likely, candidates):
-            return candidates if gain[candidates].max() > sure_gain else none
+            return candidates if gain[candidates].max() > 5.0 else none
         candidates = likely
     return none
 
@@ -555,9 +547,7 @@ def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:
     return (k * logits - n * np.logaddexp(0.0, logits)).sum(axis=0)
 
 
-def _drift(
-    subject: Subject, n_subjects: int, small_drift: float = 0.2, most_stretches: int = 10
-) -> Finding | None:
+def _drift(subject: Subject, n_subjects: int) -> Finding | None:
     """Answers that change slowly over the trials: trends, and waves as of a moving criterion.
 
     A change of a share below 0.2 hardly matters for pooled counts.
@@ -566,7 +556,7 @@ def _drift(
     if answers is None or not answers.has_trial_rows:
         return None
     n_rows = len(answers.n_trials)
-    n_stretches = min(most_stretches, n_rows)
+    n_stretches = min(10, n_rows)
     table = _tabulate(subject, answers, np.arange(n_rows) * n_stretches // n_rows)
     difference = (subject.s2 - subject.s1)[table.is_mixed]
     table = table.informative()
@@ -586,8 +576,8 @@ def _drift(
 
     observed = amplitudes(table.k)
     largest = np.square(observed).sum(-1).argmax()
-    change = float(np.ptp((observed @ waves)[largest]))
-    if change < small_drift:
+    change = np.ptp((observed @ waves)[largest])
+    if change < 0.2:
         return None
     p = table.p_value(largest_power, subject.name)
     if p > 0.5 * flag_limit(n_subjects):  # one of two tests
@@ -624,7 +614,7 @@ def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArr
 
 
 #: The alarms of one subject in a study of so many, in the order in which they are looked for.
-_ALARMS: tuple[Callable[[Subject, int], Finding | None], ...] = (
+_ALARMS = (
     _repeated_trials,
     _few_trials,
     _one_answer,

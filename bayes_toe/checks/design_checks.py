@@ -115,32 +115,29 @@ def _raw_stimuli(study: Study) -> Iterator[Finding]:
         )
 
 
-def _two_scales(study: Study, lone_share: float = 0.01) -> Iterator[Finding]:
+def _two_scales(study: Study) -> Iterator[Finding]:
     """Stimuli in two groups that are far apart, as where some decimal points are missing.
 
     If the gap is wider than a factor of 100, and than twice all other gaps together, the rows are
     wrong. If it is only wider than all other gaps together, the smaller group may be a mistake, but
-    only with at most `lone_share` of the trials.
+    only with at most 1 % of the trials.
     """
     for subject in study:
         levels = np.unique(subject.stimuli)
         gaps = np.diff(levels)
         if not len(gaps):
             continue
-        widest = int(gaps.argmax())
-        widest_gap = float(gaps[widest])
-        other_gaps = float(np.delete(gaps, widest).sum())
+        widest = gaps.argmax()
+        widest_gap = gaps[widest]
+        other_gaps = np.delete(gaps, widest).sum()
         is_below = np.stack([subject.s1, subject.s2]) <= levels[widest]
         n_below = subject.n_trials[is_below.any(axis=0)].sum()
         n_above = subject.n_trials[~is_below.all(axis=0)].sum()
-        n_in_smaller_group = int(min(n_below, n_above))
+        n_in_smaller_group = min(n_below, n_above)
         rounded_ratio = float(f"{math.exp(min(widest_gap, 700.0)):.2g}")
         factor = f"a factor of {rounded_ratio:,.6g}"
-        has_intensities = "i1" in study.reading.read
-        groups = [
-            _range_of(part, subject.unit, has_intensities)
-            for part in np.split(levels, [widest + 1])
-        ]
+        parts = np.split(levels, [widest + 1])
+        groups = [_range_of(part, subject.unit, study.reading) for part in parts]
         option = ""
         if widest_gap > math.log(100.0) and widest_gap > 2.0 * other_gaps:
             message = (
@@ -148,10 +145,7 @@ def _two_scales(study: Study, lone_share: float = 0.01) -> Iterator[Finding]:
                 "in another unit or without a decimal point."
             )
             option = f"--exclude {cli_argument(subject.name)}"
-        elif (
-            widest_gap > other_gaps > 0.0
-            and n_in_smaller_group <= lone_share * subject.total_trials
-        ):
+        elif widest_gap > other_gaps > 0.0 and n_in_smaller_group <= 0.01 * subject.total_trials:
             trials = f"{plural(n_in_smaller_group, 'trial')} of {subject.total_trials:,}"
             lone, remaining = groups if n_below < n_above else groups[::-1]
             message = (
@@ -163,10 +157,10 @@ def _two_scales(study: Study, lone_share: float = 0.01) -> Iterator[Finding]:
         yield Finding(subject.name, "two_scales", message, option)
 
 
-def _range_of(levels: FloatArray, unit: StimulusUnit, has_intensities: bool) -> str:
+def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
     """The weakest and the strongest of some stimuli as the file has them."""
     ends = levels[[0, -1]]
-    if has_intensities or unit.of_stimuli:
+    if "i1" in reading.read or unit.of_stimuli:
         ends = unit.stimuli(ends)
     text = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
     return f"{text} {unit.of_stimuli}".rstrip()
@@ -245,17 +239,17 @@ def _look(name: str) -> str:
 # --- The prior of the paper's model --------------------------------------------------------------
 
 
-def _prior_scale(study: Study, prior: Prior, factor: float = 10.0) -> Iterator[Finding]:
+def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
     """Stimuli in another unit than a prior of numbers.
 
-    Hardly any sigma_p of such a prior is within a factor of the stimuli's steps, so evidence and
-    posterior depend on the prior alone.
+    Hardly any sigma_p of such a prior is within a factor of 10 of the stimuli's steps, so evidence
+    and posterior depend on the prior alone.
     """
     scales = common_scales(*study)
     if scales is None or prior.depends_on_stimuli(prior.spread):
         return
     step = scales.step
-    if prior.spread_probability(step / factor, factor * step) >= 0.1:
+    if prior.spread_probability(step / 10.0, 10.0 * step) >= 0.1:
         return
     width = "wide" if prior.spread_probability(0.0, step) < 0.5 else "narrow"
     yield Finding(

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -17,7 +17,7 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER, Task
-from bayes_toe.model.models import ObserverPosterior, OrderModel
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
 QUESTIONS = ("order_effect", "constant_error", "contraction")
@@ -114,16 +114,14 @@ def _no_contraction(
     one answer serves them all, and no subject is held in memory.
     """
     s1, s2, n_trials = map(np.array, columns)
-    pairs = Subject("pairs", s1, s2, n_trials, n_trials, task=task)
-    subject = replace(pairs, shared_scales=shared_scales)
-    stimuli = np.column_stack([subject.s1, subject.s2])
+    stimuli = np.column_stack([s1, s2])
     offsets = stimuli - stimuli.mean(axis=0)
-    extent = np.abs(offsets).max()
-    if np.ptp(subject.s1) <= ROUNDING * extent:
+    if np.ptp(s1) <= ROUNDING * np.abs(offsets).max():
         return ONE_FIRST_STIMULUS
-    singular_values = np.linalg.svd(offsets, compute_uv=False)
-    if len(singular_values) < 2 or singular_values[1] <= ROUNDING * singular_values[0]:
+    largest, smallest = np.linalg.svd(offsets, compute_uv=False)
+    if smallest <= ROUNDING * largest:
         return ONE_LINE
+    subject = Subject("pairs", s1, s2, n_trials, n_trials, task=task, shared_scales=shared_scales)
     if contraction_information(subject) < 1.0:
         return IMITATION
     return ""
@@ -144,8 +142,7 @@ def _order_fills_blocks(answers: Answers) -> bool:
     session = np.cumsum(answers.is_session_start)[is_unequal]
     if _holds_one_order(session, order, n_trials):
         return True
-    n_stretches = len(run_starts(order))
-    return bool(n_trials.sum() >= _FEWEST_IN_STRETCH * n_stretches)
+    return bool(n_trials.sum() >= _FEWEST_IN_STRETCH * len(run_starts(order)))
 
 
 def _holds_one_order(run: IntArray, order: FloatArray, n_trials: IntArray) -> bool:
@@ -166,7 +163,7 @@ def contraction_information(subject: Subject) -> float:
     It is what remains once the other parameters are estimated with their priors; below 1 the
     prior says more than the answers. The observer has no order effect, noise D/2 and few lapses.
     """
-    posterior: ObserverPosterior = OrderModel("both").posterior(subject)
+    posterior = OrderModel("both").posterior(subject)
     quantities = {parameter.name: np.asarray(parameter.typical) for parameter in PARAMETERS}
     quantities[NOISE.name] = quantities[NOISE.name] * posterior.scales.step
     point = posterior.full_points(posterior.points(quantities)[None])

@@ -9,7 +9,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -175,7 +174,7 @@ class Adaptive:
         worth = self.information()
         best = np.flatnonzero(worth >= worth.max() - 1e-12)
         rng = generator(self.seed, "adaptive", "next", self.trials)
-        return self.pairs.pairs[int(rng.choice(best))]
+        return self.pairs.pairs[rng.choice(best)]
 
     def answer(self, pair: Sequence[float], yes: Response) -> None:
         """Take in the answer to a pair, also to one that was not proposed.
@@ -336,7 +335,7 @@ class Adaptive:
             If the file cannot be read or was not written by :meth:`save`.
         """
         try:
-            content: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
             if content["format"] != _FORMAT:
                 raise ValueError(f"format {content['format']!r}, begin a new session")
             prior = Prior(observer=ObserverPrior(**content["prior"]))
@@ -352,8 +351,8 @@ class Adaptive:
         return session
 
     def _make_subject(self, answers: Sequence[tuple[Pair, Response]]) -> Subject:
-        s1, s2 = np.array([pair for pair, _ in answers]).T
-        responses = np.array([response for _, response in answers])
+        pairs, responses = zip(*answers, strict=True)
+        s1, s2 = np.array(pairs).T
         return Subject.from_trials("adaptive", s1, s2, responses, task=self.pairs.task)
 
 

@@ -8,6 +8,7 @@ An observer has the parameters of :mod:`bayes_toe.model.parameters`, in the unit
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.read_table import toml_table
-from bayes_toe.data.study import Subject
+from bayes_toe.data.study import Subject, pooled
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.design.study_design import StudyDesign, each_once
 from bayes_toe.errors import InputError, require_number
@@ -40,7 +41,7 @@ Range = tuple[float, float]
 #: Ranges of parameters by kind.
 Kinds = Mapping[str, Mapping[str, Range]]
 #: Ranges of what is not an effect of order; observers are uniform in them.
-COMMON: Mapping[str, Range] = {
+COMMON = {
     "noise": (0.15, 0.25),
     "q0": (0.85, 0.98),
     "lapse_rate": (0.0, 0.08),
@@ -57,13 +58,14 @@ KINDS: Kinds = {
 KINDS_IN_WORDS = (
     "Small: a PSE shift of 5 to 11 %; large: 22 to 49 %. Contraction, repulsion: 20 to 35 %."
 )
+_ABOUT_0 = (-0.17, 0.17)
 #: Kinds for a group: subjects differ with an SD of 10 %, about a mean that the name says.
-GROUP_KINDS: Kinds = {
-    "mean 0": {"constant_error": (-0.17, 0.17), "contraction": (-0.17, 0.17)},
-    "constant error 5 %": {"constant_error": (-0.12, 0.22), "contraction": (-0.17, 0.17)},
-    "constant error 10 %": {"constant_error": (-0.07, 0.27), "contraction": (-0.17, 0.17)},
-    "contraction 10 %": {"constant_error": (-0.17, 0.17), "contraction": (-0.07, 0.27)},
-    "contraction 20 %": {"constant_error": (-0.17, 0.17), "contraction": (0.03, 0.37)},
+GROUP_KINDS = {
+    "mean 0": {"constant_error": _ABOUT_0, "contraction": _ABOUT_0},
+    "constant error 5 %": {"constant_error": (-0.12, 0.22), "contraction": _ABOUT_0},
+    "constant error 10 %": {"constant_error": (-0.07, 0.27), "contraction": _ABOUT_0},
+    "contraction 10 %": {"constant_error": _ABOUT_0, "contraction": (-0.07, 0.27)},
+    "contraction 20 %": {"constant_error": _ABOUT_0, "contraction": (0.03, 0.37)},
 }
 #: The source of all of these.
 GROUPS = "groups"
@@ -131,7 +133,7 @@ class Observer:
         first, difference, middle = (column.reshape(-1, 1, 1) for column in trials)
 
         scales = StimulusScales(sbar, sbar, 1.0, 1.0, 0.0)
-        pair = each_once(np.zeros(1), np.zeros(1), task=self.task)
+        pair = each_once([0.0], [0.0], task=self.task)
         posterior = ObserverPosterior(pair.unanswered, OrderModel("both"), given_scales=scales)
         rows = replace(posterior.rows, first=first, difference=difference, middle=middle)
         parameters = {name: np.asarray(value) for name, value in self.parameters.items()}
@@ -145,9 +147,8 @@ class Observer:
         `carry_over` is the share of what is expected after a trial that is carried over to the
         next one.
         """
-        sbar = float(s1.mean())
-        contraction = self.parameters["contraction"]
-        expected = expectations(s1 - sbar, s2 - sbar, contraction, carry_over)
+        sbar = s1.mean()
+        expected = expectations(s1 - sbar, s2 - sbar, self.parameters["contraction"], carry_over)
         return self.p_questions(s1, s2, sbar, expected)
 
     def p_design(self, design: StudyDesign) -> FloatArray:
@@ -246,7 +247,9 @@ def assume_observers(
     require_number("data_sets", size)
     task = designs[0].task
     if source == PRIOR:
-        return _from_prior(prior, _all_pairs_of(designs), size, seed)
+        # The scales of the prior are those of all pairs together.
+        pairs = pooled([design.unanswered for design in designs])
+        return _from_prior(prior, pairs, size, seed)
     observers: Sequence[Observer]
     if source is not None and not isinstance(source, StrPath):
         observers = source
@@ -313,13 +316,12 @@ def read_ranges(path: StrPath, task: Task = SAME_DIFFERENT) -> dict[str, dict[st
     table = toml_table(path, _FORM)
     names = parameter_names(task)
     problems = [] if table else [f"found no kind of observers, allowed: {_FORM}"]
-    kinds: dict[str, dict[str, Range]] = {}
+    kinds = {}
     for kind, section in table.items():
         if not isinstance(section, Mapping):
             problems.append(f"key {quoted(kind)}: allowed: {_FORM}")
             continue
-        lines = _problems(section, names, has_ranges=True)
-        problems += [f"[{kind}]: {line}" for line in lines]
+        problems += [f"[{kind}]: {line}" for line in _problems(section, names, has_ranges=True)]
         kinds[kind] = {name: _range(value) for name, value in section.items()}
     if problems:
         raise InputError([f"{path}: {problem}" for problem in problems])
@@ -333,13 +335,6 @@ def _range(value: object) -> Range:
     if len(value) != 2:
         return np.nan, np.nan
     return real(value[0]), real(value[1])
-
-
-def _all_pairs_of(designs: Sequence[StudyDesign]) -> Subject:
-    """All pairs of all designs, as a subject whose scales are those of the prior."""
-    columns = [(design.s1, design.s2, design.n_trials) for design in designs]
-    s1, s2, n_trials = map(np.concatenate, zip(*columns, strict=True))
-    return Subject.from_counts("design", s1, s2, n_trials, n_trials, task=designs[0].task)
 
 
 def _from_prior(prior: ObserverPrior, pairs: Subject, size: int, seed: int) -> list[Observer]:
@@ -375,33 +370,30 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
             f"{path}: draws of the model {draws.model!r}, allowed: those of "
             f"{', '.join(ORDER_MODELS)} (bayes-toe sample --model both)"
         )
-    observers = []
-    for kind in ("earlier study", "none"):
-        for number in range(1, size + 1):
-            rng = generator(seed, "earlier study", number, "observer")
-            subject = draws.names[int(rng.integers(len(draws.names)))]
-            posterior = draws.posterior(subject)
-            assert isinstance(posterior, ObserverPosterior)
-            points = draws.points(subject).reshape(-1, len(posterior.coordinates))
-            x = points[[int(rng.integers(len(points)))]]
-            observer = _from_point(f"{kind} {number}", kind, posterior, x)
-            if kind == "none":
-                no_effects = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
-                observer = replace(observer, parameters=no_effects)
-            observers.append(observer)
-    return observers
+    observers, without_effect = [], []
+    for number in range(1, size + 1):
+        rng = generator(seed, "earlier study", number, "observer")
+        subject = draws.names[rng.integers(len(draws.names))]
+        posterior = draws.posterior(subject)
+        assert isinstance(posterior, ObserverPosterior)
+        points = draws.points(subject).reshape(-1, len(posterior.coordinates))
+        x = points[[rng.integers(len(points))]]
+        observer = _from_point(f"earlier study {number}", "earlier study", posterior, x)
+        observers.append(observer)
+        no_effects = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
+        without_effect.append(Observer(f"none {number}", "none", no_effects, task))
+    return observers + without_effect
 
 
 def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None:
     """Refuse a design to which all observers of a kind practically always answer alike."""
-    for kind in dict.fromkeys(observer.kind for observer in observers):
-        p_yes = []
-        for observer in observers:
-            if observer.kind == kind:
-                attentive = {**observer.parameters, "lapse_rate": 0.0}
-                p_yes.append(replace(observer, parameters=attentive).p_design(design)[0])
-        task = design.task
-        for answer, highest in ((task.yes, np.max(p_yes)), (task.no, 1.0 - np.min(p_yes))):
+    p_yes = defaultdict(list)
+    for observer in observers:
+        attentive = {**observer.parameters, "lapse_rate": 0.0}
+        p_yes[observer.kind].append(replace(observer, parameters=attentive).p_design(design)[0])
+    task = design.task
+    for kind, p in p_yes.items():
+        for answer, highest in ((task.yes, np.max(p)), (task.no, 1.0 - np.min(p))):
             if highest <= 0.01:  # the other answer is practically certain
                 raise InputError(
                     f"observers: of the kind {kind!r} all practically never answer {answer!r} to "

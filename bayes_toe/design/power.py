@@ -207,20 +207,19 @@ class PowerTable(Table[PowerEstimate]):
 
     def _describe_design(self, design: str, trials: int) -> str:
         """The kind of observers that gets 'yes' or 'probably' least often, then the others."""
-        effects = list[PowerEstimate]()
-        none = list[PowerEstimate]()
+        effects, false_positives = [], []
         for kind in self.different("observers"):
             estimate = self[design, trials, kind, "order_effect", DETECTED]
-            (effects if self.has_effect(kind, "order_effect") else none).append(estimate)
+            if self.has_effect(kind, "order_effect"):
+                effects.append(estimate)
+            else:
+                false_positives.append(f"false positives {estimate.percent}")
         effects.sort(key=attrgetter("value"))
-        parts = []
-        if effects:
-            parts.append(f"{effects[0].observers} detected in {effects[0].percent}")
-        if len(effects) > 1:
-            least = "at least " if effects[1].value < 1.0 else ""
-            parts.append(f"every other effect in {least}{100 * effects[1].value:.0f} %")
-        parts += [f"false positives {estimate.percent}" for estimate in none]
-        text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(parts)}."
+        parts = [f"{row.observers} detected in {row.percent}" for row in effects[:1]]
+        for row in effects[1:2]:
+            least = "at least " if row.value < 1.0 else ""
+            parts.append(f"every other effect in {least}{100 * row.value:.0f} %")
+        text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(parts + false_positives)}."
         for question in QUESTIONS:
             if self.is_unknown(design, trials, question):
                 text += f" {capitalized(question.replace('_', ' '))}: {Word.CANNOT_BE_TOLD}."
@@ -242,8 +241,8 @@ def _count_words(key: tuple[str, int, str], members: Sequence[DataSet]) -> list[
         del counts[Word.NOT_INTERPRETABLE.value]
         counts[DETECTED] = _count_detected(members, question)
         for answer, count in counts.items():
-            estimate = share(count, len(words))
-            rows.append(PowerEstimate(*key, question, answer, *estimate, len(words)))
+            n = len(words)
+            rows.append(PowerEstimate(*key, question, answer, *share(count, n), n))
     return rows
 
 
@@ -322,16 +321,15 @@ def power(
         planned = []
         for (name, own_design), total in product(of_task.items(), dict.fromkeys(trials)):
             planned.append((name, own_design.with_total(total)))
-        table = simulate_power(planned, assumed, root, numbers, workers, progress)
-        simulated += table.data_sets
+        simulated += simulate_power(planned, assumed, root, numbers, workers, progress)
     return PowerTable.from_data_sets(simulated, root)
 
 
 def designs_by_task(designs: Mapping[str, StudyDesign]) -> list[dict[str, StudyDesign]]:
     """The designs of each task, by name."""
-    by_task = dict[Task, dict[str, StudyDesign]]()
+    by_task = defaultdict[Task, dict[str, StudyDesign]](dict)
     for name, design in designs.items():
-        by_task.setdefault(design.task, {})[name] = design
+        by_task[design.task][name] = design
     return list(by_task.values())
 
 
@@ -356,9 +354,9 @@ def simulate_power(
     observers: Sequence[Observer],
     seed: int,
     prior: ObserverPrior,
-    workers: Workers = None,
-    progress: Progress | None = None,
-) -> PowerTable:
+    workers: Workers,
+    progress: Progress | None,
+) -> Iterable[DataSet]:
     """All observers answer all designs; a job is a batch of observers with one design."""
     jobs, names = [], []
     for name, design in designs:
@@ -366,8 +364,7 @@ def simulate_power(
             batch = observers[start : start + BATCH]
             jobs.append(partial(simulate_batch, name, design, batch, seed, prior))
             names.append(tuple(observer.name for observer in batch))
-    results = run_in_order(jobs, workers, progress, names)
-    return PowerTable.from_data_sets(chain.from_iterable(results), seed)
+    return chain.from_iterable(run_in_order(jobs, workers, progress, names))
 
 
 def simulate_batch(

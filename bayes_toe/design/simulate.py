@@ -99,8 +99,7 @@ class PaperObserver:
     @property
     def parameters(self) -> dict[str, float]:
         """The natural parameters by name."""
-        names = natural_names(self.task)
-        return dict(zip(names, map(float, self.natural), strict=True))
+        return dict(zip(natural_names(self.task), map(float, self.natural), strict=True))
 
     def p_trials(self, s1: FloatArray, s2: FloatArray, carry_over: float) -> FloatArray:
         """As :meth:`bayes_toe.design.observers.Observer.p_trials`, of its one question."""
@@ -122,14 +121,12 @@ def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
     1)), gamma ~ Uniform(0.1, 0.5), q0 ~ Beta(40, 4), or the lapse rate ~ Beta(2, 30).
     """
     kinds = np.array([(-0.5, 0.15), (0.95, 0.2), (0.25, 0.08), (0.95, 0.2), (-0.5, 0.15)])
-    of_subject = kinds[np.arange(size) % 5]
-    mu1 = rng.normal(of_subject[:, 0], of_subject[:, 1])
+    mu1 = rng.normal(*kinds[np.arange(size) % 5].T)
     sigma_p = 0.22 * np.exp(0.15 * rng.standard_normal(size))
     sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))
     shape = (40.0, 4.0) if task == SAME_DIFFERENT else (2.0, 30.0)
     lapses = rng.beta(*shape, size)
-    is_inset = np.arange(size) % 16 == 15
-    mu1, sigma_l = np.where(is_inset, -0.6, mu1), np.where(is_inset, 0.02, sigma_l)
+    mu1[15::16], sigma_l[15::16] = -0.6, 0.02
     rows = zip(subject_names(size), mu1, sigma_p, sigma_l, lapses, strict=True)
     return [PaperObserver(name, Natural(*values), task) for name, *values in rows]
 
@@ -188,7 +185,7 @@ class ConditionDifferences:
         rng = generator(seed, observer.name, "differences between conditions")
         drawn = {}
         for key, (size, sd) in self.sizes.items():
-            drawn[key] = size + sd * float(rng.standard_normal())
+            drawn[key] = size + sd * rng.standard_normal()
         moved = dict[str, SimulatedObserver]()
         for level, step in zip(self.conditions.levels, self.steps.tolist(), strict=True):
             name = f"{observer.name}{CONDITION_SEPARATOR}{level}"
@@ -218,7 +215,7 @@ def condition_differences(
         if differ:
             raise InputError("--differ: allowed with --conditions, between which observers differ")
         return None
-    values = [number(level) for level in levels]
+    values = [*map(number, levels)]
     is_numeric = bool(np.isfinite(values).all())
     names = tuple(level_words(values) if is_numeric else levels)
     have_names = all(name and CONDITION_SEPARATOR not in name for name in names)
@@ -255,12 +252,12 @@ def read_differences(conditions: str | None, differ: str | None) -> ConditionDif
     """
     sizes = {}
     for part in differ.split(",") if differ else ():
-        name, _, value = part.partition("=")
+        name, value = map(str.strip, part.partition("=")[::2])
         size, _, sd = value.partition(":")
-        if name.strip() in sizes:
-            raise InputError(f"--differ: found {name.strip()} twice, allowed: once")
+        if name in sizes:
+            raise InputError(f"--differ: found {name} twice, allowed: once")
         try:
-            sizes[name.strip()] = float(size), float(sd or 0.0)
+            sizes[name] = float(size), float(sd or 0.0)
         except ValueError:
             raise InputError(
                 f"--differ: found {quoted(part)}, allowed: {_ALLOWED_DIFFERENCE}"
@@ -351,10 +348,10 @@ def _observer_trials(
 ) -> SimulatedTrials:
     """The trials of one observer."""
     rng = generator(seed, observer.name, "trials")
-    n_batches = int(np.gcd.reduce(design.n_trials))
+    n_batches = np.gcd.reduce(design.n_trials)
     in_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // n_batches)
-    shuffled = np.argsort(rng.uniform(size=(n_batches, len(in_batch))), axis=1).ravel()
-    pair = in_batch[shuffled]
+    shuffled = np.argsort(rng.uniform(size=(n_batches, len(in_batch))), axis=1)
+    pair = in_batch[shuffled.ravel()]
     s1, s2 = design.s1[pair], design.s2[pair]
 
     p_yes, *p_second = observer.p_trials(s1, s2, carry_over)
@@ -454,13 +451,12 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         missed=missed,
         differences=differences,
     )
+    extra = {"carry_over": carry_over} if carry_over else {}
     subjects, truth = [], {}
     for answered in trials:
         subject = Subject.from_answers(answered.subject, answered.answers, task)
         subjects.append(replace(subject, condition=answered.condition))
-        truth[subject.name] = dict(answered.observer.parameters)
-        if carry_over:
-            truth[subject.name]["carry_over"] = carry_over
+        truth[subject.name] = {**answered.observer.parameters, **extra}
 
     study = Study(tuple(subjects), f"simulated, seed {root}", synthetic=True)
     if differences is not None:
@@ -474,7 +470,7 @@ def draw_population(
 ) -> Sequence[SimulatedObserver]:
     """Observers that `--observers` names; anything but a known word is a CSV of parameters."""
     if population == PAPER:
-        mean = float(np.average(design.s1, weights=design.n_trials))
+        mean = np.average(design.s1, weights=design.n_trials)
         if abs(mean) > 2.0:
             raise InputError(
                 f"--observers paper: found stimuli about ln {mean:.3g}, far from those of the "
@@ -492,8 +488,8 @@ def draw_population(
         by_model = assume_observers(PRIOR, -(-size // 4), seed, [study_design])
         # All four models in turn.
         drawn = np.array(by_model, object).reshape(4, -1).T.ravel().tolist()
-    names = subject_names(size)
-    return [replace(observer, name=name) for name, observer in zip(names, drawn, strict=False)]
+    pairs = zip(subject_names(size), drawn, strict=False)
+    return [replace(observer, name=name) for name, observer in pairs]
 
 
 def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
@@ -530,8 +526,8 @@ def _stated_observers(
             observers.append(make_observer(name, "stated", values, task))
             continue
         if set(values) != set(names):
-            allowed = f"{', '.join(names)}, all four"
-            raise InputError(f"observer {name!r}: found {', '.join(values)}, allowed: {allowed}")
+            finding = f"found {', '.join(values)}, allowed: {', '.join(names)}, all four"
+            raise InputError(f"observer {name!r}: {finding}")
         natural = Natural(*(np.asarray(values[key], np.float64) for key in names))
         try:
             observers.append(PaperObserver(name, natural, task))
@@ -571,8 +567,9 @@ def make_design(
     else:
         require_file(design, "--design", _DESIGNS)
         columns = read_pairs(design, options, optional=("n_trials",))
-        counts = columns.get("n_trials", np.full(len(columns["s1"]), batches))
-        study_design = StudyDesign(columns["s1"], columns["s2"], counts.astype(np.int64))
+        s1, s2 = columns["s1"], columns["s2"]
+        n_trials = columns.get("n_trials", np.full(len(s1), batches)).astype(np.int64)
+        study_design = StudyDesign(s1, s2, n_trials)
     return study_design if trials is None else study_design.with_total(trials)
 
 
@@ -598,9 +595,10 @@ def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.Dat
     """
     parts = []
     for answered in trials:
-        ending = f"{CONDITION_SEPARATOR}{answered.condition}" if answered.condition else ""
-        columns: dict[str, npt.ArrayLike] = {"subject": answered.subject.removesuffix(ending)}
+        columns: dict[str, npt.ArrayLike] = {"subject": answered.subject}
         if answered.condition:
+            ending = f"{CONDITION_SEPARATOR}{answered.condition}"
+            columns["subject"] = answered.subject.removesuffix(ending)
             columns["condition"] = answered.condition
         columns |= {"batch": answered.batch, "trial": 0}
         s1, s2 = answered.answers.keys.T
@@ -616,5 +614,4 @@ def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.Dat
 
 def truth_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
     """True parameters, one row a subject, or a subject in a condition."""
-    rows = [{"subject": trial.subject, **trial.observer.parameters} for trial in trials]
-    return pd.DataFrame(rows)
+    return pd.DataFrame([{"subject": row.subject, **row.observer.parameters} for row in trials])

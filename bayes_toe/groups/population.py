@@ -70,7 +70,7 @@ from bayes_toe.model.parameters import (
     lapse_logs,
     task_parameters,
 )
-from bayes_toe.model.prior import Hyperprior, ParameterHyperprior
+from bayes_toe.model.prior import Hyperprior
 from bayes_toe.model.prior_file import hyperprior_from
 from bayes_toe.seeds import generator, require_seed, root_seed
 
@@ -507,9 +507,9 @@ def subject_rows(study: Study) -> SubjectRows:
 def _numbers(hyperprior: Hyperprior, study: Study) -> HyperpriorNumbers:
     """The hyperprior of all coefficients; roved first stimuli narrow that of p."""
     names = [parameter.name for parameter in group_parameters(study.task)]
-    rows: dict[str, ParameterHyperprior] = {name: getattr(hyperprior, name) for name in names}
-    narrowed = hyperprior.contraction.narrowed(study_scales(study).roving_share)
-    rows[CONTRACTION.name] = narrowed
+    rows = {name: getattr(hyperprior, name) for name in names}
+    roving_share = study_scales(study).roving_share
+    rows[CONTRACTION.name] = hyperprior.contraction.narrowed(roving_share)
     coefficients = list(rows.values())
     if study.conditions is not None:
         n_columns = study.conditions.design().shape[1]

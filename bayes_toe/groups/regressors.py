@@ -157,9 +157,9 @@ def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], 
         )
     _require_several(name, f"{values[0]:g}", bool(values.min() < values.max()))
     # Squares of numbers beyond 1e154 are beyond the largest float.
-    unit = float(np.abs(values).max())
+    unit = np.abs(values).max()
     values = values / unit
-    mean, sd = float(values.mean()), float(values.std(ddof=1))
+    mean, sd = values.mean(), values.std(ddof=1)
     words = f"{display_name(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
     return [Regressor(name, "", words)], ((values - mean) / sd)[:, None]
 
