@@ -46,12 +46,7 @@ def evidence_limit(n_tests: int, share: float) -> float:
     return math.log(n_tests / share)
 
 
-def simulated_p_value(
-    observed: float,
-    simulate: Callable[[int], FloatArray],
-    most_larger: int = 20,
-    most_draws: int = 20_000,
-) -> float:
+def simulated_p_value(observed: float, simulate: Callable[[int], FloatArray]) -> float:
     """Chance of a statistic at least as large, by simulation under the null hypothesis.
 
     It ends when twenty statistics are as large (Besag and Clifford 1991), or after 20,000.
@@ -61,8 +56,6 @@ def simulated_p_value(
     observed : float
     simulate : callable
         Gives so many simulated statistics, shape (draws,).
-    most_larger, most_draws : int
-        Statistics as large as the observed one, and all statistics, after which it ends.
 
     Examples
     --------
@@ -72,9 +65,9 @@ def simulated_p_value(
     """
     least = observed - 1e-9 * abs(observed)  # the rounding of equal statistics
     n_larger = n_drawn = 0
-    while n_drawn < most_draws and n_larger < most_larger:
+    while n_drawn < 20_000 and n_larger < 20:
         # Most statistics are not large, which a few draws show.
-        size = min(max(100, n_drawn), 1000, most_draws - n_drawn)
+        size = min(max(100, n_drawn), 1000, 20_000 - n_drawn)
         n_larger += int(np.count_nonzero(simulate(size) >= least))
         n_drawn += size
     return (1 + n_larger) / (1 + n_drawn)

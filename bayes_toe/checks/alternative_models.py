@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -64,16 +65,13 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
         other = np.logaddexp(*np.split(_log_evidence(as_other), 2)) - math.log(2.0)
 
     evidences = np.column_stack([guesses, swapped, other]) - observer[:, None]
-    alternatives = {}
-    for subject, log_bayes_factors in zip(subjects, evidences.tolist(), strict=True):
-        alternatives[subject.name] = Alternatives(*log_bayes_factors)
-    return alternatives
+    names = [subject.name for subject in subjects]
+    return dict(zip(names, starmap(Alternatives, evidences.tolist()), strict=True))
 
 
 def log_bayes_factor(changed: Subject, subject: Subject) -> float:
     """The log Bayes factor of changed responses against the responses as they are, in nats."""
-    evidences = _log_evidence([changed, subject])
-    return float(evidences[0] - evidences[1])
+    return float(np.subtract(*_log_evidence([changed, subject])))
 
 
 def _is_doubtful(subject: Subject) -> bool:
@@ -90,19 +88,16 @@ def _is_doubtful(subject: Subject) -> bool:
 
 def _guessing_evidence(subject: Subject) -> float:
     """Log evidence of one probability for all trials, which is uniform."""
-    n_yes = float(subject.n_yes.sum())
-    n_no = float(subject.total_trials) - n_yes
-    return float(betaln(n_yes + 1.0, n_no + 1.0))
+    n_yes = subject.n_yes.sum()
+    return float(betaln(n_yes + 1.0, subject.total_trials - n_yes + 1.0))
 
 
 def _log_evidence(subjects: Sequence[Subject]) -> FloatArray:
     """Log mean evidence of the four models by their prior probabilities; NaN where it fails."""
     quick = Precision(standard_error=0.2, effective_draws=50.0, most_draws=1000)
-    values = []
+    values = np.full(len(subjects), np.nan)
     # The same alarms for the same study.
-    for evidence in try_order_evidence(subjects, seed=0, precision=quick):
+    for i, evidence in enumerate(try_order_evidence(subjects, seed=0, precision=quick)):
         if isinstance(evidence, OrderEvidence):
-            values.append(evidence.log_mean_evidence)
-        else:
-            values.append(np.nan)
-    return np.array(values)
+            values[i] = evidence.log_mean_evidence
+    return values

@@ -20,7 +20,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
+from itertools import compress, product
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -77,7 +77,6 @@ _SELDOM = 0.15  # share of a response that a large constant error leaves, whatev
 #: Logits by which a block's answers may differ from those of the others, with Laplace's prior.
 _MOVES = np.linspace(-6.0, 6.0, 25)
 _TILT_SCALE = 0.75  # of such moves at the largest s2 - s1
-_TILTS = _TILT_SCALE * _MOVES
 
 
 @dataclass(frozen=True)
@@ -123,10 +122,10 @@ def answer_flags(study: Study) -> list[tuple[Finding, ...]]:
     >>> [flag.words for flag in answer_flags(Study([subject]))[0]]
     ['fewer than 60 trials', 'all responses are the same']
     """
-    flags: dict[str, list[Finding]] = {name: [] for name in study.names}
+    flags = {name: list[Finding]() for name in study.names}
     for finding in check_answers(study):
         flags[finding.subject].append(finding)
-    return [tuple(flags[name]) for name in study.names]
+    return [*map(tuple, flags.values())]
 
 
 def not_interpreted(study: Study) -> dict[str, str]:
@@ -150,7 +149,7 @@ def check_answers(study: Study) -> tuple[Finding, ...]:
     require_study(study)
     alternatives = compare_alternatives(study)
     other_task = _other_task(study, alternatives)
-    findings: list[Finding] = []
+    findings = list[Finding]()
     for subject in study:
         if subject.name in other_task:
             findings.append(other_task[subject.name])
@@ -173,14 +172,11 @@ def subject_findings(
     findings = []
     for find in _ALARMS:
         finding = find(subject, n_subjects)
-        if finding is None:
-            continue
-        findings.append(finding)
-        if finding.code == "one_answer":
-            break
-        # Swapped blocks explain what else may be found.
-        if finding.code == "swapped_blocks":
-            return findings
+        if finding is not None:
+            findings.append(finding)
+            # Swapped blocks explain what else may be found.
+            if finding.code == "swapped_blocks":
+                return findings
     if alternatives is not None:
         answered = cast(Subject, subject.two_answers)  # there are alternatives
         findings += _explained_otherwise(answered, alternatives, n_subjects)
@@ -192,21 +188,20 @@ def _few_trials(subject: Subject, n_subjects: int) -> Finding | None:
     if subject.total_trials >= FEW_TRIALS:
         return None
     n_trials = plural(subject.total_trials, "trial")
-    message = f"Only {n_trials}, so the prior has much influence."
-    return Finding(subject.name, "few_trials", message)
+    return Finding(subject.name, "few_trials", f"Only {n_trials}, so the prior has much influence.")
 
 
 def _one_answer(subject: Subject, n_subjects: int) -> Finding | None:
     """One response only, in a study of any size."""
-    answer, *others = subject.answers_given
-    if others:
+    answers = subject.answers_given
+    if len(answers) > 1:
         return None
-    return Finding(subject.name, "one_answer", f"Every response is {answer!r}.")
+    return Finding(subject.name, "one_answer", f"Every response is {answers[0]!r}.")
 
 
-def _drawable_answers(subject: Subject, most_drawn: int = 10**8) -> Answers | None:
+def _drawable_answers(subject: Subject) -> Answers | None:
     """The answered rows, if the file has them, and few enough to draw tables of them."""
-    if subject.answers is None or subject.total_trials > most_drawn:
+    if subject.answers is None or subject.total_trials > 10**8:
         return None
     return subject.answers.answered
 
@@ -214,7 +209,7 @@ def _drawable_answers(subject: Subject, most_drawn: int = 10**8) -> Answers | No
 # --- Trials that are there twice -----------------------------------------------------------------
 
 
-def _repeated_trials(subject: Subject, n_subjects: int, least_nats: float = 12.0) -> Finding | None:
+def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
     """Long sequences of trials that repeat earlier ones, stimuli and answers.
 
     A list of stimuli may be used again on purpose, so only equal answers count, by the chance
@@ -229,34 +224,31 @@ def _repeated_trials(subject: Subject, n_subjects: int, least_nats: float = 12.0
 
     lag = _lag_to_first_copy(_row_codes(answers))
     run_start = run_starts(lag)
-    last_window = np.append(run_start[1:], len(lag)) - 1
-    run_end = last_window + _WINDOW
+    run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
     nats_in_run = nats_before[run_end] - nats_before[run_start]
-    limit = least_nats + math.log(n_subjects)
-    is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > limit)
+    is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > 12.0 + math.log(n_subjects))
     if not is_repeat.any():
         return None
 
     is_copy = np.zeros(n_rows, np.bool_)
     for start, end in zip(run_start[is_repeat], run_end[is_repeat], strict=True):
         is_copy[start:end] = True
-    first_trial = int(run_start[is_repeat][0]) + 1
-    message = (
-        f"{np.count_nonzero(is_copy)} of {n_rows} trials repeat earlier ones, from trial "
-        f"{first_trial} on. "
-        "Remove the copies from the file. The option leaves out the whole subject."
+    return Finding(
+        subject.name,
+        "repeated_trials",
+        f"{is_copy.sum()} of {n_rows} trials repeat earlier ones, from trial "
+        f"{is_copy.argmax() + 1} on. "
+        "Remove the copies from the file. The option leaves out the whole subject.",
+        f"--exclude {cli_argument(subject.name)}",
     )
-    option = f"--exclude {cli_argument(subject.name)}"
-    return Finding(subject.name, "repeated_trials", message, option)
 
 
 def _lag_to_first_copy(codes: IntArray) -> IntArray:
     """How many rows before each window of rows the first window with the same rows begins."""
     windows = np.lib.stride_tricks.sliding_window_view(codes, _WINDOW)
     hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
-    window_hash = windows @ hash_weights
-    _, first, group = np.unique(window_hash, return_index=True, return_inverse=True)
+    _, first, group = np.unique(windows @ hash_weights, return_index=True, return_inverse=True)
     return np.arange(len(windows)) - first[group]
 
 
@@ -273,16 +265,15 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     """
     n, k = subject.n_trials, subject.n_yes
     _, index = np.unique(answers.keys, axis=0, return_inverse=True)
-    by_pair = (k + 0.5) / (n + 1.0)
     right = subject.task.right(subject.s2 - subject.s1)
     n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
-    accuracy = (n_right + 0.5) / (n[right != 0].sum() + 1.0)
-    agreement = np.maximum(_agreement(by_pair), _agreement(accuracy))
+    agreement = np.maximum(_agreement(k, n), _agreement(n_right, n[right != 0].sum()))
     return -np.log(agreement)[index.ravel()]
 
 
-def _agreement(p: FloatArray) -> FloatArray:
-    """Probability that two answers are the same."""
+def _agreement(k: IntArray, n: IntArray) -> FloatArray:
+    """Probability that two answers are the same, where one was given k times in n."""
+    p = (k + 0.5) / (n + 1.0)
     return np.square(p) + np.square(1.0 - p)
 
 
@@ -293,20 +284,25 @@ def _explained_otherwise(
     subject: Subject, alternatives: Alternatives, n_subjects: int
 ) -> Iterator[Finding]:
     """Swapped keys, or responses that say little about the stimuli."""
-    best, share = max(alternatives), subject.fraction_yes
+    best = max(alternatives)
+    has_both_answers = _SELDOM < subject.fraction_yes < 1.0 - _SELDOM
     if best == alternatives.swapped > evidence_limit(n_subjects, REFUSAL_SHARE):
-        option = f"--swap {cli_argument(subject.name)}"
-        message = f"Responses look reversed. Check which code means {subject.task.yes!r}."
-        yield Finding(subject.name, "reversed_answers", message, option)
-        return
-    has_both_answers = _SELDOM < share < 1.0 - _SELDOM
-    is_likely = best == alternatives.guesses > evidence_limit(n_subjects, FALSE_ALARM_SHARE)
-    if is_likely and has_both_answers:
-        message = (
-            "The responses say little about the stimuli. The subject guesses, or hardly "
-            "distinguishes them."
+        yield Finding(
+            subject.name,
+            "reversed_answers",
+            f"Responses look reversed. Check which code means {subject.task.yes!r}.",
+            f"--swap {cli_argument(subject.name)}",
         )
-        yield Finding(subject.name, "independent_answers", message)
+    elif (
+        best == alternatives.guesses > evidence_limit(n_subjects, FALSE_ALARM_SHARE)
+        and has_both_answers
+    ):
+        yield Finding(
+            subject.name,
+            "independent_answers",
+            "The responses say little about the stimuli. The subject guesses, or hardly "
+            "distinguishes them.",
+        )
 
 
 def has_other_task(alternatives: Alternatives, task: Task) -> bool:
@@ -324,18 +320,19 @@ def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[
     if len(names) <= 0.5 * len(study):
         return {}
     subjects = f"{len(names)} of {plural(len(study), 'subject')}"
+    code, flagged = "other_task", study.names
+    message = (
+        f"Responses look like another task. In {subjects}, P(second) is highest or lowest near "
+        "s2 = s1, as in 'same or different?'. Check which code means 'equal'."
+    )
     if study.task.has_criterion:
+        code, flagged = "like_2afc", tuple(names)
         message = (
             f"P(equal) rises or falls with s2 - s1 in {subjects}. Check whether the question was "
             "'which was stronger?'. If it was 'same or different?', they share a large constant "
             "error."
         )
-        return {name: Finding(name, "like_2afc", message) for name in names}
-    message = (
-        f"Responses look like another task. In {subjects}, P(second) is highest or lowest near "
-        "s2 = s1, as in 'same or different?'. Check which code means 'equal'."
-    )
-    return {name: Finding(name, "other_task", message) for name in study.names}
+    return {name: Finding(name, code, message) for name in flagged}
 
 
 # --- The answers in their blocks, and in their order ---------------------------------------------
@@ -353,6 +350,11 @@ class AnswerTable:
         """Pairs with both answers: the others cannot deviate."""
         n_yes, n_all = self.k.sum(1), self.n.sum(1)
         return (n_yes > 0) & (n_yes < n_all)
+
+    @property
+    def excess_yes(self) -> IntArray:
+        """The counted answers minus the others."""
+        return 2 * self.k - self.n
 
     def informative(self) -> AnswerTable:
         """The pairs that were answered in both ways."""
@@ -417,11 +419,11 @@ def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTab
 
 def _swapped_blocks(subject: Subject, n_subjects: int) -> Finding | None:
     """Blocks with swapped response keys."""
-    answered = subject.two_answers
-    answers = None if answered is None else _drawable_answers(answered)
-    if answered is None or answers is None or answers.block is None:
+    directed = subject.two_answers
+    answers = None if directed is None else _drawable_answers(directed)
+    if directed is None or answers is None or answers.block is None:
         return None
-    subject = answered
+    subject = directed
     table = _tabulate(subject, answers, answers.block)
     if table.informative().freedom == 0:
         return None
@@ -434,11 +436,14 @@ def _swapped_blocks(subject: Subject, n_subjects: int) -> Finding | None:
     limit = evidence_limit(n_subjects * len(swapped), REFUSAL_SHARE)
     if log_bayes_factor(changed, subject) <= limit:
         return None
-    blocks = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
+    blocks = [*compress(answers.blocks, swapped)]
     noun = "block" if len(blocks) == 1 else "blocks"
-    message = f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}."
-    option = f"--swap {cli_argument(subject.name, blocks)}"
-    return Finding(subject.name, "swapped_blocks", message, option)
+    return Finding(
+        subject.name,
+        "swapped_blocks",
+        f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}.",
+        f"--swap {cli_argument(subject.name, blocks)}",
+    )
 
 
 def _unlike_blocks(subject: Subject, n_subjects: int) -> Finding | None:
@@ -454,21 +459,21 @@ def _unlike_blocks(subject: Subject, n_subjects: int) -> Finding | None:
     p = table.p_value(table.chi_square, subject.name)
     if p > 0.5 * flag_limit(n_subjects):  # one of two tests
         return None
-    block = answers.blocks[int(np.argmax(table.block_chi_square(table.k)))]
-    message = (
+    block = answers.blocks[table.block_chi_square(table.k).argmax()]
+    return Finding(
+        subject.name,
+        "block_dispersion",
         f"Block {display_name(block)} differs from the others ({describe_p_value(p)}). Intervals "
-        "are too narrow if blocks differ."
+        "are too narrow if blocks differ.",
     )
-    return Finding(subject.name, "block_dispersion", message)
 
 
 def _explains_blocks(table: AnswerTable, swapped: BoolArray) -> bool:
     """Whether turning some blocks, but not all, removes most of what blocks differ by."""
     if not swapped.any() or swapped.all():
         return False
-    ratio = table.informative().ratio
-    swapped_ratio = _turned(table, swapped).informative().ratio
-    return swapped_ratio - 1.0 < 0.5 * max(0.0, ratio - 1.0)
+    excess = table.informative().ratio - 1.0
+    return _turned(table, swapped).informative().ratio - 1.0 < 0.5 * max(0.0, excess)
 
 
 def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
@@ -483,46 +488,38 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
     often. Blocks that disagree with the others are then turned until nothing changes. This leaves
     two camps. The one with the expected relation counts as right, and the other one is swapped.
     """
-    expects_counted = -np.abs(difference) if task == SAME_DIFFERENT else difference
-    lean = expects_counted - expects_counted.mean()
-    candidates = _camp_that_leans_wrongly(table, lean)
-    # Another point of subjective equality tilts the answers 'equal'.
-    tilt = difference if task == SAME_DIFFERENT else np.zeros(len(difference))
+    expects_counted, tilt = difference, np.zeros(len(difference))
+    if task == SAME_DIFFERENT:
+        # Another point of subjective equality tilts the answers 'equal'.
+        expects_counted, tilt = -np.abs(difference), difference
+    candidates = _camp_that_leans_wrongly(table, expects_counted - expects_counted.mean())
     return _surely_swapped(table, candidates, tilt)
 
 
 def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
     """The one of two camps of blocks, each of which agrees inside, that leans wrongly."""
-    is_turned: BoolArray = lean @ (2 * table.k - table.n) < 0
+    is_turned: BoolArray = lean @ table.excess_yes < 0
     for _ in range(20):
         turned = _turned(table, is_turned)
-        excess_yes = 2 * turned.k - turned.n
-        disagrees = (excess_yes * turned.other_logits()).sum(axis=0) < 0
+        disagrees = (turned.excess_yes * turned.other_logits()).sum(axis=0) < 0
         if not disagrees.any():
             break
         is_turned = is_turned ^ disagrees
-    turned = _turned(table, is_turned)
-    leans_wrongly = np.sum(lean @ (2 * turned.k - table.n)) < 0
+    leans_wrongly = np.sum(lean @ _turned(table, is_turned).excess_yes) < 0
     return ~is_turned if leans_wrongly else is_turned
 
 
-def _surely_swapped(
-    table: AnswerTable,
-    candidates: BoolArray,
-    tilt: FloatArray,
-    sure_gain: float = 5.0,
-    likely_gain: float = 2.0,
-) -> BoolArray:
+def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray) -> BoolArray:
     """The candidates that are likely swapped; none if no candidate is surely swapped.
 
-    `sure_gain` and `likely_gain` are log evidences, in nats.
+    A log evidence of 2 nats makes a swap likely, one of 5 nats makes it sure.
     """
     none = np.zeros_like(candidates)
     while candidates.any():
         gain = _swap_gain(_turned(table, candidates), tilt)
-        likely: BoolArray = candidates & (gain > likely_gain)
+        likely: BoolArray = candidates & (gain > 2.0)
         if np.array_equal(likely, candidates):
-            return candidates if gain[candidates].max() > sure_gain else none
+            return candidates if gain[candidates].max() > 5.0 else none
         candidates = likely
     return none
 
@@ -535,7 +532,7 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
     """
     logits = table.other_logits()
     relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)
-    slopes = _TILTS if tilt.any() else np.zeros(1)
+    slopes = _TILT_SCALE * _MOVES if tilt.any() else np.zeros(1)
     unswapped, swapped = [], []
     for preference, slope in product(_MOVES.tolist(), slopes.tolist()):
         moved = logits + preference + slope * relative_tilt
@@ -547,13 +544,10 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
 
 def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:
     """Log likelihood of each block, (pairs, blocks) -> (blocks,)."""
-    terms = k * logits - n * np.logaddexp(0.0, logits)
-    return terms.sum(axis=0)
+    return (k * logits - n * np.logaddexp(0.0, logits)).sum(axis=0)
 
 
-def _drift(
-    subject: Subject, n_subjects: int, small_drift: float = 0.2, most_stretches: int = 10
-) -> Finding | None:
+def _drift(subject: Subject, n_subjects: int) -> Finding | None:
     """Answers that change slowly over the trials: trends, and waves as of a moving criterion.
 
     A change of a share below 0.2 hardly matters for pooled counts.
@@ -562,7 +556,7 @@ def _drift(
     if answers is None or not answers.has_trial_rows:
         return None
     n_rows = len(answers.n_trials)
-    n_stretches = min(most_stretches, n_rows)
+    n_stretches = min(10, n_rows)
     table = _tabulate(subject, answers, np.arange(n_rows) * n_stretches // n_rows)
     difference = (subject.s2 - subject.s1)[table.is_mixed]
     table = table.informative()
@@ -581,19 +575,19 @@ def _drift(
         return np.square(amplitudes(k)).sum(-1).max(-1)
 
     observed = amplitudes(table.k)
-    course = observed @ waves
-    largest = int(np.argmax(np.square(observed).sum(-1)))
-    change = float(np.ptp(course[largest]))
-    if change < small_drift:
+    largest = np.square(observed).sum(-1).argmax()
+    change = np.ptp((observed @ waves)[largest])
+    if change < 0.2:
         return None
     p = table.p_value(largest_power, subject.name)
     if p > 0.5 * flag_limit(n_subjects):  # one of two tests
         return None
-    message = (
+    return Finding(
+        subject.name,
+        "drift",
         f"Responses drift ({describe_p_value(p)}). The {[*kinds][largest]} changes by "
-        f"{change:.2f} over the trials."
+        f"{change:.2f} over the trials.",
     )
-    return Finding(subject.name, "drift", message)
 
 
 def _kinds_of_drift(subject: Subject, difference: FloatArray) -> dict[str, FloatArray]:
@@ -620,7 +614,7 @@ def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArr
 
 
 #: The alarms of one subject in a study of so many, in the order in which they are looked for.
-_ALARMS: tuple[Callable[[Subject, int], Finding | None], ...] = (
+_ALARMS = (
     _repeated_trials,
     _few_trials,
     _one_answer,

@@ -69,7 +69,7 @@ def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]
     """
     require_study(study)
     paper_prior = None if prior is None else preset_or_file(prior)
-    findings = [*check_design(study, paper_prior), *check_answers(study)]
+    findings = (*check_design(study, paper_prior), *check_answers(study))
     return tuple(sorted(findings, key=lambda finding: finding.subject != ""))
 
 
@@ -107,40 +107,37 @@ def _raw_stimuli(study: Study) -> Iterator[Finding]:
     second = np.concatenate([subject.s2 for subject in study])
     sign, _ = sign_of_intensities(first, second)
     if sign:
-        message = (
+        yield Finding(
+            "",
+            "raw_stimuli",
             f"Stimuli look like raw intensities ({sign}), but are taken as natural logs. Take "
-            "their logarithms, or the unit 'ln' if they are logs."
+            "their logarithms, or the unit 'ln' if they are logs.",
         )
-        yield Finding("", "raw_stimuli", message)
 
 
-def _two_scales(study: Study, lone_share: float = 0.01) -> Iterator[Finding]:
+def _two_scales(study: Study) -> Iterator[Finding]:
     """Stimuli in two groups that are far apart, as where some decimal points are missing.
 
     If the gap is wider than a factor of 100, and than twice all other gaps together, the rows are
     wrong. If it is only wider than all other gaps together, the smaller group may be a mistake, but
-    only with at most `lone_share` of the trials.
+    only with at most 1 % of the trials.
     """
     for subject in study:
         levels = np.unique(subject.stimuli)
         gaps = np.diff(levels)
         if not len(gaps):
             continue
-        widest = int(gaps.argmax())
-        widest_gap = float(gaps[widest])
-        other_gaps = float(np.delete(gaps, widest).sum())
-        pairs = np.stack([subject.s1, subject.s2])
-        is_below = (pairs <= levels[widest]).any(axis=0)
-        is_above = (pairs > levels[widest]).any(axis=0)
-        n_below, n_above = subject.n_trials[is_below].sum(), subject.n_trials[is_above].sum()
-        n_in_smaller_group = int(min(n_below, n_above))
+        widest = gaps.argmax()
+        widest_gap = gaps[widest]
+        other_gaps = np.delete(gaps, widest).sum()
+        is_below = np.stack([subject.s1, subject.s2]) <= levels[widest]
+        n_below = subject.n_trials[is_below.any(axis=0)].sum()
+        n_above = subject.n_trials[~is_below.all(axis=0)].sum()
+        n_in_smaller_group = min(n_below, n_above)
         rounded_ratio = float(f"{math.exp(min(widest_gap, 700.0)):.2g}")
         factor = f"a factor of {rounded_ratio:,.6g}"
-        has_intensities = "i1" in study.reading.read
-        groups = [
-            _range_of(part, subject.unit, has_intensities)
-            for part in (levels[: widest + 1], levels[widest + 1 :])
-        ]
+        parts = np.split(levels, [widest + 1])
+        groups = [_range_of(part, subject.unit, study.reading) for part in parts]
         option = ""
         if widest_gap > math.log(100.0) and widest_gap > 2.0 * other_gaps:
             message = (
@@ -148,10 +145,7 @@ def _two_scales(study: Study, lone_share: float = 0.01) -> Iterator[Finding]:
                 "in another unit or without a decimal point."
             )
             option = f"--exclude {cli_argument(subject.name)}"
-        elif (
-            widest_gap > other_gaps > 0.0
-            and n_in_smaller_group <= lone_share * subject.total_trials
-        ):
+        elif widest_gap > other_gaps > 0.0 and n_in_smaller_group <= 0.01 * subject.total_trials:
             trials = f"{plural(n_in_smaller_group, 'trial')} of {subject.total_trials:,}"
             lone, remaining = groups if n_below < n_above else groups[::-1]
             message = (
@@ -163,10 +157,10 @@ def _two_scales(study: Study, lone_share: float = 0.01) -> Iterator[Finding]:
         yield Finding(subject.name, "two_scales", message, option)
 
 
-def _range_of(levels: FloatArray, unit: StimulusUnit, has_intensities: bool) -> str:
+def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
     """The weakest and the strongest of some stimuli as the file has them."""
     ends = levels[[0, -1]]
-    if has_intensities or unit.of_stimuli:
+    if "i1" in reading.read or unit.of_stimuli:
         ends = unit.stimuli(ends)
     text = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
     return f"{text} {unit.of_stimuli}".rstrip()
@@ -174,16 +168,15 @@ def _range_of(levels: FloatArray, unit: StimulusUnit, has_intensities: bool) -> 
 
 def _columns(reading: Reading) -> Iterator[Finding]:
     for ours in LOOKED_AT:
-        alike = [name for name in reading.ignored if looks_like(name, ours)]
+        alike = [display_name(name) for name in reading.ignored if looks_like(name, ours)]
         if alike and ours not in reading.read:
-            message = f"Column {display_name(alike[0])} looks like {ours}, but it is ignored."
-            option = f"--columns {ours}={display_name(alike[0])}"
-            yield Finding("", "column_alike", message, option)
-    for name in reading.pooled:
-        message = f"Column {display_name(name)} differs within subjects, and its levels are pooled."
-        yield Finding("", "pooled_condition", message, f"--condition {display_name(name)}")
+            message = f"Column {alike[0]} looks like {ours}, but it is ignored."
+            yield Finding("", "column_alike", message, f"--columns {ours}={alike[0]}")
+    for name in map(display_name, reading.pooled):
+        message = f"Column {name} differs within subjects, and its levels are pooled."
+        yield Finding("", "pooled_condition", message, f"--condition {name}")
     if reading.ignored:
-        names = join_names([*map(display_name, reading.ignored)])
+        names = join_names(map(display_name, reading.ignored))
         yield Finding("", "columns_ignored", f"Ignored columns: {names}.")
 
 
@@ -197,11 +190,12 @@ def _times(study: Study) -> Iterator[Finding]:
     pause = float(np.median(pauses)) if len(pauses) else 0.0
     # Nobody compares two stimuli over 100 seconds, but 100 ms are common.
     if pause >= 100.0:
-        message = (
+        yield Finding(
+            "",
+            "long_pauses",
             f"Column iti has pauses of {pause:g} (median) s. If these are milliseconds, divide the "
-            "column by 1000."
+            "column by 1000.",
         )
-        yield Finding("", "long_pauses", message)
 
 
 # --- Names ---------------------------------------------------------------------------------------
@@ -212,22 +206,21 @@ def _similar_names(names: Iterable[str]) -> Iterator[Finding]:
 
     They look the same but for case, invisible characters and spaces, or are the same number.
     """
-    groups: dict[str, list[str]] = {}
+    groups = defaultdict[str, list[str]](list)
     for name in names:
-        groups.setdefault(_look(name), []).append(name)
-    join = "If they are one subject, give them one name."
+        groups[_look(name)].append(name)
     for look, alike in groups.items():
         if len(alike) == 1:
             continue
-        names_as_ascii = ", ".join(map(ascii, alike))
+        texts = map(ascii, alike)
         if len({name.casefold() for name in alike}) == 1:
-            message = f"Subjects {', '.join(map(repr, alike))} differ in case only. {join}"
-            yield Finding("", "names_differ_in_case", message)
-        elif math.isnan(number(look, False)):
-            yield Finding("", "names_look_alike", f"Subjects {names_as_ascii} look alike. {join}")
+            code, finding, texts = "names_differ_in_case", "differ in case only", map(repr, alike)
+        elif math.isnan(number(look)):
+            code, finding = "names_look_alike", "look alike"
         else:
-            message = f"Subjects {names_as_ascii} are the same number. {join}"
-            yield Finding("", "names_are_one_number", message)
+            code, finding = "names_are_one_number", "are the same number"
+        advice = "If they are one subject, give them one name."
+        yield Finding("", code, f"Subjects {', '.join(texts)} {finding}. {advice}")
 
 
 def _look(name: str) -> str:
@@ -239,33 +232,35 @@ def _look(name: str) -> str:
             visible.append(character)
     folded = " ".join("".join(visible).split()).casefold()
     look = unicodedata.normalize("NFKC", folded)
-    value = number(look, False)
+    value = number(look)
     return look if math.isnan(value) else repr(value)
 
 
 # --- The prior of the paper's model --------------------------------------------------------------
 
 
-def _prior_scale(study: Study, prior: Prior, factor: float = 10.0) -> Iterator[Finding]:
+def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
     """Stimuli in another unit than a prior of numbers.
 
-    Hardly any sigma_p of such a prior is within a factor of the stimuli's steps, so evidence and
-    posterior depend on the prior alone.
+    Hardly any sigma_p of such a prior is within a factor of 10 of the stimuli's steps, so evidence
+    and posterior depend on the prior alone.
     """
     scales = common_scales(*study)
     if scales is None or prior.depends_on_stimuli(prior.spread):
         return
     step = scales.step
-    if prior.spread_probability(step / factor, factor * step) >= 0.1:
+    if prior.spread_probability(step / 10.0, 10.0 * step) >= 0.1:
         return
     width = "wide" if prior.spread_probability(0.0, step) < 0.5 else "narrow"
-    message = (
+    yield Finding(
+        "",
+        "prior_scale",
         f"The prior is far too {width} for these stimuli: {prior.spread} ~ "
         f"{prior.describe_distribution(prior.spread)}, "
         f"with steps of {step:.2g} (root mean square of s2 - s1). If s1 and s2 are natural logs, "
-        "use the default prior, which takes its scales from the stimuli."
+        "use the default prior, which takes its scales from the stimuli.",
+        "--prior default",
     )
-    yield Finding("", "prior_scale", message, "--prior default")
 
 
 # --- Pairs ---------------------------------------------------------------------------------------
@@ -295,8 +290,7 @@ def _one_order(subject: Subject) -> Iterator[Finding]:
     if not 0 < len(lone) < 0.5 * len(presented):
         return
     describe = subject.unit.describe
-    names = [f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone]
-    pairs = join_names(names, 3)
+    pairs = join_names([f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone], 3)
     verb = "was" if len(lone) == 1 else "were"
     message = f"{plural(len(lone), 'pair')} {verb} presented in one order only: {pairs}."
     yield Finding(subject.name, "one_order", message)
@@ -311,17 +305,18 @@ def _rounding(subject: Subject) -> Iterator[Finding]:
     is_near = (gaps <= ROUNDED * gaps.sum()) & (np.maximum(n_shown[1:], n_shown[:-1]) > 2)
     if not is_near.any():
         return
-    n_near, first = int(np.count_nonzero(is_near)), int(np.argmax(is_near))
+    n_near, first = is_near.sum(), is_near.argmax()
     further = f" and {n_near - 1} more" if n_near > 1 else ""
     unit = subject.unit
     near = stimuli[first : first + 2]
     lower, upper = (unit.stimuli(near) if unit.of_stimuli else near).tolist()
     pair = f"Stimuli {lower} and {upper} {unit.of_stimuli}".rstrip()
-    message = (
+    yield Finding(
+        subject.name,
+        "rounding",
         f"{pair}{further} differ by rounding only. The program counts them as different. Give one "
-        "stimulus one number."
+        "stimulus one number.",
     )
-    yield Finding(subject.name, "rounding", message)
 
 
 # --- Conditions ----------------------------------------------------------------------------------
@@ -337,42 +332,43 @@ def _conditions(study: Study) -> Iterator[Finding]:
         unit_conditions = {unit.condition for unit in units}
         missing = [level for level in study.conditions.levels if level not in unit_conditions]
         if missing:
-            message = (
+            yield Finding(
+                name,
+                "missing_condition",
                 f"No trials in condition {join_names(missing)}. The subject does not count in this "
-                "comparison, but does in the group."
+                "comparison, but does in the group.",
             )
-            yield Finding(name, "missing_condition", message)
         yield from _stimuli_by_condition(name, units)
         order = _order_of_conditions(units)
         if order:
             orders[order] += 1
     if len(orders) == 1 and orders.total() > 0.5 * len(subjects):
-        message = (
-            f"The conditions came in one order, {join_names([*orders])}, for "
+        yield Finding(
+            "",
+            "conditions_in_order",
+            f"The conditions came in one order, {join_names(orders)}, for "
             f"{plural(orders.total(), 'subject')}. A difference between conditions may be an "
-            "effect of time, such as practice."
+            "effect of time, such as practice.",
         )
-        yield Finding("", "conditions_in_order", message)
 
 
 def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Iterator[Finding]:
-    means = []
-    for unit in units:
-        means.append(0.5 * float(np.average(unit.s1 + unit.s2, weights=unit.n_trials)))
+    means = [0.5 * np.average(unit.s1 + unit.s2, weights=unit.n_trials) for unit in units]
     scales = units[0].shared_scales
-    distance = 0.0 if scales is None else (max(means) - min(means)) / scales.spread
+    distance = 0.0 if scales is None else np.ptp(means) / scales.spread
     if distance > 0.25:
         message = (
             f"The mean stimulus differs between conditions by {distance:.2g} standard deviations. "
             "A difference between conditions may be an effect of the stimuli."
         )
-        yield Finding(name, "stimuli_by_condition", message)
     elif follows_from_pairs([units]):
         message = (
             "No pair was presented in two conditions. A difference between conditions may be an "
             "effect of the pairs."
         )
-        yield Finding(name, "stimuli_by_condition", message)
+    else:
+        return
+    yield Finding(name, "stimuli_by_condition", message)
 
 
 def _order_of_conditions(units: Sequence[Subject]) -> str:
@@ -383,9 +379,7 @@ def _order_of_conditions(units: Sequence[Subject]) -> str:
             return ""
         spans.append((unit.answers.span, unit.condition))
     spans.sort()
-    if len(spans) < 2:
+    overlaps = [earlier[1] >= later[0] for (earlier, _), (later, _) in pairwise(spans)]
+    if any(overlaps) or not overlaps:
         return ""
-    for (earlier, _), (later, _) in pairwise(spans):
-        if earlier[1] >= later[0]:
-            return ""
     return ", ".join(condition for _, condition in spans)

@@ -6,18 +6,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
+from bayes_toe.arrays import FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER, Task
-from bayes_toe.model.models import ObserverPosterior, OrderModel
+from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
 QUESTIONS = ("order_effect", "constant_error", "contraction")
@@ -74,18 +74,15 @@ def identify(subject: Subject) -> Identification:
     >>> identify(subject).reasons["contraction"]
     'the first stimulus is always the same, so a contraction looks like a constant error'
     """
-    notes = []
+    notes: tuple[str, ...] = ()
     if subject.task in CRITERION_NOTES:
-        notes.append(CRITERION_NOTES[subject.task])
-    order = _order_sign(subject.s1, subject.s2)
-    reason = _no_question(subject, order)
+        notes = (CRITERION_NOTES[subject.task],)
+    reason = _no_question(subject)
     if reason:
-        return Identification(dict.fromkeys(QUESTIONS, reason), tuple(notes))
+        return Identification(dict.fromkeys(QUESTIONS, reason), notes)
     columns = (subject.s1, subject.s2, subject.n_trials)
     reason = _no_contraction(subject.task, subject.shared_scales, *map(tuple, columns))
-    if reason:
-        return Identification({"contraction": reason}, tuple(notes))
-    return Identification({}, tuple(notes))
+    return Identification({"contraction": reason} if reason else {}, notes)
 
 
 def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
@@ -95,8 +92,9 @@ def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
     return np.where(is_equal, 0.0, np.sign(difference))
 
 
-def _no_question(subject: Subject, order: FloatArray) -> str:
+def _no_question(subject: Subject) -> str:
     """The reason why no question can be answered; empty if some can."""
+    order = _order_sign(subject.s1, subject.s2)
     if not order.any():
         return NO_DIFFERENCE
     if order.min() >= 0 or order.max() <= 0:
@@ -116,16 +114,14 @@ def _no_contraction(
     one answer serves them all, and no subject is held in memory.
     """
     s1, s2, n_trials = map(np.array, columns)
-    pairs = Subject("pairs", s1, s2, n_trials, n_trials, task=task)
-    subject = replace(pairs, shared_scales=shared_scales)
-    stimuli = np.column_stack([subject.s1, subject.s2])
+    stimuli = np.column_stack([s1, s2])
     offsets = stimuli - stimuli.mean(axis=0)
-    extent = np.abs(offsets).max()
-    if np.ptp(subject.s1) <= ROUNDING * extent:
+    if np.ptp(s1) <= ROUNDING * np.abs(offsets).max():
         return ONE_FIRST_STIMULUS
-    singular_values = np.linalg.svd(offsets, compute_uv=False)
-    if len(singular_values) < 2 or singular_values[1] <= ROUNDING * singular_values[0]:
+    largest, smallest = np.linalg.svd(offsets, compute_uv=False)
+    if smallest <= ROUNDING * largest:
         return ONE_LINE
+    subject = Subject("pairs", s1, s2, n_trials, n_trials, task=task, shared_scales=shared_scales)
     if contraction_information(subject) < 1.0:
         return IMITATION
     return ""
@@ -146,16 +142,14 @@ def _order_fills_blocks(answers: Answers) -> bool:
     session = np.cumsum(answers.is_session_start)[is_unequal]
     if _holds_one_order(session, order, n_trials):
         return True
-    n_stretches = len(run_starts(order))
-    return bool(n_trials.sum() >= _FEWEST_IN_STRETCH * n_stretches)
+    return bool(n_trials.sum() >= _FEWEST_IN_STRETCH * len(run_starts(order)))
 
 
 def _holds_one_order(run: IntArray, order: FloatArray, n_trials: IntArray) -> bool:
     """Whether every block or session has one order, and enough trials to be more than a pair."""
     runs, index = np.unique(run, return_inverse=True)
-    is_second_larger: BoolArray = order > 0
-    has_rising = np.bincount(index, is_second_larger) > 0
-    has_falling = np.bincount(index, ~is_second_larger) > 0
+    has_rising = np.bincount(index, order > 0) > 0
+    has_falling = np.bincount(index, order <= 0) > 0
     is_long = n_trials.sum() >= _FEWEST_IN_STRETCH * len(runs)
     return bool(is_long and not (has_rising & has_falling).any())
 
@@ -169,7 +163,7 @@ def contraction_information(subject: Subject) -> float:
     It is what remains once the other parameters are estimated with their priors; below 1 the
     prior says more than the answers. The observer has no order effect, noise D/2 and few lapses.
     """
-    posterior: ObserverPosterior = OrderModel("both").posterior(subject)
+    posterior = OrderModel("both").posterior(subject)
     quantities = {parameter.name: np.asarray(parameter.typical) for parameter in PARAMETERS}
     quantities[NOISE.name] = quantities[NOISE.name] * posterior.scales.step
     point = posterior.full_points(posterior.points(quantities)[None])

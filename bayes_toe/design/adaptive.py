@@ -9,14 +9,13 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import entr
 
 from bayes_toe.answers.order_effect import OrderEffect, answer_subject
-from bayes_toe.arrays import ArrayPair, FloatArray, Rng, StrPath
+from bayes_toe.arrays import FloatArray, Rng, StrPath
 from bayes_toe.data.messages import format_path
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
@@ -151,9 +150,9 @@ class Adaptive:
         if about not in (MODEL, PARAMETERS):
             raise InputError(f"about={about!r}: allowed: {MODEL}, {PARAMETERS}")
         require_number("draws", draws, _FEWEST_JUDGES)
-        asked_task = task_of(task)
+        task = task_of(task)
         if not isinstance(pairs, StudyDesign):
-            pairs = _make_design(pairs, asked_task)
+            pairs = _make_design(pairs, task)
         self.pairs = pairs
         self.prior = observer_prior(prior)
         self.seed = root_seed(seed)
@@ -175,8 +174,7 @@ class Adaptive:
         worth = self.information()
         best = np.flatnonzero(worth >= worth.max() - 1e-12)
         rng = generator(self.seed, "adaptive", "next", self.trials)
-        s1, s2 = self.pairs.pairs[int(rng.choice(best))]
-        return s1, s2
+        return self.pairs.pairs[rng.choice(best)]
 
     def answer(self, pair: Sequence[float], yes: Response) -> None:
         """Take in the answer to a pair, also to one that was not proposed.
@@ -215,7 +213,7 @@ class Adaptive:
             if particles.draws.efficiency < 0.5 * particles.first_efficiency:
                 error[name] = share[name] / np.sqrt(particles.draws.effective_number)
         if error:
-            worst = max(error, key=lambda name: error[name])
+            worst = max(error, key=error.__getitem__)
             rng = generator(self.seed, "adaptive", worst, "particles", self.trials)
             self._particles[worst].renew(self.subject, rng)
 
@@ -223,23 +221,19 @@ class Adaptive:
         """Expected information of one answer to each pair about what is asked, nats, (pairs,)."""
         mean = np.zeros((len(self.pairs.task.answers), self.pairs.n_pairs))
         left = np.zeros(self.pairs.n_pairs)  # entropy where what is asked about is known
+        judges = slice(self._n_judges)
         for name, probability in self.probabilities.items():
-            p_answers, weights = self._predictions(name)
-            of_model = weights @ p_answers
+            particles = self._particles[name]
+            if particles.p_answers is None:
+                particles.p_answers = answer_probabilities(particles.rule, particles.x[judges])
+            weights = particles.draws.part(judges).shares
+            of_model = weights @ particles.p_answers
             mean += probability * of_model
             if self.about == MODEL:
                 left += probability * _entropy(of_model)
             else:
-                left += probability * (weights @ _entropy(p_answers))
+                left += probability * (weights @ _entropy(particles.p_answers))
         return _entropy(mean) - left
-
-    def _predictions(self, name: str) -> ArrayPair:
-        """P of each answer by draws of a model, (answers, draws, pairs), and the draws' weights."""
-        particles = self._particles[name]
-        judges = slice(self._n_judges)
-        if particles.p_answers is None:
-            particles.p_answers = answer_probabilities(particles.rule, particles.x[judges])
-        return particles.p_answers, particles.draws.part(judges).shares
 
     # --- What is known ----------------------------------------------------------------------------
 
@@ -306,10 +300,8 @@ class Adaptive:
         names = widest_rule.names.all
         if quantity not in names:
             raise InputError(f"quantity {quantity!r}: allowed: {', '.join(names)}")
-        has_quantity = []
-        for particles in self._particles.values():
-            has_quantity.append(quantity in particles.rule.names.all)
-        draws = self._models.averaged(np.array(has_quantity))
+        rules = [particles.rule for particles in self._particles.values()]
+        draws = self._models.averaged(np.array([quantity in rule.names.all for rule in rules]))
         return draws.quantiles(widest_rule.quantities(draws.x)[quantity], levels)
 
     # --- Files ------------------------------------------------------------------------------------
@@ -343,17 +335,12 @@ class Adaptive:
             If the file cannot be read or was not written by :meth:`save`.
         """
         try:
-            content: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
             if content["format"] != _FORMAT:
                 raise ValueError(f"format {content['format']!r}, begin a new session")
-            session = cls(
-                content["pairs"],
-                Prior(observer=ObserverPrior(**content["prior"])),
-                seed=content["seed"],
-                about=content["about"],
-                draws=content["draws"],
-                task=content["task"],
-            )
+            prior = Prior(observer=ObserverPrior(**content["prior"]))
+            options = {key: content[key] for key in ("seed", "about", "draws", "task")}
+            session = cls(content["pairs"], prior, **options)
             for *pair, yes in content["answers"]:
                 session.answer(pair, yes)
         except (OSError, ValueError, KeyError, TypeError) as error:
@@ -364,8 +351,8 @@ class Adaptive:
         return session
 
     def _make_subject(self, answers: Sequence[tuple[Pair, Response]]) -> Subject:
-        s1, s2 = np.array([pair for pair, _ in answers]).T
-        responses = np.array([response for _, response in answers])
+        pairs, responses = zip(*answers, strict=True)
+        s1, s2 = np.array(pairs).T
         return Subject.from_trials("adaptive", s1, s2, responses, task=self.pairs.task)
 
 

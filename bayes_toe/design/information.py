@@ -66,28 +66,26 @@ class Information:
 
     def utility(self, total: FloatArray) -> float:
         """Half the log determinant of the precision of what is asked about, mean over observers."""
-        nuisance = self._nuisance_block(total)
-        precision = np.linalg.slogdet(total)[1] - np.linalg.slogdet(nuisance)[1]
-        return float(0.5 * precision.mean())
+        log_nuisance = np.linalg.slogdet(self._nuisance_block(total))[1]
+        return float(0.5 * (np.linalg.slogdet(total)[1] - log_nuisance).mean())
 
     def utilities(self, total: FloatArray, n_more: float) -> FloatArray:
         """The same with so many trials more of each pair, one pair after the other: (pairs,)."""
-        nuisance = self._nuisance_block(total)
-        growth = _growth(total, self.rows, n_more)
-        nuisance_growth = _growth(nuisance, self.rows[..., ~self.is_target], n_more)
-        gain = 0.5 * (np.log(growth) - np.log(nuisance_growth)).mean(axis=0)
-        return self.utility(total) + gain
+        growth = _log_growth(total, self.rows, n_more)
+        nuisance_rows = self.rows[..., ~self.is_target]
+        nuisance_growth = _log_growth(self._nuisance_block(total), nuisance_rows, n_more)
+        return self.utility(total) + 0.5 * (growth - nuisance_growth).mean(axis=0)
 
     def _nuisance_block(self, total: FloatArray) -> FloatArray:
         """The block of all other coordinates."""
         return total[:, ~self.is_target][:, :, ~self.is_target]
 
 
-def _growth(total: FloatArray, rows: FloatArray, n_more: float) -> FloatArray:
-    """Factor by which the determinant grows with n more trials of a pair: (observers, pairs)."""
+def _log_growth(total: FloatArray, rows: FloatArray, n_more: float) -> FloatArray:
+    """Log of the growth of the determinant by n more trials of a pair: (observers, pairs)."""
     spread = rows @ np.linalg.inv(total)[:, None]
     products = (spread[:, :, :, None] * rows[:, :, None]).sum(axis=-1)
-    return np.linalg.det(np.eye(rows.shape[2]) + n_more * products)
+    return np.asarray(np.log(np.linalg.det(np.eye(rows.shape[2]) + n_more * products)))
 
 
 def information(
@@ -116,13 +114,11 @@ def information(
     of_trial = posterior.rows.expected_trials(answers)[0] / np.tile(pairs.n_trials, n_questions)
     odds_root = np.exp(0.5 * (answers.yes - answers.no))[0] * np.sqrt(of_trial)
     scaled_slopes = np.swapaxes(yes_slopes[0], 1, 2) * odds_root[..., None]
-    by_question = np.split(scaled_slopes, n_questions, axis=1)
-    slopes = np.stack(by_question, axis=2)  # (observers, pairs, questions, k)
+    slopes = np.stack(np.split(scaled_slopes, n_questions, axis=1), axis=2)
 
     curvature = posterior.array.prior_slopes(points)[1][0]
-    k = curvature.shape[1]
-    is_target = np.array([name in AIMS[aim] for name in posterior.coordinates])
-    return Information(slopes, curvature[:, :, None] * np.eye(k), is_target)
+    is_target = np.isin(posterior.coordinates, AIMS[aim])
+    return Information(slopes, curvature[:, :, None] * np.eye(len(is_target)), is_target)
 
 
 # --- Exchange -------------------------------------------------------------------------------------

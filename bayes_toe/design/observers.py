@@ -8,6 +8,7 @@ An observer has the parameters of :mod:`bayes_toe.model.parameters`, in the unit
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.read_table import toml_table
-from bayes_toe.data.study import Subject
+from bayes_toe.data.study import Subject, pooled
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.design.study_design import StudyDesign, each_once
 from bayes_toe.errors import InputError, require_number
@@ -33,17 +34,20 @@ from bayes_toe.model.parameters import (
     real,
     task_parameters,
 )
+from bayes_toe.model.trial_history import expectations
 from bayes_toe.seeds import generator
 
 Range = tuple[float, float]
+#: Ranges of parameters by kind.
+Kinds = Mapping[str, Mapping[str, Range]]
 #: Ranges of what is not an effect of order; observers are uniform in them.
-COMMON: Mapping[str, Range] = {
+COMMON = {
     "noise": (0.15, 0.25),
     "q0": (0.85, 0.98),
     "lapse_rate": (0.0, 0.08),
 }
 #: The kinds of observers that are assumed where nothing else is asked for, with their effects.
-KINDS: Mapping[str, Mapping[str, Range]] = {
+KINDS: Kinds = {
     "none": {},
     "small constant error": {"constant_error": (0.05, 0.1)},
     "large constant error": {"constant_error": (0.2, 0.4)},
@@ -54,13 +58,14 @@ KINDS: Mapping[str, Mapping[str, Range]] = {
 KINDS_IN_WORDS = (
     "Small: a PSE shift of 5 to 11 %; large: 22 to 49 %. Contraction, repulsion: 20 to 35 %."
 )
+_ABOUT_0 = (-0.17, 0.17)
 #: Kinds for a group: subjects differ with an SD of 10 %, about a mean that the name says.
-GROUP_KINDS: Mapping[str, Mapping[str, Range]] = {
-    "mean 0": {"constant_error": (-0.17, 0.17), "contraction": (-0.17, 0.17)},
-    "constant error 5 %": {"constant_error": (-0.12, 0.22), "contraction": (-0.17, 0.17)},
-    "constant error 10 %": {"constant_error": (-0.07, 0.27), "contraction": (-0.17, 0.17)},
-    "contraction 10 %": {"constant_error": (-0.17, 0.17), "contraction": (-0.07, 0.27)},
-    "contraction 20 %": {"constant_error": (-0.17, 0.17), "contraction": (0.03, 0.37)},
+GROUP_KINDS = {
+    "mean 0": {"constant_error": _ABOUT_0, "contraction": _ABOUT_0},
+    "constant error 5 %": {"constant_error": (-0.12, 0.22), "contraction": _ABOUT_0},
+    "constant error 10 %": {"constant_error": (-0.07, 0.27), "contraction": _ABOUT_0},
+    "contraction 10 %": {"constant_error": _ABOUT_0, "contraction": (-0.07, 0.27)},
+    "contraction 20 %": {"constant_error": _ABOUT_0, "contraction": (0.03, 0.37)},
 }
 #: The source of all of these.
 GROUPS = "groups"
@@ -89,21 +94,15 @@ class Observer:
     task: Task = SAME_DIFFERENT
 
     def __post_init__(self) -> None:
-        problems = _problems(self.parameters, parameter_names(self.task))
-        lines = [f"observer {self.name!r}: {problem}" for problem in problems]
-        if lines:
-            raise InputError(lines)
+        problems = list(_problems(self.parameters, parameter_names(self.task)))
+        if problems:
+            raise InputError(f"observer {self.name!r}: {problem}" for problem in problems)
 
     @property
     def has_effect(self) -> dict[str, bool]:
         """The true answer to each of the three questions."""
-        has_error = self.parameters["constant_error"] != 0.0
-        has_contraction = self.parameters["contraction"] != 0.0
-        return {
-            "order_effect": has_error or has_contraction,
-            "constant_error": has_error,
-            "contraction": has_contraction,
-        }
+        effects = {name: self.parameters[name] != 0.0 for name in ("constant_error", "contraction")}
+        return {"order_effect": any(effects.values()), **effects}
 
     def p_yes(self, s1: npt.ArrayLike, s2: npt.ArrayLike, sbar: float) -> FloatArray:
         """Probability of the answer that the task counts, for every trial.
@@ -134,13 +133,23 @@ class Observer:
         first, difference, middle = (column.reshape(-1, 1, 1) for column in trials)
 
         scales = StimulusScales(sbar, sbar, 1.0, 1.0, 0.0)
-        pair = each_once(np.zeros(1), np.zeros(1), task=self.task)
+        pair = each_once([0.0], [0.0], task=self.task)
         posterior = ObserverPosterior(pair.unanswered, OrderModel("both"), given_scales=scales)
         rows = replace(posterior.rows, first=first, difference=difference, middle=middle)
         parameters = {name: np.asarray(value) for name, value in self.parameters.items()}
         points = posterior.points(parameters)
         log_yes = rows.log_answers(points.reshape(-1, 1, points.shape[-1])).yes
         return np.exp(log_yes[:, 0].T).reshape(-1, *trials[0].shape)
+
+    def p_trials(self, s1: FloatArray, s2: FloatArray, carry_over: float) -> FloatArray:
+        """:meth:`p_questions` for trials in their order, shape (questions, trials).
+
+        `carry_over` is the share of what is expected after a trial that is carried over to the
+        next one.
+        """
+        sbar = s1.mean()
+        expected = expectations(s1 - sbar, s2 - sbar, self.parameters["contraction"], carry_over)
+        return self.p_questions(s1, s2, sbar, expected)
 
     def p_design(self, design: StudyDesign) -> FloatArray:
         """:meth:`p_questions` for the pairs of a design, shape (questions, pairs)."""
@@ -237,63 +246,58 @@ def assume_observers(
     """
     require_number("data_sets", size)
     task = designs[0].task
-    ranges: Mapping[str, Mapping[str, Range]] = {}
-    observers: Sequence[Observer] = ()
-    if source is None:
-        ranges = KINDS
-    elif not isinstance(source, StrPath):
+    if source == PRIOR:
+        # The scales of the prior are those of all pairs together.
+        pairs = pooled([design.unanswered for design in designs])
+        return _from_prior(prior, pairs, size, seed)
+    observers: Sequence[Observer]
+    if source is not None and not isinstance(source, StrPath):
         observers = source
-        _require_task(observers, task)
-    elif source == PRIOR:
-        return _from_prior(prior, _all_pairs_of(designs), size, seed)
-    elif source == GROUPS:
-        ranges = GROUP_KINDS
-    elif source in KINDS:
-        ranges = {str(source): KINDS[str(source)]}
-    elif Path(source).suffix == ".toml":
-        ranges = read_ranges(source, task)
-    elif Path(source).suffix == ".nc":
+    elif source is not None and Path(source).suffix == ".nc":
         observers = _from_draws(Path(source), size, seed, task)
     else:
-        raise InputError(
-            f"--observers: found {str(source)!r}, allowed: {', '.join(KINDS)}, groups, prior, a "
-            ".toml file of ranges, or draws (posterior.nc)"
-        )
-    if ranges:
-        observers = _in_ranges(ranges, size, seed, task, is_even=is_even)
-    for design in designs:
-        _require_answers(observers, design)
-    return observers
+        observers = _in_ranges(_ranges_of(source, task), size, seed, task, is_even=is_even)
 
-
-def _require_task(observers: Sequence[Observer], task: Task) -> None:
-    """Refuse observers of another task than that of the design."""
     for observer in observers:
         if observer.task != task:
             raise InputError(
                 f"observer {observer.name!r}: found the task {observer.task.name!r}, allowed: "
                 f"{task.name!r}, the task of the design"
             )
+    for design in designs:
+        _require_answers(observers, design)
+    return observers
 
 
-def _in_ranges(
-    kinds: Mapping[str, Mapping[str, Range]], size: int, seed: int, task: Task, *, is_even: bool
-) -> list[Observer]:
+def _ranges_of(source: StrPath | None, task: Task) -> Kinds:
+    """The ranges of each kind of a source."""
+    if source is None:
+        return KINDS
+    if source == GROUPS:
+        return GROUP_KINDS
+    if source in KINDS:
+        return {str(source): KINDS[str(source)]}
+    if Path(source).suffix == ".toml":
+        return read_ranges(source, task)
+    raise InputError(
+        f"--observers: found {str(source)!r}, allowed: {', '.join(KINDS)}, groups, prior, a "
+        ".toml file of ranges, or draws (posterior.nc)"
+    )
+
+
+def _in_ranges(kinds: Kinds, size: int, seed: int, task: Task, *, is_even: bool) -> list[Observer]:
     """Observers that are uniform in ranges; those of :data:`COMMON` hold where none is given."""
     common = {name: COMMON[name] for name in parameter_names(task) if name in COMMON}
     observers = []
     for kind, effects in kinds.items():
         ranges = {**common, **effects}
-        positions = {}
-        for key in ranges:
-            order = generator(seed, kind, key, "even").permutation(size)
-            positions[key] = (order + 0.5) / size
+        orders = {key: generator(seed, kind, key, "even").permutation(size) for key in ranges}
         for i in range(size):
             name = f"{kind} {i + 1}"
             rng = generator(seed, name, "observer")
             values = {}
             for key, (low, high) in ranges.items():
-                position = positions[key][i] if is_even else rng.uniform()
+                position = (orders[key][i] + 0.5) / size if is_even else rng.uniform()
                 values[key] = float(low + (high - low) * position)
             observers.append(make_observer(name, kind, values, task))
     return observers
@@ -312,13 +316,12 @@ def read_ranges(path: StrPath, task: Task = SAME_DIFFERENT) -> dict[str, dict[st
     table = toml_table(path, _FORM)
     names = parameter_names(task)
     problems = [] if table else [f"found no kind of observers, allowed: {_FORM}"]
-    kinds: dict[str, dict[str, Range]] = {}
+    kinds = {}
     for kind, section in table.items():
         if not isinstance(section, Mapping):
             problems.append(f"key {quoted(kind)}: allowed: {_FORM}")
             continue
-        lines = _problems(section, names, has_ranges=True)
-        problems += [f"[{kind}]: {line}" for line in lines]
+        problems += [f"[{kind}]: {line}" for line in _problems(section, names, has_ranges=True)]
         kinds[kind] = {name: _range(value) for name, value in section.items()}
     if problems:
         raise InputError([f"{path}: {problem}" for problem in problems])
@@ -332,14 +335,6 @@ def _range(value: object) -> Range:
     if len(value) != 2:
         return np.nan, np.nan
     return real(value[0]), real(value[1])
-
-
-def _all_pairs_of(designs: Sequence[StudyDesign]) -> Subject:
-    """All pairs of all designs, as a subject whose scales are those of the prior."""
-    s1 = np.concatenate([design.s1 for design in designs])
-    s2 = np.concatenate([design.s2 for design in designs])
-    n_trials = np.concatenate([design.n_trials for design in designs])
-    return Subject.from_counts("design", s1, s2, n_trials, n_trials, task=designs[0].task)
 
 
 def _from_prior(prior: ObserverPrior, pairs: Subject, size: int, seed: int) -> list[Observer]:
@@ -358,9 +353,7 @@ def _from_point(name: str, kind: str, posterior: ObserverPosterior, x: FloatArra
     """The observer at a point, shape (1, k), of a posterior."""
     quantities = posterior.quantities(x)
     values = {key: float(quantities[key][0]) for key in posterior.coordinates}
-    names = parameter_names(posterior.subject.task)
-    parameters = {key: values.get(key, 0.0) for key in names}
-    return Observer(name, kind, parameters, posterior.subject.task)
+    return make_observer(name, kind, values, posterior.subject.task)
 
 
 def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
@@ -377,33 +370,30 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
             f"{path}: draws of the model {draws.model!r}, allowed: those of "
             f"{', '.join(ORDER_MODELS)} (bayes-toe sample --model both)"
         )
-    observers = []
-    for kind in ("earlier study", "none"):
-        for number in range(1, size + 1):
-            rng = generator(seed, "earlier study", number, "observer")
-            subject = draws.names[int(rng.integers(len(draws.names)))]
-            posterior = draws.posterior(subject)
-            assert isinstance(posterior, ObserverPosterior)
-            points = draws.points(subject).reshape(-1, len(posterior.coordinates))
-            x = points[[int(rng.integers(len(points)))]]
-            observer = _from_point(f"{kind} {number}", kind, posterior, x)
-            if kind == "none":
-                no_effects = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
-                observer = replace(observer, parameters=no_effects)
-            observers.append(observer)
-    return observers
+    observers, without_effect = [], []
+    for number in range(1, size + 1):
+        rng = generator(seed, "earlier study", number, "observer")
+        subject = draws.names[rng.integers(len(draws.names))]
+        posterior = draws.posterior(subject)
+        assert isinstance(posterior, ObserverPosterior)
+        points = draws.points(subject).reshape(-1, len(posterior.coordinates))
+        x = points[[rng.integers(len(points))]]
+        observer = _from_point(f"earlier study {number}", "earlier study", posterior, x)
+        observers.append(observer)
+        no_effects = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
+        without_effect.append(Observer(f"none {number}", "none", no_effects, task))
+    return observers + without_effect
 
 
 def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None:
     """Refuse a design to which all observers of a kind practically always answer alike."""
-    for kind in dict.fromkeys(observer.kind for observer in observers):
-        p_yes = []
-        for observer in observers:
-            if observer.kind == kind:
-                attentive = {**observer.parameters, "lapse_rate": 0.0}
-                p_yes.append(replace(observer, parameters=attentive).p_design(design)[0])
-        task = design.task
-        for answer, highest in ((task.yes, np.max(p_yes)), (task.no, 1.0 - np.min(p_yes))):
+    p_yes = defaultdict(list)
+    for observer in observers:
+        attentive = {**observer.parameters, "lapse_rate": 0.0}
+        p_yes[observer.kind].append(replace(observer, parameters=attentive).p_design(design)[0])
+    task = design.task
+    for kind, p in p_yes.items():
+        for answer, highest in ((task.yes, np.max(p)), (task.no, 1.0 - np.min(p))):
             if highest <= 0.01:  # the other answer is practically certain
                 raise InputError(
                     f"observers: of the kind {kind!r} all practically never answer {answer!r} to "

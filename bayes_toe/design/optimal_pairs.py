@@ -118,16 +118,15 @@ class OptimalDesign:
 
     def reasons(self) -> list[str]:
         """The first stimuli, and what these pairs cannot show, in sentences."""
-        share = self.design.n_trials / self.design.total
         first, index = np.unique(self.design.s1, return_inverse=True)
-        of_first = np.bincount(index, share)
-        frequent = np.sort(np.argsort(-of_first)[:4])
-        levels, name = self.unit.numbers(first[frequent], float(first.mean()))
+        share = np.bincount(index, self.design.n_trials / self.design.total)
+        frequent = np.sort(np.argsort(-share)[:4])
+        levels, name = self.unit.numbers(first[frequent], first.mean())
         if not self.unit.of_stimuli:
             levels, name = [f"{value:g}" for value in first[frequent]], "ln"
         firsts = ", ".join(
-            f"{level} {name} ({100 * of_first[i]:.0f} %)"
-            for level, i in zip(levels, frequent, strict=True)
+            f"{level} {name} ({percent:.0f} %)"
+            for level, percent in zip(levels, 100 * share[frequent], strict=True)
         )
         lines = list[str]()
         if self.name == OPTIMISED:
@@ -152,14 +151,15 @@ class OptimalDesign:
         if self.name == EVEN:
             return ""
         design = self.design
-        is_equal = design.s1 == design.s2
-        is_end = np.isin(design.s1, [design.s1.min(), design.s1.max()])
+        kinds = {
+            "have equal pairs": design.s1 == design.s2,
+            "begin with the weakest or strongest stimulus": np.isin(
+                design.s1, [design.s1.min(), design.s1.max()]
+            ),
+        }
         parts = []
-        for is_pair, words in (
-            (is_equal, "have equal pairs"),
-            (is_end, "begin with the weakest or strongest stimulus"),
-        ):
-            n_trials = int(design.n_trials[is_pair].sum())
+        for words, is_pair in kinds.items():
+            n_trials = design.n_trials[is_pair].sum()
             if 3 * n_trials > design.total:
                 parts.append(f"{n_trials} of {design.total} trials {words}")
         if not parts:
@@ -180,17 +180,15 @@ class OptimalDesign:
 
     def text(self) -> str:
         """The design, why it is so, and what it shows, as a file of Markdown."""
-        frame = self.frame()
-        if self.unit.of_stimuli:
-            first, second = f"first, {self.unit.of_stimuli}", f"second, {self.unit.of_stimuli}"
-            frame = frame.iloc[:, -3:].set_axis([first, second, "n_trials"], axis=1)
-        table = [" | ".join(frame.columns), " | ".join("---" for _ in frame.columns)]
-        for row in frame.itertuples(index=False):
-            table.append(" | ".join(f"{value:g}" for value in row))
+        frame, unit = self.frame(), self.unit.of_stimuli
+        if unit:
+            names = [f"first, {unit}", f"second, {unit}", "n_trials"]
+            frame = frame.iloc[:, -3:].set_axis(names, axis=1)
+        rows = [[*frame.columns], ["---"] * frame.shape[1], *frame.map("{:g}".format).to_numpy()]
+        table = [f"| {' | '.join(row)} |" for row in rows]
         lines = [f"# A design of {self.design.total} trials, for: {self.goal.aim}", ""]
         lines += [f"* {sentence}" for sentence in self.sentences()]
-        lines += ["", *(f"| {row} |" for row in table), "", f"Seed {self.power.seed}.", ""]
-        return "\n".join(lines)
+        return "\n".join([*lines, "", *table, "", f"Seed {self.power.seed}.", ""])
 
 
 def grid(lowest: float, highest: float, step: float) -> FloatArray:
@@ -224,7 +222,7 @@ def levels_between(
             f"--lowest {lowest:g} --highest {highest:g}: allowed are finite numbers, the first the "
             "smaller one"
         )
-    width = float(np.ptp(ends))
+    width = np.ptp(ends)
     if not width / (_MOST_LEVELS - 1) <= size <= width:
         least = 1.01 * width / (_MOST_LEVELS - 1)
         remedy = f"{100.0 * np.expm1(least):.3g}%" if is_percent else f"{least:.3g}"
@@ -252,7 +250,7 @@ def _default_step(options: ReadOptions) -> str:
 
 def _step_size(step: str) -> float:
     """The number of a step, which is above 0."""
-    size = number(step.removesuffix("%"), decimal_comma=False)
+    size = number(step.removesuffix("%"))
     if not size > 0.0:
         raise InputError(
             f"--step {step}: allowed is a number above 0 in the unit of the levels, or per cent of "
@@ -309,7 +307,7 @@ def optimal_design(
     InputError
         If something is not allowed.
     """
-    goal = DesignGoal() if goal is None else goal
+    goal = goal or DesignGoal()
     root, own_prior = root_seed(seed), observer_prior(prior)
     levels = np.unique(np.asarray(levels, np.float64))
     plane = _pairs_to_show(levels, goal)
@@ -323,7 +321,8 @@ def optimal_design(
         designs[EVEN] = even.with_total(trials)
     if goal.is_even:
         designs = dict(reversed(designs.items()))
-    table = simulate_power([*designs.items()], judges, root, own_prior, workers, progress)
+    simulated = simulate_power([*designs.items()], judges, root, own_prior, workers, progress)
+    table = PowerTable.from_data_sets(simulated, root)
     return OptimalDesign(goal, designs, table, plane, worth)
 
 
@@ -343,9 +342,9 @@ def best_design(
     fixed = np.zeros(plane.n_pairs, np.int64)
     if goal.keep is not None:
         fixed[[plane.pairs.index(pair) for pair in goal.keep.pairs]] = goal.keep.n_trials
-    n_left, n_kept = trials - int(fixed.sum()), int((fixed > 0).sum())
+    n_left, n_kept = trials - fixed.sum(), (fixed > 0).sum()
     if n_left < _FEWEST:
-        part = f", {trials - n_left} of which --keep has taken" if n_kept else ""
+        part = f", {fixed.sum()} of which --keep has taken" if n_kept else ""
         raise InputError(f"--trials {trials}{part}: allowed is at least {_FEWEST} to distribute")
     if n_kept >= goal.max_pairs:
         raise InputError(
@@ -365,23 +364,22 @@ def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observ
 
     Neighbours differ by the noise of the observers if so many pairs are allowed.
     """
-    noise = float(np.mean([observer.parameters["noise"] for observer in observers]))
-    n_steps = round(float(np.ptp(levels)) / noise)
+    noise = np.mean([observer.parameters["noise"] for observer in observers])
+    n_steps = round(np.ptp(levels) / noise)
     n_first = max(2, min(n_steps + 1, (goal.max_pairs + 2) // 3, len(levels)))
     targets = np.linspace(levels[0], levels[-1], n_first)
     # Of uneven levels, two targets may have the same nearest one.
     first = levels[np.unique(np.abs(levels[:, None] - targets).argmin(axis=0))]
-    index = np.arange(len(first))
-    near = np.abs(index[:, None] - index) <= 1
-    s1, s2 = np.meshgrid(first, first, indexing="ij")
-    return each_once(s1[near], s2[near], task=goal.task)
+    i, j = np.indices((len(first), len(first)))
+    is_near = np.abs(i - j) <= 1
+    return each_once(first[i[is_near]], first[j[is_near]], task=goal.task)
 
 
 def _pairs_to_show(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
     """Ordered pairs of levels, and those that are kept."""
-    number = len(levels) ** 2
-    if number > _MOST_PAIRS:
-        raise InputError(f"{len(levels)} levels make {number:,} pairs: allowed are {_MOST_PAIRS:,}")
+    n = len(levels)
+    if n**2 > _MOST_PAIRS:
+        raise InputError(f"{n} levels make {n**2:,} pairs: allowed are {_MOST_PAIRS:,}")
     plane = all_pairs(levels, goal.task)
     if goal.keep is None:
         return plane

@@ -12,10 +12,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import chain, product
+from itertools import chain, product, starmap
 from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -33,7 +34,7 @@ from bayes_toe.arrays import StrPath
 from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.messages import capitalized, join_names, join_words
-from bayes_toe.data.tables import Table, frame_of
+from bayes_toe.data.tables import Table
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.design.observers import Observer, assume_observers
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
@@ -95,8 +96,7 @@ class DataSet:
         )
 
 
-@dataclass(frozen=True)
-class PowerEstimate:
+class PowerEstimate(NamedTuple):
     """A share of simulated data sets, with the 95 % interval of its Monte Carlo error.
 
     Attributes
@@ -130,7 +130,7 @@ class PowerEstimate:
 
 
 #: Columns of power.csv.
-POWER_COLUMNS = tuple(field.name for field in fields(PowerEstimate))
+POWER_COLUMNS = PowerEstimate._fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,10 +151,8 @@ class PowerTable(Table[PowerEstimate]):
     def from_data_sets(cls, data_sets: Iterable[DataSet], seed: int) -> PowerTable:
         """The table that counts, in each group of data sets, how often each word was given."""
         table = cls((), tuple(data_sets), seed)
-        rows: list[PowerEstimate] = []
-        for key, members in table.groups.items():
-            rows += _count_words(key, members)
-        return replace(table, rows=tuple(rows))
+        rows = starmap(_count_words, table.groups.items())
+        return replace(table, rows=tuple(chain.from_iterable(rows)))
 
     @cached_property
     def groups(self) -> Mapping[tuple[str, int, str], Sequence[DataSet]]:
@@ -166,12 +164,12 @@ class PowerTable(Table[PowerEstimate]):
 
     def __getitem__(self, key: tuple[str, int, str, str, str]) -> PowerEstimate:
         """A row, by (design, trials, kind of observers, quantity, answer)."""
-        key_of = attrgetter("design", "trials", "observers", "quantity", "answer")
         for row in self.rows:
-            if key_of(row) == key:
+            if row[:5] == key:
                 return row
-        answers = join_names(self.different("answer"))
-        raise InputError(f"nothing counted for {key!r}; answers: {answers}")
+        raise InputError(
+            f"nothing counted for {key!r}; answers: {join_names(self.different('answer'))}"
+        )
 
     def different(self, name: str) -> tuple[str, ...]:
         """The different values of a column, in their order."""
@@ -192,7 +190,7 @@ class PowerTable(Table[PowerEstimate]):
 
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of power.csv."""
-        return frame_of(self.rows, POWER_COLUMNS)
+        return pd.DataFrame(self.rows, columns=list(POWER_COLUMNS))
 
     def data_sets_frame(self) -> pd.DataFrame:
         """Every simulated data set, with the columns of power_data_sets.csv."""
@@ -204,28 +202,24 @@ class PowerTable(Table[PowerEstimate]):
 
         With `selected`, only those of one design.
         """
-        lines = []
-        for design, trials in self.designs:
-            if selected in ("", design):
-                lines.append(self._describe_design(design, trials))
-        return lines
+        designs = [key for key in self.designs if selected in ("", key[0])]
+        return [*starmap(self._describe_design, designs)]
 
     def _describe_design(self, design: str, trials: int) -> str:
         """The kind of observers that gets 'yes' or 'probably' least often, then the others."""
-        effects = list[PowerEstimate]()
-        none = list[PowerEstimate]()
+        effects, false_positives = [], []
         for kind in self.different("observers"):
             estimate = self[design, trials, kind, "order_effect", DETECTED]
-            (effects if self.has_effect(kind, "order_effect") else none).append(estimate)
+            if self.has_effect(kind, "order_effect"):
+                effects.append(estimate)
+            else:
+                false_positives.append(f"false positives {estimate.percent}")
         effects.sort(key=attrgetter("value"))
-        parts = []
-        if effects:
-            parts.append(f"{effects[0].observers} detected in {effects[0].percent}")
-        if len(effects) > 1:
-            least = "at least " if effects[1].value < 1.0 else ""
-            parts.append(f"every other effect in {least}{100 * effects[1].value:.0f} %")
-        parts += [f"false positives {estimate.percent}" for estimate in none]
-        text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(parts)}."
+        parts = [f"{row.observers} detected in {row.percent}" for row in effects[:1]]
+        for row in effects[1:2]:
+            least = "at least " if row.value < 1.0 else ""
+            parts.append(f"every other effect in {least}{100 * row.value:.0f} %")
+        text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(parts + false_positives)}."
         for question in QUESTIONS:
             if self.is_unknown(design, trials, question):
                 text += f" {capitalized(question.replace('_', ' '))}: {Word.CANNOT_BE_TOLD}."
@@ -247,8 +241,8 @@ def _count_words(key: tuple[str, int, str], members: Sequence[DataSet]) -> list[
         del counts[Word.NOT_INTERPRETABLE.value]
         counts[DETECTED] = _count_detected(members, question)
         for answer, count in counts.items():
-            estimate = share(count, len(words))
-            rows.append(PowerEstimate(*key, question, answer, *estimate, len(words)))
+            n = len(words)
+            rows.append(PowerEstimate(*key, question, answer, *share(count, n), n))
     return rows
 
 
@@ -318,26 +312,24 @@ def power(
     >>> table["the paper's pairs", 130, "both", "order_effect", "yes"].data_sets
     2
     """
-    designs = name_designs(design)
     root, numbers = root_seed(seed), observer_prior(prior)
     simulated = list[DataSet]()
-    for of_task in designs_by_task(designs):
+    for of_task in designs_by_task(name_designs(design)):
         assumed = assume_observers(
             observers, data_sets, root, list(of_task.values()), numbers, is_even=True
         )
         planned = []
         for (name, own_design), total in product(of_task.items(), dict.fromkeys(trials)):
             planned.append((name, own_design.with_total(total)))
-        table = simulate_power(planned, assumed, root, numbers, workers, progress)
-        simulated += table.data_sets
+        simulated += simulate_power(planned, assumed, root, numbers, workers, progress)
     return PowerTable.from_data_sets(simulated, root)
 
 
 def designs_by_task(designs: Mapping[str, StudyDesign]) -> list[dict[str, StudyDesign]]:
     """The designs of each task, by name."""
-    by_task = dict[Task, dict[str, StudyDesign]]()
+    by_task = defaultdict[Task, dict[str, StudyDesign]](dict)
     for name, design in designs.items():
-        by_task.setdefault(design.task, {})[name] = design
+        by_task[design.task][name] = design
     return list(by_task.values())
 
 
@@ -362,9 +354,9 @@ def simulate_power(
     observers: Sequence[Observer],
     seed: int,
     prior: ObserverPrior,
-    workers: Workers = None,
-    progress: Progress | None = None,
-) -> PowerTable:
+    workers: Workers,
+    progress: Progress | None,
+) -> Iterable[DataSet]:
     """All observers answer all designs; a job is a batch of observers with one design."""
     jobs, names = [], []
     for name, design in designs:
@@ -372,8 +364,7 @@ def simulate_power(
             batch = observers[start : start + BATCH]
             jobs.append(partial(simulate_batch, name, design, batch, seed, prior))
             names.append(tuple(observer.name for observer in batch))
-    results = run_in_order(jobs, workers, progress, names)
-    return PowerTable.from_data_sets(chain.from_iterable(results), seed)
+    return chain.from_iterable(run_in_order(jobs, workers, progress, names))
 
 
 def simulate_batch(
@@ -396,8 +387,7 @@ def simulate_batch(
 # --- Groups ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class GroupPower:
+class GroupPower(NamedTuple):
     """What studies of so many subjects find; the subjects are observers of one kind.
 
     Attributes
@@ -453,7 +443,7 @@ class GroupPower:
 
 
 #: Columns of power_groups.csv.
-GROUP_COLUMNS = tuple(field.name for field in fields(GroupPower))
+GROUP_COLUMNS = GroupPower._fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -477,7 +467,8 @@ class GroupPowerTable(Table[GroupPower]):
             for question in SIZE_OF:
                 kinds = self.select(design, trials, question).values()
                 with_mean = [rows for rows in kinds if rows[0].has_mean]
-                for rows in sorted(with_mean, key=lambda rows: abs(rows[0].true_mean))[:1]:
+                if with_mean:
+                    rows = min(with_mean, key=lambda rows: abs(rows[0].true_mean))
                     shares = [f"{row.percent} % with {row.subjects} subjects" for row in rows]
                     lines.append(
                         f"{capitalized(design)}, {trials:,} trials: studies detect the mean of "
@@ -487,7 +478,7 @@ class GroupPowerTable(Table[GroupPower]):
 
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of power_groups.csv."""
-        return frame_of(self.rows, GROUP_COLUMNS)
+        return pd.DataFrame(self.rows, columns=list(GROUP_COLUMNS))
 
 
 def group_power(
@@ -551,8 +542,7 @@ def _with_group_mean(
     log_factors = -approximate_zero_mean(estimates, standard_errors, numbers, 0)
     hits = sum(word_of_bayes_factor(value).is_positive for value in log_factors.tolist())
     power_share, low, high = share(hits, _STUDIES)
-    return replace(
-        row,
+    return row._replace(
         true_mean=float(truth.mean()),
         true_sd=float(truth.std()),
         power=power_share,
@@ -563,8 +553,7 @@ def _with_group_mean(
 
 def _posterior_sd(data_set: DataSet, question: str) -> float:
     """Posterior SD of an effect: constant error (natural-log intensity) or contraction."""
-    size = data_set.answer.sizes[SIZE_OF[question]]
-    low, high = size.q025, size.q975
+    low, _, high = data_set.answer.sizes[SIZE_OF[question]]
     if question == CONSTANT_ERROR.name:
         low, high = np.log1p([low / 100.0, high / 100.0])
     return float(high - low) / 3.92  # standard deviations in a 95 % interval
@@ -581,7 +570,6 @@ def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]
     (14, 9, 18)
     """
     a, b = hits + 0.5, size - hits + 0.5
-    median, low, high = (
-        betabinom.ppf((0.5, _TAIL, 1.0 - _TAIL), subjects, a, b).astype(int).tolist()
-    )
+    levels = (0.5, _TAIL, 1.0 - _TAIL)
+    median, low, high = betabinom.ppf(levels, subjects, a, b).astype(int).tolist()
     return median, low, high

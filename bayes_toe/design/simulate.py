@@ -99,17 +99,16 @@ class PaperObserver:
     @property
     def parameters(self) -> dict[str, float]:
         """The natural parameters by name."""
-        names = natural_names(self.task)
-        return dict(zip(names, map(float, self.natural), strict=True))
+        return dict(zip(natural_names(self.task), map(float, self.natural), strict=True))
 
-    def p_trials(self, s1: FloatArray, s2: FloatArray, share: float) -> FloatArray:
-        """Probability of the answer that the task counts, in the order of trials."""
+    def p_trials(self, s1: FloatArray, s2: FloatArray, carry_over: float) -> FloatArray:
+        """As :meth:`bayes_toe.design.observers.Observer.p_trials`, of its one question."""
         natural = self.natural
-        if share:
+        if carry_over:
             middle = 0.5 * (s1.mean() + s2.mean())
-            expected = expectations(s1 - middle, s2 - middle, pull(natural.gamma), share)
+            expected = expectations(s1 - middle, s2 - middle, pull(natural.gamma), carry_over)
             natural = natural._replace(mu1=natural.mu1 + expected)
-        return p_counted(self.task, s1, s2, natural)
+        return p_counted(self.task, s1, s2, natural)[None]
 
 
 def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
@@ -122,14 +121,12 @@ def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
     1)), gamma ~ Uniform(0.1, 0.5), q0 ~ Beta(40, 4), or the lapse rate ~ Beta(2, 30).
     """
     kinds = np.array([(-0.5, 0.15), (0.95, 0.2), (0.25, 0.08), (0.95, 0.2), (-0.5, 0.15)])
-    of_subject = kinds[np.arange(size) % 5]
-    mu1 = rng.normal(of_subject[:, 0], of_subject[:, 1])
+    mu1 = rng.normal(*kinds[np.arange(size) % 5].T)
     sigma_p = 0.22 * np.exp(0.15 * rng.standard_normal(size))
     sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))
     shape = (40.0, 4.0) if task == SAME_DIFFERENT else (2.0, 30.0)
     lapses = rng.beta(*shape, size)
-    is_inset = np.arange(size) % 16 == 15
-    mu1, sigma_l = np.where(is_inset, -0.6, mu1), np.where(is_inset, 0.02, sigma_l)
+    mu1[15::16], sigma_l[15::16] = -0.6, 0.02
     rows = zip(subject_names(size), mu1, sigma_p, sigma_l, lapses, strict=True)
     return [PaperObserver(name, Natural(*values), task) for name, *values in rows]
 
@@ -179,28 +176,29 @@ class ConditionDifferences:
             return self.conditions.design()[:, 0]
         return np.linspace(-0.5, 0.5, len(self.conditions.levels))
 
-    def observers(self, observer: SimulatedObserver, seed: int) -> list[SimulatedObserver]:
+    def observers(self, observer: SimulatedObserver, seed: int) -> dict[str, SimulatedObserver]:
         """An observer in every condition, named such as S01@left."""
-        names = [f"{observer.name}{CONDITION_SEPARATOR}{level}" for level in self.conditions.levels]
-        if isinstance(observer, PaperObserver):
-            if self.sizes:
-                raise InputError(
-                    "--differ: allowed with observers of the four models, such as --observers both"
-                )
-            return [replace(observer, name=name) for name in names]
+        if self.sizes and isinstance(observer, PaperObserver):
+            raise InputError(
+                "--differ: allowed with observers of the four models, such as --observers both"
+            )
         rng = generator(seed, observer.name, "differences between conditions")
         drawn = {}
-        for name, (size, sd) in self.sizes.items():
-            drawn[name] = size + sd * float(rng.standard_normal())
-        moved: list[SimulatedObserver] = []
-        for name, step in zip(names, self.steps.tolist(), strict=True):
+        for key, (size, sd) in self.sizes.items():
+            drawn[key] = size + sd * rng.standard_normal()
+        moved = dict[str, SimulatedObserver]()
+        for level, step in zip(self.conditions.levels, self.steps.tolist(), strict=True):
+            name = f"{observer.name}{CONDITION_SEPARATOR}{level}"
+            if isinstance(observer, PaperObserver):
+                moved[level] = replace(observer, name=name)
+                continue
             parameters = dict(observer.parameters)
             for key, size in drawn.items():
                 if key == "noise":
                     parameters[key] *= float(np.exp(step * size))
                 else:
                     parameters[key] += step * size
-            moved.append(make_observer(name, observer.kind, parameters, observer.task))
+            moved[level] = replace(observer, name=name, parameters=parameters)
         return moved
 
 
@@ -217,7 +215,7 @@ def condition_differences(
         if differ:
             raise InputError("--differ: allowed with --conditions, between which observers differ")
         return None
-    values = [number(level, decimal_comma=False) for level in levels]
+    values = [*map(number, levels)]
     is_numeric = bool(np.isfinite(values).all())
     names = tuple(level_words(values) if is_numeric else levels)
     have_names = all(name and CONDITION_SEPARATOR not in name for name in names)
@@ -254,12 +252,12 @@ def read_differences(conditions: str | None, differ: str | None) -> ConditionDif
     """
     sizes = {}
     for part in differ.split(",") if differ else ():
-        name, _, value = part.partition("=")
+        name, value = map(str.strip, part.partition("=")[::2])
         size, _, sd = value.partition(":")
-        if name.strip() in sizes:
-            raise InputError(f"--differ: found {name.strip()} twice, allowed: once")
+        if name in sizes:
+            raise InputError(f"--differ: found {name} twice, allowed: once")
         try:
-            sizes[name.strip()] = float(size), float(sd or 0.0)
+            sizes[name] = float(size), float(sd or 0.0)
         except ValueError:
             raise InputError(
                 f"--differ: found {quoted(part)}, allowed: {_ALLOWED_DIFFERENCE}"
@@ -336,14 +334,12 @@ def simulate_trials(
         require_number(option, value, 0, 0.999, Real)
     trials = []
     for observer in observers:
-        if differences is None:
-            trials.append(_observer_trials(observer, design, seed, carry_over, missed))
-            continue
-        in_conditions = differences.observers(observer, seed)
-        levels = differences.conditions.levels
-        for level, moved in zip(levels, in_conditions, strict=True):
+        by_condition = {"": observer}
+        if differences is not None:
+            by_condition = differences.observers(observer, seed)
+        for condition, moved in by_condition.items():
             answered = _observer_trials(moved, design, seed, carry_over, missed)
-            trials.append(replace(answered, condition=level))
+            trials.append(replace(answered, condition=condition))
     return trials
 
 
@@ -352,19 +348,13 @@ def _observer_trials(
 ) -> SimulatedTrials:
     """The trials of one observer."""
     rng = generator(seed, observer.name, "trials")
-    n_batches = int(np.gcd.reduce(design.n_trials))
+    n_batches = np.gcd.reduce(design.n_trials)
     in_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // n_batches)
-    shuffled = np.argsort(rng.uniform(size=(n_batches, len(in_batch))), axis=1).ravel()
-    pair = in_batch[shuffled]
+    shuffled = np.argsort(rng.uniform(size=(n_batches, len(in_batch))), axis=1)
+    pair = in_batch[shuffled.ravel()]
     s1, s2 = design.s1[pair], design.s2[pair]
 
-    if isinstance(observer, PaperObserver):
-        p_yes, p_second = observer.p_trials(s1, s2, carry_over), []
-    else:
-        sbar = float(s1.mean())
-        contraction = observer.parameters["contraction"]
-        expected = expectations(s1 - sbar, s2 - sbar, contraction, carry_over)
-        p_yes, *p_second = observer.p_questions(s1, s2, sbar, expected)
+    p_yes, *p_second = observer.p_trials(s1, s2, carry_over)
     batch = np.repeat(np.arange(1, n_batches + 1), len(in_batch))
     yes = rng.uniform(size=len(pair)) < p_yes
     n_trials = np.where(rng.uniform(size=len(pair)) < missed, 0, 1)
@@ -461,13 +451,12 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         missed=missed,
         differences=differences,
     )
+    extra = {"carry_over": carry_over} if carry_over else {}
     subjects, truth = [], {}
     for answered in trials:
         subject = Subject.from_answers(answered.subject, answered.answers, task)
         subjects.append(replace(subject, condition=answered.condition))
-        truth[subject.name] = dict(answered.observer.parameters)
-        if carry_over:
-            truth[subject.name]["carry_over"] = carry_over
+        truth[subject.name] = {**answered.observer.parameters, **extra}
 
     study = Study(tuple(subjects), f"simulated, seed {root}", synthetic=True)
     if differences is not None:
@@ -481,7 +470,7 @@ def draw_population(
 ) -> Sequence[SimulatedObserver]:
     """Observers that `--observers` names; anything but a known word is a CSV of parameters."""
     if population == PAPER:
-        mean = float(np.average(design.s1, weights=design.n_trials))
+        mean = np.average(design.s1, weights=design.n_trials)
         if abs(mean) > 2.0:
             raise InputError(
                 f"--observers paper: found stimuli about ln {mean:.3g}, far from those of the "
@@ -499,8 +488,8 @@ def draw_population(
         by_model = assume_observers(PRIOR, -(-size // 4), seed, [study_design])
         # All four models in turn.
         drawn = np.array(by_model, object).reshape(4, -1).T.ravel().tolist()
-    names = subject_names(size)
-    return [replace(observer, name=name) for name, observer in zip(names, drawn, strict=False)]
+    pairs = zip(subject_names(size), drawn, strict=False)
+    return [replace(observer, name=name) for name, observer in pairs]
 
 
 def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
@@ -508,13 +497,12 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
     require_file(path, "--observers", POPULATIONS)
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         is_paper = "mu1" in file.readline(10_000)
-    if is_paper:
-        names, columns = read_numbers(path, natural_names(task), key="subject")
-    else:
-        all_names = parameter_names(task)
-        required = tuple(name for name in all_names if name in ("noise", "q0"))
-        optional = tuple(name for name in all_names if name not in required)
-        names, columns = read_numbers(path, required, optional=optional, key="subject")
+    required, optional = natural_names(task), list[str]()
+    if not is_paper:
+        optional = parameter_names(task)
+        required = tuple(name for name in optional if name in ("noise", "q0"))
+        optional = [name for name in optional if name not in required]
+    names, columns = read_numbers(path, required, "subject", optional=optional)
     truth = {}
     for i, name in enumerate(names):
         truth[name] = {key: float(column[i]) for key, column in columns.items()}
@@ -524,32 +512,28 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
 def _stated_observers(
     truth: Truth, task: Task, source: str = "observers"
 ) -> list[SimulatedObserver]:
-    """Observers of these parameters, of either model."""
-    if not truth:
-        raise InputError(f"{source}: found none, allowed: at least one")
-    return [_stated_observer(name, values, task, source) for name, values in truth.items()]
-
-
-def _stated_observer(
-    name: str, values: Mapping[str, float], task: Task, source: str
-) -> SimulatedObserver:
-    """An observer with these parameters: of the paper's model if mu1 is one of them.
+    """Observers of these parameters: of the paper's model where mu1 is one of them.
 
     An error of a parameter of the paper's model begins with the source. It calls the fourth
     parameter by its name in the task.
     """
-    if "mu1" not in values:
-        return make_observer(name, "stated", values, task)
+    if not truth:
+        raise InputError(f"{source}: found none, allowed: at least one")
     names = natural_names(task)
-    if set(values) != set(names):
-        raise InputError(
-            f"observer {name!r}: found {', '.join(values)}, allowed: {', '.join(names)}, all four"
-        )
-    natural = Natural(*(np.asarray(values[key], np.float64) for key in names))
-    try:
-        return PaperObserver(name, natural, task)
-    except ArithmeticError as error:
-        raise InputError(f"{source}: {str(error).replace('q0', task.lapses)}") from error
+    observers = list[SimulatedObserver]()
+    for name, values in truth.items():
+        if "mu1" not in values:
+            observers.append(make_observer(name, "stated", values, task))
+            continue
+        if set(values) != set(names):
+            finding = f"found {', '.join(values)}, allowed: {', '.join(names)}, all four"
+            raise InputError(f"observer {name!r}: {finding}")
+        natural = Natural(*(np.asarray(values[key], np.float64) for key in names))
+        try:
+            observers.append(PaperObserver(name, natural, task))
+        except ArithmeticError as error:
+            raise InputError(f"{source}: {str(error).replace('q0', task.lapses)}") from error
+    return observers
 
 
 def require_file(text: str, option: str, words: Iterable[str]) -> None:
@@ -583,8 +567,9 @@ def make_design(
     else:
         require_file(design, "--design", _DESIGNS)
         columns = read_pairs(design, options, optional=("n_trials",))
-        counts = columns.get("n_trials", np.full(len(columns["s1"]), batches))
-        study_design = StudyDesign(columns["s1"], columns["s2"], counts.astype(np.int64))
+        s1, s2 = columns["s1"], columns["s2"]
+        n_trials = columns.get("n_trials", np.full(len(s1), batches)).astype(np.int64)
+        study_design = StudyDesign(s1, s2, n_trials)
     return study_design if trials is None else study_design.with_total(trials)
 
 
@@ -610,9 +595,10 @@ def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.Dat
     """
     parts = []
     for answered in trials:
-        ending = f"{CONDITION_SEPARATOR}{answered.condition}" if answered.condition else ""
-        columns: dict[str, npt.ArrayLike] = {"subject": answered.subject.removesuffix(ending)}
+        columns: dict[str, npt.ArrayLike] = {"subject": answered.subject}
         if answered.condition:
+            ending = f"{CONDITION_SEPARATOR}{answered.condition}"
+            columns["subject"] = answered.subject.removesuffix(ending)
             columns["condition"] = answered.condition
         columns |= {"batch": answered.batch, "trial": 0}
         s1, s2 = answered.answers.keys.T
@@ -628,5 +614,4 @@ def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.Dat
 
 def truth_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
     """True parameters, one row a subject, or a subject in a condition."""
-    rows = [{"subject": trial.subject, **trial.observer.parameters} for trial in trials]
-    return pd.DataFrame(rows)
+    return pd.DataFrame([{"subject": row.subject, **row.observer.parameters} for row in trials])

@@ -97,8 +97,8 @@ class StudyDesign:
         self, n_yes: npt.ArrayLike, name: str = "design", n_second: IntArray | None = None
     ) -> Subject:
         """The counts of a subject who has answered every trial."""
-        counts = np.asarray(n_yes), self.n_trials
-        return Subject(name, self.s1, self.s2, *counts, n_second=n_second, task=self.task)
+        columns = self.s1, self.s2, np.asarray(n_yes), self.n_trials
+        return Subject(name, *columns, n_second=n_second, task=self.task)
 
     @property
     def unanswered(self) -> Subject:
@@ -130,8 +130,7 @@ class StudyDesign:
 
     def select(self, index: IndexArray, n_trials: IntArray | None = None) -> StudyDesign:
         """Some of the pairs, with as many trials as before or with others."""
-        if n_trials is None:
-            n_trials = self.n_trials[index]
+        n_trials = self.n_trials[index] if n_trials is None else n_trials
         return replace(self, s1=self.s1[index], s2=self.s2[index], n_trials=n_trials)
 
     def in_order(self) -> StudyDesign:
@@ -213,8 +212,9 @@ def read_pairs(
     table = read_table(path, lambda _: {"s1", "s2", "i1", "i2", *required, *optional})
     names = stimulus_names(table, ("s1", "s2"), ("i1", "i2"), options)
     _, columns = read_numbers(table, (*names, *required), optional=optional, counts=("n_trials",))
-    logs = to_logs(path, [columns.pop(name) for name in names], options)
-    return {**columns, **dict(zip(("s1", "s2"), logs, strict=True))}
+    stimuli = [columns.pop(name) for name in names]
+    columns["s1"], columns["s2"] = to_logs(path, stimuli, options)
+    return columns
 
 
 def stimulus_names(
@@ -234,7 +234,7 @@ def stimulus_names(
 
 def to_logs(path: StrPath, stimuli: list[FloatArray], options: ReadOptions) -> list[FloatArray]:
     """Natural logs of stimuli in the unit of these options; a unit that is missing is named."""
-    smallest = min(float(values.min()) for values in stimuli)
+    smallest = min(values.min() for values in stimuli)
     if options.has_intensities and smallest <= 0.0:
         raise InputError(f"{path}: found the intensity {smallest:g}, allowed: positive numbers")
     if options.unit is None and not options.has_intensities:
@@ -273,8 +273,7 @@ def stimulus_columns(
     if unit.of_stimuli and not unit.is_decibel:
         for name, logs in (("i1", s1), ("i2", s2)):
             # Without the rounding of logarithms: 45, not 44.99999999999997.
-            stimuli = [float(f"{value:.12g}") for value in unit.stimuli(logs)]
-            columns[name] = np.array(stimuli)
+            columns[name] = np.array([float(f"{value:.12g}") for value in unit.stimuli(logs)])
     return columns
 
 

@@ -68,9 +68,9 @@ def trial_list(
     if len(set(conditions)) < len(conditions):
         raise InputError(f"--conditions: found {join_names(conditions)}, allowed: each level once")
     rng = generator(seed, subject, "order of trials")
-    is_equal = np.tile(design.s1 == design.s2, max(1, len(conditions)))
-    in_blocks = _blocks(design, blocks, max(1, len(conditions)), rng)
-    order = _shuffled(in_blocks, is_equal, rng)
+    n_levels = max(1, len(conditions))
+    is_equal = np.tile(design.s1 == design.s2, n_levels)
+    order = _shuffled(_blocks(design, blocks, n_levels, rng), is_equal, rng)
 
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
     columns: dict[str, npt.ArrayLike] = {"subject": subject}
@@ -94,16 +94,14 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
         repeated = units * n_levels
         for i in rng.permutation(len(repeated)).tolist():
             pairs, n_times = repeated[i]
-            first = i // len(units) * design.n_pairs
-            hands += [np.add(first, pairs)] * n_times
+            hands += [np.add(i // len(units) * design.n_pairs, pairs)] * n_times
     require_kind("--blocks", blocks, Integral, "a whole number")
     if not 1 <= blocks <= len(hands):
         raise InputError(
             f"--blocks {blocks}: allowed is 1 to {len(hands)}, so that every block has a trial and "
             "both orders of it"
         )
-    starts = rng.permutation(blocks).tolist()
-    return [np.concatenate(hands[start::blocks]) for start in starts]
+    return [np.concatenate(hands[start::blocks]) for start in rng.permutation(blocks).tolist()]
 
 
 def _units(design: StudyDesign) -> tuple[list[Unit], list[Unit]]:
@@ -118,9 +116,7 @@ def _units(design: StudyDesign) -> tuple[list[Unit], list[Unit]]:
     return together, [([i], count) for i, count in enumerate(n_left.tolist())]
 
 
-def _shuffled(
-    blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng, most_swaps: int = 10_000
-) -> list[IndexArray]:
+def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> list[IndexArray]:
     """The trials of each block in a random order, without too many equal pairs in a row.
 
     An equal pair that would be one too many changes places with any other trial of its block.
@@ -130,7 +126,7 @@ def _shuffled(
     for i, trials in enumerate(blocks):
         shuffled = rng.permutation(trials)
         lengths = _run_lengths(is_equal[shuffled], n_last)
-        for _ in range(most_swaps):
+        for _ in range(10_000):
             too_late = np.flatnonzero(lengths > MOST_EQUAL)
             different = np.flatnonzero(~is_equal[shuffled])
             if not len(too_late) or not len(different):
@@ -146,7 +142,7 @@ def _shuffled(
                 "fewer equal pairs, or fewer blocks"
             )
         order.append(shuffled)
-        n_last = int(lengths[-1])
+        n_last = lengths[-1]
     return order
 
 

@@ -24,12 +24,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.arrays import ArrayPair, FloatArray, IntArray, Rng
+from bayes_toe.arrays import ArrayPair, FloatArray, IntArray, NamedArrays, Rng
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
@@ -68,8 +67,7 @@ class SubjectRows(LinearLikelihood):
         rows: Sequence[Subject],
         scales: Sequence[StimulusScales],
         first_row: IntArray,
-        differences: FloatArray,
-        differing: Sequence[str],
+        differences: NamedArrays,
     ) -> SubjectRows:
         """From the counts and scales of every row.
 
@@ -79,28 +77,23 @@ class SubjectRows(LinearLikelihood):
             Counts and scales of every row.
         first_row : ndarray of int
             The first row of every subject.
-        differences : ndarray, shape (rows, columns)
-            The design of the conditions, no column without.
-        differing : sequence of str
-            Names of the parameters that may differ between conditions.
+        differences : mapping of str to ndarray, shape (rows, columns)
+            The design of the conditions for each parameter that may differ between them.
         """
         observer_rows = ObserverRows.from_subjects(rows, PLAIN_UNITS, scales)
         names = [parameter.name for parameter in task_parameters(rows[0].task)]
         shared = [parameter.name for parameter in group_parameters(rows[0].task)]
         unshared = [name for name in names if name not in shared]
-        one = np.ones((len(rows), 1))
-        columns = chain(
-            product(shared, [one]), product(differing, [differences]), product(unshared, [one])
-        )
+        ones = np.ones((len(rows), 1))
+        columns = [(name, ones) for name in shared] + [*differences.items()]
+        n_coefficients = sum(values.shape[1] for _, values in columns)
         parts = []
-        for name, values in columns:
+        for name, values in columns + [(name, ones) for name in unshared]:
             part = np.zeros((len(rows), len(names), values.shape[1]))
             part[:, names.index(name)] = values
             parts.append(part)
-        n_coefficients = len(shared) + len(differing) * differences.shape[1]
-        loading, is_shared = np.concatenate(parts, axis=2), np.isin(names, shared)
-        own = np.flatnonzero(~is_shared).tolist()
-        return cls(observer_rows, loading, first_row, n_coefficients, own)
+        loading, coordinates = np.concatenate(parts, axis=2), [*map(names.index, unshared)]
+        return cls(observer_rows, loading, first_row, n_coefficients, coordinates)
 
     @property
     def n_subjects(self) -> int:
@@ -116,9 +109,9 @@ class SubjectRows(LinearLikelihood):
         """Log prior of the parameters that are not shared, (..., own) -> (...), and its slopes."""
         total, slopes = np.zeros(unshared.shape[:-1]), np.empty_like(unshared)
         for j, coordinate in enumerate(self.unshared_coordinates):
-            density = self.rows.priors[coordinate]
-            total += density.log_density(unshared[..., j])
-            slopes[..., j] = density.slope(unshared[..., j])
+            density, u = self.rows.priors[coordinate], unshared[..., j]
+            total += density.log_density(u)
+            slopes[..., j] = density.slope(u)
         return total, slopes
 
 
@@ -162,19 +155,17 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     for _ in range(_SCORING_STEPS):
         step = np.linalg.solve(information, slope[..., None])[..., 0]
         trial = w + share * step
-        new_value, new_slope, new_information = scored(trial)
+        trial_scores = scored(trial)
         gain = (step * slope).sum(axis=1)
-        is_better = (new_value > value) | (gain < _SMALL_GAIN)
-        w[is_better] = trial[is_better]
-        value = np.where(is_better, new_value, value)
-        slope[is_better] = new_slope[is_better]
-        information[is_better] = new_information[is_better]
+        is_better = (trial_scores[0] > value) | (gain < _SMALL_GAIN)
+        for array, new in zip((w, value, slope, information), (trial, *trial_scores), strict=True):
+            array[is_better] = new[is_better]
         share = np.where(is_better[:, None], np.minimum(1.0, 2.0 * share), 0.25 * share)
     variance = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)
     by_responses = np.maximum(1.0 / variance[:, :q] - precision[:q], 0.0)
     weighted_centre = w[:, :q] / variance[:, :q] - precision[:q] * centre[:q]
-    weighted_centre = np.where(by_responses > 0.0, weighted_centre, 0.0)
-    ridge = np.asarray(-np.linalg.solve(information[:, q:, q:], information[:, q:, :q]))
+    weighted_centre[by_responses <= 0.0] = 0.0
+    ridge = -np.linalg.solve(information[:, q:, q:], information[:, q:, :q])
     # The lapse rate comes first. It trades off against the noise along a curve, not a line.
     ridge[:, 0] = 0.0
     parts = (w, np.sqrt(variance), weighted_centre, by_responses, ridge)
@@ -228,17 +219,14 @@ class GroupPosterior:
         unit = tau * root
         pull = information - precision * expected
         score = tau * share * pull + root * xi
-        coefficients = expected + np.square(unit) * pull + unit * xi
-        w = self._subject_points(coefficients, unshared)
+        w = self._subject_points(expected + np.square(unit) * pull + unit * xi, unshared)
 
         log_likelihood, likelihood_slope = self.rows.plain_gradient(w)
         log_unshared, unshared_slope = self.rows.log_own_prior(w[..., q:])
-        log_jacobian = 0.5 * np.log(share)
-        log_scores = (log_jacobian - 0.5 * np.square(score)).sum(axis=-1)
-        log_of_subjects = log_likelihood + log_unshared + log_scores
-        log_prior = numbers.log_prior_of_mean(mean) + log_prior_of_sd
-        log_prior = log_prior.sum(axis=-1) + numbers.log_effect(effects).sum(axis=(1, 2))
-        value = log_prior + log_of_subjects.sum(axis=0)
+        log_scores = (0.5 * np.log(share) - 0.5 * np.square(score)).sum(axis=-1)
+        log_prior = (numbers.log_prior_of_mean(mean) + log_prior_of_sd).sum(axis=-1)
+        log_prior = log_prior + numbers.log_effect(effects).sum(axis=(1, 2))
+        value = log_prior + (log_likelihood + log_unshared + log_scores).sum(axis=0)
 
         # Slopes in a and in the coordinates of a subject, then in mu and tau.
         by_unshared = likelihood_slope[..., q:] + unshared_slope
@@ -252,10 +240,10 @@ class GroupPosterior:
 
         mean_slope = numbers.slope_of_mean_prior(mean) + by_expected.sum(axis=0)
         sd_slope = slope_of_sd_prior + by_sd.sum(axis=0) * tau_rise
-        by_effect = np.einsum("nr,npq->prq", self.x, by_expected)
-        effect_slope = numbers.effect_slope(effects) + by_effect
-        subject_slope = np.concatenate([by_xi, by_unshared], axis=-1)
-        parts = (mean_slope, sd_slope, effect_slope, subject_slope.swapaxes(0, 1))
+        effect_slope = numbers.effect_slope(effects)
+        effect_slope += np.einsum("nr,npq->prq", self.x, by_expected)
+        subject_slope = np.concatenate([by_xi, by_unshared], axis=-1).swapaxes(0, 1)
+        parts = (mean_slope, sd_slope, effect_slope, subject_slope)
         return value, np.concatenate([part.reshape(len(theta), -1) for part in parts], axis=1)
 
     def points(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -270,10 +258,10 @@ class GroupPosterior:
         expected = self._expected(mean, effects)
         precision = self.fits.precision[:, None]
         unit = tau / np.sqrt(1.0 + precision * np.square(tau))
-        pulled = self.fits.information[:, None] - precision * expected
-        coefficients = expected + np.square(unit) * pulled + unit * block[..., :q]
-        w = self._subject_points(coefficients, block[..., q:])
-        return mean, tau, effects, w.swapaxes(0, 1)
+        pull = self.fits.information[:, None] - precision * expected
+        coefficients = expected + np.square(unit) * pull + unit * block[..., :q]
+        points = self._subject_points(coefficients, block[..., q:])
+        return mean, tau, effects, points.swapaxes(0, 1)
 
     def start(self, n_points: int, rng: Rng) -> FloatArray:
         """Points about what the separate fits suggest, farther apart than the posterior."""
@@ -294,10 +282,10 @@ class GroupPosterior:
 
     def _subject_points(self, coefficients: FloatArray, unshared: FloatArray) -> FloatArray:
         """Points w; coordinates `own` count from the mode given the coefficients."""
-        mode = self.fits.mode[:, None]
-        q = self.rows.n_coefficients
-        offset = coefficients - mode[..., :q]
-        values = mode[..., q:] + offset @ self.fits.ridge.swapaxes(1, 2) + unshared
+        shared, unshared_mode = np.split(
+            self.fits.mode[:, None], [self.rows.n_coefficients], axis=-1
+        )
+        values = unshared_mode + (coefficients - shared) @ self.fits.ridge.swapaxes(1, 2) + unshared
         return np.concatenate([coefficients, values], axis=-1)
 
     def _split(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

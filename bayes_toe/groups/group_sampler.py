@@ -14,6 +14,7 @@ rejected and counted.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -88,9 +89,8 @@ class Metric:
         draws = draws - draws.mean(axis=0)
         shared, blocks = draws[:, :n_shared], draws[:, n_shared:]
         self._shared = _shrunk_root(shared[None], self._shared[None])[0]
-        variance = self._shared @ self._shared.T
         together = weight * shared.T @ blocks / len(draws)
-        self._following[:] = np.linalg.solve(variance, together)
+        self._following[:] = np.linalg.solve(self._shared @ self._shared.T, together)
         residual = (blocks - shared @ self._following).reshape(-1, n_blocks, size).swapaxes(0, 1)
         self._blocks = _shrunk_root(residual, self._blocks)
 
@@ -151,10 +151,9 @@ class Hamiltonian:
         Some trajectories have shorter steps, so that a chain can leave a region in which the common
         step is too long.
         """
-        is_careful = self._rng.uniform(size=n_draws) < _CAREFUL_SHARE
         x, n_divergent = [], 0
-        for careful in is_careful:
-            _, is_divergent = self._move(_CAREFUL_STEP if careful else 1.0)
+        for is_careful in self._rng.uniform(size=n_draws) < _CAREFUL_SHARE:
+            _, is_divergent = self._move(_CAREFUL_STEP if is_careful else 1.0)
             x.append(self._x)
             n_divergent += int(is_divergent.sum())
         return np.stack(x), n_divergent
@@ -267,7 +266,7 @@ class GroupDraws:
         (_, n_effective), (_, r_hat) = worst(self.convergence)
         problems = []
         if self.n_divergent:
-            n_trajectories = self.mean.shape[0] * self.mean.shape[1]
+            n_trajectories = math.prod(self.mean.shape[:2])
             problems.append(f"{self.n_divergent} of {n_trajectories} trajectories diverged")
         if n_effective < MIN_EFFECTIVE_DRAWS:
             problems.append(f"{n_effective:.0f} effective draws, {MIN_EFFECTIVE_DRAWS} required")
@@ -282,10 +281,9 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     Where these are too few to be reliable, as many again are added to them. Where trajectories
     diverged, twice as many by shorter steps take their place.
     """
-    start = posterior.start(N_CHAINS, rng)
     rows = posterior.rows
     metric = Metric(posterior.n_shared, rows.n_subjects, rows.n_coordinates)
-    sampler = Hamiltonian(posterior, start, metric, rng)
+    sampler = Hamiltonian(posterior, posterior.start(N_CHAINS, rng), metric, rng)
     sampler.warm_up()
     n_each = -(-n_draws // N_CHAINS)
     x, n_divergent = sampler.advance(n_each)
@@ -303,6 +301,7 @@ def _group_draws(posterior: GroupPosterior, x: FloatArray, n_divergent: int) -> 
     """The parameters of the draws x, (draws, chains, coordinates)."""
     n_draws, n_chains, n_coordinates = x.shape
     parts = posterior.points(x.swapaxes(0, 1).reshape(-1, n_coordinates))
-    lead = n_chains, n_draws
-    mean, sd, effects, subjects = (part.reshape(*lead, *part.shape[1:]) for part in parts)
+    mean, sd, effects, subjects = (
+        part.reshape(n_chains, n_draws, *part.shape[1:]) for part in parts
+    )
     return GroupDraws(mean, sd, effects, subjects, n_divergent)

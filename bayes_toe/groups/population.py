@@ -39,6 +39,7 @@ from bayes_toe.groups.group_posterior import (
 from bayes_toe.groups.group_sampler import GroupDraws, sample_group
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.population_table import (
+    QUANTILES,
     SUBJECT_COLUMNS,
     PopulationRow,
     PopulationTable,
@@ -69,14 +70,13 @@ from bayes_toe.model.parameters import (
     lapse_logs,
     task_parameters,
 )
-from bayes_toe.model.prior import Hyperprior, ParameterHyperprior
+from bayes_toe.model.prior import Hyperprior
 from bayes_toe.model.prior_file import hyperprior_from
 from bayes_toe.seeds import generator, require_seed, root_seed
 
 #: Draws of all chains together; enough for 95 % intervals, and about 5 s of CPU for 10 subjects.
 DRAWS = 3200
 _FEWEST_SUBJECTS, _FEWEST_DRAWS, _MOST_DRAWS = 2, 100, 100_000
-_INTERVAL = (0.025, 0.5, 0.975)
 _EFFECTS = (CONSTANT_ERROR.name, CONTRACTION.name)
 #: The draws and the covariates in a file, with the names of their axes.
 _DRAWS = {
@@ -125,8 +125,8 @@ def study_scales(study: Study) -> StimulusScales:
         offsets += [unit.s1 - mean for unit in units]
         n_trials += [unit.n_trials for unit in units]
     squares = np.square(np.concatenate(offsets))
-    first_spread = float(np.sqrt(np.average(squares, weights=np.concatenate(n_trials))))
-    return scales._replace(first_spread=first_spread)
+    variance = np.average(squares, weights=np.concatenate(n_trials))
+    return scales._replace(first_spread=float(np.sqrt(variance)))
 
 
 def _mean_first(units: Sequence[Subject]) -> float:
@@ -199,12 +199,8 @@ class PopulationResult:
     @cached_property
     def identified(self) -> frozenset[str]:
         """The parameters that the pairs of a subject can show; other means rest on the prior."""
-        designs = [*map(identify, self.study)]
-        names = set(self.names)
-        for name in _EFFECTS:
-            if all(name in design.reasons for design in designs):
-                names.remove(name)
-        return frozenset(names)
+        unknown = set(_EFFECTS).intersection(*(identify(unit).reasons for unit in self.study))
+        return frozenset(self.names) - unknown
 
     def index(self, name: str) -> int:
         """The coefficient of a parameter."""
@@ -235,7 +231,7 @@ class PopulationResult:
         j = self.index(name)
         new_subject = self.in_units(name, self.new_subject[..., j], UNKNOWN_UNIT)
         subjects = self.in_units(name, self.draws.subjects[..., j], UNKNOWN_UNIT)
-        ends = np.quantile(new_subject, _INTERVAL), np.quantile(subjects, _INTERVAL, axis=(0, 1))
+        ends = np.quantile(new_subject, QUANTILES), np.quantile(subjects, QUANTILES, axis=(0, 1))
         return self.study.unit.for_percent(np.append(*ends))
 
     def difference_columns(self, name: str) -> list[int]:
@@ -261,8 +257,7 @@ class PopulationResult:
         """
         conditions = self.study.conditions
         assert conditions is not None  # there are levels
-        design = conditions.design()
-        first, second = (design[conditions.levels.index(level)] for level in levels)
+        first, second = conditions.design()[[*map(conditions.levels.index, levels)]]
         weights = first - second
         columns = self.difference_columns(name)
         mean = self.draws.mean[..., columns] @ weights
@@ -276,28 +271,27 @@ class PopulationResult:
         Its covariates are at their reference.
         """
         rng = generator(self.settings.seed, "population", "new subject")
-        score = rng.standard_normal(self.draws.mean.shape)
-        return self.draws.mean + self.draws.sd * score
+        return self.draws.mean + self.draws.sd * rng.standard_normal(self.draws.mean.shape)
 
     def quantities(self, coefficients: FloatArray) -> dict[str, FloatArray]:
-        """Quantities that follow from coefficients, (..., coefficients) -> (...) each.
+        """Coefficients by their names, and what follows from them, (..., coefficients) -> (...).
 
         The shift of the point of subjective equality and the JND in per cent, and the largest
         probability of 'equal' where that is a response.
         """
-        shift = coefficients[..., self.index(CONSTANT_ERROR.name)]
+        by_name = {name: coefficients[..., j] for j, name in enumerate(self.names)}
         values = {
-            "pse_shift_percent": self.shift_percent(shift),
-            "jnd_percent": percent(self._jnd(coefficients[..., self.index(NOISE.name)])),
+            "pse_shift_percent": self.shift_percent(by_name[CONSTANT_ERROR.name]),
+            "jnd_percent": percent(self._jnd(by_name[NOISE.name])),
         }
-        if PEAK.name in self.names:
-            values["peak_probability"] = expit(coefficients[..., self.index(PEAK.name)])
-        return values
+        if PEAK.name in by_name:
+            values["peak_probability"] = expit(by_name[PEAK.name])
+        return by_name | values
 
     @property
     def own_names(self) -> tuple[str, ...]:
         """The parameters of a subject that the group does not share."""
-        names = (parameter.name for parameter in task_parameters(self.study.task))
+        names = [parameter.name for parameter in task_parameters(self.study.task)]
         return tuple(name for name in names if name not in self.names)
 
     def _own_quantity(self, name: str, u: FloatArray) -> FloatArray:
@@ -317,8 +311,7 @@ class PopulationResult:
 
     def __repr__(self) -> str:
         badge = "" if self.is_reliable else "; NOT RELIABLE"
-        n_subjects = f"{len(self.subjects):,} subjects"
-        return f"<Population of {self.study.source!r}: {n_subjects}{badge}>"
+        return f"<Population of {self.study.source!r}: {len(self.subjects):,} subjects{badge}>"
 
     def _repr_html_(self) -> str:
         return as_html(repr(self)[1:-1], self.table.frame())
@@ -329,40 +322,34 @@ class PopulationResult:
     def table(self) -> PopulationTable:
         """The rows of population.csv."""
         rows = []
-        for name, values in self._all_quantities(self.draws.mean).items():
+        for name, values in self.quantities(self.draws.mean).items():
             zero = None
             if name in _EFFECTS:
                 zero = zero_mean(self.draws, self.numbers, self.regressors.x, self.index(name))
             rows.append(summary_row(name, "mean", values, zero=zero))
         for j, name in enumerate(self.names):
             rows.append(summary_row(name, "sd", self.draws.sd[..., j]))
-        for name, values in self._all_quantities(self.new_subject).items():
+        for name, values in self.quantities(self.new_subject).items():
             rows.append(summary_row(name, "new_subject", values))
         rows += self._covariate_rows()
         rows += self._condition_rows()
         return PopulationTable(tuple(rows), self.settings.seed)
 
-    def _all_quantities(self, coefficients: FloatArray) -> dict[str, FloatArray]:
-        """Coefficients by their names, and the quantities that follow from them."""
-        values = {name: coefficients[..., j] for j, name in enumerate(self.names)}
-        return values | self.quantities(coefficients)
-
     def _covariate_rows(self) -> list[PopulationRow]:
         rows = []
-        x = self.regressors.x
-        for i, column in enumerate(self.regressors.columns):
+        for i, label in enumerate(self.regressors.labels):
             for j, name in enumerate(self.names):
-                zero = zero_effect(self.draws, self.numbers, x, i, j)
+                zero = zero_effect(self.draws, self.numbers, self.regressors.x, i, j)
                 values = self.draws.effects[..., i, j]
-                rows.append(summary_row(name, "effect", values, column.label, zero))
+                rows.append(summary_row(name, "effect", values, label, zero))
         return rows
 
     def _condition_rows(self) -> list[PopulationRow]:
         rows = []
         for levels in self.comparisons:
+            level = " - ".join(levels)
             for name in DIFFERING:
                 mean, sd, zero = self.difference(name, levels)
-                level = " - ".join(levels)
                 rows.append(summary_row(name, "difference", mean, level, zero))
                 rows.append(summary_row(name, "difference_sd", sd, level))
         return rows
@@ -377,7 +364,7 @@ class PopulationResult:
         rows = []
         for i, subject in enumerate(self.subjects):
             draws = self.draws.subjects[:, :, i]
-            values = self._all_quantities(draws)
+            values = self.quantities(draws)
             for j, name in enumerate(self.own_names):
                 values[name] = self._own_quantity(name, draws[..., n_coefficients + j])
             rows += [(subject, name, *summary(column)) for name, column in values.items()]
@@ -403,14 +390,9 @@ class PopulationResult:
             coefficients += [f"difference {i + 1} of {name}" for i in range(len(columns))]
         regressors = self.regressors
         names = {"subject": list(self.subjects), "covariate": regressors.labels}
-        coordinates = {
-            **names,
-            "coefficient": coefficients,
-            "parameter": [*coefficients, *self.own_names],
-        }
-        draws = {}
-        for name, dims in _DRAWS.items():
-            draws[name] = (dims, getattr(self.draws, name))
+        parameters = [*coefficients, *self.own_names]
+        coordinates = {**names, "coefficient": coefficients, "parameter": parameters}
+        draws = {name: (dims, getattr(self.draws, name)) for name, dims in _DRAWS.items()}
         groups = {
             "posterior": xr.Dataset(draws, coordinates),
             COVARIATES: xr.Dataset({"x": (_COVARIATES["x"], regressors.x)}, names),
@@ -509,32 +491,25 @@ def group_posterior(study: Study, hyperprior: Hyperprior, x: FloatArray) -> Grou
 
 def subject_rows(study: Study) -> SubjectRows:
     """The likelihood of a study's subjects, a row for each unit of subject and condition."""
-    scales = study_scales(study)
-    units: list[Subject] = []
-    unit_scales: list[StimulusScales] = []
-    first_row = []
+    scales = study_scales(study)._replace(first_spread=0.0)
+    units, unit_scales, first_row = list[Subject](), list[StimulusScales](), list[int]()
     for subject_units in units_by_subject(study).values():
         first_row.append(len(units))
         units += subject_units
-        sbar = _mean_first(subject_units)
-        own_scales = scales._replace(sbar=sbar, first_spread=0.0)
-        unit_scales += [own_scales] * len(subject_units)
-    design = np.zeros((len(units), 0))
-    differing: tuple[str, ...] = ()
+        unit_scales += [scales._replace(sbar=_mean_first(subject_units))] * len(subject_units)
+    differences = dict[str, FloatArray]()
     if study.conditions is not None:
         levels = [study.conditions.levels.index(unit.condition) for unit in units]
-        design, differing = study.conditions.design()[levels], DIFFERING
-    return SubjectRows.from_subjects(units, unit_scales, np.array(first_row), design, differing)
+        differences = dict.fromkeys(DIFFERING, study.conditions.design()[levels])
+    return SubjectRows.from_subjects(units, unit_scales, np.array(first_row), differences)
 
 
 def _numbers(hyperprior: Hyperprior, study: Study) -> HyperpriorNumbers:
     """The hyperprior of all coefficients; roved first stimuli narrow that of p."""
-    rows: dict[str, ParameterHyperprior] = {}
-    for parameter in group_parameters(study.task):
-        row: ParameterHyperprior = getattr(hyperprior, parameter.name)
-        if parameter.name == CONTRACTION.name:
-            row = row.narrowed(study_scales(study).roving_share)
-        rows[parameter.name] = row
+    names = [parameter.name for parameter in group_parameters(study.task)]
+    rows = {name: getattr(hyperprior, name) for name in names}
+    roving_share = study_scales(study).roving_share
+    rows[CONTRACTION.name] = hyperprior.contraction.narrowed(roving_share)
     coefficients = list(rows.values())
     if study.conditions is not None:
         n_columns = study.conditions.design().shape[1]

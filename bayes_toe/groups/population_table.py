@@ -16,7 +16,8 @@ from bayes_toe.data.tables import Table
 from bayes_toe.groups.zero_mean import ZeroBayesFactor
 from bayes_toe.inference.diagnostics import convergence
 
-_QUANTILES = (0.025, 0.5, 0.975)
+#: The median and the ends of the 95 % interval.
+QUANTILES = (0.025, 0.5, 0.975)
 
 
 class PopulationRow(NamedTuple):
@@ -69,7 +70,7 @@ SUBJECT_COLUMNS = ("subject", "parameter", *PopulationRow._fields[3:9])
 
 def summary(draws: FloatArray) -> tuple[float, ...]:
     """Median, 95 % interval and diagnostics of draws, shape (chains, draws)."""
-    return *np.quantile(draws, _QUANTILES).tolist(), *convergence(draws)
+    return *np.quantile(draws, QUANTILES).tolist(), *convergence(draws)
 
 
 def summary_row(
@@ -109,8 +110,11 @@ class PopulationTable(Table[PopulationRow]):
 
     def select(self, quantity: str, parameter: str | None = None) -> tuple[PopulationRow, ...]:
         """The rows of one quantity, or of one quantity and parameter."""
-        rows = [row for row in self.rows if row.quantity == quantity]
-        return tuple(row for row in rows if parameter in (None, row.parameter))
+        return tuple(
+            row
+            for row in self.rows
+            if row.quantity == quantity and parameter in (None, row.parameter)
+        )
 
     def row(self, quantity: str, parameter: str) -> PopulationRow:
         """The only row of a mean, a standard deviation or a new subject."""

@@ -10,7 +10,7 @@ the farthest subject of the share of the counted response are compared with thos
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from itertools import chain, starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -74,13 +74,13 @@ class Statistic(NamedTuple):
         else:
             position = "farther out" if self.is_above else "nearer"
             text = f"the subject farthest in its {self.quantity} is {position} than"
-        expected = f"{self.q05:.2g} to {self.q95:.2g} expected"
-        numbers = f"{self.observed:.2g}, {expected}, p = {self.p_value:.2g}"
-        return f"{text} in a normal group ({numbers})"
+        return (
+            f"{text} in a normal group ({self.observed:.2g}, {self.q05:.2g} to {self.q95:.2g} "
+            f"expected, p = {self.p_value:.2g})"
+        )
 
 
-@dataclass(frozen=True)
-class PredictiveCheck:
+class PredictiveCheck(NamedTuple):
     """The result of :func:`predictive_check`.
 
     Attributes
@@ -109,10 +109,8 @@ def predictive_check(result: PopulationResult) -> PredictiveCheck:
     p_yes = np.exp(np.minimum(counts_of_rows.log_answers(points).yes[..., pairs], 0.0))
     simulated = rng.binomial(n_trials[:, None], p_yes)
     counts = np.concatenate([observed[:, None], simulated], axis=1)
-    statistics: list[Statistic] = []
-    for quantity, values, kinds in _measures(result.study.subjects, rows, counts, n_trials):
-        statistics += _statistics(quantity, values, kinds)
-    return PredictiveCheck(tuple(statistics))
+    measures = _measures(result.study.subjects, rows, counts, n_trials)
+    return PredictiveCheck(tuple(chain.from_iterable(starmap(_statistics, measures))))
 
 
 def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
@@ -121,15 +119,14 @@ def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
     The first q coordinates have a distribution over subjects. The others are those of the subjects.
     """
     draws = result.draws
-    n_chains, n_of_chain, q = draws.mean.shape
-    n_draws = n_chains * n_of_chain
-    index = np.linspace(0, n_draws - 1, _N_GROUPS).astype(int)
-    parts = (draws.mean, draws.sd, draws.effects, draws.subjects)
-    mean, sd, effects, subjects = (part.reshape(n_draws, *part.shape[2:])[index] for part in parts)
+    *shape, q = draws.mean.shape
+    index = np.unravel_index(np.linspace(0, np.prod(shape) - 1, _N_GROUPS).astype(int), shape)
+    mean, sd, effects = draws.mean[index], draws.sd[index], draws.effects[index]
 
     expected = mean[:, None] + result.regressors.x @ effects
     coefficients = expected + sd[:, None] * rng.standard_normal(expected.shape)
-    return np.concatenate([coefficients, subjects[..., q:]], axis=-1).swapaxes(0, 1)
+    unshared = draws.subjects[index][..., q:]
+    return np.concatenate([coefficients, unshared], axis=-1).swapaxes(0, 1)
 
 
 def _measures(
@@ -149,32 +146,28 @@ def _measures(
     # 1 for the strong-first row of a pair that was met in both orders, -1 for the weak-first one.
     signs = np.zeros(difference.shape)
     for i, unit in enumerate(units):
-        for weak_first, strong_first in pairs_in_both_orders(unit):
-            signs[i, strong_first], signs[i, weak_first] = 1.0, -1.0
+        signs[i, pairs_in_both_orders(unit)] = -1.0, 1.0
     n_compared = by_subject((signs > 0.0).sum(axis=1))
     is_compared = n_compared > 0
     if is_compared.sum() > 1:
         # Laplace's estimator of the frequency of a wrong response.
         wrong_shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)
         total = by_subject((signs[:, None] * wrong_shares).sum(axis=2))
-        mean_asymmetry = total[is_compared] / n_compared[is_compared, None]
-        yield "mean asymmetry", mean_asymmetry, ("spread", "farthest")
+        asymmetry = total[is_compared] / n_compared[is_compared, None]
+        yield "mean asymmetry", asymmetry, ("spread", "farthest")
     # Equal stimuli have no right response in some tasks.
-    n_judged_by_pair = np.where(task.right(difference) == 0, 0, n_trials)
-    n_judged = by_subject(n_judged_by_pair.sum(axis=1))
+    n_judged = by_subject(np.where(task.right(difference) == 0, 0, n_trials).sum(axis=1))
     has_right_answer = n_judged > 0
     if has_right_answer.sum() > 1:
-        n_wrong_of_subject = by_subject(n_wrong.sum(axis=2))
-        wrong_share = n_wrong_of_subject[has_right_answer] / n_judged[has_right_answer, None]
+        n_wrong_of_subject = by_subject(n_wrong.sum(axis=2))[has_right_answer]
+        wrong_share = n_wrong_of_subject / n_judged[has_right_answer, None]
         yield "accuracy", 1.0 - wrong_share, ("spread",)
-    n_all = by_subject(n_trials.sum(axis=1))
-    share = by_subject(n_yes.sum(axis=2)) / n_all[:, None]
+    share = by_subject(n_yes.sum(axis=2)) / by_subject(n_trials.sum(axis=1))[:, None]
     yield f"share of {task.yes!r}", share, ("skewness", "farthest")
 
 
 def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iterator[Statistic]:
     """The observed group, the first column of (subjects, groups), beside the others."""
-    n_subjects = len(values)
     spread = values.std(axis=0, ddof=1)
     offsets = values - values.mean(axis=0)
     scores = np.divide(offsets, spread, out=np.zeros_like(offsets), where=spread > 0.0)
@@ -184,10 +177,10 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
         "farthest": np.abs(scores).max(axis=0),
     }
     for kind in kinds:
-        if kind != "spread" and n_subjects < _FEWEST_FOR_SHAPE:
+        if kind != "spread" and len(values) < _FEWEST_FOR_SHAPE:
             continue
         observed, simulated = float(measures[kind][0]), measures[kind][1:]
-        tail = min(int((simulated >= observed).sum()), int((simulated <= observed).sum()))
+        tail = int(min((simulated >= observed).sum(), (simulated <= observed).sum()))
         p_value = min(1.0, 2.0 * (tail + 1) / (len(simulated) + 1))
         q05, q50, q95 = np.quantile(simulated, (0.05, 0.5, 0.95)).tolist()
         yield Statistic(kind, quantity, observed, q05, q50, q95, p_value, observed > q50)

@@ -102,10 +102,10 @@ def regressors(
     """
     _require_known(categorical, covariates)
     incomplete = _incomplete_subjects(covariates, subjects)
-    reasons = join_names([f"{quoted(name)} ({reason})" for name, reason in incomplete.items()])
+    reasons = join_names(f"{quoted(name)} ({reason})" for name, reason in incomplete.items())
     complete = tuple(name for name in subjects if name not in incomplete)
     _require_subjects(complete, len(covariates), reasons)
-    columns: list[Regressor] = []
+    columns = list[Regressor]()
     parts = [np.empty((len(complete), 0))]
     for name, by_subject in covariates.items():
         values = [by_subject[subject] for subject in complete]
@@ -122,7 +122,7 @@ def regressors(
     notes = []
     outside = set().union(*covariates.values()).difference(subjects)
     if outside:
-        names = join_names([*map(quoted, sorted(outside))])
+        names = join_names(map(quoted, sorted(outside)))
         notes.append(f"covariates of subjects that are not in the study ignored: {names}")
     if reasons:
         notes.append(f"subjects left out: {reasons}")
@@ -133,7 +133,7 @@ def _require_known(categorical: Collection[str], names: Collection[str]) -> None
     """Refuse a categorical covariate that is not in the table."""
     for name in categorical:
         if name not in names:
-            covariates = join_names([*map(quoted, names)]) or "none, without covariates"
+            covariates = join_names(map(quoted, names)) or "none, without covariates"
             raise InputError(f"categorical: found {quoted(name)}, allowed: {covariates}")
 
 
@@ -157,10 +157,11 @@ def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], 
         )
     _require_several(name, f"{values[0]:g}", bool(values.min() < values.max()))
     # Squares of numbers beyond 1e154 are beyond the largest float.
-    unit = float(np.abs(values).max())
-    mean, sd = float(np.mean(values / unit)), float(np.std(values / unit, ddof=1))
+    unit = np.abs(values).max()
+    values = values / unit
+    mean, sd = values.mean(), values.std(ddof=1)
     words = f"{display_name(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
-    return [Regressor(name, "", words)], ((values / unit - mean) / sd)[:, None]
+    return [Regressor(name, "", words)], ((values - mean) / sd)[:, None]
 
 
 def _columns_of_category(
@@ -172,25 +173,26 @@ def _columns_of_category(
     columns = []
     for level in other_levels:
         words = f"{display_name(name)} {display_name(level)} against {display_name(reference)}"
-        columns.append(Regressor(name, level, words, reference=reference))
+        columns.append(Regressor(name, level, words, reference))
     is_level = np.array(level_words(values))[:, None] == np.array(other_levels)
     return columns, is_level.astype(np.float64)
 
 
 def _require_several(name: str, value: str, has_several: bool) -> None:
     if not has_several:
-        advice = "allowed: at least two different values; leave the column out"
-        finding = f"found {value} for every subject"
-        raise InputError(f"covariate {display_name(name)}: {finding}, {advice}")
+        raise InputError(
+            f"covariate {display_name(name)}: found {value} for every subject, allowed: at least "
+            "two different values; leave the column out"
+        )
 
 
 def _require_subjects(subjects: Sequence[str], n_columns: int, left_out: str) -> None:
     if n_columns and len(subjects) < n_columns + 2:
-        problem = f"covariates: found {plural(len(subjects), 'subject')} with all of them"
-        advice = f"allowed: at least {n_columns + 2} for {plural(n_columns, 'column')}"
-        if left_out:
-            advice += f"; left out: {left_out}"
-        raise InputError(f"{problem}, {advice}")
+        ending = f"; left out: {left_out}" if left_out else ""
+        raise InputError(
+            f"covariates: found {plural(len(subjects), 'subject')} with all of them, allowed: at "
+            f"least {n_columns + 2} for {plural(n_columns, 'column')}{ending}"
+        )
 
 
 def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
@@ -203,7 +205,7 @@ def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
     sizes = np.linalg.norm(x - x.mean(axis=0), axis=0)
     for i, column in enumerate(columns):
         if remainders[i] < _ROUNDING * sizes[i]:
-            earlier = join_names([other.label for other in columns[:i]])
+            earlier = join_names(other.label for other in columns[:i])
             raise InputError(
                 f"covariates: {column.label} follows from {earlier}, "
                 "allowed: columns that tell different things; leave one out"

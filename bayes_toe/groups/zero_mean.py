@@ -58,8 +58,8 @@ def zero_mean(
     residual = draws.subjects[..., j] - draws.effects[..., j] @ x.T
     centre = residual.mean(axis=-1)
     width = draws.sd[..., j] / np.sqrt(residual.shape[-1])
-    log_average = _log_average_prior(centre, width, numbers, j)
-    return _average(_log_normal(centre, np.square(width)) - log_average)
+    at_zero = _log_normal(centre, np.square(width))
+    return _average(at_zero - _log_average_prior(centre, width, numbers, j))
 
 
 def approximate_zero_mean(
@@ -92,8 +92,8 @@ def approximate_zero_mean(
     """
     quantile = 0.5 + 0.5 * _SD_PROBABILITIES
     score = stdtrit(3.0, quantile) if numbers.has_heavy_tails[j] else ndtri(quantile)
-    tau = numbers.sd_scale[j] * score
-    variance = np.square(tau)[:, None] + np.square(standard_errors)[:, None]
+    tau_squared = np.square(numbers.sd_scale[j] * score)[:, None]
+    variance = tau_squared + np.square(standard_errors)[:, None]
     total = (1.0 / variance).sum(axis=-1)
     centre = (estimates[:, None] / variance).sum(axis=-1) / total
     squares = np.square(estimates[:, None] - centre[..., None]) / variance
@@ -140,9 +140,8 @@ def zero_difference(
     draws: GroupDraws, numbers: HyperpriorNumbers, columns: list[int], weights: FloatArray
 ) -> ZeroBayesFactor:
     """The Bayes factor for a weighted sum of means of coefficients with normal priors."""
-    n_subjects = draws.subjects.shape[2]
     centre = draws.subjects[..., columns].mean(axis=2)
-    variance = np.square(draws.sd[..., columns]) / n_subjects
+    variance = np.square(draws.sd[..., columns]) / draws.subjects.shape[2]
     prior_variance = np.square(numbers.mean_scale[columns])
     share = prior_variance / (prior_variance + variance)
     squares = np.square(weights)
@@ -158,5 +157,4 @@ def _log_normal(distance: FloatArray, variance: FloatArray) -> FloatArray:
 def _average(log_ratios: FloatArray) -> ZeroBayesFactor:
     """The log of the average of ratios given each draw, (chains, draws), and its error."""
     log_mean = float(logsumexp(log_ratios) - np.log(log_ratios.size))
-    relative_errors = errors(np.exp(log_ratios - log_mean))
-    return ZeroBayesFactor(log_mean, float(relative_errors.mean))
+    return ZeroBayesFactor(log_mean, float(errors(np.exp(log_ratios - log_mean)).mean))
