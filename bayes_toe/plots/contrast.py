@@ -68,7 +68,8 @@ def contrast(
     for (row, column), ax in np.ndenumerate(panels):
         quantity, comparison = quantities[column], comparisons[row]
         rows = table.select(quantity, comparison)
-        unit = _shown_unit(table, rows)
+        # p is small in any unit.
+        unit = table.unit.for_percent([row.interval(UNKNOWN_UNIT) for row in rows])
         _draw_subjects(ax, table, rows, unit)
         if group is not None:
             _draw_group(ax, group, quantity, comparison, unit)
@@ -91,11 +92,6 @@ def contrast(
 
     legend_below(figure, columns=len(_MARKS))
     return figure
-
-
-def _shown_unit(table: ContrastTable, rows: Sequence[Difference]) -> StimulusUnit:
-    """The unit of differences that suits these rows; p is small in any."""
-    return table.unit.for_percent([row.interval(UNKNOWN_UNIT) for row in rows])
 
 
 def _draw_subjects(
