@@ -13,7 +13,7 @@ answer of all responses of a subject together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, combinations
@@ -70,7 +70,7 @@ if TYPE_CHECKING:
 
 
 #: The quantities by name, each with the parameter that differs, and the quantity of the observer.
-QUANTITIES: Mapping[str, tuple[Parameter, str]] = {
+QUANTITIES = {
     "constant error": (CONSTANT_ERROR, "constant_error"),
     "contraction": (CONTRACTION, "contraction"),
     "JND": (NOISE, "jnd"),
@@ -159,15 +159,10 @@ class Difference(NamedTuple):
         """The word of screens."""
         return str([*Word][WORDS.index(self.word)])
 
-    @property
-    def has_unit(self) -> bool:
-        """Whether the quantity is an intensity."""
-        return self.quantity != "contraction"
-
     def interval(self, unit: StimulusUnit) -> Size:
         """The median and 95 % interval; those of an intensity in the unit of differences."""
         quantiles = [self.q025, self.q50, self.q975]
-        if self.has_unit:
+        if self.quantity != "contraction":
             quantiles = unit.differences(quantiles).tolist()
         return Size(*quantiles)
 
@@ -186,7 +181,7 @@ class Difference(NamedTuple):
         >>> row.size(StimulusUnit())
         '+1.0 % [-0.1, +1.9]'
         """
-        if not self.has_unit:
+        if self.quantity == "contraction":
             return format_share(self.interval(unit), "+")
         sign = "" if self.p_direction is None else "+"
         return format_difference(self.interval(UNKNOWN_UNIT), unit, sign)

@@ -211,8 +211,10 @@ def group_tables(result: PopulationResult) -> list[TextTable]:
             cells.insert(3, group_estimate(result, name, "new_subject"))
             cells += _convergence(result, name)
         rows.append(cells)
-    headings = ["", "group mean", "SD between subjects", "new subject", "BF of mean not 0", ""]
-    headings += ["effective draws", "R-hat"]
+    headings = [
+        *("", "group mean", "SD between subjects", "new subject", "BF of mean not 0", ""),
+        *("effective draws", "R-hat"),
+    ]
     title = f"{plural(len(result.subjects), 'subject')}, median [95 % interval]"
     return [*comparison_tables(result), (title, headings, rows)]
 

@@ -46,7 +46,7 @@ from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ObserverPrio
 from bayes_toe.seeds import generator
 
 #: The questions in the order of all tables, with the models that say yes to each.
-QUESTIONS: Mapping[str, BoolArray] = {
+QUESTIONS = {
     "order_effect": HAS_EFFECT,
     "constant_error": HAS_ERROR,
     "contraction": HAS_CONTRACTION,

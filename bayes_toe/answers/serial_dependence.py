@@ -21,7 +21,7 @@ import pandas as pd
 from bayes_toe.answers.order_effect import PROBABILITIES, QUANTILES, format_decimals
 from bayes_toe.answers.serial_screen import SerialScreen, subject_screen
 from bayes_toe.answers.words import word_for
-from bayes_toe.arrays import BoolArray, FloatArray, StrPath
+from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.data.messages import format_estimate
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
@@ -46,7 +46,7 @@ from bayes_toe.workers import Progress, Workers
 
 #: The four models, in the order of their evidences, and which have each effect.
 HISTORIES = ("static", "previous_response", "carry_over", "carry_over_and_previous_response")
-EFFECT_MODELS: Mapping[str, BoolArray] = {
+EFFECT_MODELS = {
     "carry_over": np.array([False, False, True, True]),
     "previous_response": np.array([False, True, False, True]),
 }
@@ -143,10 +143,9 @@ class SubjectDependence:
 
     def history(self, name: str) -> TrialHistory:
         """The model behind one of :data:`HISTORIES`."""
-        i = HISTORIES.index(name)
-        has_carry_over = bool(EFFECT_MODELS["carry_over"][i])
-        order = OrderModel(self.order_models[int(has_carry_over)])
-        return TrialHistory(order, bool(EFFECT_MODELS["previous_response"][i]), has_carry_over)
+        has_carry_over = "carry_over" in name
+        order = OrderModel(self.order_models[has_carry_over])
+        return TrialHistory(order, "previous_response" in name, has_carry_over)
 
     @property
     def cells(self) -> Mapping[str, object]:
@@ -260,7 +259,7 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     screen = subject_screen(evidence)
     row = SubjectDependence(subject.name, _order_models(evidence), screen=screen)
     static = evidence.draws[MODEL_NAMES.index(row.order_models[0])]
-    histories, draws = list[TrialHistoryPosterior](), [static]
+    histories, draws = [], [static]
     for name in HISTORIES[1:]:
         history = TrialHistoryPosterior(subject, row.history(name), prior)
         histories.append(history)

@@ -233,7 +233,7 @@ def _near_0(group: PopulationResult | None, effect: str) -> str:
 
 def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
     """The subjects whom the model does not fit, and the effects that are fewer without them."""
-    misfits, good_fits = list[OrderEffect](), list[OrderEffect]()
+    misfits, good_fits = [], []
     for answer in answers:
         if answer.fits is False:
             misfits.append(answer)
@@ -285,7 +285,7 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
     for text in sorted(words):
         word, _, direction = text.removesuffix(")").partition(" (")
         directions.setdefault(word, []).append(direction)
-    parts = list[str]()
+    parts = []
     for word in dict.fromkeys([*map(str, Word), *directions]):
         if word not in directions:
             continue

@@ -33,14 +33,15 @@ from bayes_toe.plots.style import (
 #: Quantities whose mean difference in a group has the unit of a subject's difference.
 _OF_GROUPS = (CONSTANT_ERROR, CONTRACTION)
 _NONE = "no difference, or probably none"
-#: How a difference is drawn by its word: face of the mark, colour, words of the legend.
-_MARKS = {
-    WORDS[0]: (POSTERIOR, POSTERIOR, WORDS[0]),
-    WORDS[1]: ("#9CC4E4", POSTERIOR, WORDS[1]),
-    WORDS[2]: ("white", EQUAL, WORDS[2]),
-    WORDS[3]: ("#C9C9C9", EQUAL, _NONE),
-    WORDS[4]: ("#C9C9C9", EQUAL, _NONE),
-}
+#: How a difference is drawn, in the order of the words: face of the mark, colour, words of the
+#: legend.
+_MARKS = (
+    (POSTERIOR, POSTERIOR, WORDS[0]),
+    ("#9CC4E4", POSTERIOR, WORDS[1]),
+    ("white", EQUAL, WORDS[2]),
+    ("#C9C9C9", EQUAL, _NONE),
+    ("#C9C9C9", EQUAL, _NONE),
+)
 
 
 def contrast(
@@ -106,8 +107,9 @@ def _draw_subjects(
 
     zero_line(ax)
     words = {row.word for row in table}
-    for word in filter(words.__contains__, WORDS):
-        face, colour, label = _MARKS[word]
+    for word, (face, colour, label) in zip(WORDS, _MARKS, strict=True):
+        if word not in words:
+            continue
         of_word = [row for row in rows if row.word == word]
         y = [subjects.index(row.subject) for row in of_word]
         sizes = np.array([row.interval(unit) for row in of_word]).reshape(-1, 3)

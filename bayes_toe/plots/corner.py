@@ -523,8 +523,13 @@ def _write_key(
     has_prior: bool,
 ) -> None:
     """Subjects, model, lines and marks: above few panels, or in the corner that more leave free."""
-    style: Style = {"frameon": False, "borderaxespad": 0.4, "labelspacing": 0.35}
-    style |= {"loc": "upper right", "alignment": "left"}
+    style: Style = {
+        "loc": "upper right",
+        "alignment": "left",
+        "frameon": False,
+        "borderaxespad": 0.4,
+        "labelspacing": 0.35,
+    }
     if len(spans) <= _FEW_PANELS:
         style["loc"] = "upper left"
         margins = figure.subplotpars

@@ -106,9 +106,8 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
             title = "differences of the group means between conditions, 95 % intervals"
         parts[3].suptitle(title, fontsize=SMALL)
         panels = grid_panels(parts[3], len(effects), n_columns, sharey=True)
-        for name, ax in zip(effects, panels, strict=True):
-            quantiles, label = _shown_effects(result, name, effects[name])
-            effects_panel(ax, quantiles, label, labels)
+        for (name, quantiles), ax in zip(effects.items(), panels, strict=True):
+            effects_panel(ax, *_shown_effects(result, name, quantiles), labels)
             quantity_ticks(ax, name)
     return figure
 

@@ -337,13 +337,14 @@ _LEGEND: Style = {
 def legend_below(figure: Figure | SubFigure, *, columns: int = 3, side: str = "lower") -> None:
     """Put one legend in small letters outside the panels, since points may be anywhere in them."""
     loc: Any = f"outside {side} center"
-    figure.legend(**_legend_entries(figure.axes), loc=loc, ncols=columns, columnspacing=1.2)
+    entries = _legend_entries(figure.axes)
+    figure.legend(*entries, loc=loc, ncols=columns, columnspacing=1.2, **_LEGEND)
 
 
 def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:
     """One legend for a panel, above it, in small letters, perhaps with words over it."""
     ax.legend(
-        **_legend_entries([ax]),
+        *_legend_entries([ax]),
         loc="lower center",
         bbox_to_anchor=(0.5, 1.0),
         ncols=columns,
@@ -351,11 +352,12 @@ def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> Non
         title=title,
         title_fontsize=SMALL,
         labelspacing=0.25,
+        **_LEGEND,
     )
 
 
-def _legend_entries(panels: Sequence[Axes]) -> Style:
-    """Handles with their labels, estimates with error bars before plain points, in small letters.
+def _legend_entries(panels: Sequence[Axes]) -> tuple[list[Any], list[str]]:
+    """Handles and their labels, estimates with error bars before plain points.
 
     Matplotlib itself lists all lines first.
     """
@@ -364,4 +366,4 @@ def _legend_entries(panels: Sequence[Axes]) -> Style:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             handles[label] = handle
     labels = sorted(handles, key=lambda label: not isinstance(handles[label], ErrorbarContainer))
-    return {"handles": [*map(handles.get, labels)], "labels": labels, **_LEGEND}
+    return [*map(handles.get, labels)], labels

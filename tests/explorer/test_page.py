@@ -171,10 +171,8 @@ def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimul
     assert packed["orders"] == [0]
     assert {subject.s1[pair] for pair in packed["pairs"]} == {middle}
     assert packed["title"] == f"first stimulus {middle:.3g}"
-    x, curve = np.array(packed["x"]), numbers(packed["yes"], "<u2") / 65535
-    first = np.full_like(x, middle)
-    expected = fitted.yes(first, first + x)
-    assert curve.reshape(expected.T.shape) == pytest.approx(expected.T, abs=1e-5)
+    expected = fitted.yes(middle, middle + np.array(packed["x"])).T.ravel()
+    assert numbers(packed["yes"], "<u2") / 65535 == pytest.approx(expected, abs=1e-5)
     wording = page(entries(stronger.draws)).html
     assert "P(second)" in wording
     assert "'equal'" not in wording.partition('<section id="answers"')[2].partition("</section>")[0]
