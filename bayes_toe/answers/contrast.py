@@ -13,9 +13,10 @@ answer of all responses of a subject together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
+from itertools import chain, combinations
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -40,7 +41,7 @@ from bayes_toe.data.messages import capitalized, display_name, join_names, plura
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import Study, Subject, require_study, units_by_subject
 from bayes_toe.data.tables import Table, frame_of, write_table
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.inference.engine import Precision, fitted_draws, mixture_of_maxima
 from bayes_toe.inference.maxima import ascend_from
@@ -69,26 +70,22 @@ if TYPE_CHECKING:
 
 
 #: The quantities by name, each with the parameter that differs, and the quantity of the observer.
-QUANTITIES: Mapping[str, tuple[Parameter, str]] = {
+QUANTITIES = {
     "constant error": (CONSTANT_ERROR, "constant_error"),
     "contraction": (CONTRACTION, "contraction"),
     "JND": (NOISE, "jnd"),
 }
+_PARAMETERS = (CONSTANT_ERROR, CONTRACTION, NOISE)
 #: The choices of parameters that differ, the empty one first.
-CHOICES: tuple[tuple[Parameter, ...], ...] = (
-    (),
-    (CONSTANT_ERROR,),
-    (CONTRACTION,),
-    (NOISE,),
-    (CONSTANT_ERROR, CONTRACTION),
-    (CONSTANT_ERROR, NOISE),
-    (CONTRACTION, NOISE),
-    (CONSTANT_ERROR, CONTRACTION, NOISE),
+CHOICES: tuple[tuple[Parameter, ...], ...] = tuple(
+    chain.from_iterable(map(partial(combinations, _PARAMETERS), range(4)))
 )
 ORDER_EFFECT = "order effect"
-_PARAMETERS_OF: Mapping[str, frozenset[Parameter]] = {
-    **{name: frozenset([parameter]) for name, (parameter, _) in QUANTITIES.items()},
-    ORDER_EFFECT: frozenset([CONSTANT_ERROR, CONTRACTION]),
+_PARAMETERS_OF = {
+    "constant error": {CONSTANT_ERROR},
+    "contraction": {CONTRACTION},
+    "JND": {NOISE},
+    ORDER_EFFECT: {CONSTANT_ERROR, CONTRACTION},
 }
 #: Bayes factors from which a difference, or none, is probable, and from which it is stated.
 PROBABLY, SURELY = 3.0, 20.0
@@ -99,8 +96,6 @@ WORDS = (
     "probably no difference",
     "no difference",
 )
-#: The words of screens for them.
-_SHORT_WORDS = tuple(map(str, Word))[: len(WORDS)]
 CONTRAST_COLUMNS = (
     *("subject", "quantity", "comparison", "mean", "sd", "q025", "q05", "q50", "q95", "q975"),
     *("p_direction", "log_bf_differs", "log_bf_differs_se", "word", "robust", "model", "prior"),
@@ -162,17 +157,12 @@ class Difference(NamedTuple):
     @property
     def short_word(self) -> str:
         """The word of screens."""
-        return _SHORT_WORDS[WORDS.index(self.word)]
-
-    @property
-    def has_unit(self) -> bool:
-        """Whether the quantity is an intensity."""
-        return self.quantity != "contraction"
+        return str([*Word][WORDS.index(self.word)])
 
     def interval(self, unit: StimulusUnit) -> Size:
         """The median and 95 % interval; those of an intensity in the unit of differences."""
         quantiles = [self.q025, self.q50, self.q975]
-        if self.has_unit:
+        if self.quantity != "contraction":
             quantiles = unit.differences(quantiles).tolist()
         return Size(*quantiles)
 
@@ -191,10 +181,10 @@ class Difference(NamedTuple):
         >>> row.size(StimulusUnit())
         '+1.0 % [-0.1, +1.9]'
         """
-        if not self.has_unit:
+        if self.quantity == "contraction":
             return format_share(self.interval(unit), "+")
         sign = "" if self.p_direction is None else "+"
-        return format_difference(self.interval(StimulusUnit()), unit, sign)
+        return format_difference(self.interval(UNKNOWN_UNIT), unit, sign)
 
 
 def word_of(log_bf: float) -> str:
@@ -233,11 +223,11 @@ class ContrastTable(Table[Difference]):
     conditions: Conditions
     prior: ObserverPrior
     seed: int
-    task: Task = SAME_DIFFERENT
-    unit: StimulusUnit = UNKNOWN_UNIT
-    left_out: dict[str, str] = field(default_factory=dict)
-    failed: dict[str, str] = field(default_factory=dict)
-    answers: tuple[OrderEffect, ...] = ()
+    task: Task
+    unit: StimulusUnit
+    left_out: dict[str, str]
+    failed: dict[str, str]
+    answers: tuple[OrderEffect, ...]
     short_columns = ("subject", "quantity", "comparison", "q025", "q50", "q975", "word")
 
     def _full_frame(self) -> pd.DataFrame:
@@ -313,12 +303,7 @@ def contrast(
     """
     require_study(study, several_tasks=True)
     conditions = _require_conditions(study)
-    compared = _compared_subjects(study, conditions)
-    left_out = {}
-    for name, units in units_by_subject(study).items():
-        if name not in compared:
-            levels = join_names([display_name(unit.condition) for unit in units])
-            left_out[name] = f"at {levels} only"
+    compared, left_out = _compared_subjects(study, conditions)
     root, numbers = resumed_seed(seed, keep), prior_for(study, prior).observer
     results = run_stored(
         partial(_contrasts, conditions=conditions, prior=numbers, seed=root),
@@ -358,22 +343,24 @@ def _require_conditions(study: Study) -> Conditions:
     raise InputError(f"{study.source}: found no condition within subjects, allowed: {choices}")
 
 
-def _compared_subjects(study: Study, conditions: Conditions) -> dict[str, tuple[Subject, ...]]:
-    """The units of each subject who met two levels that are compared."""
-    compared = {}
+def _compared_subjects(
+    study: Study, conditions: Conditions
+) -> tuple[dict[str, tuple[Subject, ...]], dict[str, str]]:
+    """The units of each subject who met two levels that are compared; why others are left out."""
+    compared, left_out = {}, {}
     for name, units in units_by_subject(study).items():
-        levels = {unit.condition for unit in units}
-        if any(levels.issuperset(pair) for pair in conditions.comparisons):
+        levels = [unit.condition for unit in units]
+        if any(map(set(levels).issuperset, conditions.comparisons)):
             compared[name] = units
+        else:
+            left_out[name] = f"at {join_names(map(display_name, levels))} only"
     if not compared:
-        pairs = []
-        for level, other in conditions.comparisons:
-            pairs.append(f"{display_name(level)} and {display_name(other)}")
+        pairs = [" and ".join(map(display_name, pair)) for pair in conditions.comparisons]
         raise InputError(
             f"contrast: found no subject at both {' or '.join(pairs)}, "
             "allowed: one and more; another --reference"
         )
-    return compared
+    return compared, left_out
 
 
 # --- One subject ---------------------------------------------------------------------------------
@@ -443,7 +430,7 @@ def subject_contrast(
         for level, reference in conditions.comparisons:
             if level in levels and reference in levels:
                 pair = levels.index(level), levels.index(reference)
-                summary = _difference(quantity, values, pair, models.shared.scales)
+                summary = _difference(quantity, values, *pair, models.shared.scales)
                 comparison = f"{level} - {reference}"
                 rows.append(Difference._make((name, quantity, comparison, *summary, *answer)))
     return rows
@@ -452,11 +439,11 @@ def subject_contrast(
 def _difference(
     quantity: str,
     values: NamedArrays,
-    pair: tuple[int, int],
+    level: int,
+    reference: int,
     scales: StimulusScales,
 ) -> tuple[Any, ...]:
     """Mean, standard deviation, quantiles and direction of a difference between two conditions."""
-    level, reference = pair
     change = {key: draws[level] - draws[reference] for key, draws in values.items()}
     p_direction = None
     if quantity == ORDER_EFFECT:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_toe.answers.order_effect import (
-    Size,
     format_bayes_factor,
     format_difference,
     format_number,
@@ -65,9 +64,9 @@ def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") 
     """Median and 95 % interval of a mean, or of a new subject, in the unit of the table."""
     row = result.table.row(quantity, _QUANTITY_OF.get(name, name))
     if name in _SHARES:
-        return format_share(Size(*row.interval))
+        return format_share(row.interval)
     sign = "+" if name == CONSTANT_ERROR.name else ""
-    return format_difference(Size(*row.interval), result.study.unit, sign)
+    return format_difference(row.interval, result.study.unit, sign)
 
 
 def log_factor_of_mean(result: PopulationResult, name: str) -> float:
@@ -96,8 +95,8 @@ def _spread(result: PopulationResult, name: str) -> str:
             return f"at most {100.0 * bound:.0f} %"
         return f"at most {format_number(bound)} {unit.of_differences}"
     if is_share:
-        return format_share(Size(*interval))
-    return format_signed(Size(*interval), unit.of_differences, "")
+        return format_share(interval)
+    return format_signed(interval, unit.of_differences, "")
 
 
 # --- Sentences ------------------------------------------------------------------------------------
@@ -195,9 +194,9 @@ def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
     """An effect on a mean: a shift of the PSE, p, the ratio of JNDs, or a logit."""
     values, sign = row.interval, "+"
     if row.parameter == CONSTANT_ERROR.name:
-        return format_difference(Size(*result.shift_percent(values)), result.study.unit)
+        return format_difference(result.shift_percent(values), result.study.unit)
     if row.parameter == CONTRACTION.name:
-        return format_share(Size(*values))
+        return format_share(values)
     if row.parameter == NOISE.name:
         values, sign = np.exp(values), ""
     return format_estimate(*map(f"{{:{sign}.2f}}".format, values))
@@ -212,8 +211,10 @@ def group_tables(result: PopulationResult) -> list[TextTable]:
             cells.insert(3, group_estimate(result, name, "new_subject"))
             cells += _convergence(result, name)
         rows.append(cells)
-    headings = ["", "group mean", "SD between subjects", "new subject", "BF of mean not 0", ""]
-    headings += ["effective draws", "R-hat"]
+    headings = [
+        *("", "group mean", "SD between subjects", "new subject", "BF of mean not 0", ""),
+        *("effective draws", "R-hat"),
+    ]
     title = f"{plural(len(result.subjects), 'subject')}, median [95 % interval]"
     return [*comparison_tables(result), (title, headings, rows)]
 

@@ -17,14 +17,15 @@ from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import expit
 
-from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
+from bayes_toe.answers.serial_screen import SerialScreen, subject_screen
 from bayes_toe.answers.words import Word, remains, word_for
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE, flag_limit
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.checks.identification import Identification, identify
-from bayes_toe.data.messages import capitalized, join_words
+from bayes_toe.data.messages import capitalized, format_estimate, join_words
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.diagnostics import quantile_errors
@@ -45,7 +46,7 @@ from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ObserverPrio
 from bayes_toe.seeds import generator
 
 #: The questions in the order of all tables, with the models that say yes to each.
-QUESTIONS: Mapping[str, BoolArray] = {
+QUESTIONS = {
     "order_effect": HAS_EFFECT,
     "constant_error": HAS_ERROR,
     "contraction": HAS_CONTRACTION,
@@ -63,6 +64,7 @@ SIZES = (
 SIZE_OF = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
 _SIZE_TEXTS = {"constant_error": ", PSE shift {}", "contraction": ", {} of the way to the mean"}
 QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
+PROBABILITIES = tuple(QUANTILES.values())
 _EVIDENCES = tuple(f"log_evidence_{name.replace(' ', '_')}" for name in MODEL_NAMES)
 #: Columns with which evidence.csv begins.
 ANSWER_COLUMNS = (
@@ -97,9 +99,9 @@ class Size(NamedTuple):
     q50: float
     q975: float
 
-    def from_percent(self, unit: StimulusUnit) -> Size:
-        """A difference in per cent of intensity in the unit of the stimuli."""
-        return Size(*unit.from_percent(self).tolist())
+
+#: The numbers of a :class:`Size`, in its order.
+ThreeNumbers = Size | FloatArray | list[float]
 
 
 class Line(NamedTuple):
@@ -400,7 +402,7 @@ def format_probability(probability: float) -> str:
     return f"= {probability:.2f}".replace("0.", ".")
 
 
-def format_difference(size: Size, unit: StimulusUnit, sign: str = "+") -> str:
+def format_difference(size: ThreeNumbers, unit: StimulusUnit, sign: str = "+") -> str:
     """A signed difference in per cent of intensity with its 95 % interval, in the unit to show.
 
     With `sign` '', only negative numbers have a sign.
@@ -413,10 +415,11 @@ def format_difference(size: Size, unit: StimulusUnit, sign: str = "+") -> str:
     '+6 ln [+2, +18]'
     """
     shown_unit = unit.for_percent(size)
-    return format_signed(size.from_percent(shown_unit), shown_unit.of_differences, sign)
+    shown_size = shown_unit.from_percent(size).tolist()
+    return format_signed(shown_size, shown_unit.of_differences, sign)
 
 
-def format_signed(size: Size, unit: str = "", sign: str = "+") -> str:
+def format_signed(size: ThreeNumbers, unit: str = "", sign: str = "+") -> str:
     """A signed size with its unit and 95 % interval, two digits of the largest number.
 
     The interval has more digits if its ends would look equal. A number that is not 0 has as many
@@ -433,15 +436,13 @@ def format_signed(size: Size, unit: str = "", sign: str = "+") -> str:
     return _format_interval(size, unit, decimals_of(max(map(abs, finite), default=0.0)), sign)
 
 
-def _format_interval(size: Size, unit: str, digits: int, sign: str) -> str:
+def _format_interval(size: ThreeNumbers, unit: str, digits: int, sign: str = "") -> str:
     """A size with its unit and interval: so many decimals, or more if its ends would look equal."""
-    while size.q025 < size.q975 and digits < _MOST_DECIMALS:
-        if round(size.q025, digits) < round(size.q975, digits):
-            break
+    low, _, high = size
+    while low < high and digits < _MOST_DECIMALS and round(low, digits) >= round(high, digits):
         digits += 1
-    low, median, high = (_format_finite(value, digits, sign) for value in size)
-    estimate = f"{median} {unit}".rstrip()
-    return f"{estimate} [{low}, {high}]"
+    low_text, median_text, high_text = (_format_finite(value, digits, sign) for value in size)
+    return format_estimate(low_text, median_text, high_text, unit)
 
 
 def decimals_of(value: float) -> int:
@@ -474,7 +475,7 @@ def format_number(value: float) -> str:
     return _format_finite(float(f"{value:.2g}"), decimals_of(abs(value)))
 
 
-def format_share(size: Size, sign: str = "") -> str:
+def format_share(size: ThreeNumbers, sign: str = "") -> str:
     """A share with its 95 % interval, in per cent; a contraction is a share of the way to the mean.
 
     `sign` '+' shows the sign always.
@@ -484,7 +485,7 @@ def format_share(size: Size, sign: str = "") -> str:
     >>> format_share(Size(-0.001, 0.16, 0.22)), format_share(Size(0.1, 0.2, 0.3), "+")
     ('16 % [-0.1, 22]', '+20 % [+10, +30]')
     """
-    return _format_interval(Size(*(100.0 * value for value in size)), "%", 0, sign)
+    return _format_interval([100.0 * value for value in size], "%", 0, sign)
 
 
 def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit: str = "") -> str:
@@ -499,15 +500,14 @@ def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit
     >>> format_draws(np.linspace(0.0, 2.0, 201), 201.0, 3)
     '1.00 [0.05, 1.95]'
     """
-    probabilities = list(QUANTILES.values())
-    quantiles = np.quantile(draws, probabilities)
-    error = float(quantile_errors(draws, probabilities, n_effective).max())
+    quantiles = np.quantile(draws, PROBABILITIES)
+    error = float(quantile_errors(draws, PROBABILITIES, n_effective).max())
     decimals = most_decimals
     if 0.0 < error < np.inf:  # 0.0096 is 0.01 as it is printed with one digit
         decimals = min(decimals, -int(f"{error:.0e}".partition("e")[2]))
     if decimals < 0:
         quantiles, decimals = np.round(quantiles, decimals), 0
-    return _format_interval(Size(*quantiles.tolist()), unit, decimals, "")
+    return _format_interval(quantiles.tolist(), unit, decimals)
 
 
 def format_decimals(value: float) -> str:
@@ -587,8 +587,7 @@ def word_of_bayes_factor(log_bayes_factor: float) -> Word:
     >>> str(word_of_bayes_factor(2.9)), str(word_of_bayes_factor(-0.9))
     ('probably', 'undecided')
     """
-    probability = 1.0 / (1.0 + np.exp(-log_bayes_factor))
-    return word_for(float(probability), log_bayes_factor)
+    return word_for(float(expit(log_bayes_factor)), log_bayes_factor)
 
 
 # --- From evidences to the answer ----------------------------------------------------------------
@@ -725,26 +724,19 @@ def _size_flags(
 ) -> list[str]:
     """Flags of sizes that rest on the prior."""
     flags = []
-    largest_difference = float(np.abs(evidence.subject.s2 - evidence.subject.s1).max())
-    if _median_size(with_error, "constant_error") > largest_difference:
+    subject, scales = evidence.subject, evidence.subject.scales
+    error, contraction = with_error.quantities, with_contraction.quantities
+    median_error = _size(with_error, np.abs(error["constant_error"])).q50
+    if median_error > np.abs(subject.s2 - subject.s1).max():
         flags.append(OUTSIDE_FLAG)
-    median_contraction = _median_size(
-        with_contraction, "contraction", evidence.subject.scales.first_spread
-    )
-    if median_contraction > _FAR_ROVING * evidence.subject.scales.step:
+    roving = np.abs(contraction["contraction"]) * scales.first_spread
+    if _size(with_contraction, roving).q50 > _FAR_ROVING * scales.step:
         flags.append(ROVING_FLAG)
     return flags
 
 
-def _median_size(draws: OrderDraws, quantity: str, factor: float = 1.0) -> float:
-    """Weighted median of the absolute value of a quantity times a factor."""
-    size = np.abs(draws.quantities[quantity]) * factor
-    (median,) = draws.quantiles(size, [0.5])
-    return median
-
-
 def _size(draws: OrderDraws, values: FloatArray) -> Size:
-    return Size(*draws.quantiles(values, tuple(QUANTILES.values())))
+    return Size(*draws.quantiles(values, PROBABILITIES))
 
 
 def _error_flags(evidence: OrderEvidence) -> list[str]:
@@ -814,11 +806,8 @@ def answer_evidence(
     evidence: OrderEvidence, seed: int, flags: Sequence[Finding] = ()
 ) -> OrderEffect:
     """The answer of the subject whose evidences are known."""
-    subject, mode = evidence.subject, evidence.modes[MODEL_NAMES.index("both")]
-    posterior = OrderModel("both").posterior(subject, evidence.prior)
-    screen = serial_screen(subject, posterior, mode)
-    fit = best_model_fit(evidence, seed)
-    return order_effect(evidence, identify(subject), flags, fit, screen)
+    fit, screen = best_model_fit(evidence, seed), subject_screen(evidence)
+    return order_effect(evidence, identify(evidence.subject), flags, fit, screen)
 
 
 def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:

@@ -18,10 +18,10 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from bayes_toe.answers.order_effect import QUANTILES, format_decimals
-from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
-from bayes_toe.answers.words import Word, word_for
-from bayes_toe.arrays import BoolArray, FloatArray, StrPath
+from bayes_toe.answers.order_effect import PROBABILITIES, QUANTILES, format_decimals
+from bayes_toe.answers.serial_screen import SerialScreen, subject_screen
+from bayes_toe.answers.words import word_for
+from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.data.messages import format_estimate
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
@@ -46,7 +46,7 @@ from bayes_toe.workers import Progress, Workers
 
 #: The four models, in the order of their evidences, and which have each effect.
 HISTORIES = ("static", "previous_response", "carry_over", "carry_over_and_previous_response")
-EFFECT_MODELS: Mapping[str, BoolArray] = {
+EFFECT_MODELS = {
     "carry_over": np.array([False, False, True, True]),
     "previous_response": np.array([False, True, False, True]),
 }
@@ -131,7 +131,7 @@ class SubjectDependence:
         if not self.has_result:
             return ""
         word = word_for(self.probability(effect), self.log_bayes_factor(effect))
-        if effect == "previous_response" and word in (Word.YES, Word.PROBABLY):
+        if effect == "previous_response" and word.is_positive:
             direction = "repetition" if self.kappa[1] > 0.0 else "alternation"
             return f"{word} ({direction})"
         return str(word)
@@ -143,10 +143,9 @@ class SubjectDependence:
 
     def history(self, name: str) -> TrialHistory:
         """The model behind one of :data:`HISTORIES`."""
-        i = HISTORIES.index(name)
-        has_carry_over = bool(EFFECT_MODELS["carry_over"][i])
-        order = OrderModel(self.order_models[int(has_carry_over)])
-        return TrialHistory(order, bool(EFFECT_MODELS["previous_response"][i]), has_carry_over)
+        has_carry_over = "carry_over" in name
+        order = OrderModel(self.order_models[has_carry_over])
+        return TrialHistory(order, "previous_response" in name, has_carry_over)
 
     @property
     def cells(self) -> Mapping[str, object]:
@@ -257,21 +256,17 @@ def _dependences(
 def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     """The serial dependence of one subject from the evidences of the four models of order."""
     subject, prior = evidence.subject, evidence.prior
-    posterior = OrderModel("both").posterior(subject, prior)
-    row = SubjectDependence(
-        subject.name,
-        _order_models(evidence),
-        screen=serial_screen(subject, posterior, evidence.modes[MODEL_NAMES.index("both")]),
-    )
+    screen = subject_screen(evidence)
+    row = SubjectDependence(subject.name, _order_models(evidence), screen=screen)
     static = evidence.draws[MODEL_NAMES.index(row.order_models[0])]
-    histories, draws = list[TrialHistoryPosterior](), [static]
+    histories, draws = [], [static]
     for name in HISTORIES[1:]:
         history = TrialHistoryPosterior(subject, row.history(name), prior)
         histories.append(history)
         draws.append(_sample(history, evidence, seed))
         if not np.isfinite(draws[-1].log_evidence):
             note = f"model {history.model.name!r}: its evidence is not a finite number"
-            return SubjectDependence(subject.name, screen=row.screen, note=note)
+            return SubjectDependence(subject.name, screen=screen, note=note)
 
     models = ModelSet.from_draws(draws, _EQUAL)
     rng = generator(seed, subject.name, "history draws")
@@ -321,5 +316,5 @@ def _quantiles(
     has_effect, values = EFFECT_MODELS[effect], []
     for i in np.flatnonzero(has_effect).tolist():  # the first model, without history, has neither
         values.append(histories[i - 1].quantities(models.draws[i].x)[effect])
-    joined = np.concatenate(values), models.weights(has_effect)
-    return tuple(weighted_quantiles(*joined, tuple(QUANTILES.values())))
+    weights = models.weights(has_effect)
+    return tuple(weighted_quantiles(np.concatenate(values), weights, PROBABILITIES))

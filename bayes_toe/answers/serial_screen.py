@@ -1,6 +1,6 @@
 """A quick look whether answers depend on the trials before: score tests.
 
-`serial_screen` gives the p-values of a subject.
+`serial_screen` gives the p-values of a subject, `subject_screen` at the maximum of a model.
 
 The null hypothesis has a free frequency for each pair, so that no curve is assumed. Given how often
 each pair got each answer, every order of a pair's answers is equally probable. A pair has n trials
@@ -26,7 +26,6 @@ Its reference is the same sum with the answers to each pair in random order.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +34,8 @@ from scipy.special import chdtrc
 from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.checks.alarm_rate import simulated_p_value
 from bayes_toe.data.study import Subject
-from bayes_toe.model.models import ObserverPosterior
+from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence
+from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import CONSTANT_ERROR, task_parameters
 from bayes_toe.model.trial_history import TrialSequence, knows_order
 from bayes_toe.seeds import generator
@@ -68,17 +68,23 @@ class SerialScreen:
     moving_criterion_p: float | None = None
 
 
-def serial_screen(subject: Subject, posterior: ObserverPosterior, mode: FloatArray) -> SerialScreen:
-    """Score tests of the answers in their order.
+def subject_screen(evidence: OrderEvidence) -> SerialScreen:
+    """The score tests of a subject at the maximum of the model 'both'."""
+    posterior = OrderModel("both").posterior(evidence.subject, evidence.prior)
+    return serial_screen(posterior, evidence.modes[MODEL_NAMES.index("both")])
+
+
+def serial_screen(posterior: ObserverPosterior, mode: FloatArray) -> SerialScreen:
+    """Score tests of the answers of a subject in their order.
 
     Parameters
     ----------
-    subject : Subject
     posterior : ObserverPosterior
-        That of the model 'both'.
+        That of the subject under the model 'both'.
     mode : array, shape (k,)
         Its maximum.
     """
+    subject = posterior.subject
     asked = subject.two_answers
     if asked is None or not knows_order(subject):
         return SerialScreen()
@@ -86,11 +92,10 @@ def serial_screen(subject: Subject, posterior: ObserverPosterior, mode: FloatArr
     if subject.task.has_three_answers:
         slopes = slopes[subject.n_trials > subject.n_yes]
     scores, variance = _scores(asked, slopes)
-    last_trial = (_ANSWER, _FIRST, _SECOND)
     return SerialScreen(
-        joint_p=_p_value(scores, variance, last_trial, adjusted_for=()),
-        answer_p=_p_value(scores, variance, (_ANSWER,), adjusted_for=(_FIRST, _SECOND)),
-        stimuli_p=_p_value(scores, variance, (_FIRST, _SECOND), adjusted_for=(_ANSWER,)),
+        joint_p=_p_value(scores, variance, _ANSWER, _FIRST, _SECOND),
+        answer_p=_p_value(scores, variance, _FIRST, _SECOND, _ANSWER, n_adjusted=2),
+        stimuli_p=_p_value(scores, variance, _ANSWER, _FIRST, _SECOND, n_adjusted=1),
         moving_criterion_p=_moving_criterion_p(asked),
     )
 
@@ -135,9 +140,9 @@ def _scores(subject: Subject, slopes: FloatArray) -> ArrayPair:
     is_same_pair = is_tested[previous] & (trials.pair[previous] == pair)
 
     residual = is_yes - (k / n_safe)[pair]
-    for i in range(3):
-        pair_mean = np.bincount(pair, regressors[i], n_pairs) / n_safe
-        regressors[i] -= pair_mean[pair]
+    for regressor in regressors:
+        pair_mean = np.bincount(pair, regressor, n_pairs) / n_safe
+        regressor -= pair_mean[pair]
     variance = (regressors * pair_variance[pair]) @ regressors.T
     scores = regressors @ residual
     scores[_ANSWER] += correction[pair[is_same_pair]].sum()
@@ -190,28 +195,25 @@ def _moving_criterion_p(subject: Subject) -> float | None:
 
 
 def _p_value(
-    scores: FloatArray, variance: FloatArray, tested: Sequence[int], adjusted_for: Sequence[int]
+    scores: FloatArray, variance: FloatArray, *columns: int, n_adjusted: int = 0
 ) -> float | None:
-    """p-value of some regressors beyond others; None where they have no information beyond them."""
-    statistic, n_free = _chi_square(scores, variance, [*adjusted_for, *tested])
-    base_statistic, n_base = _chi_square(scores, variance, list(adjusted_for))
-    if n_free == n_base:
-        return None
-    return float(chdtrc(n_free - n_base, max(statistic - base_statistic, 0.0)))
+    """p-value of regressors given the first ones; None where they say nothing beyond those.
 
-
-def _chi_square(
-    scores: FloatArray, variance: FloatArray, columns: Sequence[int]
-) -> tuple[float, int]:
-    """U' V^-1 U of some regressors, and its degrees of freedom: the rank of V."""
-    statistic, n_free, remaining = 0.0, 0, variance
-    for i in columns:
+    U' V^-1 U has a term for each regressor given those before it. The degrees of freedom are the
+    rank of V.
+    """
+    statistics, remaining = [0.0], variance
+    n_free = 0
+    for position, i in enumerate(columns):
         own_variance, own_score = remaining[i, i], scores[i]
-        if own_variance <= _COLLINEAR * variance[i, i]:
-            continue
-        statistic += own_score**2 / own_variance
-        n_free += 1
-        slope = remaining[:, i] / own_variance
-        scores = scores - slope * own_score
-        remaining = remaining - np.outer(slope, remaining[i])
-    return float(statistic), n_free
+        statistic = statistics[-1]
+        if own_variance > _COLLINEAR * variance[i, i]:
+            statistic += own_score**2 / own_variance
+            n_free += position >= n_adjusted
+            slope = remaining[:, i] / own_variance
+            scores = scores - slope * own_score
+            remaining = remaining - np.outer(slope, remaining[i])
+        statistics.append(statistic)
+    if not n_free:
+        return None
+    return float(chdtrc(n_free, max(statistics[-1] - statistics[n_adjusted], 0.0)))

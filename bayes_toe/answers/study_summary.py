@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from bayes_toe.answers.group_answer import LABELS
+from bayes_toe.answers.group_answer import LABELS, log_factor_of_mean
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, word_of_bayes_factor
 from bayes_toe.answers.words import Word, claim
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
@@ -63,7 +63,10 @@ def study_lines(
     of_total = f" of {count_all(counted_answers, noun, units)}"
     lines = [meaning]
     for question in QUESTIONS:
-        text = _count_answers(counted_answers, question, of_total)
+        words = [answer.word(question) for answer in counted_answers]
+        text = count_words(words, of_total)
+        if set(words) == {Word.CANNOT_BE_TOLD}:
+            text = f"{Word.CANNOT_BE_TOLD} in any subject"
         lines.append(f"{capitalized(question.replace('_', ' '))}: {text}.")
         of_total = ""
     return lines + misfit_lines(counted_answers)
@@ -220,7 +223,7 @@ def _near_0(group: PopulationResult | None, effect: str) -> str:
     if group is None or effect not in group.identified:
         return ""
     mean = group.table.row("mean", effect)
-    may_differ = word_of_bayes_factor(-(mean.ln_bf_zero or 0.0)).is_positive
+    may_differ = word_of_bayes_factor(log_factor_of_mean(group, effect)).is_positive
     if may_differ or not mean.q025 <= 0.0 <= mean.q975:
         return ""
     if max(-mean.q025, mean.q975) <= _NEAR_0 * group.table.row("sd", effect).q50:
@@ -230,7 +233,7 @@ def _near_0(group: PopulationResult | None, effect: str) -> str:
 
 def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
     """The subjects whom the model does not fit, and the effects that are fewer without them."""
-    misfits, good_fits = list[OrderEffect](), list[OrderEffect]()
+    misfits, good_fits = [], []
     for answer in answers:
         if answer.fits is False:
             misfits.append(answer)
@@ -282,7 +285,7 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
     for text in sorted(words):
         word, _, direction = text.removesuffix(")").partition(" (")
         directions.setdefault(word, []).append(direction)
-    parts = list[str]()
+    parts = []
     for word in dict.fromkeys([*map(str, Word), *directions]):
         if word not in directions:
             continue
@@ -295,14 +298,6 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
         parts.append(text)
         of_total = ""
     return ", ".join(parts)
-
-
-def _count_answers(answers: Sequence[OrderEffect], question: str, of_total: str) -> str:
-    """How many subjects have each word, as in '4 of 7 subjects yes, 1 probably'."""
-    words = [answer.word(question) for answer in answers]
-    if set(words) == {Word.CANNOT_BE_TOLD}:
-        return f"{Word.CANNOT_BE_TOLD} in any subject"
-    return count_words(words, of_total)
 
 
 def count_all(answers: Sequence[OrderEffect], noun: str, units: bool) -> str:

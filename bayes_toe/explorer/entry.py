@@ -243,16 +243,17 @@ class Entry:
         if counts.unit.of_stimuli:
             plane = _packed_scale(stimulus_scale("first stimulus", counts.unit, 0.0, ends), ends)
 
-        fitted, panels = Predictor(target, x), slices(counts)
-        has_titles = len(panels) > 1
+        # The six slices with the most trials, in the order of the fixed stimulus.
+        keys = slice_keys(counts).tolist()
+        shown_keys, fitted = sorted(keys[:6]), Predictor(target, x)
         return {
             "pairs": {
                 **{key: values.tolist() for key, values in pairs.items()},
                 "stimuli": [text.replace("-", "−") for text in stimuli],
             },
             "plane": plane,
-            "slices": [panel.packed(fitted, has_title=has_titles) for panel in panels],
-            "undrawn": len(slice_keys(counts)) - len(panels),
+            "slices": [pack_slice(fitted, key, has_title=len(keys) > 1) for key in shown_keys],
+            "undrawn": len(keys) - len(shown_keys),
             "ends": ends,
             "axis": text_of(axis(self.quantities, target.sbar, ends)[:, index]),
         }
@@ -382,59 +383,55 @@ def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
 # --- curves ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class Slice:
-    """Pairs with one weaker stimulus (ln).
+def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
+    """Pairs with one fixed stimulus (ln), and curves over them, as the page stores them.
 
-    One panel of curves shows them. In 'which is stronger' they have one first stimulus.
+    One panel of curves shows them. There is a curve for each order: -1 weaker first, 1 stronger
+    first, 0 equal stimuli of several intensities, and the only curve of 'which is stronger'.
 
-    Attributes
+    Parameters
     ----------
-    counts : Subject
-    weaker : float
-        The first stimulus in 'which is stronger'.
-    pairs : ndarray
-        Which of the subject's pairs these are.
-    x : ndarray, shape (POINTS,)
-        The stronger stimulus along the curves, or s2 - s1.
-    orders : tuple of int
-        The orders that have a curve: -1 weaker first, 1 stronger first, 0 equal stimuli of several
-        intensities, and the only curve of 'which is stronger'.
+    fitted : Predictor
+    fixed : float
+        The weaker stimulus of the pairs, or the first one in 'which is stronger'.
+    has_title : bool
+        Whether the fixed stimulus stands above the panel.
     """
+    counts = fitted.target.subject
+    unit, is_by_first = counts.unit, counts.task == WHICH_STRONGER
+    position, order = along(counts), presentation_order(counts)
+    is_member = _fixed(counts) == fixed
+    if is_by_first:
+        orders, start = [0], float(position.min() - 0.04 * np.ptp(position))
+    else:
+        is_equal = (order == 0) & (position >= fixed)
+        is_member |= is_equal
+        orders, start = [sign for sign in (-1, 1) if sign in order[is_member]], fixed
+        if is_equal.sum() > 1 or not orders:
+            orders.append(0)
+        position = position[is_member]
 
-    counts: Subject
-    weaker: float
-    pairs: IndexArray
-    x: FloatArray
-    orders: tuple[int, ...]
+    end = float(position.max())
+    # A curve goes on beyond its last pair.
+    x = np.linspace(start, end + 0.04 * max(end - start, 1e-9), POINTS)
+    ends = [float(x[0]), float(x[-1])]
+    same = np.full_like(x, fixed)
+    presented = {-1: (same, x), 1: (x, same), 0: (x, x)}
+    scale = stimulus_scale("stronger stimulus", unit, 0.0, ends)
+    if is_by_first:
+        presented[0] = same, same + x
+        scale = difference_scale(unit, ends)
+    curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])
 
-    def title(self) -> str:
-        """Its stimulus, which stands above its panel."""
-        stimulus = self.counts.unit.describe(self.weaker).replace("-", "−")
-        return f"{self.counts.task.slice_stimulus} stimulus {stimulus}"
-
-    def packed(self, fitted: Predictor, *, has_title: bool) -> Record:
-        """The slice as the page stores it."""
-        unit, ends = self.counts.unit, [float(self.x[0]), float(self.x[-1])]
-        scale = stimulus_scale("stronger stimulus", unit, 0.0, ends)
-        if self.counts.task == WHICH_STRONGER:
-            scale = difference_scale(unit, ends)
-        return {
-            "title": self.title() if has_title else "",
-            "pairs": self.pairs.tolist(),
-            "x": self.x.tolist(),
-            "scale": _packed_scale(scale, ends) if unit.of_stimuli else None,
-            "orders": self.orders,
-            "yes": text_of(np.rint(self.yes(fitted) * 65535), "<u2"),
-        }
-
-    def yes(self, fitted: Predictor) -> FloatArray:
-        """P of the counted answer at every draw, shape (orders, POINTS, draws)."""
-        fixed = np.full_like(self.x, self.weaker)
-        presented = {-1: (fixed, self.x), 1: (self.x, fixed), 0: (self.x, self.x)}
-        if self.counts.task == WHICH_STRONGER:
-            presented = {0: (fixed, fixed + self.x)}
-        return np.stack([fitted.yes(*presented[order]).T for order in self.orders])
+    title = f"{counts.task.slice_stimulus} stimulus {unit.describe(fixed)}".replace("-", "−")
+    return {
+        "title": title if has_title else "",
+        "pairs": np.flatnonzero(is_member).tolist(),
+        "x": x.tolist(),
+        "scale": _packed_scale(scale, ends) if unit.of_stimuli else None,
+        "orders": orders,
+        "yes": text_of(np.rint(curves * 65535), "<u2"),
+    }
 
 
 def _packed_scale(scale: Scale, ends: Sequence[float]) -> Record | None:
@@ -443,11 +440,6 @@ def _packed_scale(scale: Scale, ends: Sequence[float]) -> Record | None:
         return None
     positions, texts = scale.ticks(*ends)
     return {"label": scale.label, "at": positions.tolist(), "texts": texts}
-
-
-def slices(counts: Subject) -> list[Slice]:
-    """The six slices with the most trials, in the order of the fixed stimulus."""
-    return [_slice(counts, fixed) for fixed in sorted(slice_keys(counts)[:6].tolist())]
 
 
 def slice_keys(counts: Subject) -> FloatArray:
@@ -479,27 +471,6 @@ def along(counts: Subject) -> FloatArray:
     if counts.task == WHICH_STRONGER:
         return counts.s2 - counts.s1
     return np.maximum(counts.s1, counts.s2)
-
-
-def _slice(counts: Subject, fixed: float) -> Slice:
-    position, order = along(counts), presentation_order(counts)
-    is_member = _fixed(counts) == fixed
-    if counts.task == WHICH_STRONGER:
-        orders = [0]
-        start = float(position.min() - 0.04 * np.ptp(position))
-    else:
-        is_equal = (order == 0) & (position >= fixed)
-        is_member |= is_equal
-        orders = [sign for sign in (-1, 1) if sign in order[is_member]]
-        if is_equal.sum() > 1 or not orders:
-            orders.append(0)
-        start = fixed
-        position = position[is_member]
-    end = float(position.max())
-    # A curve goes on beyond its last pair.
-    x = np.linspace(start, end + 0.04 * max(end - start, 1e-9), POINTS)
-    index = np.flatnonzero(is_member)
-    return Slice(counts, fixed, index, x, tuple(orders))
 
 
 def axis(quantities: NamedArrays, sbar: float, ends: Sequence[float]) -> FloatArray:

@@ -33,14 +33,15 @@ from bayes_toe.plots.style import (
 #: Quantities whose mean difference in a group has the unit of a subject's difference.
 _OF_GROUPS = (CONSTANT_ERROR, CONTRACTION)
 _NONE = "no difference, or probably none"
-#: How a difference is drawn by its word: face of the mark, colour, words of the legend.
-_MARKS = {
-    WORDS[0]: (POSTERIOR, POSTERIOR, WORDS[0]),
-    WORDS[1]: ("#9CC4E4", POSTERIOR, WORDS[1]),
-    WORDS[2]: ("white", EQUAL, WORDS[2]),
-    WORDS[3]: ("#C9C9C9", EQUAL, _NONE),
-    WORDS[4]: ("#C9C9C9", EQUAL, _NONE),
-}
+#: How a difference is drawn, in the order of the words: face of the mark, colour, words of the
+#: legend.
+_MARKS = (
+    (POSTERIOR, POSTERIOR, WORDS[0]),
+    ("#9CC4E4", POSTERIOR, WORDS[1]),
+    ("white", EQUAL, WORDS[2]),
+    ("#C9C9C9", EQUAL, _NONE),
+    ("#C9C9C9", EQUAL, _NONE),
+)
 
 
 def contrast(
@@ -68,7 +69,8 @@ def contrast(
     for (row, column), ax in np.ndenumerate(panels):
         quantity, comparison = quantities[column], comparisons[row]
         rows = table.select(quantity, comparison)
-        unit = _shown_unit(table, rows)
+        # p is small in any unit.
+        unit = table.unit.for_percent([row.interval(UNKNOWN_UNIT) for row in rows])
         _draw_subjects(ax, table, rows, unit)
         if group is not None:
             _draw_group(ax, group, quantity, comparison, unit)
@@ -93,11 +95,6 @@ def contrast(
     return figure
 
 
-def _shown_unit(table: ContrastTable, rows: Sequence[Difference]) -> StimulusUnit:
-    """The unit of differences that suits these rows; p is small in any."""
-    return table.unit.for_percent([row.interval(UNKNOWN_UNIT) for row in rows])
-
-
 def _draw_subjects(
     ax: Axes, table: ContrastTable, rows: Sequence[Difference], unit: StimulusUnit
 ) -> None:
@@ -110,8 +107,9 @@ def _draw_subjects(
 
     zero_line(ax)
     words = {row.word for row in table}
-    for word in filter(words.__contains__, WORDS):
-        face, colour, label = _MARKS[word]
+    for word, (face, colour, label) in zip(WORDS, _MARKS, strict=True):
+        if word not in words:
+            continue
         of_word = [row for row in rows if row.word == word]
         y = [subjects.index(row.subject) for row in of_word]
         sizes = np.array([row.interval(unit) for row in of_word]).reshape(-1, 3)

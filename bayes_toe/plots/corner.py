@@ -112,7 +112,6 @@ def corner(
     truths = truths or {}
     _require_by_subject(truths)
     subject_names = _subject_names(subject)
-    is_single = len(subject_names) == 1
     targets = [draws.posterior(name) for name in subject_names]
     names = quantity_names(targets[0], coordinates)
     quantities_of_subjects = []
@@ -132,18 +131,17 @@ def corner(
         subjects.append(_SubjectDraws(target, names, np.stack(columns), truth, colour, line))
 
     lowest, highest = np.min(limits, axis=0)[:, 0], np.max(limits, axis=0)[:, 1]
-    spans = list(zip(lowest.tolist(), highest.tolist(), strict=True))
+    spans = np.column_stack([lowest, highest]).tolist()
     figure = _new_figure(len(spans)) if fig is None else fig
     for panel in subjects:
-        _draw_posterior(figure, panel, spans, is_single=is_single)
-    diagonal = np.array(figure.axes).reshape(len(spans), len(spans)).diagonal()
+        axes = _draw_posterior(figure, panel, spans, is_single=len(subjects) == 1)
     if prior is not None:
         for panel in subjects:
-            _draw_prior(diagonal, panel, spans, draws.model, prior)
-    for ax in diagonal:
+            _draw_prior(axes.diagonal(), panel, spans, draws.model, prior)
+    for ax in axes.diagonal():
         densities = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == _FINE]
         ax.set_ylim(0.0, 1.1 * np.max(densities))
-    _arrange_ticks(figure, len(spans))
+    _arrange_ticks(axes)
     _write_key(figure, draws, subjects, spans, has_prior=prior is not None)
     return figure
 
@@ -397,13 +395,15 @@ def corner_package() -> Any:
 
 def _draw_posterior(
     figure: Figure, panel: _SubjectDraws, spans: Sequence[Span], *, is_single: bool
-) -> None:
-    """Densities, contours and true values of one subject, over what the panels have already."""
-    library = corner_package()
-    library.corner(
+) -> npt.NDArray[Any]:
+    """Draw densities, contours and true values of one subject; return the panels.
+
+    They are drawn over what the panels have already.
+    """
+    corner_package().corner(
         panel.columns.T,
         fig=figure,
-        range=list(spans),
+        range=spans,
         labels=[axis_label(name, panel.target.subject.unit) for name in panel.names],
         label_kwargs={"fontsize": 9.5},
         labelpad=0.05,
@@ -418,31 +418,32 @@ def _draw_posterior(
     )
 
     axes = np.array(figure.axes).reshape(len(spans), len(spans))
+    style: Style = {"color": panel.colour, "mec": "black", "mew": 0.8, "zorder": 5}
     for j, i in combinations(range(len(spans)), 2):
+        ax, x, y = axes[i, j], panel.truth[j], panel.truth[i]
         density = Density.from_draws(panel.columns[j], panel.columns[i], spans[j], spans[i])
-        _draw_contours(axes[i, j], density, panel, filled=is_single)
-    for ax, values, span in zip(axes.diagonal(), panel.columns, spans, strict=True):
-        ax.plot(*_smooth_density(values, span), color=panel.colour, lw=1.4, ls=panel.line)
+        _draw_contours(ax, density, panel, filled=is_single)
+        if is_single:
+            ax.plot(x, y, "s", color=TRUTH)
+            ax.axvline(x, color=TRUTH)
+            ax.axhline(y, color=TRUTH)
+        else:  # lines would be taken for medians
+            ax.plot(x, y, "s", ms=5, **style)
 
-    if is_single:
-        for ax, values in zip(axes.diagonal(), panel.columns, strict=True):
-            low, median, high = np.quantile(values, MARKED)
+    diagonal = zip(axes.diagonal(), panel.columns, spans, panel.truth, strict=True)
+    for ax, values, span, true_value in diagonal:
+        ax.plot(*_smooth_density(values, span), color=panel.colour, lw=1.4, ls=panel.line)
+        low, median, high = np.quantile(values, MARKED)
+        if is_single:
             texts = rounded(low, high, low, median, high)
             if len(texts[1]) > 9:
                 texts = list(map("{:.2g}".format, (low, median, high)))
             ax.set_title(format_estimate(*texts), fontsize=9.0)
-        library.overplot_points(figure, [panel.truth], marker="s", color=TRUTH)
-        for row, column in np.argwhere(np.tri(len(spans))):
-            axes[row, column].axvline(panel.truth[column], color=TRUTH)
-            if row != column:
-                axes[row, column].axhline(panel.truth[row], color=TRUTH)
-    else:  # lines would be taken for medians
-        style: Style = {"color": panel.colour, "mec": "black", "mew": 0.8, "zorder": 5}
-        library.overplot_points(figure, [panel.truth], marker="s", ms=5, **style)
-        medians = np.median(panel.columns, axis=1)
-        for ax, median, value in zip(axes.diagonal(), medians, panel.truth, strict=True):
+            ax.axvline(true_value, color=TRUTH)
+        else:
             ax.axvline(median, color=panel.colour, lw=1.0, ls=panel.line)
-            ax.plot(value, 0.0, "^", ms=7, clip_on=False, **style)
+            ax.plot(true_value, 0.0, "^", ms=7, clip_on=False, **style)
+    return axes
 
 
 def _draw_contours(ax: Axes, density: Density, panel: _SubjectDraws, *, filled: bool) -> None:
@@ -492,19 +493,18 @@ def _new_figure(n_panels: int) -> Figure:
     return Figure(figsize=(side, high))
 
 
-def _arrange_ticks(figure: Figure, n_panels: int) -> None:
+def _arrange_ticks(axes: npt.NDArray[Any]) -> None:
     """Leave out ticks near an end; write an offset or a power of ten beside the name of its axis.
 
     Otherwise they touch the tick labels of the next panel.
     """
-    for ax in figure.axes:
+    for ax in axes.flat:
         for axis in (ax.xaxis, ax.yaxis):
             low, high = axis.get_view_interval()
             margin = 0.06 * (high - low)
             ticks = np.asarray(axis.get_majorticklocs())
             axis.set_ticks(ticks[(ticks >= low + margin) & (ticks <= high - margin)])
 
-    axes = np.array(figure.axes).reshape(n_panels, n_panels)
     for axis in [*(ax.xaxis for ax in axes[-1]), *(ax.yaxis for ax in axes[1:, 0])]:
         formatter = axis.get_major_formatter()
         formatter.format_ticks(axis.get_majorticklocs())
@@ -523,8 +523,13 @@ def _write_key(
     has_prior: bool,
 ) -> None:
     """Subjects, model, lines and marks: above few panels, or in the corner that more leave free."""
-    style: Style = {"frameon": False, "borderaxespad": 0.4, "labelspacing": 0.35}
-    style |= {"loc": "upper right", "alignment": "left"}
+    style: Style = {
+        "loc": "upper right",
+        "alignment": "left",
+        "frameon": False,
+        "borderaxespad": 0.4,
+        "labelspacing": 0.35,
+    }
     if len(spans) <= _FEW_PANELS:
         style["loc"] = "upper left"
         margins = figure.subplotpars

@@ -35,7 +35,7 @@ from bayes_toe.plots.style import (
     SMALL,
     Mark,
     Style,
-    difference_scale,
+    difference_axis,
     draw_band,
     even_columns,
     explain_curves,
@@ -49,7 +49,6 @@ from bayes_toe.plots.style import (
     rows_by_order,
     stimulus_axis,
     write_note,
-    zero_line,
 )
 
 #: Panels of one stimulus each, at most; pooled points of an order in a panel.
@@ -223,8 +222,7 @@ def first_panel(ax: Axes, counts: Subject, curve: Curve, firsts: FloatArray) -> 
         draw_shares(ax, difference[rows], counts.n_yes[rows], counts.n_trials[rows], mark)
     if counts.task == WHICH_STRONGER:
         _draw_half(ax, "one half: PSE")
-    zero_line(ax)
-    difference_scale(counts.unit, ax.get_xlim()).draw(ax)
+    difference_axis(ax, counts.unit)
     ax.set_ylabel(f"proportion '{counts.task.yes}'")
 
 
@@ -243,8 +241,7 @@ def three_panel(ax: Axes, counts: Subject, fitted: Predictor, firsts: FloatArray
         n_given = cast(IntArray, n_answers)
         mark = _ANSWER_MARKS[answer]
         _draw_pooled(ax, groups * counts.n_trials, steps, expected[answer], n_given, mark, shift)
-    zero_line(ax)
-    difference_scale(counts.unit, ax.get_xlim()).draw(ax)
+    difference_axis(ax, counts.unit)
     ax.set_ylabel("proportion")
 
 

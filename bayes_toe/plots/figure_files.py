@@ -19,7 +19,7 @@ from bayes_toe.errors import InputError, require_number
 from bayes_toe.plots.style import any_characters
 
 #: Metadata that would differ from one writing to the next, by format.
-_UNDATED: dict[str, dict[str, None]] = {
+_UNDATED = {
     "png": {"Software": None},
     "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     "svg": {"Date": None, "Creator": None},

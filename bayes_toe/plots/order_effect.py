@@ -39,12 +39,13 @@ from bayes_toe.plots.style import (
 
 
 class QuestionStyle(NamedTuple):
-    """Colour and marker of an effect, and the size that a forest shows."""
+    """Colour and marker of an effect, and the size of a subject and of a group in a forest."""
 
     name: str
     colour: str
     marker: str
     size: str
+    group_size: str
     title: str
     axis: str
 
@@ -56,6 +57,7 @@ QUESTION_STYLES = (
         "#00805D",
         "s",
         "pse_shift_percent",
+        "pse_shift_percent",
         "Constant error: PSE shift",
         "PSE shift ({unit})\nabove 0: first stimulus overestimated",
     ),
@@ -64,6 +66,7 @@ QUESTION_STYLES = (
         "#C06A9B",
         "D",
         "contraction_p",
+        "contraction",
         "Contraction",
         "% of the way to the mean\nbelow 0: repulsion",
     ),
@@ -184,10 +187,8 @@ def _sizes(
             sizes[row] = answer.sizes[question.size]
     unit = answers[0].unit.for_percent(_limits(sizes))
     if group is not None and question.name in group.identified:
-        is_percent = question.size.endswith("percent")
-        quantity = question.size if is_percent else question.name
-        sizes[-1] = group.table.row("mean", quantity).interval
-    if question.size.endswith("percent"):
+        sizes[-1] = group.table.row("mean", question.group_size).interval
+    if question.name == "constant_error":
         sizes = unit.from_percent(sizes)
     return sizes, unit
 

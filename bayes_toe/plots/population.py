@@ -91,17 +91,14 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
     figure.suptitle(_heading(result), fontsize=LETTERS + 1.0, color=colour)
     parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
 
-    panels = parts[0].subplots(1, len(names), squeeze=False, sharey=True)[0]
-    for name, ax in zip(names, panels, strict=True):
-        forest(ax, result, name)
+    for part, draw in zip(parts, (forest, prior_panel), strict=False):
+        panels = part.subplots(1, len(names), squeeze=False, sharey=draw is forest)[0]
+        for name, ax in zip(names, panels, strict=True):
+            draw(ax, result, name)
+        legend_below(part, side="upper")
     if is_crowded:
-        panels[0].set_ylabel(f"{n_subjects:,} subjects, sorted in each panel", fontsize=LETTERS)
-    legend_below(parts[0], columns=3, side="upper")
-
-    panels = parts[1].subplots(1, len(names), squeeze=False)[0]
-    for name, ax in zip(names, panels, strict=True):
-        prior_panel(ax, result, name)
-    legend_below(parts[1], side="upper")
+        label = f"{n_subjects:,} subjects, sorted in each panel"
+        parts[0].axes[0].set_ylabel(label, fontsize=LETTERS)
     check_panel(parts[2].subplots(), predictive_check(result) if check is None else check)
     if effects:
         title = "effects of covariates on the group means, 95 % intervals"
@@ -109,9 +106,8 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
             title = "differences of the group means between conditions, 95 % intervals"
         parts[3].suptitle(title, fontsize=SMALL)
         panels = grid_panels(parts[3], len(effects), n_columns, sharey=True)
-        for name, ax in zip(effects, panels, strict=True):
-            quantiles, label = _shown_effects(result, name, effects[name])
-            effects_panel(ax, quantiles, label, labels)
+        for (name, quantiles), ax in zip(effects.items(), panels, strict=True):
+            effects_panel(ax, *_shown_effects(result, name, quantiles), labels)
             quantity_ticks(ax, name)
     return figure
 

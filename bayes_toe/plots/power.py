@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+from itertools import cycle
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -67,7 +69,8 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
     """The lines of all kinds of observers in one panel."""
     trials = [number for name, number in table.designs if name == design]
     kinds = table.different("observers")
-    for index, kind in enumerate(kinds):
+    styles = zip(kinds, cycle(_COLOURS), cycle(_MARKERS), strict=False)
+    for index, (kind, colour, marker) in enumerate(styles):
         points = []
         # The kinds stand beside each other about their number of trials.
         shift = 0.8 * ((index + 0.5) / len(kinds) - 0.5)
@@ -79,12 +82,9 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
         if not points:
             continue
         x, y, low, high = np.array(points).T
-        colour = _COLOURS[index % len(_COLOURS)]
-        style: Style = {"fmt": _MARKERS[index % len(_MARKERS)], "color": colour, "ms": 3.6}
+        style: Style = {"fmt": marker, "color": colour, "ms": 3.6, "ls": "-"}
         if not table.has_effect(kind, question):
             style |= {"ls": ":", "mfc": "white"}
-        else:
-            style["ls"] = "-"
         if question == "order_effect":  # most have it
             style["label"] = plain(kind)
         ax.errorbar(x, y, (y - low, high - y), lw=0.8, elinewidth=0.8, **style)
@@ -144,9 +144,9 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
     ax.set_aspect("equal")
     ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)")
     if optimal.unit.of_stimuli:
-        low, high = ax.get_xlim()
-        scale = stimulus_scale("stimulus", optimal.unit, 0.0, (low, high))
-        ticks, texts = scale.ticks(low, high)
+        limits = ax.get_xlim()
+        scale = stimulus_scale("stimulus", optimal.unit, 0.0, limits)
+        ticks, texts = scale.ticks(*limits)
         ax.set_xticks(ticks, texts)
         ax.set_yticks(ticks, texts)
         ax.set(xlabel=f"first {scale.label}", ylabel=f"second {scale.label}")
@@ -158,7 +158,7 @@ def _draw_compared(ax: Axes, optimal: OptimalDesign) -> None:
     """The order effect in each kind of observers, by both designs."""
     table, trials = optimal.power, optimal.design.total
     kinds = table.different("observers")
-    has_effect = np.array([table.has_effect(kind, "order_effect") for kind in kinds])
+    has_effect = [table.has_effect(kind, "order_effect") for kind in kinds]
 
     for index, (name, colour) in enumerate(zip(optimal.designs, _DESIGN_COLOURS, strict=False)):
         shares = [table[name, trials, kind, "order_effect", DETECTED] for kind in kinds]

@@ -88,9 +88,7 @@ def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:
         (answer for answer in answers if answer.is_interpretable),
         key=lambda answer: answer.log_bayes_factors["order_effect"],
     )
-    if len(ranked) > MAX_SUBJECTS:
-        ranked = [ranked[0], *ranked[1 - MAX_SUBJECTS :]]
-    names = {answer.subject for answer in ranked}
+    names = {answer.subject for answer in (*ranked[:1], *ranked[1 - MAX_SUBJECTS :])}
     return [answer.subject for answer in answers if answer.subject in names]
 
 

@@ -51,9 +51,8 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
         raise InputError("serial: no subject has a result; allowed: rows of bt.serial_dependence")
     if not subjects:
         # By how much the log evidence of the best history exceeds that of none.
-        rows = sorted(rows, key=lambda row: row.log_evidence[0] - row.log_evidence.max())[
-            :MOST_ROWS
-        ]
+        rows.sort(key=lambda row: row.log_evidence[0] - row.log_evidence.max())
+        rows = rows[:MOST_ROWS]
 
     figure = new_figure(PAGE, 2.1 * len(rows) + 0.5)
     axes = figure.subplots(len(rows), 2, squeeze=False, sharey=True, width_ratios=(1.6, 1.0))
@@ -100,20 +99,14 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     unit = static.subject.unit
     stimulus_axis(left, "mean stimulus of the trial before", unit, overall)
     left.set(ylabel=f"P({yes}), difference\nfrom no history")
-    left.set_title(
-        f"{plain(row.subject, 24)}, carry-over: {row.word('carry_over')}\n"
-        f"rho {row.size('carry_over')}",
-        fontsize=SMALL,
-    )
     right.set_xticks([-1.0, 1.0], [no, yes])
     right.set(xlabel="response in the trial before", xlim=(-1.6, 1.6))
-    right.set_title(
-        f"previous response: {row.word('previous_response')}\n"
-        f"kappa {row.size('previous_response')}",
-        fontsize=SMALL,
-    )
-    style_axes(left)
-    style_axes(right)
+    for ax, title, effect, symbol in (
+        (left, f"{plain(row.subject, 24)}, carry-over", "carry_over", "rho"),
+        (right, "previous response", "previous_response", "kappa"),
+    ):
+        ax.set_title(f"{title}: {row.word(effect)}\n{symbol} {row.size(effect)}")
+        style_axes(ax)
 
 
 def _stimulus_groups(mean: FloatArray) -> BoolArray:

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from textwrap import fill
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -135,13 +135,10 @@ def grid_panels(
     figure: Figure | SubFigure,
     n_panels: int,
     n_columns: int,
-    *,
-    sharex: bool = False,
-    sharey: bool = False,
+    **sharing: Any,
 ) -> list[Axes]:
-    """Panels in a grid, row by row."""
-    shape = n_rows(n_panels, n_columns), n_columns
-    axes = figure.subplots(*shape, squeeze=False, sharex=sharex, sharey=sharey)
+    """Panels in a grid, row by row; `sharing` has matplotlib's arguments for shared axes."""
+    axes = figure.subplots(n_rows(n_panels, n_columns), n_columns, squeeze=False, **sharing)
     panels = axes.ravel().tolist()
     for ax in panels[n_panels:]:
         ax.remove()
@@ -234,6 +231,12 @@ def difference_scale(unit: StimulusUnit, limits: Sequence[float]) -> Scale:
 def stimulus_axis(ax: Axes, stimulus: str, unit: StimulusUnit, mean: float) -> None:
     """Label an axis of natural logs in the unit of the stimuli, or in per cent of their mean."""
     stimulus_scale(stimulus, unit, mean, ax.get_xlim()).draw(ax)
+
+
+def difference_axis(ax: Axes, unit: StimulusUnit) -> None:
+    """Label an axis of s2 - s1 in natural logs in the unit of differences, with a line at 0."""
+    zero_line(ax)
+    difference_scale(unit, ax.get_xlim()).draw(ax)
 
 
 def proportion_axis(ax: Axes) -> None:
@@ -331,38 +334,30 @@ _LEGEND: Style = {
 }
 
 
-def legend_below(
-    figure: Figure | SubFigure,
-    *,
-    columns: int = 3,
-    side: Literal["lower", "upper"] = "lower",
-) -> None:
+def legend_below(figure: Figure | SubFigure, *, columns: int = 3, side: str = "lower") -> None:
     """Put one legend in small letters outside the panels, since points may be anywhere in them."""
-    entries = _legend_entries(figure.axes)
     loc: Any = f"outside {side} center"
-    figure.legend(
-        entries.values(), entries.keys(), loc=loc, ncols=columns, columnspacing=1.2, **_LEGEND
-    )
+    entries = _legend_entries(figure.axes)
+    figure.legend(*entries, loc=loc, ncols=columns, columnspacing=1.2, **_LEGEND)
 
 
 def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:
     """One legend for a panel, above it, in small letters, perhaps with words over it."""
-    entries = _legend_entries([ax])
-    place: Style = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
-    words: Style = {"title": title, "title_fontsize": SMALL, "labelspacing": 0.25}
     ax.legend(
-        entries.values(),
-        entries.keys(),
+        *_legend_entries([ax]),
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
         ncols=columns,
         columnspacing=1.0,
-        **place,
-        **words,
+        title=title,
+        title_fontsize=SMALL,
+        labelspacing=0.25,
         **_LEGEND,
     )
 
 
-def _legend_entries(panels: Sequence[Axes]) -> dict[str, Any]:
-    """Handles by their labels, estimates with error bars before plain points.
+def _legend_entries(panels: Sequence[Axes]) -> tuple[list[Any], list[str]]:
+    """Handles and their labels, estimates with error bars before plain points.
 
     Matplotlib itself lists all lines first.
     """
@@ -370,6 +365,5 @@ def _legend_entries(panels: Sequence[Axes]) -> dict[str, Any]:
     for ax in panels:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             handles[label] = handle
-    return dict(
-        sorted(handles.items(), key=lambda item: not isinstance(item[1], ErrorbarContainer))
-    )
+    labels = sorted(handles, key=lambda label: not isinstance(handles[label], ErrorbarContainer))
+    return [*map(handles.get, labels)], labels

@@ -22,7 +22,7 @@ def screen(subject, p=0.0):
     reference = {"noise": NOISE, "q0": Q0, "lapse_rate": LAPSE_RATE, "contraction": p}
     for name in point.keys() & reference.keys():
         point[name] = np.array(reference[name])
-    return serial_screen(subject, posterior, posterior.points(point))
+    return serial_screen(posterior, posterior.points(point))
 
 
 def in_order(keys, n_yes, position):

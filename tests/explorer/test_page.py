@@ -17,7 +17,7 @@ from scipy.stats import norm
 
 import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
-from bayes_toe.explorer.entry import Entry, slices
+from bayes_toe.explorer.entry import Entry, pack_slice
 from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
 from bayes_toe.inference.prediction import Predictor
 
@@ -166,14 +166,13 @@ def test_the_command_writes_the_page_and_refuses_to_replace_it(symmetric, tmp_pa
 def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimulus(stronger):
     subject = stronger.study["pulled"]
     fitted = Predictor.from_draws(stronger.draws, "pulled", n_draws=50)
-    observed = slices(subject)
-    assert [element.orders for element in observed] == [(0,)] * 6
-    middle = observed[1]
-    assert {subject.s1[pair] for pair in middle.pairs} == {middle.weaker}
-    assert middle.title() == f"first stimulus {middle.weaker:.3g}"
-    [curve] = middle.yes(fitted)
-    first = np.full_like(middle.x, middle.weaker)
-    np.testing.assert_allclose(curve.T, fitted.yes(first, first + middle.x))
+    middle = np.sort(subject.s1)[len(subject.s1) // 2]
+    packed = pack_slice(fitted, middle, has_title=True)
+    assert packed["orders"] == [0]
+    assert {subject.s1[pair] for pair in packed["pairs"]} == {middle}
+    assert packed["title"] == f"first stimulus {middle:.3g}"
+    expected = fitted.yes(middle, middle + np.array(packed["x"])).T.ravel()
+    assert numbers(packed["yes"], "<u2") / 65535 == pytest.approx(expected, abs=1e-5)
     wording = page(entries(stronger.draws)).html
     assert "P(second)" in wording
     assert "'equal'" not in wording.partition('<section id="answers"')[2].partition("</section>")[0]
