@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from browsers import launched
 from hypothesis import settings
+from reference.hard_cases import hard_cases
+from scipy.special import ndtr
 
 import bayes_toe as bt
-from bayes_toe.analysis import Analysis
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.words import Word
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -54,6 +55,11 @@ def pytest_collection_finish():
     gc.enable()
 
 
+BOTH_TASKS = pytest.mark.parametrize(
+    "task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["same/different", "2AFC"]
+)
+
+
 def text_table(text):
     """The rows of a text, each with its cells between bars, as parameters of a test."""
     return [line.strip().split(" | ") for line in text.strip().splitlines()]
@@ -69,6 +75,15 @@ def made_subject(rows, name="S", task=SAME_DIFFERENT):
     return bt.Subject(name, *columns(rows), task=task)
 
 
+def five_pairs(task=SAME_DIFFERENT, *, name="S", factor=1.0, shift=0.0, n_times=1):
+    """A subject with five pairs of stimuli, in another unit, or with more trials."""
+    s1, s2, n_yes, n_trials = columns(
+        "0 0 45 50, 0 0.5 20 50, 0.5 0 15 50, 0.25 0.375 30 40, 0.125 0.75 2 50"
+    )
+    stimuli = factor * s1 + shift, factor * s2 + shift
+    return bt.Subject(name, *stimuli, n_times * n_yes, n_times * n_trials, task=task)
+
+
 def observer_counts(mu1, sigma_p, sigma_l, q0, n=50):
     """Rounded expected counts in the paper's design."""
     design = reference_design()
@@ -79,23 +94,28 @@ def observer_counts(mu1, sigma_p, sigma_l, q0, n=50):
 @pytest.fixture(scope="session")
 def small_study():
     """Three ordinary observers of the paper's kinds A, B and C."""
+    # mu1, sigma_p, sigma_l, q0
     kinds = {
         "A": (-0.7, 0.25, 0.17, 0.92),
         "B": (1.2, 0.25, 0.18, 0.9),
         "C": (0.25, 0.22, 0.15, 0.95),
     }
-    return bt.Study(
-        [bt.Subject(name, *observer_counts(*kind)) for name, kind in kinds.items()],
-        source="three kinds",
-    )
+    subjects = [bt.Subject(name, *observer_counts(*kind)) for name, kind in kinds.items()]
+    return bt.Study(subjects, source="three kinds")
 
 
 def few_pairs(names):
-    """A study that costs little: four pairs of every subject."""
-    pairs = [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3]
-    return bt.Study(
-        [bt.Subject(name, *pairs, [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate(names)]
-    )
+    """A study that costs little: each subject has four pairs, and counts of its own."""
+    rows = "0 0 45 50, 0 0.3 {} 50, 0.3 0 15 50, 0.3 0.3 46 50"
+    return bt.Study([made_subject(rows.format(20 - k), name) for k, name in enumerate(names)])
+
+
+def hard_and_ordinary_subjects():
+    """Subjects of the task same/different by name: the hard cases, and those of the example."""
+    subjects = hard_cases()
+    for subject in bt.example_study("same/different"):
+        subjects[subject.name] = subject
+    return subjects
 
 
 def known_observers(names):
@@ -105,34 +125,37 @@ def known_observers(names):
 
 
 @pytest.fixture(scope="session")
-def analysis(small_study) -> Analysis:
+def analysis(small_study):
     """Draws and evidence of the small study under the paper's prior, in this process."""
-    return bt.run(small_study, draws=2000, seed=5, prior="paper", workers=1)
+    return bt.run(small_study, draws=2000, seed=5, prior="paper")
 
 
-def stronger_counts(name, pull, mu1, n=60):
-    """Rounded expected answers 'which is stronger' to neighbours of six levels in both orders."""
-    levels = np.linspace(0.0, 1.25, 6)
+def expected_counts(name="S", c=0.0, p=0.0, n=100, noise=0.2, step=0.25, level=0.0):
+    """Rounded expected counts of an observer of 2AFC with constant error c and contraction p.
+
+    The pairs are neighbours among six levels, in both orders.
+    """
+    levels = level + step * np.arange(6.0)
     s1, s2 = np.r_[levels[:-1], levels[1:]], np.r_[levels[1:], levels[:-1]]
-    design = bt.Subject(name, s1, s2, np.zeros(10, int), np.full(10, n), task=WHICH_STRONGER)
-    target = bt.model.paper_posterior(design)
-    sigma_l = 0.2 * pull**0.5 / (1.0 - pull)
-    truth = {"mu1": mu1, "sigma_p": 0.2, "sigma_l": sigma_l, "lapse_rate": 0.04}
-    log_yes = target.log_answers(target.points(truth)[None])[0][0]
-    return replace(design, n_yes=np.rint(n * np.exp(log_yes)).astype(int))
+    p_second = 0.01 + 0.98 * ndtr((s2 - s1 - c + p * (s1 - s1.mean())) / noise)
+    n_yes = np.rint(n * p_second).astype(int)
+    return bt.Subject(name, s1, s2, n_yes, [n] * 10, task=WHICH_STRONGER)
 
 
 @pytest.fixture(scope="session")
-def stronger() -> Analysis:
-    """Two observers who were asked which is stronger.
+def stronger():
+    """Two observers who were asked which is stronger: one with a contraction, one without."""
+    subjects = [expected_counts("pulled", p=0.35, n=60), expected_counts("plain", n=60)]
+    return bt.run(bt.Study(subjects, source="which is stronger"), draws=500, seed=2)
 
-    One whose memory is pulled, and one whose is hardly.
-    """
-    study = bt.Study(
-        [stronger_counts("pulled", 0.35, 0.4), stronger_counts("plain", 0.001, 0.6)],
-        source="which is stronger",
-    )
-    return bt.run(study, draws=500, seed=2, workers=1)
+
+def renamed_rows(table, size, pattern="S{}"):
+    """An evidence table of so many rows: those of a table again and again, under other names."""
+    rows = []
+    for i in range(size):
+        row, name = table.rows[i % len(table)], pattern.format(i)
+        rows.append(replace(row, subject=name, answer=replace(row.answer, subject=name)))
+    return replace(table, rows=tuple(rows))
 
 
 def leave_pictures_blank(patch):
@@ -178,11 +201,23 @@ def counts(subject):
     return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
-def problems(call, *arguments):
+def problems(call, *arguments, **options):
     """The problems of a call that is refused."""
     with pytest.raises(bt.InputError) as refusal:
-        call(*arguments)
+        call(*arguments, **options)
     return list(refusal.value.problems)
+
+
+#: A letter for each word of an answer.
+WORD_BY_LETTER = {
+    "y": Word.YES,
+    "p": Word.PROBABLY,
+    "u": Word.UNDECIDED,
+    "q": Word.PROBABLY_NOT,
+    "n": Word.NO,
+    "c": Word.CANNOT_BE_TOLD,
+    "x": Word.NOT_INTERPRETABLE,
+}
 
 
 def order_answer(subject, words, **fields):

@@ -43,9 +43,9 @@ def labels_of(ticks):
 
 
 def require_legible(figure, smallest=7.0):
-    """No word on another one, none outside the page, none below 7 points.
+    """Return the words of a figure: none on another one, outside the page, or below 7 points.
 
-    A slack of one point for the boxes' own margins. The words.
+    One point of overlap is allowed, because the boxes of texts have margins.
     """
     texts, page, slack = texts_of(figure), figure.bbox, figure.dpi / 72.0
     words = [text.get_text() for text in texts]

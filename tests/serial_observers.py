@@ -32,7 +32,12 @@ def answered(
     sessions=2,
     noise=NOISE,
 ):
-    """An observer by the formulas of the documents, trial by trial, in random order."""
+    """An observer by the formulas of the documents, trial by trial, in random order.
+
+    `p` is the contraction toward an expectation, and `carry_over` the share of the expectation that
+    stays from trial to trial. In a share of the trials the response before is repeated, or
+    alternated. The criterion wanders by a sine of height `drift`.
+    """
     rng = np.random.default_rng(seed)
     keys = rng.permutation(neighbours(task, repeats))
     n_trials = len(keys)

@@ -73,8 +73,9 @@ def test_commands_and_options_are_there(path):
 @EACH_TEXT
 def test_public_names_are_there(path):
     text = path.read_text(encoding="utf-8")
-    for face, name in re.findall(r"\bbt\.(plots\.|model\.)?(\w+)", text):
-        assert hasattr(getattr(bt, face[:-1]) if face else bt, name), face + name
+    for part, name in re.findall(r"\bbt\.(?:(plots|model)\.)?(\w+)", text):  # bt.plots.corner
+        module = getattr(bt, part) if part else bt
+        assert hasattr(module, name), name
 
 
 def words(path):

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import inside
+from numpy.random import default_rng
 
 STANDARDS, RATIOS = (60.0, 100.0, 160.0), (0.75, 0.87, 1.15, 1.33)
 N_REPEATS, N_PRACTICE = 10, 6
@@ -27,7 +28,7 @@ MOST_REFUSALS = 2
 
 def made_up_trials():
     """A table with a row for each trial, practice among them: what was shown and answered."""
-    rng = np.random.default_rng(63)
+    rng = default_rng(63)
     stimuli = product(STANDARDS, RATIOS, (True, False))
     pairs = pd.DataFrame(stimuli, columns=["standard", "ratio", "is_standard_first"])
     tables = []
@@ -48,7 +49,7 @@ def made_up_trials():
 def psychopy_file(folder):
     """The study as PsychoPy writes it."""
     trials = made_up_trials()
-    reaction_times = np.random.default_rng(1).uniform(0.3, 1.2, len(trials)).round(4)
+    reaction_times = default_rng(1).uniform(0.3, 1.2, len(trials)).round(4)
     columns = {
         "participant": trials.observer,
         "block": trials.part,

@@ -22,7 +22,7 @@ NUMBER = re.compile(r"([-+]?\d*\.?\d+)")
 @pytest.fixture(scope="module")
 def example():
     """The bundled example, analysed as the documents do."""
-    return bt.run(bt.example_study(), draws=100, seed=1, workers=1)
+    return bt.run(bt.example_study(), draws=100, seed=1)
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ def test_the_short_frame_of_an_evidence_table_is_the_answer(analysis):
 
 def test_notebooks_show_small_tables_and_run_nothing():
     wild = bt.Study([made_subject("0 0.3 3 5, 0.3 0 1 5", "<script>")], source="<b>")
-    draws = bt.sample(wild, draws=100, seed=1, workers=1)
+    draws = bt.sample(wild, draws=100, seed=1)
     for value in (wild, draws, bt.asymmetry(wild)):
         html = value._repr_html_()
         assert "<table" in html
@@ -47,7 +47,7 @@ def test_notebooks_show_small_tables_and_run_nothing():
 def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
     first, second, _ = small_study
     study = bt.Study([replace(first, name="1008"), replace(second, name="01")])
-    draws = bt.sample(study, draws=100, seed=1, workers=1)
+    draws = bt.sample(study, draws=100, seed=1)
     assert draws[1008].names == study.select(1008).names == study.select([1008]).names == ("1008",)
     assert draws.subject(1008).name == bt.asymmetry(study)[1008].subject == "1008"
     assert draws.values(1008, "gain").size > 99

@@ -70,8 +70,8 @@ onset\tduration\tfirst\tsecond\ttrial_type\tresponse
 2.1\t0.7\t0.0\t0.3\tcomparison\tsame
 4.5\t0.7\t0.3\t0.0\tcomparison\tn/a
 """
-#: The files of each recipe, and what the screen says of them.
-FILES = {
+#: The files of each recipe by its heading, and what the screen says of them.
+RECIPES = {
     "A standard and a comparison": (
         {"standards.csv": STANDARDS},
         ["1 subject, 4 trials", "which was stronger"],
@@ -157,9 +157,9 @@ def blocks(section):
 
 
 @pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto")  # by ArviZ, and said
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", RECIPES)
 def test_a_recipe_works_as_it_stands(name, tmp_path):
-    files, sentences = FILES[name]
+    files, sentences = RECIPES[name]
     write(tmp_path, files)
     if name == "MATLAB":
         write_matlab(tmp_path)
@@ -180,7 +180,7 @@ def test_a_recipe_works_as_it_stands(name, tmp_path):
 
 
 def test_every_recipe_is_run():
-    assert list(sections()) == list(FILES)
+    assert list(sections()) == list(RECIPES)
 
 
 @pytest.mark.parametrize("name", ["7.csv", "7.txt", "7.xlsx"])

@@ -21,8 +21,8 @@ from bayes_toe.workers import run_jobs
 @pytest.mark.parametrize("seed", [-1, 2**63, 1.5, "1", np.float64(3.0)])
 def test_what_is_no_seed_is_refused_in_one_line(small_study, seed, tmp_path):
     for call in (
-        lambda: bt.sample(small_study, seed=seed, workers=1, keep=tmp_path / "kept"),
-        lambda: bt.evidence(small_study, seed=seed, workers=1),
+        lambda: bt.sample(small_study, seed=seed, keep=tmp_path / "kept"),
+        lambda: bt.evidence(small_study, seed=seed),
         lambda: generator(seed, "trials"),
     ):
         message = r"^seed: found .*, allowed: a whole number from 0 to \d*$"
@@ -40,7 +40,7 @@ def interrupted(jobs, workers):
 def test_an_interrupted_call_goes_on_to_the_same_bits_and_another_call_does_not(
     tmp_path, monkeypatch
 ):
-    few, quick = known_observers("AB"), {"draws": 100, "workers": 1}
+    few, quick = known_observers("AB"), {"draws": 100}
     calm = bt.run(few, seed=3, **quick)
     with monkeypatch.context() as patch:
         patch.setattr(result_store, "run_jobs", interrupted)

@@ -75,13 +75,14 @@ def test_trials_that_are_not_the_sum_of_the_counts_are_refused():
 
 
 def test_codes_of_three_answers_are_asked_for_and_the_advice_works():
-    codes = {"1": "a,0,1", "2": "a,0.5,0.5", "3": "a,1,0"}
-    rows = [f"{pair},{code}" for code, pair in codes.items()] * 20
+    # 1 is given where the second stimulus is stronger, 2 to an equal pair, 3 in the other order.
+    trials = table(TRIALS, *["a,0,1,1", "a,0.5,0.5,2", "a,1,0,3"] * 20)
     with pytest.raises(bt.InputError) as refusal:
-        bt.read_study(table(TRIALS, *rows))
-    chosen, _ = refusal.value.choices[0]
-    assert option_values(chosen) == {"equal_code": "2", "second_code": "1"}
-    (subject,) = bt.read_study(table(TRIALS, *rows), bt.ReadOptions(**option_values(chosen)))
+        bt.read_study(trials)
+    first_choice, _ = refusal.value.choices[0]
+    options = option_values(first_choice)
+    assert options == {"equal_code": "2", "second_code": "1"}
+    (subject,) = bt.read_study(trials, bt.ReadOptions(**options))
     assert subject.n_second.tolist() == [20, 0, 0]
 
 
@@ -92,7 +93,7 @@ def test_a_stray_word_in_a_study_of_two_answers_is_doubted():
 
 
 def test_a_study_is_its_table_and_its_draws_file(study, tmp_path):
-    draws = bt.sample(study, draws=200, seed=1, workers=1)
+    draws = bt.sample(study, draws=200, seed=1)
     draws.save(tmp_path / "posterior.nc")
     loaded = load_draws(tmp_path / "posterior.nc").study
     for copy in (bt.read_study(study.frame()), loaded):
@@ -188,8 +189,8 @@ def test_the_second_question_leaves_h1_against_h0_and_the_scales_alone(study):
         replace(subject, task=SAME_DIFFERENT, n_second=None, answers=None) for subject in study
     ]
     same_different = bt.Study(subjects)
-    of_three = bt.evidence(study, seed=1, workers=1)
-    of_two = bt.evidence(same_different, seed=1, workers=1)
+    of_three = bt.evidence(study, seed=1)
+    of_two = bt.evidence(same_different, seed=1)
     for three, two, subject in zip(of_three.rows, of_two.rows, study, strict=True):
         assert three.log_bayes_factor == pytest.approx(two.log_bayes_factor, abs=1e-9)
         which_stronger = subject.two_answers
@@ -202,7 +203,7 @@ def test_the_second_question_leaves_h1_against_h0_and_the_scales_alone(study):
 
 
 def test_log_likelihoods_of_pairs_add_up_to_the_trinomial(study):
-    draws = bt.sample(study, model="both", draws=100, seed=1, workers=1)
+    draws = bt.sample(study, model="both", draws=100, seed=1)
     of_pairs = draws.to_arviz()["log_likelihood"]["n_equal"].values[0]
     of_subject = of_pairs[:, : study["A"].n_pairs].sum(axis=1)
     expected = draws.posterior("A").log_likelihood(draws.points("A")[0])
@@ -232,7 +233,7 @@ def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_sa
 
 
 def test_a_panel_has_a_curve_of_each_answer(study):
-    analysis = bt.run(study, draws=200, seed=1, workers=1)
+    analysis = bt.run(study, draws=200, seed=1)
     shares = analysis.curve("B").answers(*np.transpose([(0.0, 0.15), (0.15, 0.0)]))
     assert [*shares] == ["equal", "second", "first"]
     assert sum(shares.values()) == pytest.approx(np.ones_like(shares["equal"]))

@@ -53,17 +53,17 @@ def test_results_are_in_the_order_of_the_jobs_and_progress_hears_each_name_once(
     assert sorted(heard) == ["a", "b", "c", "d"]
 
 
-def spoil(folder):
+def put_modules(folder):
     """Put files into a data folder that have the names of modules of Python."""
     for name in ("random", "json", "queue", "select"):
         (folder / f"{name}.py").write_text("raise SystemExit('a file of the data folder was run')")
 
 
 def test_a_command_runs_no_file_of_a_data_folder_and_takes_no_settings_from_there(tmp_path):
-    spoil(tmp_path)
+    put_modules(tmp_path)
     (tmp_path / "matplotlibrc").write_bytes(b"text.usetex: True\n\xff\xfe")
     (tmp_path / "arvizrc").write_bytes(b"plot.backend : evil\n")
-    draws = bt.sample(few_pairs("AB"), model="none", draws=20, seed=1, workers=1)
+    draws = bt.sample(few_pairs("AB"), model="none", draws=20, seed=1)
     draws.save(tmp_path / "draws.nc")
     program = Path(sys.executable).parent / "bayes-toe"
     words = [program, "corner", "draws.nc", "-o", "corner", "--workers", "2"]
@@ -72,7 +72,7 @@ def test_a_command_runs_no_file_of_a_data_folder_and_takes_no_settings_from_ther
     assert {file.name for file in (tmp_path / "corner").iterdir()} == {"A.png", "B.png"}
 
 
-CALLED_FROM_A_DATA_FOLDER = """
+SCRIPT = """
 import bayes_toe as bt
 from functools import partial
 from bayes_toe.workers import run_in_order
@@ -85,15 +85,15 @@ def test_workers_of_a_script_run_no_file_of_the_working_directory(tmp_path):
     code, data = tmp_path / "code", tmp_path / "data"
     code.mkdir()
     data.mkdir()
-    (code / "script.py").write_text(CALLED_FROM_A_DATA_FOLDER)
-    spoil(data)
+    (code / "script.py").write_text(SCRIPT)
+    put_modules(data)
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONSAFEPATH"}
     words = [sys.executable, str(code / "script.py")]
     finished = subprocess.run(words, cwd=data, capture_output=True, text=True, env=environment)
     assert (finished.stdout, finished.stderr, finished.returncode) == ("[1, 2, 4]\n", "", 0)
 
 
-FORKED = """
+WORK_IN_A_COPY = """
 import os, signal
 from functools import partial
 from bayes_toe.workers import run_in_order
@@ -110,7 +110,8 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
 def test_a_copy_of_a_process_that_has_workers_can_work(tmp_path):
+    """Both print the powers of 2; then the process prints the exit code of its copy."""
     # From 3.12 on Python warns of a copy of a process with threads, which joblib's has.
-    words = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", FORKED]
+    words = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", WORK_IN_A_COPY]
     finished = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
     assert (finished.stdout, finished.stderr) == ("[1, 2, 4]\n[1, 2, 4]\n0\n", "")

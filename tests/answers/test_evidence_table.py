@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pandas as pd
 import pytest
 from conftest import few_pairs, made_subject
 from reference.hard_cases import hard_cases
@@ -63,14 +62,6 @@ def test_the_table_has_the_bayes_factor_of_its_evidences(analysis):
     assert frame["log_evidence_h1_se"].between(0, 0.01).all()
 
 
-def test_evidence_and_run_agree(analysis):
-    study = analysis.study.select(["B"])
-    alone = bt.evidence(study, seed=analysis.settings.seed, prior="paper", workers=1)
-    frame = analysis.evidence.frame(full=True).query("subject == 'B'").reset_index(drop=True)
-    pd.testing.assert_frame_equal(alone.frame(full=True), frame)
-    assert analysis.draws.fit("B").fit_p == analysis.evidence["B"].fit.fit_p
-
-
 def paper_evidence(subject, draws, seed, **prior):
     posterior = paper_posterior(subject, **prior)
     result = fitted_result(posterior, seed, AnalysisRequest(evidence_draws=draws))
@@ -79,7 +70,7 @@ def paper_evidence(subject, draws, seed, **prior):
 
 def test_the_draws_asked_for_are_behind_the_evidence_of_h1(small_study):
     subject = small_study["A"]
-    row = bt.evidence(bt.Study([subject]), draws=2000, seed=5, workers=1)["A"]
+    row = bt.evidence(bt.Study([subject]), draws=2000, seed=5)["A"]
     assert row.log_evidence_h1 == paper_evidence(subject, 2000, 5)
 
 
@@ -100,7 +91,7 @@ def test_a_numerical_failure_leaves_the_other_subjects(monkeypatch):
         return evidence
 
     monkeypatch.setattr("bayes_toe.inference.order_evidence._finite", finite)
-    table = bt.evidence(few_pairs("ABC"), seed=1, workers=1)
+    table = bt.evidence(few_pairs("ABC"), seed=1)
     assert [row.subject for row in table] == ["A", "C"]
     assert table.failed == {"B": "not a finite number"}
     frame = table.frame(full=True)

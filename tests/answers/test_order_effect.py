@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import columns, made_subject, text_table
+from conftest import BOTH_TASKS, columns, expected_counts, made_subject, text_table
 from populations import two_conditions
 
 import bayes_toe as bt
@@ -20,8 +20,7 @@ from bayes_toe.answers.words import Word, word_for
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.checks.identification import IMITATION, ONE_FIRST_STIMULUS, Identification
 from bayes_toe.data.options import changed
-from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import (
     MODEL_NAMES,
@@ -30,36 +29,24 @@ from bayes_toe.inference.order_evidence import (
 )
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ObserverPrior
 
-LEVELS = np.linspace(0.0, 1.25, 6)
-S1 = np.concatenate([LEVELS[:-1], LEVELS[1:]])
-S2 = np.concatenate([LEVELS[1:], LEVELS[:-1]])
-EVERYTHING = Identification({})
-
-
-def compared(c=0.0, p=0.0, n=100, noise=0.2, name="S"):
-    """Rounded expected responses to neighbours."""
-    from scipy.stats import norm
-
-    z = (S2 - S1 - c + p * (S1 - S1.mean())) / noise
-    n_yes = np.rint(n * (0.01 + 0.98 * norm.cdf(z))).astype(int)
-    return Subject(name, S1, S2, n_yes, np.full(10, n), task=WHICH_STRONGER)
+ALL_IDENTIFIABLE = Identification({})
 
 
 @pytest.fixture(scope="module")
 def answers():
     cases = {
-        "none": compared(),
-        "positive error": compared(c=0.15),
-        "negative error": compared(c=-0.15),
-        "contraction": compared(p=0.4),
-        "repulsion": compared(p=-0.4),
+        "none": expected_counts(),
+        "positive error": expected_counts(c=0.15),
+        "negative error": expected_counts(c=-0.15),
+        "contraction": expected_counts(p=0.4),
+        "repulsion": expected_counts(p=-0.4),
     }
     return {name: answer_subject(subject, seed=1)[0] for name, subject in cases.items()}
 
 
 @pytest.fixture(scope="module")
 def evidence():
-    (with_error,) = order_evidence([compared(c=0.15)], seed=1)
+    (with_error,) = order_evidence([expected_counts(c=0.15)], seed=1)
     return with_error
 
 
@@ -84,6 +71,7 @@ def test_words_of_a_subject_without_effect(answers):
 
 
 def test_probabilities_follow_from_the_evidences(answers):
+    """Prior probabilities are 1/2 for no effect and 1/6 for each other model, which is 3 to 1."""
     answer = answers["none"]
     log_evidence = np.array([answer.log_evidence[name] for name in MODEL_NAMES])
     none, error, contraction, joint = np.exp(log_evidence - log_evidence[0])
@@ -114,7 +102,7 @@ def test_limits_of_the_words(probability, log_bayes_factor, word):
 
 
 def test_reweighting_is_a_fresh_run_with_another_scale():
-    (evidence,) = order_evidence([compared(c=0.05, p=0.1, n=20)], seed=1)
+    (evidence,) = order_evidence([expected_counts(c=0.05, p=0.1, n=20)], seed=1)
     cases = {
         (CONSTANT_ERROR, 0.5): ObserverPrior(constant_error_scale=0.25),
         (CONSTANT_ERROR, 2.0): ObserverPrior(constant_error_scale=1.0),
@@ -127,16 +115,17 @@ def test_reweighting_is_a_fresh_run_with_another_scale():
         assert np.abs(fresh.log_evidence - rescaled.log_evidence).max() < 0.15
 
 
-def test_a_yes_that_another_prior_leaves_undecided_is_marked(evidence, monkeypatch):
+def test_a_yes_that_a_wider_prior_changes_is_marked(evidence, monkeypatch):
     no_effect = ModelSet(np.array([0.0, -5.0, -5.0, -5.0]), PRIOR_PROBABILITIES)
 
     def rescaled(self, effect, factor):
+        """No effect where the prior of the constant error is twice as wide, and no change else."""
         if (effect, factor) == (CONSTANT_ERROR, 2.0):
             return no_effect
         return self
 
     monkeypatch.setattr(type(evidence), "with_prior_scale", rescaled)
-    answer = order_effect(evidence, EVERYTHING)
+    answer = order_effect(evidence, ALL_IDENTIFIABLE)
     marks = {question: line.marks for question, line in answer.lines.items()}
     assert (marks["constant_error"], marks["contraction"]) == (" ?", "")
     (problem,) = answer.problems.values()
@@ -160,9 +149,9 @@ def test_a_study_of_more_subjects_has_a_smaller_limit(answers):
     assert of_study.cells["interpretable"] == "yes"
 
 
-@pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT], ids=["2afc", "same"])
+@BOTH_TASKS
 def test_a_criterion_that_wanders_may_be_the_constant_error_of_2afc(task):
-    subject = replace(compared(), task=task)
+    subject = replace(expected_counts(), task=task)
     answer = replace(answer_subject(subject, seed=1)[0], moving_criterion_p=0.001).in_study(1)
     sentence = answer.problems[WANDERING_FLAG].message
     start = "The preference for a response wanders over the trials (test p = .0010, below .05)."
@@ -187,13 +176,13 @@ def test_what_the_design_cannot_tell_has_no_word(evidence):
     imitated = Identification({"contraction": IMITATION})
     answer = order_effect(evidence, imitated)
     assert answer.word("contraction") == "cannot be told"
-    assert answer.probabilities == order_effect(evidence, EVERYTHING).probabilities
+    assert answer.probabilities == order_effect(evidence, ALL_IDENTIFIABLE).probabilities
     assert f"because {IMITATION}." in answer.describe()
 
 
 def test_a_flag_that_forbids_interpretation_comes_before_every_word(evidence):
     flag = Finding("S", "swapped_blocks", "In block 2.", "--swap S:2")
-    answer = order_effect(evidence, EVERYTHING, [flag])
+    answer = order_effect(evidence, ALL_IDENTIFIABLE, [flag])
     assert {answer.word(question) for question in QUESTIONS} == {"not interpretable"}
     assert answer.cells["interpretable"] == "no"
     assert answer.describe() == "Not interpreted: responses look swapped."
@@ -201,8 +190,7 @@ def test_a_flag_that_forbids_interpretation_comes_before_every_word(evidence):
 
 
 def test_a_shift_beyond_all_pairs_is_named():
-    n_yes = np.array([2, 3, 2, 3, 2, 0, 0, 0, 0, 0])
-    subject = Subject("S", S1, S2, n_yes, np.full(10, 40), task=WHICH_STRONGER)
+    subject = replace(expected_counts(n=40), n_yes=[2, 0, 3, 0, 2, 0, 3, 0, 2, 0])
     answer, _ = answer_subject(subject, seed=1)
     assert any(flag.startswith("the PSE lies outside the pairs") for flag in answer.flags)
 

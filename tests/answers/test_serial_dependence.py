@@ -34,7 +34,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def table(study):
-    return bt.serial_dependence(study, seed=1, workers=1)
+    return bt.serial_dependence(study, seed=1)
 
 
 def test_words_are_those_of_the_truth(table):
@@ -73,7 +73,7 @@ def test_same_or_different_has_both_effects_too():
     carries = answered(31, SAME_DIFFERENT, repeats=40, p=0.35, carry_over=0.9)
     repeats = answered(32, SAME_DIFFERENT, repeats=20, share_repeated=0.3)
     study = bt.Study([replace(carries, name="carries"), replace(repeats, name="repeats")])
-    table = bt.serial_dependence(study, seed=1, workers=1)
+    table = bt.serial_dependence(study, seed=1)
     assert table["carries"].word("carry_over") in ("yes", "probably")
     assert table["repeats"].word("previous_response") == "yes (repetition)"
 
@@ -91,7 +91,7 @@ def test_the_table_is_a_file(table, tmp_path):
 
 
 def test_a_seed_gives_the_same_numbers_whatever_else_is_in_the_study(table, study):
-    alone = bt.serial_dependence(bt.Study([study["carries"]]), seed=1, workers=1)["carries"]
+    alone = bt.serial_dependence(bt.Study([study["carries"]]), seed=1)["carries"]
     assert alone.log_evidence.tolist() == table["carries"].log_evidence.tolist()
     assert alone.rho == table["carries"].rho
 
@@ -140,7 +140,7 @@ def test_points_of_the_figure_are_the_shares_of_the_responses(table):
 def test_listeners_carry_over(real_data):
     study = bt.read_study(real_data / "auditory_pwm" / "trials.csv")
     first, second = "Sub01_Bimodal_l2", "SubA_Bimodal_l2"
-    table = bt.serial_dependence(study.select([first, second]), seed=1, workers=1)
+    table = bt.serial_dependence(study.select([first, second]), seed=1)
     assert table[first].log_bayes_factor("carry_over") == pytest.approx(17.8, abs=1.0)
     static, _, carry_over, _ = table[second].log_evidence
     assert carry_over - static == pytest.approx(3.2, abs=0.3)

@@ -4,7 +4,7 @@ import re
 from types import SimpleNamespace
 
 import pytest
-from conftest import order_answer
+from conftest import WORD_BY_LETTER, order_answer
 
 import bayes_toe as bt
 from bayes_toe.analysis import _group
@@ -50,10 +50,10 @@ def test_directions_and_exceptions_are_named():
     ]
 
 
-LETTERS = {"y": Word.YES, "p": Word.PROBABLY, "u": Word.UNDECIDED, "q": Word.PROBABLY_NOT}
-LETTERS |= {"n": Word.NO, "c": Word.CANNOT_BE_TOLD, "x": Word.NOT_INTERPRETABLE}
-#: Words for the three questions of each subject, with the signs of the effects (- the other way, 0
-#: no direction), the letters of the means of the group, and the meaning.
+#: For each subject the words for order effect, constant error and contraction, by the letters of
+#: `WORD_BY_LETTER`. A `-` after a word turns the effect around, and a `0` takes its direction away.
+#: After the bar are the group's means of constant error and contraction, by the letters of
+#: `MEANS`; `-` stands for no group. Below is what all this means.
 MEANINGS = """
 nnn nnn qqq | -
     In all 3 subjects the order probably does not change the response.
@@ -170,8 +170,8 @@ def answer_of(name, letters):
     """An answer by its letters; a '-' or '0' belongs to the letter before it."""
     words, signs = [], []
     for letter in letters:
-        if letter in LETTERS:
-            words.append(LETTERS[letter])
+        if letter in WORD_BY_LETTER:
+            words.append(WORD_BY_LETTER[letter])
             signs.append("+")
         else:
             signs[-1] = letter
@@ -204,11 +204,16 @@ def test_a_question_that_no_subject_can_answer_has_one_sentence():
     assert study_lines([STUDY[3]] * 2) == ["No subject can be interpreted."]
 
 
-def test_one_subject_is_described_in_full_and_synthetic_ones_are_called_so():
-    _, line = study_lines(STUDY[:1])
+def test_one_subject_is_described_in_full():
+    only_a, only_d = STUDY[:1], STUDY[3:]
+    _, line = study_lines(only_a)
     assert line.startswith("A: Order effect: yes (P = .50). Constant error: yes")
-    assert study_lines(STUDY[3:]) == ["D: Not interpreted: responses look swapped."]
-    assert "of 3 synthetic subjects" in study_lines(STUDY, synthetic=True)[1]
+    assert study_lines(only_d) == ["D: Not interpreted: responses look swapped."]
+
+
+def test_synthetic_subjects_are_called_so():
+    _, order_effect, *_ = study_lines(STUDY, synthetic=True)
+    assert order_effect.startswith("Order effect: 2 of 3 synthetic subjects")
 
 
 def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypatch):

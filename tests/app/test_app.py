@@ -19,7 +19,6 @@ from http.client import HTTPConnection
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-import numpy as np
 import pytest
 from browsers import Opened
 from commands import PROGRAM, good, inside
@@ -30,18 +29,15 @@ from bayes_toe.app.server import read_in_process
 from bayes_toe.errors import InputError, OutputError
 
 CODES = {"columns": {"s1": "stim1", "s2": "stim2"}, "second_code": "2"}
+#: Trials of four pairs: the stronger stimulus is named, or the weaker one.
+RIGHT = "{0},0.0,0.3,2\n{0},0.3,0.0,1\n{0},0.3,0.6,2\n{0},0.6,0.3,1\n"
+WRONG = "{0},0.0,0.3,1\n{0},0.3,0.0,2\n{0},0.3,0.6,1\n{0},0.6,0.3,2\n"
 
 
-def trials(path, subjects=("A", "B"), repeats=20):
+def trials(path, subjects=("A", "B")):
     """Write trials of subjects, with codes and column names that need an answer."""
-    rng = np.random.default_rng(1)
-    lines = ["participant,stim1,stim2,answer"]
-    for subject in subjects:
-        for first, second in ((0.0, 0.3), (0.3, 0.0), (0.3, 0.6), (0.6, 0.3)):
-            chance = 1 / (1 + np.exp(-8 * (second - first)))
-            codes = 1 + (rng.random(repeats) < chance)
-            lines += [f"{subject},{first},{second},{code}" for code in codes]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    rows = "".join(map((16 * RIGHT + 4 * WRONG).format, subjects))
+    path.write_text(f"participant,stim1,stim2,answer\n{rows}")
     return path
 
 
@@ -150,7 +146,7 @@ def job(server, tmp_path_factory):
 
 # --- the folder -----------------------------------------------------------------------------------
 
-FILES = {"u.csv": b"subject,s1\n1,2\n", "v.csv": b"subject,s1\n3,4\n"}
+TWO_FILES = {"u.csv": b"subject,s1\n1,2\n", "v.csv": b"subject,s1\n3,4\n"}
 
 
 def test_files_get_different_names_of_bounded_length_and_others_are_refused():
@@ -166,8 +162,8 @@ def test_files_get_different_names_of_bounded_length_and_others_are_refused():
 
 
 def test_the_same_files_are_the_same_study(tmp_path):
-    first, second = FILES.items()
-    job = job_of(tmp_path, FILES)
+    first, second = TWO_FILES.items()
+    job = job_of(tmp_path, TWO_FILES)
     assert job_of(tmp_path, dict([second, first])) == job
     for different in ([first], [first, ("v.csv", b"")], [first, ("w.csv", second[1])]):
         assert job_of(tmp_path, dict(different)) != job
@@ -179,13 +175,13 @@ def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again
         (tmp_path / name).mkdir()
         (tmp_path / name / "study").write_text(record)
     (tmp_path / "mine" / "study").mkdir(parents=True)
-    job = job_of(tmp_path, FILES)
+    job = job_of(tmp_path, TWO_FILES)
     with held(tmp_path):
-        job.store(FILES)
+        job.store(TWO_FILES)
         for name in ("command", "study"):
             (job.folder / name).write_text("")  # as after a loss of power
         assert jobs(tmp_path) == ([], sorted([job.name, *records, "mine"]))
-        job.store(FILES)
+        job.store(TWO_FILES)
         assert jobs(tmp_path) == ([job], sorted([*records, "mine"]))
         assert job.run_state() == "new"
     assert stat.S_IMODE(job.folder.stat().st_mode) == 0o700
@@ -232,8 +228,8 @@ def test_a_folder_or_port_that_cannot_be_used_is_one_line(tmp_path, monkeypatch)
 
 def test_a_reader_that_takes_too_long_is_ended(monkeypatch, tmp_path):
     monkeypatch.setattr("bayes_toe.app.server.READING_TIME", 0.01)
-    job = job_of(tmp_path, FILES)
-    job.store(FILES)
+    job = job_of(tmp_path, TWO_FILES)
+    job.store(TWO_FILES)
     reading = asyncio.run(read_in_process(job))
     assert reading["problems"] == ["Reading takes longer than 0.01 seconds."]
 
@@ -276,16 +272,19 @@ def test_only_files_of_the_results_are_sent(server, job, path):
     assert server.ask(f"/results/0123/{job}{path}").code == 403
 
 
-def test_the_token_sets_a_cookie_that_replaces_an_old_one(server):
-    old = f"{server.cookie.partition('=')[0]}=old"
-    answer = server.ask(f"/?token={server.token}", Cookie=old)
+def test_the_token_in_the_address_sets_a_cookie_that_replaces_an_old_one(server):
+    name, _, _ = server.cookie.partition("=")
+    answer = server.ask(f"/?token={server.token}", Cookie=f"{name}=old")
     assert answer.code == 200
     cookie = answer.headers["Set-Cookie"]
     assert cookie.startswith(server.cookie)
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
-    assert "unsafe" not in answer.headers["Content-Security-Policy"]
     assert server.ask("/?token=wrong").code == 403
+
+
+def test_the_page_runs_no_scripts_of_others(server):
+    assert "unsafe" not in server.ask("/").headers["Content-Security-Policy"]
 
 
 @pytest.mark.parametrize(
@@ -355,7 +354,7 @@ def test_a_full_disk_is_a_line_on_the_page(server, home, job):
         ("x.csv", b""),
     ],
 )
-def test_a_damaged_file_is_a_problem_of_the_file(server, name, content):
+def test_a_damaged_file_has_no_table_and_a_problem(server, name, content):
     reading = server.add(name, content)["reading"]
     assert reading["table"] is None
     assert reading["problems"]
@@ -619,10 +618,15 @@ def test_all_studies_that_are_not_analysed_are_deleted_together(opened):
 
 
 def rows(header, line):
-    """A file with 20 trials of each pair: `line` writes its stimuli and what was stronger."""
+    """A file with 20 trials of each pair, four of five of them right.
+
+    `line` writes a row by the two stimuli, and whether the second was called stronger.
+    """
     lines = [header]
     for first, second in ((1.0, 1.3), (1.3, 1.0), (1.3, 1.69), (1.69, 1.3)):
-        lines += [line(first, second, (second > first) == (k % 5 > 0)) for k in range(20)]
+        for trial in range(20):
+            is_right = trial % 5 > 0
+            lines.append(line(first, second, (second > first) == is_right))
     return "\n".join(lines) + "\n"
 
 

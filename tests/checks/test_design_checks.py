@@ -150,7 +150,7 @@ def test_pauses_that_look_like_milliseconds(tmp_path, pause, expected):
     # A night lies between two of the trials.
     rows = [f"a,{i},{i % 2 * 0.3},0.0,equal,{pause if i != 3 else 90000}" for i in range(8)]
     path = tmp_path / "study.csv"
-    path.write_text("\n".join(["subject,trial,s1,s2,response,iti", *rows]), encoding="utf-8")
+    path.write_text("\n".join(["subject,trial,s1,s2,response,iti", *rows]))
     texts = {finding.code for finding in bt.check(bt.read_study(path))}
     assert texts & {"long_pauses"} == expected
 

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import BOTH_TASKS
 
 import bayes_toe as bt
 from bayes_toe.checks.identification import IMITATION, QUESTIONS, identify
@@ -15,9 +16,6 @@ GRID = list(itertools.product(LEVELS, repeat=2))
 NEIGHBOURS = [(a, b) for a, b in itertools.product(np.arange(6) / 4, repeat=2) if abs(a - b) < 0.3]
 #: The paper's design: identical pairs, and the first level with every other one in both orders.
 PAPER = [(a, a) for a in LEVELS] + [(0.0, b) for b in LEVELS[1:]] + [(b, 0.0) for b in LEVELS[1:]]
-BOTH_TASKS = pytest.mark.parametrize(
-    "task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["equal", "second"]
-)
 CONTRACTION = ("contraction",)
 CRITERION = "a response bias predict the same responses"
 
@@ -27,6 +25,7 @@ def make_subject(pairs, task=SAME_DIFFERENT, n_trials=20):
     return bt.Subject("S", s1, s2, [n_trials // 2] * len(s1), [n_trials] * len(s1), task=task)
 
 
+#: Pairs of stimuli, the questions that they cannot answer, and a part of the reason.
 @BOTH_TASKS
 @pytest.mark.parametrize(
     "pairs, unknown, reason",
@@ -72,6 +71,8 @@ def orders(is_rising):
     return {"s1": np.where(is_rising, weak, strong), "s2": np.where(is_rising, strong, weak)}
 
 
+#: How many trials in a row have the same order of stimuli, the column that the file has beside its
+#: trials, and whether the file can show an order effect.
 @pytest.mark.parametrize(
     "stretch, column, is_identified",
     [

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from conftest import made_subject
+from conftest import hard_and_ordinary_subjects, made_subject
 from definitions import paper_log_likelihood
 from numpy.random import default_rng
-from reference.hard_cases import hard_cases
 from scipy.optimize import minimize
 
 import bayes_toe as bt
@@ -13,9 +12,8 @@ from bayes_toe.classical.fit import PenalisedLikelihood, SubjectFit, resample, s
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.prior import Prior
 
-CASES = hard_cases()
-SUBJECTS = {**CASES, **{subject.name: subject for subject in bt.example_study("same/different")}}
-STRONGER = {subject.name: subject for subject in bt.example_study(WHICH_STRONGER)}
+SUBJECTS = hard_and_ordinary_subjects()
+STRONGER = bt.example_study(WHICH_STRONGER)
 PAPER, NARROW = Prior(), Prior(mu1_mean=0.8, mu1_sd=0.3)
 HARD = ("funnel", "perfect observer", "stimuli offset by 100", "one batch", "maximum on gamma = 1")
 FITTED = [(SUBJECTS[name], PAPER) for name in (*HARD, "S01", "S06")]
@@ -66,14 +64,15 @@ def test_the_maximum_is_that_of_a_general_optimiser_and_the_parameters_reach_it(
         assert fit.log_likelihood == pytest.approx(highest + penalty, rel=1e-12)
 
 
+#: A subject, the bound at which the maximum lies, and a parameter that the answers leave open.
 @pytest.mark.parametrize(
     "subject, edge, undetermined",
     [
         (SUBJECTS["S01"], "", ""),
-        (CASES["all equal"], "q0=1", ""),
-        (CASES["all different"], "q0=0", "q0"),
-        (CASES["perfect observer"], "q0=1", ""),
-        (CASES["single pair"], "", "sigma_p"),
+        (SUBJECTS["all equal"], "q0=1", ""),
+        (SUBJECTS["all different"], "q0=0", "q0"),
+        (SUBJECTS["perfect observer"], "q0=1", ""),
+        (SUBJECTS["single pair"], "", "sigma_p"),
         (STRONGER["S03"], "lapse_rate=0", ""),
         (made_subject("0 0 45 50, 0 0.3 20 50, 0.3 0 20 50"), "gamma=0", ""),
     ],
@@ -104,7 +103,7 @@ def test_resampled_counts_are_beta_binomial():
 
 def test_a_study_of_which_is_stronger_has_the_same_table_with_lapses():
     study = bt.example_study(WHICH_STRONGER).select(["S01", "S08"])
-    table = bt.fit(study, replicates=50, seed=1, workers=1)
+    table = bt.fit(study, replicates=50, seed=1)
     frame = table.frame(full=True).set_index("subject")
     natural = ["mu1", "sigma_p", "sigma_l", "lapse_rate"]
     assert list(frame.columns[:6]) == [*natural, "log_likelihood", "at_edge"]
@@ -118,7 +117,7 @@ def test_same_seed_same_numbers_whatever_the_workers_and_the_order(small_study):
     plain = bt.fit(small_study, replicates=20, seed=5, workers=1).frame(full=True)
     other_order = bt.fit(reverse, replicates=20, seed=5, workers=2).frame(full=True)
     assert other_order[::-1].reset_index(drop=True).equals(plain)
-    assert not bt.fit(small_study, replicates=20, seed=6, workers=1).frame(full=True).equals(plain)
+    assert not bt.fit(small_study, replicates=20, seed=6).frame(full=True).equals(plain)
 
 
 def test_intervals_bands_and_notes_are_those_of_the_replicates():

@@ -77,49 +77,61 @@ def test_a_signal_before_the_work_ends_a_command_with_one_line(folder):
 
 
 @pytest.fixture
-def four(tmp_path):
-    """Four subjects with few pairs."""
+def four_subjects(tmp_path):
+    """The folder of a study of four subjects."""
     grouped_csv(tmp_path / "study.csv", few_pairs("ABCD"))
     return tmp_path
 
 
+SAMPLE = "sample study.csv --seed 1 --draws 100 --model none -o"
+
+
+def stopped(folder, send, number):
+    """The exit code and errors of a command that gets a signal when one result is stored."""
+    running = start(*f"{SAMPLE} posterior.nc --workers 2".split(), cwd=folder)
+    until(lambda: list(folder.glob("*.partial/*.result")), running)
+    send(running.pid, number)
+    until_gone(running.pid)
+    _, errors = running.communicate()
+    return running.returncode, errors
+
+
 @needs_proc
-def test_a_command_that_is_interrupted_then_killed_and_resumed_is_as_another(four):
-    options = "--seed 1 --draws 100 --model none --workers"
-    line = f"sample study.csv -o posterior.nc {options}"
-    codes, errors = [], []
-    # To all processes, as a terminal does; and to the command alone.
-    for n_stored, send, number, resume in (
-        (1, os.killpg, signal.SIGINT, ""),
-        (2, os.kill, signal.SIGKILL, " --resume"),
-    ):
-        running = start(*f"{line} 2{resume}".split(), cwd=four)
-        until(lambda n=n_stored: len(list(four.glob("*.partial/*.result"))) >= n, running)
-        send(running.pid, number)
-        until_gone(running.pid)
-        codes.append(running.returncode or running.wait())
-        errors.append(running.communicate()[1])
-        assert "--resume continues it, --overwrite" in refused(f"{line} 1", cwd=four)
-    assert codes == [128 + signal.SIGINT, -signal.SIGKILL]
-    stored = r"stopped by SIGINT: \d of 4 subjects are saved in posterior.nc.partial; type --resume"
-    assert re.match(stored, errors[0])
-    assert "of 4 subjects taken from posterior.nc.partial" in good(f"{line} 1 --resume", cwd=four)
-    assert sorted(path.name for path in four.iterdir()) == ["posterior.nc", "study.csv"]
-    good(f"sample study.csv -o calm.nc {options} 1", cwd=four)
-    resumed, calm = bt.load(four / "posterior.nc").tree, bt.load(four / "calm.nc").tree
-    assert resumed.attrs.pop("created_at") <= calm.attrs.pop("created_at")
-    xr.testing.assert_identical(resumed, calm)
+def test_an_interrupt_in_a_terminal_says_what_is_saved_and_how_to_go_on(four_subjects):
+    code, errors = stopped(four_subjects, os.killpg, signal.SIGINT)
+    assert code == 128 + signal.SIGINT
+    saved = r"stopped by SIGINT: \d of 4 subjects are saved in posterior.nc.partial; type --resume"
+    assert re.match(saved, errors)
+    problem = refused(f"{SAMPLE} posterior.nc", cwd=four_subjects)
+    assert "--resume continues it, --overwrite" in problem
 
 
-def test_what_is_stored_is_thrown_away_with_overwrite(four):
-    grouped_csv(four / "study.csv", known_observers("A"))
-    partial = four / "evidence.csv.partial"
+@needs_proc
+def test_a_command_that_was_killed_and_is_resumed_gives_the_same_draws(four_subjects):
+    code, _ = stopped(four_subjects, os.kill, signal.SIGKILL)
+    assert code == -signal.SIGKILL
+    screen = good(f"{SAMPLE} posterior.nc --resume", cwd=four_subjects)
+    assert "of 4 subjects taken from posterior.nc.partial" in screen
+    files = sorted(path.name for path in four_subjects.iterdir())
+    assert files == ["posterior.nc", "study.csv"]
+
+    good(f"{SAMPLE} without_a_stop.nc", cwd=four_subjects)
+    names = ("posterior.nc", "without_a_stop.nc")
+    resumed, expected = (bt.load(four_subjects / name).tree for name in names)
+    assert resumed.attrs.pop("created_at") <= expected.attrs.pop("created_at")
+    xr.testing.assert_identical(resumed, expected)
+
+
+def test_stored_results_are_thrown_away_with_overwrite(tmp_path):
+    grouped_csv(tmp_path / "study.csv", known_observers("A"))
+    partial = tmp_path / "evidence.csv.partial"
     partial.mkdir()
-    (partial / f"{'0' * 32}.result").write_text("of another time")
-    line = "evidence study.csv -o evidence.csv --seed 1 --workers 1"
-    assert "evidence.csv.partial holds 1 result of a stopped command" in refused(line, cwd=four)
-    good(f"{line} --overwrite", cwd=four)
-    assert sorted(path.name for path in four.iterdir()) == ["evidence.csv", "study.csv"]
+    (partial / f"{'0' * 32}.result").write_text("of an earlier command")
+    line = "evidence study.csv -o evidence.csv --seed 1"
+    assert "evidence.csv.partial holds 1 result of a stopped command" in refused(line, cwd=tmp_path)
+    good(f"{line} --overwrite", cwd=tmp_path)
+    files = sorted(path.name for path in tmp_path.iterdir())
+    assert files == ["evidence.csv", "study.csv"]
 
 
 FAILING_THREAD = """

@@ -12,8 +12,6 @@ import pytest
 from commands import PROGRAM, call, good, inside
 from conftest import few_pairs, grouped_csv, text_table
 
-ONE_WORKER = "--seed 1 --workers 1"
-
 
 @pytest.fixture(scope="module")
 def study_folder(tmp_path_factory):
@@ -43,7 +41,7 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(study_folder, tmp_pat
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
     try:
-        words = f"--draws 100 {ONE_WORKER} --overwrite -q"
+        words = "--draws 100 --seed 1 --overwrite -q"
         finished = inside(f"run {study_folder}/study.csv -o {file.parent} {words}")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -72,7 +70,7 @@ def test_closed_and_full_streams_cost_no_results(tmp_path):
     """Nor do workers lose theirs."""
     grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
     line = "fit study.csv --seed 1 --replicates 5"
-    good(f"{line} -o calm.csv --workers 1", cwd=tmp_path)
+    good(f"{line} -o calm.csv", cwd=tmp_path)
     closed = shell("<&- >&- 2>&-", f"{line} -o closed.csv --workers 2", cwd=tmp_path)
     assert (closed.returncode, closed.stderr) == (0, "")
     assert (tmp_path / "closed.csv").read_bytes() == (tmp_path / "calm.csv").read_bytes()
@@ -89,7 +87,7 @@ def test_a_plain_environment_without_a_home_and_a_temporary_folder(study_folder,
     plain |= dict.fromkeys(["PYTHONUTF8", "PYTHONCOERCECLOCALE"], "0")
     plain |= dict.fromkeys(["HOME", "TMPDIR"], str(study_folder / "study.csv" / "home"))
     grouped_csv(tmp_path / "study.csv", few_pairs(["\xe9"]))
-    line = f"run study.csv -o out --figures none --draws 100 {ONE_WORKER}"  # which draws figures
+    line = "run study.csv -o out --figures none --draws 100 --seed 1"  # which draws figures
     finished = call(*line.split(), cwd=tmp_path, **plain)
     assert (finished.returncode, finished.stderr) == (0, "")
     assert r"\xe9" in finished.stdout  # a letter that ASCII lacks

@@ -34,8 +34,8 @@ def folder(tmp_path_factory):
     grouped_csv(folder / "study.csv", simulated_group(1, n_subjects=6))
     rows = [f"P{i:03d},{i % 2},{age}" for i, age in enumerate(_AGES)]
     text = "\n".join(["subject,site,age", *rows, "P005,1,"])
-    (folder / "people.csv").write_text(text, encoding="utf-8")
-    (folder / "wide.toml").write_text("[contraction]\nsd_scale = 0.5\n", encoding="utf-8")
+    (folder / "people.csv").write_text(text)
+    (folder / "wide.toml").write_text("[contraction]\nsd_scale = 0.5\n")
     return folder
 
 
@@ -74,7 +74,8 @@ def test_files_are_those_of_the_group(finished, folder):
     assert np.array_equal(table["q50"], result.summary()["q50"])
 
 
-#: The last but one would write study.csv too.
+#: Options of `population` where group.nc is there, and what they are refused with. A table beside
+#: study.nc would replace study.csv.
 REFUSED = """
     -o other.csv | other.csv: the ending is '.csv'. Draws need .nc
     --categorical site | --categorical site needs --covariates FILE.csv

@@ -18,7 +18,7 @@ A4 = 680  # pixels less the margins: narrower than a page that is not printed ma
 @pytest.fixture(scope="module")
 def path(marked, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "out"
-    write_results(marked, folder, figures="flagged", workers=1)
+    write_results(marked, folder, figures="flagged")
     return folder / "report.html"
 
 
@@ -117,7 +117,7 @@ def test_only_the_scripts_of_the_report_run(browser, path, tmp_path):
     page = path.read_text(encoding="utf-8")
     for script in ("<script>document.title = 'other'</script>", "<script src='x.js'></script>"):
         page = page.replace("</body>", f"{script}</body>")
-    (tmp_path / "x.js").write_text("document.title = 'other'", encoding="utf-8")
+    (tmp_path / "x.js").write_text("document.title = 'other'")
     (tmp_path / "report.html").write_text(page, encoding="utf-8")
     opened = Opened(browser, tmp_path / "report.html", 1200)
     assert opened.page.title() != "other"

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, inside, refused
-from conftest import leave_pictures_blank, made_subject, order_answer
+from conftest import WORD_BY_LETTER, leave_pictures_blank, made_subject, order_answer
 from populations import independent_draws, two_conditions
 
 import bayes_toe as bt
@@ -18,7 +18,6 @@ from bayes_toe.answers.order_effect import (
     Problem,
     Size,
 )
-from bayes_toe.answers.words import Word
 from bayes_toe.checks.identification import ONE_FIRST_STIMULUS
 from bayes_toe.cli.answer_screen import print_answer, print_subjects
 from bayes_toe.cli.check_screen import describe_pairs
@@ -26,20 +25,11 @@ from bayes_toe.cli.group_screen import print_contrast
 from bayes_toe.cli.terminal import WIDTH, Terminal, cell_width
 from bayes_toe.inference.goodness_of_fit import PairResidual
 
-WORDS = {
-    "y": Word.YES,
-    "p": Word.PROBABLY,
-    "u": Word.UNDECIDED,
-    "q": Word.PROBABLY_NOT,
-    "n": Word.NO,
-    "c": Word.CANNOT_BE_TOLD,
-    "x": Word.NOT_INTERPRETABLE,
-}
-FLAT = (0, 0, 0)
+NO_SIZE = (0, 0, 0)
 
 
-def conclusion(name, letters, shift=FLAT, p=FLAT, flag="", problem=""):
-    """An answer with these words, sizes and one flag."""
+def conclusion(name, letters, shift=NO_SIZE, p=NO_SIZE, flag="", problem=""):
+    """An answer with these words by letter, these quantiles of the sizes, and one flag."""
     fields = {"sizes": {"pse_shift_percent": Size(*shift), "contraction_p": Size(*p)}}
     if p[1] < 0:
         fields["direction"] = "repulsion"
@@ -49,14 +39,17 @@ def conclusion(name, letters, shift=FLAT, p=FLAT, flag="", problem=""):
         fields |= {"fit_p": 0.001, "worst_pairs": (PairResidual(0.0, 0.3, 0.9, 0.4),)}
     if letters[2] == "c":
         fields["reasons"] = {"contraction": ONE_FIRST_STIMULUS}
-    return order_answer(name, [WORDS[letter] for letter in letters], **fields)
+    return order_answer(name, [WORD_BY_LETTER[letter] for letter in letters], **fields)
 
 
+MISFIT = Problem("The model does not fit.")
 WIDER = Problem("A prior twice as wide changes contraction from 'undecided' to 'probably not'.")
 SWAP = Problem("Responses look swapped in blocks 2 and 4.", "--swap A08:2,4")
 STUDY = [
     conclusion("A01", "yyy", (8.2, 11.7, 16.1), (0.2, 0.29, 0.36)),
-    conclusion("A02", "yyn", (18, 23, 29), FLAT, MISFIT_FLAG, Problem("The model does not fit.")),
+    conclusion(
+        "A02", "yyn", (18, 23, 29), NO_SIZE, MISFIT_FLAG, Problem("The model does not fit.")
+    ),
     conclusion("A03", "yny", p=(-0.38, -0.35, -0.28)),
     conclusion("A04", "yyp", (-14, -9.4, -5.2), (0.03, 0.17, 0.3)),
     conclusion("A05", "puc", (-1.1, 4.0, 8.4)),
@@ -136,7 +129,7 @@ def test_pairs_are_counted_whatever_their_order(s1, s2, text):
 
 PAIRS = [(0.0, 0.3), (0.3, 0.0), (0.3, 0.6), (0.6, 0.3), (0.6, 0.9), (0.9, 0.6)]
 LONG = "subject with a rather long name"
-SEED = "--seed 1 --workers 1"
+SEED = "--seed 1"
 #: Each screen: the line that is typed, without `bayes-toe`.
 COMMANDS = {
     "check": "trials.csv",
@@ -210,7 +203,7 @@ def test_false_positives_are_counted_in_brackets(screens):
 @pytest.fixture(scope="module")
 def table():
     """What differs between two conditions of one subject."""
-    return bt.contrast(two_conditions(1, n_subjects=1), seed=1, workers=1)
+    return bt.contrast(two_conditions(1, n_subjects=1), seed=1)
 
 
 def test_a_word_that_depends_on_lapses_has_a_mark(table, capsys):
@@ -226,10 +219,11 @@ def test_a_word_that_depends_on_lapses_has_a_mark(table, capsys):
     assert "? The word changes if the lapse rate" in text
 
 
-#: Counts of a subject with its name to be filled in.
-RISING = "{0},0,0.3,36,40\n{0},0.3,0.6,36,40\n{0},0.6,0.9,36,40\n"
-STRAIGHT = RISING + "{0},0.3,0,4,40\n{0},0.6,0.3,4,40\n{0},0.9,0.6,4,40\n"
-REVERSED = STRAIGHT.replace(",36,", ",n,").replace(",4,", ",36,").replace(",n,", ",4,")
+#: Counts of 'second' of a subject, whose name is to be filled in: the second stimulus is stronger
+#: in all pairs, or in one of both orders, or both orders are answered the wrong way round.
+SECOND_STRONGER = "{0},0,0.3,36,40\n{0},0.3,0.6,36,40\n{0},0.6,0.9,36,40\n"
+BOTH_ORDERS = SECOND_STRONGER + "{0},0.3,0,4,40\n{0},0.6,0.3,4,40\n{0},0.9,0.6,4,40\n"
+REVERSED = BOTH_ORDERS.replace(",36,", ",n,").replace(",4,", ",36,").replace(",n,", ",4,")
 
 
 @pytest.fixture
@@ -238,7 +232,7 @@ def answer_of_check(tmp_path):
 
     def check(rows, options=""):
         text = "subject,s1,s2,n_second,n_trials\n" + rows
-        (tmp_path / "study.csv").write_text(text, encoding="utf-8")
+        (tmp_path / "study.csv").write_text(text)
         screen = good(f"check study.csv {options}", cwd=tmp_path)
         return " ".join(screen.partition("Answer\n")[2].split())
 
@@ -246,14 +240,14 @@ def answer_of_check(tmp_path):
 
 
 def test_limits_of_one_subject_are_not_those_of_the_study(answer_of_check):
-    text = answer_of_check(RISING.format("Z") + "".join(map(STRAIGHT.format, "ABC")))
+    text = answer_of_check(SECOND_STRONGER.format("Z") + "".join(map(BOTH_ORDERS.format, "ABC")))
     effects = "a constant error (3 of 4 subjects) and a contraction (3 of 4 subjects)."
     assert text.startswith(f"The design can show {effects} Order effect, constant error and")
     assert "unequal stimuli were presented in one order only (1 of 4 subjects)." in text
 
 
 def test_a_decision_that_was_made_stays(answer_of_check):
-    rows = "".join([*map(STRAIGHT.format, "AB"), *map(REVERSED.format, "CD")])
+    rows = "".join([*map(BOTH_ORDERS.format, "AB"), *map(REVERSED.format, "CD")])
     command = "bayes-toe run study.csv --swap C"
     assert "2 of 4 subjects need a decision. Type one of these:" in answer_of_check(rows)
     proposed = "1 of 4 subjects needs a decision. Type one of these: "
@@ -261,15 +255,27 @@ def test_a_decision_that_was_made_stays(answer_of_check):
     assert answer_of_check(rows, "--swap C").endswith(proposed)
 
 
+#: Counts that fall with the distance between the stimuli, as those of 'equal' do.
+SAME_OR_DIFFERENT = """subject,s1,s2,n,n_trials
+A,0,0,54,60
+A,0.2,0.2,54,60
+A,0.4,0.4,54,60
+A,0,0.2,24,60
+A,0.2,0,24,60
+A,0.2,0.4,24,60
+A,0.4,0.2,24,60
+A,0,0.4,2,60
+A,0.4,0,2,60
+"""
+
+
 def test_where_the_task_is_another_one_nobody_is_analysed(tmp_path):
-    pairs = np.repeat([*product(range(4), repeat=2)], 30, axis=0)
-    p_equal = 0.9 * np.exp(-(np.diff(pairs)[:, 0] ** 2.0))
-    is_equal = np.random.default_rng(3).random(len(pairs)) < p_equal
-    rows = pd.DataFrame({"subject": "A", "s1": 0.2 * pairs[:, 0], "s2": 0.2 * pairs[:, 1]})
-    rows.assign(response=is_equal.astype(int)).to_csv(tmp_path / "study.csv", index=False)
-    screen = " ".join(good("check study.csv --second-code 1", cwd=tmp_path).split())
-    assert "All subjects need a decision: was the task 'same or different?'" in screen
-    assert "No subject needs a decision" in good("check study.csv --equal-code 1", cwd=tmp_path)
+    (tmp_path / "study.csv").write_text(SAME_OR_DIFFERENT)
+    screen = good("check study.csv --columns n_second=n", cwd=tmp_path)
+    decision = "All subjects need a decision: was the task 'same or different?'"
+    assert decision in " ".join(screen.split())
+    right_task = good("check study.csv --columns n_equal=n", cwd=tmp_path)
+    assert "No subject needs a decision" in right_task
 
 
 def test_where_nothing_can_be_analysed_no_command_is_proposed(answer_of_check):

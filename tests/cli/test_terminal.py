@@ -29,7 +29,7 @@ def shown_subjects(text):
 
 
 @pytest.fixture
-def numerous(analysis):
+def hundred(analysis):
     """Answers of a hundred subjects: the last does not fit, and the blocks of S98 differ."""
     answers = [replace(analysis.answers[i % 3], subject=f"S{i}", problems={}) for i in range(100)]
     differs = Problem("Block 3 differs from the others (p < .001).", "--exclude S98:3")
@@ -39,9 +39,9 @@ def numerous(analysis):
     return answers
 
 
-def test_of_many_subjects_the_table_has_those_that_need_action(numerous, capsys, monkeypatch):
+def test_of_many_subjects_the_table_has_those_that_need_action(hundred, capsys, monkeypatch):
     monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", ["run", "study.csv"])
-    print_subjects(Terminal(), numerous, "evidence.csv")
+    print_subjects(Terminal(), hundred, "evidence.csv")
     text = capsys.readouterr().out
     assert shown_subjects(text) == ["S98", "S99"]
     assert "The other 98 subjects need no action. All 100 subjects: evidence.csv" in text
@@ -51,10 +51,10 @@ def test_of_many_subjects_the_table_has_those_that_need_action(numerous, capsys,
     assert text.endswith(f"To apply all of these, type:\n  {command}\n")
 
 
-def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(numerous):
-    assert without_decision(numerous[:98], {}) == ["No subject needs a decision."]
+def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(hundred):
+    assert without_decision(hundred[:98], {}) == ["No subject needs a decision."]
     assert (
-        without_decision(numerous[:98], {"S3": "R-hat 1.2"}) == without_decision(numerous, {}) == []
+        without_decision(hundred[:98], {"S3": "R-hat 1.2"}) == without_decision(hundred, {}) == []
     )
 
 

@@ -110,6 +110,7 @@ def test_a_subject_is_excluded_in_all_conditions():
     assert changed(units, exclude=["a@left"]).names == ("a@right", "b:1@left", "b:1@right")
 
 
+#: Options of every command that reads a study, and what they are refused with.
 REFUSED = """
     --swap x:2 | --swap x:2: no subject 'x'; the subjects are a, b:1
     --exclude a:9 | --exclude a:9: found no block '9', allowed: 1, 2, 3
@@ -142,7 +143,7 @@ def test_blocks_of_a_file_without_blocks_and_files_that_are_not_there_are_refuse
 
 def test_results_remember_what_was_changed(tmp_path):
     grouped_csv(tmp_path / "study.csv", few_pairs("ABC"))
-    options = "--swap A --exclude C --seed 1 --draws 100 --workers 1"
+    options = "--swap A --exclude C --seed 1 --draws 100"
     screen = good(f"sample study.csv -o draws.nc {options}", cwd=tmp_path)
     assert "\nWith --swap A --exclude C\n" in screen
     study = bt.load(tmp_path / "draws.nc").study

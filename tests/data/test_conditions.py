@@ -1,5 +1,7 @@
 """Conditions within subjects: units, their scales, the design of levels, and what is refused."""
 
+from io import StringIO
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -45,9 +47,11 @@ def test_any_two_levels_differ_alike_and_effects_sum_to_nothing(levels):
 def test_numbers_have_a_slope_over_their_range():
     delays = Conditions("delay", ("4", "2", "8"), numeric=True)
     assert delays.comparisons == (("8", "2"),)
-    np.testing.assert_allclose(delays.design()[:, 0], (np.array([4, 2, 8]) - 14 / 3) / 6)
-    first, last = delays.design(("8", "2"))[:, 0]
-    assert first - last == pytest.approx(1.0)
+    numbers = np.array([4.0, 2.0, 8.0])
+    expected = (numbers - numbers.mean()) / np.ptp(numbers)
+    np.testing.assert_allclose(delays.design()[:, 0], expected)
+    highest, lowest = delays.design(("8", "2"))[:, 0]
+    assert highest - lowest == pytest.approx(1.0)
 
 
 def test_units_are_subjects_in_conditions(read):
@@ -102,23 +106,25 @@ def test_what_does_not_differ_within_subjects_is_no_condition(read):
             read(text, **options)
 
 
+#: Each pair of stimuli with the name of its order.
 PAIRS = [(0.0, 0.3, "up"), (0.3, 0.0, "down"), (0.0, 0.6, "up"), (0.6, 0.0, "down")]
 
 
-@pytest.mark.parametrize("name, n_levels", [("{0}-{1}", 4), ("{2}", 2)])
-def test_names_of_pairs_or_of_their_order_are_no_condition_unless_asked_for(read, name, n_levels):
+@pytest.mark.parametrize(
+    "level, n_levels", [("{0}-{1}", 4), ("{2}", 2)], ids=["names of pairs", "names of orders"]
+)
+def test_levels_that_share_no_pair_are_no_condition_unless_asked_for(read, level, n_levels):
     lines = ["subject,trial,s1,s2,response,condition"]
-    for i, pair in enumerate(PAIRS * 4):
-        lines.append(f"a,{i},{pair[0]},{pair[1]},equal,{name.format(*pair)}")
-    del lines[4]
+    for trial, pair in enumerate(PAIRS * 4):
+        lines.append(f"a,{trial},{pair[0]},{pair[1]},equal,{level.format(*pair)}")
     text = "\n".join(lines)
     study = read(text)
     assert (study.names, study.conditions) == (("a",), None)
     assert "found no pair at two of its levels" in study.notes[-1]
-    request = read(text, condition="condition")
-    assert len(request) == n_levels
-    assert any("trial numbers are missing (a 1)" in note for note in request.notes)
-    assert read(text + "\na,16,0.0,0.3,equal,other").conditions is not None  # a pair at two levels
+    assert len(read(text, condition="condition")) == n_levels
+
+    with_a_shared_pair = text + "\na,16,0.0,0.3,equal,other"
+    assert read(with_a_shared_pair).conditions is not None
 
 
 def messages(study):
@@ -216,20 +222,28 @@ CODES = TASKS.replace("different,s", "0,s").replace("first", "0")
 CODES = CODES.replace("equal", "1").replace("second", "1")
 
 
-def test_tasks_are_conditions_by_a_column_or_by_a_file(read, tmp_path):
-    units = ("a@2AFC", "a@same/different", "b@2AFC")
+#: Subject b has answered one of the tasks alone.
+UNITS = ("a@2AFC", "a@same/different", "b@2AFC")
+
+
+def test_tasks_are_conditions_by_a_column(read):
     study = read(TASKS, condition="task")
-    assert study.names == units
+    assert study.names == UNITS
     assert [part.task for part in study.by_task] == [WHICH_STRONGER, SAME_DIFFERENT]
     assert study["a@2AFC"].shared_scales == study["a@same/different"].shared_scales
-    assert read(CODES, condition="task", equal_code="1", second_code="1").names == units
-    renamed = TASKS.replace(",task", ",question")
-    first = read(renamed, condition="question", reference="same/different")
-    assert first.conditions == Conditions("question", ("same/different", "2AFC"))
+    assert read(CODES, condition="task", equal_code="1", second_code="1").names == UNITS
 
-    frame = pd.read_csv(tmp_path / "study.csv")
-    files = [rows.drop(columns="question") for _, rows in frame.groupby("question")]
-    assert bt.read_study(files, bt.ReadOptions(condition="task")).names == units
+
+def test_the_column_of_tasks_may_have_another_name(read):
+    renamed = TASKS.replace(",task", ",question")
+    study = read(renamed, condition="question", reference="same/different")
+    assert study.conditions == Conditions("question", ("same/different", "2AFC"))
+
+
+def test_tasks_are_conditions_by_files_of_one_task_each():
+    frame = pd.read_csv(StringIO(TASKS))
+    files = [rows.drop(columns="task") for _, rows in frame.groupby("task")]
+    assert bt.read_study(files, bt.ReadOptions(condition="task")).names == UNITS
 
 
 @pytest.mark.parametrize(

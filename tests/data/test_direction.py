@@ -2,20 +2,23 @@
 
 import re
 import shlex
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 from commands import inside
 from conftest import text_table
+from numpy.random import default_rng
 
 import bayes_toe as bt
 from bayes_toe.data.responses import direction
+from bayes_toe.data.tasks import WHICH_STRONGER
 
 
 def made_up_trials(n=240, constant_error=0.1):
     """Trials with a standard and a comparison; the second is chosen where it seems stronger."""
-    rng = np.random.default_rng(8)
+    rng = default_rng(8)
     table = pd.DataFrame({"subject": "P1", "standard": np.zeros(n)})
     table["comparison"] = rng.choice([-0.3, -0.2, -0.1, 0.1, 0.2, 0.3], n)
     table["first"] = rng.choice(["standard", "comparison"], n)
@@ -46,6 +49,7 @@ def with_order(column, standard, comparison, response=WORDS):
 
 
 def coded(second, first):
+    """Responses with these codes of 'second' and 'first'."""
     return TRIALS.second_is_chosen.map({True: second, False: first})
 
 
@@ -311,14 +315,15 @@ def test_the_advice_for_reversed_answers_works_when_it_is_typed(table, words, ex
         assert (after.returncode, after.stderr) == (0, "")
 
 
-def counts_of(names, sign, n=40, slope=6.0):
-    """Subjects whose P(second) rises, or falls, with s2 - s1."""
+def subjects_with(n_subjects, sign, n=40, slope=6.0):
+    """Subjects whose P(second) rises with s2 - s1 (sign 1), or falls (sign -1: reversed)."""
     levels = np.array([-0.3, -0.2, -0.1, 0.1, 0.2, 0.3])
     share = 1.0 / (1.0 + np.exp(-sign * slope * levels))
     trials = np.full(len(levels), n)
     counts = np.rint(n * share).astype(int)
-    task = bt.read_study(IN_ORDER).task
-    return [bt.Subject(name, 0.0 * levels, levels, counts, trials, task=task) for name in names]
+    names = [f"{sign * slope} {i}" for i in range(n_subjects)]
+    options = {"task": WHICH_STRONGER}
+    return [bt.Subject(name, 0.0 * levels, levels, counts, trials, **options) for name in names]
 
 
 @pytest.mark.parametrize(
@@ -333,30 +338,27 @@ def counts_of(names, sign, n=40, slope=6.0):
         (0, 13, 6.0, 1),
     ],
 )
-def test_a_whole_study_is_reversed_if_most_subjects_are(n_reversed, n_straight, slope, expected):
-    subjects = counts_of([f"r{i}" for i in range(n_reversed)], -1, slope=slope)
-    subjects += counts_of([f"s{i}" for i in range(n_straight)], 1, slope=slope)
+def test_a_whole_study_is_reversed_if_all_subjects_are(n_reversed, n_straight, slope, expected):
+    """-1 is a reversed study, 0 one that is not clear, 1 one as it should be."""
+    subjects = subjects_with(n_reversed, -1, slope=slope)
+    subjects += subjects_with(n_straight, 1, slope=slope)
     assert direction(bt.Study(subjects)) == expected
 
 
 def test_three_reversed_subjects_beside_ten_of_a_hard_task_are_no_reversed_study():
-    subjects = counts_of([f"r{i}" for i in range(3)], -1, slope=12.0)
-    subjects += counts_of([f"s{i}" for i in range(10)], 1, n=20, slope=0.5)
+    subjects = subjects_with(3, -1, slope=12.0) + subjects_with(10, 1, n=20, slope=0.5)
     assert direction(bt.Study(subjects)) == 0
 
 
 @pytest.mark.parametrize("n_subjects", [1, 12, 40])
 def test_subjects_who_guess_are_no_reversed_study(n_subjects):
     """One study in three million would be by chance."""
-    rng = np.random.default_rng(n_subjects)
-    levels = np.array([-0.3, -0.2, -0.1, 0.1, 0.2, 0.3])
+    rng = default_rng(n_subjects)
     for _ in range(50):
         subjects = []
-        for i in range(n_subjects):
-            counts, trials = rng.binomial(20, 0.5, len(levels)), np.full(len(levels), 20)
-            subjects.append(
-                bt.Subject(f"{i}", 0.0 * levels, levels, counts, trials, task=INTENDED.task)
-            )
+        for subject in subjects_with(n_subjects, 1, n=20):
+            guesses = rng.binomial(subject.n_trials, 0.5)
+            subjects.append(replace(subject, n_yes=guesses))
         assert direction(bt.Study(subjects)) == 0
 
 

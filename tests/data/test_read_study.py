@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 import bayes_toe as bt
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.validation import number, whole_number
-from bayes_toe.errors import InputError, python_options
+from bayes_toe.errors import InputError
 
 TRIALS = "subject,s1,s2,response\n"
 COUNTS = "subject,s1,s2,n_equal,n_trials\n"
@@ -40,15 +40,9 @@ def words(rows):
 
 
 def refused(data, **options):
-    """The problems of a file, each one line that no terminal would obey; remedies follow."""
-    with pytest.raises(InputError) as caught:
-        read(data, **options)
-    lines = caught.value.problems
-    assert all(line.isprintable() for line in lines)
-    remedies = [
-        f"use {python_options([remedy])} {remedy.meaning}" for remedy in caught.value.remedies
-    ]
-    assert str(caught.value).splitlines() == [*lines, *remedies]
+    """The problems of a file without its name, each one line that no terminal would obey."""
+    lines = problems(read, data, **options)
+    assert all(map(str.isprintable, lines))
     assert all(line.startswith(("study.csv: ", "... and ")) for line in lines)
     return [line.removeprefix("study.csv: ") for line in lines]
 
@@ -64,6 +58,7 @@ def content(study):
 # --- What is read ---------------------------------------------------------------------------------
 
 AMPLITUDES = "subject,i1,i2,response\n"
+#: What `content` gives: subject, s1, s2, responses 'equal' and trials.
 EQUAL = "a 0.0 0.0 1 1"
 DIFFERENT = "a 0.0 0.0 0 1"
 EACH_CASE = "a 0.0 0.0 1 2"
@@ -289,27 +284,32 @@ def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted():
     assert study["a"].answers.n_yes.tolist() == [1, 0]
 
 
-def test_trials_that_are_there_twice_are_told():
-    rows = ORDERED + words("a,0,1,1,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n")
-    without_blocks = "subject,s1,s2,response,trial\na,0,1,equal,1\n"
-    doubts = {
-        rows + words("b,0,1,NA,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n"): (
-            "2 rows with the trial number and all else of an earlier row, first row 6 ("
-        ),
-        without_blocks + "a,0,1,equal,1\n": "1 row with the trial number and all else",
-    }
-    for text, expected in doubts.items():
-        (doubt,) = read(text).reading.doubts
-        assert expected in doubt
-    # In another block, without a number, or without blocks they may be other trials.
-    remaining = without_blocks + "a,0,0,equal,1\n", TRIALS + words("a,0,1,1\na,0,1,1\n")
-    for text in (
-        rows,
-        rows + words("b,0,0,1,1,1\n"),
-        rows + words("a,0,0,0,1,x\na,0,0,0,1,x\n"),
-        *remaining,
-    ):
-        assert read(text).reading.doubts == ()
+#: Trials with numbers: columns as in ORDERED, and the same without blocks.
+NUMBERED = ORDERED + words("a,0,1,1,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n")
+WITHOUT_BLOCKS = "subject,s1,s2,response,trial\na,0,1,equal,1\n"
+
+
+def test_rows_that_repeat_an_earlier_trial_are_doubted():
+    (doubt,) = read(NUMBERED + words("b,0,1,NA,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n")).reading.doubts
+    expected = "2 rows with the trial number and all else of an earlier row, first row 6 ("
+    assert expected in doubt
+    (doubt,) = read(WITHOUT_BLOCKS + "a,0,1,equal,1\n").reading.doubts
+    assert "1 row with the trial number and all else" in doubt
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        NUMBERED,
+        NUMBERED + words("b,0,0,1,1,1\n"),
+        NUMBERED + words("a,0,0,0,1,x\na,0,0,0,1,x\n"),
+        WITHOUT_BLOCKS + "a,0,0,equal,1\n",
+        TRIALS + words("a,0,1,1\na,0,1,1\n"),
+    ],
+    ids=["as it is", "another response", "no number", "another pair", "no column trial"],
+)
+def test_rows_that_differ_or_have_no_trial_number_are_no_doubt(text):
+    assert read(text).reading.doubts == ()
 
 
 def test_counts_have_answers_where_they_have_blocks():
@@ -406,7 +406,7 @@ def test_the_code_proposed_for_second_is_commoner_with_a_stronger_second_stimulu
     assert typed_remedies(rows) == ["--second-code z", "--equal-code z"]
 
 
-#: Columns beside `correct`, and what they say of trials that are answered and missed.
+#: A column beside `correct`, its cells in answered trials (of both orders), and in missed trials.
 SIGNS = [
     *(("key", "j|l", text) for text in ("-1", "-99", "-999", "0", "[]", "timeout", "no response")),
     *(("rt", ".6|.7", text) for text in ("-1", "-1.0", "0", "999", "inf", "None", "NA")),
@@ -414,7 +414,7 @@ SIGNS = [
     *((name, "0|0", "1") for name in ("timed_out", "timeout", "missed", "noResponse", "too_late")),
     ("Timed out", "no|no", "yes"),
 ]
-#: The same where nothing shows a missed trial.
+#: The same where the last cell is that of an answered trial, too.
 NO_SIGNS = [
     ("key", "1|1", "0"),
     ("rt", "1400|1500", "999"),
@@ -425,7 +425,10 @@ NO_SIGNS = [
 
 
 def scored(column, answered, missed, scores="00"):
-    """Trials that are scored right or wrong, the last ones with another cell in a column."""
+    """Eight trials that are scored right or wrong, and two for each of `scores`.
+
+    In the column, the latter have the cell of a missed trial.
+    """
     first, second = answered.split("|")
     rows = [f"subject,s1,s2,correct,{column}"]
     for score in "1101":
@@ -438,18 +441,19 @@ def scored(column, answered, missed, scores="00"):
 @pytest.mark.parametrize("column, answered, missed", SIGNS)
 def test_a_missed_trial_is_shown_by_any_usual_sign(column, answered, missed):
     study = read(scored(column, answered, missed), correct="correct")
-    assert study["a"].total_trials == 8
+    assert study["a"].total_trials == 8  # without the four that are missed
     (note,) = (note for note in study.notes if "dropped" in note)
     cell = repr(missed) if missed else "empty"
     assert note == f"4 trials without a response dropped ({cell} in column {column}): a 4"
-    # No response beside a sign is right.
+    # A trial that is scored right has a response, whatever the sign says.
     right = read(scored(column, answered, missed, scores="11"), correct="correct")
-    assert right["a"].total_trials == 12
+    assert right["a"].total_trials == 8 + 4
 
 
 @pytest.mark.parametrize("column, answered, missed", NO_SIGNS)
 def test_other_cells_beside_wrong_responses_show_no_missed_trial(column, answered, missed):
-    assert read(scored(column, answered, missed, "0"), correct="correct")["a"].total_trials == 10
+    study = read(scored(column, answered, missed, scores="0"), correct="correct")
+    assert study["a"].total_trials == 8 + 2
 
 
 THREE_CODES = TRIALS + "a,0,0.3,39\na,0.3,0,37\na,0,0.3,{0}\na,0.3,0,{0}\n"
@@ -621,8 +625,8 @@ def test_a_cell_that_cannot_be_used_is_refused(text, options, column, rule, cell
         assert refused(text.format(cell), **options) == [expected]
 
 
-#: Files and their problems, a line each.
-FILES = {
+#: Whole files and their problems, a line each.
+REFUSED_FILES = {
     "id,x,response\na,0,equal\n": (
         "row 1: there is no column subject, no column s1 and no column s2. The columns are id, x, "
         "response."
@@ -655,7 +659,7 @@ FILES = {
     f"\n \n{TRIALS}\na,0,x,equal\n": "row 5, column s2: found 'x', allowed: a finite number",
 }
 #: The same of rows below the header of counts.
-COUNT_ROWS = {
+REFUSED_COUNTS = {
     "a,0,0,1,2\n ,0,0,0,0\n": (
         "row 3, column subject: found '', allowed: a text that is not empty"
     ),
@@ -668,7 +672,7 @@ COUNT_ROWS = {
     ),
 }
 #: The same of rows below the header of trials.
-TRIAL_ROWS = {
+REFUSED_TRIALS = {
     "a,0,0,equal\na,0,0\na,0,0,equal\n": (
         "row 3: found 3 cells, allowed: 4 cells as in the header"
     ),
@@ -705,7 +709,10 @@ TRIAL_ROWS = {
 }
 
 
-@pytest.mark.parametrize("header, table", [("", FILES), (COUNTS, COUNT_ROWS), (TRIALS, TRIAL_ROWS)])
+@pytest.mark.parametrize(
+    "header, table",
+    [("", REFUSED_FILES), (COUNTS, REFUSED_COUNTS), (TRIALS, REFUSED_TRIALS)],
+)
 def test_a_file_that_cannot_be_used_is_refused(header, table):
     for rows, lines in table.items():
         assert refused(header + rows) == lines.splitlines()

@@ -20,6 +20,7 @@ import pandas as pd
 import pytest
 from commands import inside, refused
 from conftest import text_table
+from numpy.random import default_rng
 from scipy.io import savemat
 
 import bayes_toe as bt
@@ -32,7 +33,7 @@ MATLAB_CLASSES = {"subject": "char", "response": "char"}
 
 def made_up_trials():
     """A table with all columns that a shape may need."""
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     first, second = (rng.choice(GRAMS, 80) for _ in range(2))
     difference = np.log(second / first)
     second_is_stronger = difference + rng.normal(0.05, 0.2, 80) > 0
@@ -54,24 +55,15 @@ COUNTS = (
     .reset_index()
     .set_axis(["subject", "s1", "s2", "n_second", "n_trials"], axis=1)
 )
-SHARES = COUNTS.assign(n_second=(COUNTS.n_second / COUNTS.n_trials).round(3))
+PROPORTIONS = COUNTS.assign(n_second=(COUNTS.n_second / COUNTS.n_trials).round(3))
 
 
-def counts_of(table):
-    """Counts by subject and pair; only the steps between levels count, to 0.003."""
-    is_second = table.response == "second"
-    levels = [table.s1 - table.s1.min(), table.s2 - table.s1.min()]
-    groups = is_second.groupby([table.subject, *(level.round(2) for level in levels)])
-    return {key: (int(part.sum()), len(part)) for key, part in groups}
-
-
-def counts_read(study, names):
-    """The same of a study that was read."""
+def counts_by_pair(study):
+    """Counts of the first and the second subject by pair, above the lowest level, to 0.01."""
     frame = study.frame()
     levels = (frame[["s1", "s2"]] - frame.s1.min()).round(2) + 0.0
-    subjects = frame.subject.map(dict(zip(study.names, names, strict=True)))
-    counts = zip(frame.n_second, frame.n_trials, strict=True)
-    return dict(zip(zip(subjects, levels.s1, levels.s2, strict=True), counts, strict=True))
+    positions = frame.subject.map(study.names.index)
+    return sorted(zip(positions, levels.s1, levels.s2, frame.n_second, frame.n_trials, strict=True))
 
 
 def csv(table, encoding="utf-8", **style):
@@ -161,7 +153,7 @@ GERMAN = pd.DataFrame(
         "Urteil": TRIALS.response.map({"first": "erster", "second": "zweiter"}),
     }
 )
-REIZE = {"s1": "Reiz 1", "s2": "Reiz 2"}
+GERMAN_PAIR = {"s1": "Reiz 1", "s2": "Reiz 2"}
 WEIGHTS = {"intensity": 1000.0, "columns": {"i1": "w1", "i2": "w2"}}
 LISTS = IN_LOGS.to_dict(orient="list")
 RECORDS = json.loads(IN_LOGS.to_json(orient="records"))
@@ -186,7 +178,7 @@ NO_RESPONSES = "NA|n/a||none|null|-99|999|.|timeout|no response"
 PRACTICE = [["P03", 0, 0.3, "second"]] * 8
 
 
-def marked(column, practice, main):
+def with_practice(column, practice, main):
     """Trials after eight rows of practice, which a column marks."""
     return csv(with_rows(IN_LOGS, PRACTICE).assign(**{column: [practice] * 8 + [main] * 80}))
 
@@ -206,7 +198,7 @@ def with_part(workbook, pattern, replacement):
     return data.getvalue()
 
 
-NUMBERS = answered(IN_LOGS, 0, 1)
+CODED = answered(IN_LOGS, 0, 1)
 #: Columns that mark practice, catch trials or instructions: texts of these and of other rows.
 PRACTICE_MARKS = """
     test_part | practice | test
@@ -255,7 +247,7 @@ READ = {
     "lines_above.csv": (b"Experiment 1\n\nlab 3\n" + csv(IN_LOGS), {}),
     "last_comma.csv": (csv(IN_LOGS.assign(**{"": ""})), {}),
     "quoted.csv": (csv(IN_LOGS.assign(note="two\nlines"), quoting=1), {}),
-    "german_windows.csv": (csv(GERMAN, "cp1252", sep=";"), {"columns": REIZE}),
+    "german_windows.csv": (csv(GERMAN, "cp1252", sep=";"), {"columns": GERMAN_PAIR}),
     "french.csv": (csv(answered(IN_LOGS, "première", "deuxième", "réponse")), {}),
     "participant.csv": (csv(labelled(IN_LOGS, subject="Participant ID", response="choice")), {}),
     "true_false.csv": (csv(answered(IN_LOGS, False, True)), {"second_code": "True"}),
@@ -264,8 +256,10 @@ READ = {
     "in_a_key.json": (json.dumps({"trials": RECORDS, "version": 2}).encode(), {}),
     "by_column.json": (json.dumps(LISTS).encode(), {}),
     "table.xlsx": (excel(Trials=IN_LOGS), {}),
-    "german.xlsx": (excel(Info=pd.DataFrame({"by": ["lab"]}), Daten=GERMAN), {"columns": REIZE}),
-    "title.xlsx": (excel(Daten=titled(GERMAN)), {"columns": REIZE}),
+    "german.xlsx": (
+        excel(Info=pd.DataFrame({"by": ["lab"]}), Daten=GERMAN), {"columns": GERMAN_PAIR},
+    ),
+    "title.xlsx": (excel(Daten=titled(GERMAN)), {"columns": GERMAN_PAIR}),
     "two_sheets.xlsx": (excel(A=IN_LOGS, B=IN_LOGS), {"sheet": "B"}),
     "errors_elsewhere.xlsx": (
         excel(Trials=IN_LOGS.assign(mean="#DIV/0!", sum="=A2"), Info=pd.DataFrame(["#REF!"])), {},
@@ -279,9 +273,9 @@ READ = {
     "struct_array_73.mat": (matlab_73(LISTS, is_struct=True), {}),
     "counts.csv": (csv(COUNTS), {}),
     "other_counts.csv": (csv(labelled(COUNTS, n_second="second", n_trials="total")), {}),
-    "proportions.csv": (csv(SHARES), {}),
+    "proportions.csv": (csv(PROPORTIONS), {}),
     "percent_and_n.csv": (
-        csv(labelled(SHARES.assign(n_second=SHARES.n_second.map("{:.1%}".format)),
+        csv(labelled(PROPORTIONS.assign(n_second=PROPORTIONS.n_second.map("{:.1%}".format)),
                   n_second="% second", n_trials="N")),
         {},
     ),
@@ -300,19 +294,19 @@ READ = {
         {},
     ),
     "practice_counter.csv": (csv(IN_LOGS.assign(practice=range(80))), {}),
-    "where.csv": (marked("kind", "other", "main"), {"where": {"kind": "main"}}),
+    "where.csv": (with_practice("kind", "other", "main"), {"where": {"kind": "main"}}),
     "instructions.csv": (csv(with_rows(IN_LOGS, [["P03", "", "", ""]] * 2)), {}),
-    "missed_trials.csv": (csv(MISSED), {"correct": "correct"}, UNEQUAL),
+    "missed_trials.csv": (csv(MISSED), {"correct": "correct"}, UNEQUAL[IN_LOGS.columns]),
     **{
-        f"practice_{column}.csv": (marked(column, *texts), {})
+        f"practice_{column}.csv": (with_practice(column, *texts), {})
         for column, *texts in text_table(PRACTICE_MARKS)
     },
     "trained.csv": (csv(IN_LOGS.assign(training=1)), {}),
     "trained_group.csv": (csv(IN_LOGS.assign(training=[1] * 40 + [0] * 40)), {}),
     "trained_groups.csv": (csv(IN_LOGS.assign(group=["training"] * 40 + ["control"] * 40)), {}),
-    "unfilled.csv": (padded(NUMBERS, subject="P12"), {"second_code": "1"}),
+    "unfilled.csv": (padded(CODED, subject="P12"), {"second_code": "1"}),
     "unfilled_subject.csv": (
-        padded(NUMBERS.replace({"P03": "3", "P12": "12"})), {"second_code": "1"},
+        padded(CODED.replace({"P03": "3", "P12": "12"})), {"second_code": "1"},
     ),
     "unfilled_grams.csv": (
         padded(answered(IN_GRAMS, 37, 39).assign(rt=512), subject="P12"),
@@ -443,11 +437,11 @@ REFUSED = {
         ["there is no column n_trials", "--columns n_trials=NAME"],
     ),
     "proportion_of_others.csv": (
-        csv(labelled(SHARES.assign(n_trials=7), n_second="p_second")),
+        csv(labelled(PROPORTIONS.assign(n_trials=7), n_second="p_second")),
         ["column p_second: found '0.", "a share that makes a whole number of 7 trials"],
     ),
     "few_decimals.csv": (
-        csv(SHARES.assign(n_second=0.5, n_trials=40)),
+        csv(PROPORTIONS.assign(n_second=0.5, n_trials=40)),
         ["column n_second: found '0.5' in 31 rows", "a share that makes a whole number of 40"],
     ),
     "wide.csv": (csv(pd.DataFrame({"subject": ["P03"], "740_905": [3]})), ["no column s1"]),
@@ -527,11 +521,11 @@ def check(folder, name, content, options):
 @pytest.mark.parametrize("name", READ)
 def test_a_shape_is_read_as_it_is_meant(name, tmp_path):
     content, options, *intended = READ[name]
-    table = intended[0] if intended else TRIALS
+    (table,) = intended or [IN_LOGS]
     result = check(tmp_path, name, content, options)
     assert (result.returncode, result.stderr) == (0, "")
     study = bt.read_study(tmp_path / name, bt.ReadOptions(**options))
-    assert counts_read(study, ["P03", "P12"]) == counts_of(table)
+    assert counts_by_pair(study) == counts_by_pair(bt.read_study(table))
     assert any(note.startswith(NOTES.get(name, "")) for note in study.notes), study.notes
 
 
@@ -557,7 +551,7 @@ def test_practice_is_read_where_it_is_asked_for(tmp_path):
 
 
 def test_unfilled_rows_of_a_file_that_names_the_subject(tmp_path):
-    trials = NUMBERS[NUMBERS.subject == "P12"].drop(columns="subject")
+    trials = CODED[CODED.subject == "P12"].drop(columns="subject")
     (tmp_path / "P12.csv").write_bytes(padded(trials))
     options = bt.ReadOptions(second_code="1", subject_from="{}.csv")
     study = bt.read_study(tmp_path / "P12.csv", options)
@@ -566,16 +560,16 @@ def test_unfilled_rows_of_a_file_that_names_the_subject(tmp_path):
 
 
 def test_pairs_of_zeros_that_are_trials_stay():
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     difference = np.repeat([1, 0], 30)
     rows = {"subject": "a", "s1": difference, "s2": 0, "response": difference}
     sorted_by_pair = bt.read_study(pd.DataFrame(rows), bt.ReadOptions(equal_code="0"))
-    few_zeros = pd.concat([NUMBERS, NUMBERS[:3].assign(subject="P12", s1=0, s2=0, response=0)])
+    few_zeros = pd.concat([CODED, CODED[:3].assign(subject="P12", s1=0, s2=0, response=0)])
     assert sorted_by_pair["a"].total_trials == 60
     study = bt.read_study(few_zeros, bt.ReadOptions(second_code="1"))
     assert study["P12"].total_trials == 43
     # A reaction time shows that a row is a trial.
-    timed = pd.concat([NUMBERS, NUMBERS[:20].assign(subject="P12", s1=0, s2=0, response=0)])
+    timed = pd.concat([CODED, CODED[:20].assign(subject="P12", s1=0, s2=0, response=0)])
     timed["rt"] = rng.integers(300, 900, len(timed))
     study = bt.read_study(timed, bt.ReadOptions(second_code="1"))
     assert study["P12"].total_trials == 60

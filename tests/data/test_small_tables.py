@@ -8,11 +8,11 @@ from conftest import problems
 
 from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.tasks import SAME_DIFFERENT
-from bayes_toe.data.validation import read_numbers
 from bayes_toe.design.simulate import make_design, read_observers
 
 TEXTS = {
-    "design": "s1,s2,note\n0,0.25,a\n0.5,-0.125,b\n0.75,0.5,c\n",
+    # Other columns are ignored, also where their name is there twice.
+    "design": "note,s1,s2,note\n,0,0.25,a\n?,0.5,-0.125,inf\n,0.75,0.5,c\n",
     "population": (
         "subject,mu1,sigma_p,sigma_l,q0\n01,-0.5,0.25,0.125,0.75\nNA,0.5,1.25,0.5,0.875\n"
     ),
@@ -35,7 +35,7 @@ READERS = {
     "population": _population,
     "covariates": read_covariates,
 }
-KINDS = pytest.mark.parametrize("kind", TEXTS)
+EACH_KIND = pytest.mark.parametrize("kind", TEXTS)
 
 
 @pytest.fixture
@@ -68,13 +68,7 @@ def test_what_the_plain_files_hold(written):
     }
 
 
-def test_other_columns_are_ignored(written):
-    _, columns = read_numbers(written("note,s1,note,s2\n,0,x,1\n?,0.5,inf,2\n"), ("s1", "s2"))
-    assert list(columns) == ["s1", "s2"]
-    assert (columns["s1"].tolist(), columns["s2"].tolist()) == ([0.0, 0.5], [1.0, 2.0])
-
-
-@KINDS
+@EACH_KIND
 def test_rows_of_another_width_are_refused(written, kind):
     """Readers that guess take the first column for an index, and shift all others in silence."""
     header, row, other, *_ = TEXTS[kind].splitlines()
@@ -87,10 +81,10 @@ def test_rows_of_another_width_are_refused(written, kind):
     assert last == "... and 2 more problems"
 
 
-COLUMNS = pytest.mark.parametrize("kind, column", [("design", "s1"), ("population", "sigma_l")])
+EACH_COLUMN = pytest.mark.parametrize("kind, column", [("design", "s1"), ("population", "sigma_l")])
 
 
-@COLUMNS
+@EACH_COLUMN
 @pytest.mark.parametrize("cell", ["", "nan", "1e400", "1_0", "1,5"])
 def test_cells_that_are_no_numbers_are_refused(written, kind, column, cell):
     header, row, other, *_ = TEXTS[kind].splitlines()
@@ -102,7 +96,7 @@ def test_cells_that_are_no_numbers_are_refused(written, kind, column, cell):
     assert problem == f"row 3, column {column}: found '{cell}', allowed: a finite number{hint}"
 
 
-@COLUMNS
+@EACH_COLUMN
 def test_a_column_is_there_once(written, kind, column):
     header, row, *_ = TEXTS[kind].splitlines()
     assert problems_of(kind, written(f"{header},{column}\n{row},1")) == [

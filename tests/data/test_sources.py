@@ -38,11 +38,8 @@ def as_pandas(frame, folder):
 
 
 def as_polars(frame, folder):
-    columns = {
-        name: [None if value is None or value != value else value for value in frame[name].tolist()]
-        for name in frame
-    }
-    return pytest.importorskip("polars").DataFrame(columns, strict=False)
+    with_none = frame.astype(object).where(frame.notna(), None)
+    return pytest.importorskip("polars").DataFrame(with_none.to_dict("list"), strict=False)
 
 
 def as_parquet(frame, folder):
@@ -51,13 +48,14 @@ def as_parquet(frame, folder):
     return folder / "study.parquet"
 
 
+#: What makes a source of a table: its name, and the number of its first row.
 SOURCES = {
     as_pandas: ("pandas DataFrame", 0),
     as_polars: ("polars DataFrame", 0),
     as_parquet: ("Parquet", 1),
 }
-VALUES = "allowed: text, numbers or truth values"
-EVERY = pytest.mark.parametrize("as_source", SOURCES)
+ALLOWED_VALUES = "allowed: text, numbers or truth values"
+EACH_SOURCE = pytest.mark.parametrize("as_source", SOURCES)
 
 
 def content(study):
@@ -72,7 +70,7 @@ def content(study):
     return subjects
 
 
-@EVERY
+@EACH_SOURCE
 @pytest.mark.parametrize("frame", [TRIALS, COUNTS], ids=["trials", "counts"])
 def test_a_study_is_the_same_as_from_csv(tmp_path, as_source, frame):
     form = SOURCES[as_source][0]
@@ -86,17 +84,17 @@ def test_a_study_is_the_same_as_from_csv(tmp_path, as_source, frame):
     assert read.notes == tuple(note.replace("comma-separated, UTF-8", form) for note in plain.notes)
 
 
-@EVERY
+@EACH_SOURCE
 @pytest.mark.parametrize(
     "column, cells, expected",
     [
         ("s1", [0.0, None, 0.0], "'', allowed: a finite number"),
         ("s2", [1.0, float("inf"), 3.0], "'inf', allowed: a finite number"),
         ("subject", ["1", None, "7"], "'', allowed: a text that is not empty"),
-        ("subject", ["a", "a\0b", "b"], f"'a\\x00b' of type str, {VALUES}"),
+        ("subject", ["a", "a\0b", "b"], f"'a\\x00b' of type str, {ALLOWED_VALUES}"),
         ("s1", ["0", "0,3", "0"], "'0,3', allowed: a finite number, without thousands separators"),
         ("n_equal", [1, 7, 3], "'7', allowed: 0 to n_trials = 5"),
-        ("s1", [None, b"x", None], f"\"b'x'\" of type bytes, {VALUES}"),
+        ("s1", [None, b"x", None], f"\"b'x'\" of type bytes, {ALLOWED_VALUES}"),
     ],
 )
 def test_what_cannot_be_used_is_refused_by_row_and_column(
@@ -121,8 +119,8 @@ def test_columns_that_are_missing_or_hold_something_else(tmp_path):
     frame = COUNTS.assign(subject=dates, s2=[[1.0], [2.0], [3.0]])
     assert problems(bt.read_study, as_parquet(frame, tmp_path)) == [
         "study.parquet: row 1, column subject: found '2024-01-01 00:00:00' of type Timestamp, "
-        + VALUES,
-        f"study.parquet: row 1, column s2: found '[1.]' of type ndarray, {VALUES}",
+        + ALLOWED_VALUES,
+        f"study.parquet: row 1, column s2: found '[1.]' of type ndarray, {ALLOWED_VALUES}",
     ]
 
 
@@ -250,7 +248,7 @@ def test_a_table_of_too_many_cells_is_refused_before_they_are_made(tmp_path):
     many_keys = dict.fromkeys(map(str, range(16_000)), 1)
     texts = {"wide.csv": "a," * 20_000, "k.json": json.dumps([many_keys | {"t": [{}] * 4_000}])}
     for name, text in texts.items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
+        (tmp_path / name).write_text(text)
         with pytest.raises(bt.InputError, match="at most 16,384 columns and 50,000,000 cells"):
             bt.read_study(tmp_path / name)
 
@@ -318,7 +316,7 @@ def test_a_name_that_is_too_long_for_a_file_is_one_line(tmp_path, command):
 def test_commands_read_and_write_parquet(tmp_path):
     pytest.importorskip("pyarrow")
     good("simulate -o study.parquet --subjects 2 --batches 2 --seed 1", cwd=tmp_path)
-    options = "--asymmetry a.parquet --replicates 2 --seed 1 --workers 1"
+    options = "--asymmetry a.parquet --replicates 2 --seed 1"
     good(f"fit study.parquet -o f.parquet {options}", cwd=tmp_path)
     assert set(pd.read_parquet(tmp_path / "a.parquet")["subject"]) >= {"S01", "S02"}
 

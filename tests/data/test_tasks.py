@@ -24,7 +24,7 @@ GRID = list(product((-0.4, -0.2, 0.0, 0.2, 0.4), repeat=2))
 
 def written(folder, head, *rows):
     path = folder / "study.csv"
-    path.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    path.write_text("\n".join([head, *rows]) + "\n")
     return path
 
 
@@ -163,6 +163,7 @@ OPTIONS = """
     --different-code '' | --different-code: found ''
     --ignore s1 | --ignore: found 's1', allowed: isi, session, block, trial, iti, condition
     --task 3afc | --task: found '3afc', allowed: same/different, 2afc (which is stronger), or
+    --unit '$x$' | --unit: found '$x$', allowed: ln, log10, dB, dB-power, or a unit of at most 16
     --intensity 0 | --intensity: found 0.0, allowed: a positive finite number
     --intensity nan | --intensity: found nan
     --intensity inf | --intensity: found inf
@@ -197,17 +198,18 @@ def test_several_files_are_of_one_task():
 
 
 def answering(name, p):
+    """A subject of 2AFC with this probability of 'second' at each difference of the stimuli."""
     s1, s2 = np.transpose(GRID)
     counts = np.random.default_rng(1).binomial(12, p(s2 - s1))
     return bt.Subject(name, s1, s2, counts, [12] * len(GRID), task=WHICH_STRONGER)
 
 
-def rising(difference):
+def p_second(difference):
     return 0.05 + 0.9 * ndtr((difference + 0.03) / 0.2)
 
 
-def falling(difference):
-    return rising(-difference)
+def p_second_reversed(difference):
+    return p_second(-difference)
 
 
 def frames(*subjects):
@@ -221,7 +223,8 @@ def reversed_answers(study):
 
 
 def test_some_reversed_subjects_are_found_with_what_to_type():
-    straight, back = answering("a", rising), answering("b", falling)
+    straight = answering("a", p_second)
+    back = answering("b", p_second_reversed)
     expected = [("b", "reversed_answers", "--swap b")]
     study = bt.Study((straight, back))
     assert reversed_answers(study) == expected

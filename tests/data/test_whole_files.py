@@ -184,6 +184,7 @@ def test_each_file_is_whole_after_an_end_between_two_replacements(tmp_path, monk
 
 
 def test_content_is_on_the_disk_before_a_file_takes_its_name(tmp_path, monkeypatch):
+    """A single file, and then a folder of two files."""
     steps = []
     replace = os.replace
     monkeypatch.setattr(os, "fsync", lambda _: steps.append("fsync"))

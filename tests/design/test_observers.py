@@ -3,10 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import problems
+from conftest import BOTH_TASKS, problems
 
 import bayes_toe as bt
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.observers import KINDS, assume_observers, make_observer, read_ranges
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
 from bayes_toe.errors import InputError
@@ -24,12 +23,12 @@ PARAMETERS = {
 }
 
 
-@pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER])
+@BOTH_TASKS
 def test_observers_answer_as_the_model_both_predicts(task):
     pairs = [0.0, 0.0, 0.4, 0.4, 0.7], [0.0, 0.4, 0.0, 0.7, 0.4]
     design = StudyDesign(*pairs, [9, 3, 4, 5, 7], task=task)
     posterior = OrderModel("both").posterior(design.unanswered)
-    parameters = {name: PARAMETERS.get(name, 0.1) for name in posterior.coordinates}
+    parameters = {name: PARAMETERS[name] for name in posterior.coordinates}
     observer = make_observer("O", "k", parameters, task)
     x = posterior.points({name: np.array([value]) for name, value in parameters.items()})
     expected = np.exp(posterior.log_answers(x).yes[0])
@@ -88,7 +87,7 @@ def test_observers_of_the_prior():
 
 def test_draws_of_an_earlier_study_are_observers(tmp_path):
     subject = bt.example_study("same/different").select(["S01"])
-    draws = bt.sample(subject, model="both", draws=300, seed=1, workers=1)
+    draws = bt.sample(subject, model="both", draws=300, seed=1)
     path = draws.save(tmp_path / "posterior.nc")
     observers = assume_observers(path, 3, 1, [paper_study_design()])
     assert [observer.kind for observer in observers] == ["earlier study"] * 3 + ["none"] * 3

@@ -38,7 +38,7 @@ def information_about(aim, observers=OBSERVERS, pairs=PAIRS):
 
 @pytest.fixture(scope="module")
 def result():
-    return optimal_design(WIDE, 650, observers="contraction", data_sets=2, seed=1, workers=1)
+    return optimal_design(WIDE, 650, observers="contraction", data_sets=2, seed=1)
 
 
 def test_information_is_the_expected_square_of_the_slopes():
@@ -108,7 +108,7 @@ def test_an_optimised_design_shows_a_contraction(result):
 
 def test_pairs_that_cannot_show_a_contraction_are_named():
     levels = grid(0, 0.1, 0.05)
-    short = optimal_design(levels, 100, observers="none", data_sets=1, seed=1, workers=1)
+    short = optimal_design(levels, 100, observers="none", data_sets=1, seed=1)
     assert any("cannot show a contraction" in line for line in short.sentences())
 
 
@@ -140,7 +140,7 @@ def test_designs_of_which_is_stronger():
 
 
 def test_levels_of_hardware(tmp_path):
-    (tmp_path / "levels.csv").write_text("i\n2\n1\n4\n2\n", encoding="utf-8")
+    (tmp_path / "levels.csv").write_text("i\n2\n1\n4\n2\n")
     levels = read_levels(tmp_path / "levels.csv", bt.ReadOptions(intensity=2.0))
     assert levels == pytest.approx(np.log([0.5, 1.0, 2.0]))
     assert grid(-0.75, 1.25, 0.05)[[0, 15, -1]].tolist() == [-0.75, 0.0, 1.25]
@@ -150,8 +150,7 @@ def test_the_command(tmp_path):
     FIXED_PAIRS.save(tmp_path / "kept.csv")
     text = good(
         "design -o d.csv --lowest -0.75 --highest 1.25 --step 0.5 --trials 200 --max-pairs 9 "
-        "--for contraction --keep kept.csv --observers contraction --data-sets 1 --seed 1 "
-        "--workers 1",
+        "--for contraction --keep kept.csv --observers contraction --data-sets 1 --seed 1",
         cwd=tmp_path,
     )
     assert "Optimised: observers with 'yes' or 'probably'" in text
@@ -162,6 +161,8 @@ def test_the_command(tmp_path):
     assert markdown.startswith("# A design of 200 trials, for: contraction\n\n* Optimised, 200 tr")
 
 
+#: Options of `design`, and what they are refused with. raw.csv has intensities without a unit, and
+#: given.csv is a design.
 REFUSED = """
     --lowest -1 --highest 1 --trials 3 | --trials 3: allowed is at least 4
     --lowest 1 --highest 1 | --lowest 1 --highest 1: allowed are finite numbers
@@ -185,7 +186,7 @@ REFUSED = """
 
 @pytest.mark.parametrize("options, message", text_table(REFUSED))
 def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, options, message):
-    (tmp_path / "raw.csv").write_text("i\n45\n60\n", encoding="utf-8")
+    (tmp_path / "raw.csv").write_text("i\n45\n60\n")
     FIXED_PAIRS.save(tmp_path / "given.csv")
     assert message in refused(f"design -o d.csv {options} --data-sets 1 --seed 1", cwd=tmp_path)
 
@@ -203,7 +204,7 @@ def test_the_figure_has_the_design_on_the_plane(result):
 def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):
     """One option says the unit in design, power, simulate and check."""
     options = "--unit um --seed 1 --overwrite"
-    small = f"{options} --data-sets 2 --workers 1 --observers both"
+    small = f"{options} --data-sets 2 --observers both"
     good(f"design -o d.csv --lowest 45 --highest 213 --trials 60 --even {small}", cwd=tmp_path)
     frame = pd.read_csv(tmp_path / "d.csv")
     assert (frame.i1.min(), frame.i1.max()) == (45.0, 213.0)
@@ -219,7 +220,7 @@ def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):
 
 def test_an_even_design_has_neighbours_over_the_whole_range():
     goal = DesignGoal(task="2afc", is_even=True)
-    optimal = optimal_design(WIDE, 100, goal, "both", data_sets=1, seed=1, workers=1)
+    optimal = optimal_design(WIDE, 100, goal, "both", data_sets=1, seed=1)
     design = optimal.design
     first = np.unique(design.s1)
     assert (first[0], first[-1]) == (-0.75, 1.25)

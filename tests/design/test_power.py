@@ -34,7 +34,7 @@ def table(designs):
     observers = []
     for kind in ("none", "large constant error", "contraction"):
         observers += assume_observers(kind, 3, 1, list(designs.values()))
-    return power(designs, [650], observers, seed=1, workers=1)
+    return power(designs, [650], observers, seed=1)
 
 
 def test_a_data_set_is_answered_as_a_subject_is(table, designs):
@@ -89,7 +89,7 @@ def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
     observers = assume_observers("groups", 12, 1, [designs["wide"]], is_even=True)
     kinds = ("mean 0", "contraction 20 %")
     selected = [observer for observer in observers if observer.kind in kinds]
-    single = power({"wide": designs["wide"]}, [650], selected, seed=1, workers=1)
+    single = power({"wide": designs["wide"]}, [650], selected, seed=1)
     groups = group_power(single, [10, 20])
     rows = groups.select("wide", 650, "contraction")
     assert [row.true_mean for row in rows["mean 0"]] == pytest.approx([0.0, 0.0], abs=1e-9)
@@ -103,7 +103,7 @@ def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
 
 def test_the_command(tmp_path):
     paper_study_design(130).save(tmp_path / "short.csv")
-    words = "power short.csv --trials 130 --data-sets 1 --observers both --seed 1 --workers 1"
+    words = "power short.csv --trials 130 --data-sets 1 --observers both --seed 1"
     text = good(words, "-o", "out", cwd=tmp_path)
     assert "These pairs, 130 trials: both detected in 100 % [15, 100]" in text
     text = good(words, "-o", "out", "--subjects", "4,8", "--overwrite", cwd=tmp_path)

@@ -43,7 +43,7 @@ def test_every_pair_keeps_its_share_and_at_least_one_trial(trials):
     ],
 )
 def test_what_is_wrong_is_said_with_its_place(tmp_path, text, message):
-    (tmp_path / "design.csv").write_text(text, encoding="utf-8")
+    (tmp_path / "design.csv").write_text(text)
     (line,) = problems(bt.design.read_study_design, tmp_path / "design.csv")
     assert message in line
     assert "\n" not in line

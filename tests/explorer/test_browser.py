@@ -11,7 +11,7 @@ from browsers import Opened
 
 import bayes_toe as bt
 
-DATA = """name => {
+READ_DATA = """name => {
   const data = Bokeh.documents[0].get_model_by_name(name).data;
   return Object.fromEntries(Object.entries(data).map(([key, values]) => [key, Array.from(values)]));
 }"""
@@ -35,7 +35,7 @@ class Explorer(Opened):
     def data(self, name):
         return {
             key: np.array(values, float)
-            for key, values in self.page.evaluate(f"({DATA})({name!r})").items()
+            for key, values in self.page.evaluate(f"({READ_DATA})({name!r})").items()
         }
 
     def limits(self):

@@ -34,11 +34,11 @@ def numbers(text, kind="<f4"):
 
 
 @pytest.fixture(scope="module")
-def held(explorer):
+def page_data(explorer):
     return islands(explorer.html)
 
 
-def visible(subject, draws=3000, copies=1):
+def page_of_made_draws(subject, draws=3000, copies=1):
     """The page of made draws of a subject under the symmetric model."""
     target = bt.model.observer_posterior(subject, model="none")
     x = np.tile(np.linspace(-1, 0, draws)[:, None], len(target.coordinates))
@@ -58,10 +58,10 @@ def test_the_page_asks_nothing_of_the_network_and_a_notebook_shows_it_as_it_is(e
     assert unescape(frame.split('"')[1]) == explorer.html
 
 
-def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
-    first = held["entry-0"]
+def test_entries_hold_draws_quantiles_and_what_is_known(page_data, analysis):
+    first = page_data["entry-0"]
     assert (first["subject"], first["names"][0], first["of"]) == ("A", "mu1", 10_240)
-    assert held["index"]["tabs"] == ["effects", "paper's parameters"]
+    assert page_data["index"]["tabs"] == ["effects", "paper's parameters"]
     position = first["names"].index("gain")
     values = numbers(first["values"]).reshape(len(first["names"]), first["rows"])
     gain = analysis.draws.values("A", "gain").ravel()
@@ -72,11 +72,11 @@ def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
     badged = {name for kind, name in first["badges"] if kind == "dominated"}
     assert badged >= {*summary.parameter}
     assert first["truth"]["sigma_p"] == 0.25
-    assert held["entry-6"]["truth"] == {"q0": 0.92}  # of a model that has no more
+    assert page_data["entry-6"]["truth"] == {"q0": 0.92}  # of a model that has no more
 
 
-def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(held, analysis):
-    first = held["entry-0"]
+def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(page_data, analysis):
+    first = page_data["entry-0"]
     natural = analysis.draws.natural("A")
     *theta, q0 = (values.ravel()[rows(first)] for values in natural)
     for s1, s2 in zip(first["ends"], numbers(first["axis"]).reshape(2, first["rows"]), strict=True):
@@ -84,7 +84,7 @@ def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(held, analysis):
 
 
 def test_draws_of_the_four_models_open_with_shift_contraction_and_jnd(small_study):
-    draws = bt.sample(small_study.select(["A"]), model="both", draws=300, seed=3, workers=1)
+    draws = bt.sample(small_study.select(["A"]), model="both", draws=300, seed=3)
     [entry] = entries(draws)
     packed = entry.packed(100)
     effects = ["constant_error", "contraction", "jnd"]
@@ -102,7 +102,7 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
     response = np.where(is_second, "second", "first")
     trials = {"subject": "A", "block": block, "s1": s1, "s2": s2, "response": response}
     study = bt.read_study(pd.DataFrame(trials))
-    draws = bt.sample(study, model="none", draws=100, seed=1, workers=1)
+    draws = bt.sample(study, model="none", draws=100, seed=1)
     # The counts, which the draws have, do not show it.
     loaded = bt.load(draws.save(tmp_path / "posterior.nc"))
     [entry] = entries(loaded)
@@ -113,7 +113,7 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
     "name, expected", [("</script><b>", "</script><b>"), ("a\u202eb", "a\\u202eb")]
 )
 def test_a_name_can_neither_end_the_page_nor_turn_its_text_around(small_study, name, expected):
-    html = visible(replace(small_study["A"], name=name), 30)
+    html = page_of_made_draws(replace(small_study["A"], name=name), 30)
     assert islands(html)["index"]["entries"][0]["subject"] == expected
     assert name not in html
 
@@ -146,10 +146,11 @@ def test_a_lone_subject_has_all_its_curves_and_many_posteriors_have_fewer_draws(
     small_study, monkeypatch
 ):
     s1, s2 = np.transpose(list(product(np.arange(5) / 5, repeat=2)))
-    alone = islands(visible(bt.Subject("S", s1, s2, np.full(25, 3), np.full(25, 9))))["entry-0"]
+    subject = bt.Subject("S", s1, s2, [3] * 25, [9] * 25)
+    alone = islands(page_of_made_draws(subject))["entry-0"]
     assert (len(alone["slices"]), alone["undrawn"], alone["rows"]) == (4, 0, 2000)
     monkeypatch.setattr(page_module, "_ROWS", 3 * 500)
-    assert islands(visible(small_study["A"], copies=3))["entry-0"]["rows"] == 500
+    assert islands(page_of_made_draws(small_study["A"], copies=3))["entry-0"]["rows"] == 500
 
 
 def test_the_command_writes_the_page_and_refuses_to_replace_it(symmetric, tmp_path):

@@ -138,6 +138,8 @@ def test_what_is_refused(study, arguments, message):
         bt.population(study, **arguments)
 
 
+#: Intervals of a mean and of the SD between subjects as an earlier analysis had them, the log Bayes
+#: factor of a mean of 0, and how far the intervals may be off.
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name, mean, sd, log_bf, tolerance",

@@ -28,7 +28,7 @@ def walk(rho, shape=(4, 1500), seed=4):
     return steps
 
 
-CASES = {
+DRAWS = {
     "independent": RNG.normal(size=(4, 1500)),
     "slow": walk(0.99),
     "means apart": walk(0.2) + np.arange(4.0)[:, None],
@@ -38,9 +38,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", DRAWS)
 def test_every_number_is_that_of_the_arviz_that_users_have(case):
-    draws = np.asarray(CASES[case], np.float64)
+    draws = np.asarray(DRAWS[case], np.float64)
     sizes = [arviz.ess(draws, method="bulk"), arviz.ess(draws, method="tail", prob=(0.05, 0.95))]
     uncertain = [
         arviz.mcse(draws, method="mean"),
@@ -67,7 +67,7 @@ def test_many_quantities_have_the_numbers_of_each_and_constants_have_none():
     assert convergence(observed["one step"]).r_hat > 1e10
 
 
-FLAT = {
+WITHOUT_TAIL = {
     "too few": RNG.normal(size=12),
     "all the same": np.full(100, -3.0),
     "nearly all zero": np.where(np.arange(900) % 99, -np.inf, RNG.normal(size=900)),
@@ -75,9 +75,9 @@ FLAT = {
 }
 
 
-@pytest.mark.parametrize("case", FLAT)
+@pytest.mark.parametrize("case", WITHOUT_TAIL)
 def test_weights_without_a_tail_stay_as_they_are(case):
-    raw = FLAT[case]
+    raw = WITHOUT_TAIL[case]
     observed = smoothed_weights(raw)
     assert observed.pareto_k == np.inf
     assert np.exp(observed.log_weights) == pytest.approx(np.exp(raw - logsumexp(raw)), rel=1e-12)

@@ -107,8 +107,8 @@ def test_a_file_names_its_run(analysis):
     assert attributes["seed"] == analysis.settings.seed
 
     study = analysis.study
-    repeated = bt.sample(study, model="none", draws=20, seed=1, workers=1)
-    other = bt.sample(study.swap("A"), model="none", draws=20, seed=1, workers=1)
+    repeated = bt.sample(study, model="none", draws=20, seed=1)
+    other = bt.sample(study.swap("A"), model="none", draws=20, seed=1)
     hashes = [draws.tree.attrs["counts_hash"] for draws in (analysis.draws, repeated, other)]
     assert hashes[0] == hashes[1] != hashes[2]
 

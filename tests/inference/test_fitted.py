@@ -24,7 +24,8 @@ def test_mixtures_fit_every_hard_case_under_the_default_prior(name):
 
 
 @pytest.mark.parametrize("model", ["none", "both"])
-def test_mixtures_fit_the_four_models(model):
+def test_mixtures_fit_the_smallest_and_the_largest_of_the_four_models(model):
+    """Efficiency is the share of effective draws; these models have no funnel, and so reach .6."""
     fitted = fit_posterior(OrderModel(model).posterior(CASES["funnel"]), default_rng(7))
     assert fitted.fresh(default_rng(8), 4000).efficiency > 0.6
 
@@ -39,11 +40,3 @@ def test_a_fit_survives_sparse_answers():
     fitted = fit_posterior(posterior, generator(1, "sparse-h0-0291", "proposal"))
     assert fitted.is_trusted
     assert fitted.efficiency > 0.5
-
-
-def test_the_density_of_a_mixture_integrates_to_one():
-    """Prior over proposal density, at draws of the mixture, averages to the prior's mass."""
-    fitted = fit_posterior(paper_posterior(CASES["one batch"]), default_rng(9))
-    draws = fitted.fresh(default_rng(10), 200_000)
-    ratio = np.exp(draws.log_prior - draws.log_proposal)
-    assert ratio.mean() == pytest.approx(1.0, abs=5 * ratio.std() / np.sqrt(len(ratio)))

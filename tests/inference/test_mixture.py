@@ -33,8 +33,8 @@ def test_mixture_density_in_any_dimension(dim, df):
 
 @pytest.mark.parametrize("distance", [1e2, 1e6, 1e12])
 def test_mixture_density_of_narrow_components_far_apart(distance):
-    # Whitening loses what the subtraction x - mean loses, digits in proportion to distance over
-    # scale, and no more.
+    # The subtraction x - mean loses digits in proportion to the distance over the scale. The
+    # density may lose as many, and no more.
     means = np.array([[0.0, 0.0], [distance, -distance]])
     scales = np.stack([np.eye(2), np.eye(2)])
     mixture = StudentMixture(np.array([0.5, 0.5]), means, scales, 8)

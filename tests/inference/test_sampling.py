@@ -80,7 +80,7 @@ def test_a_limit_too_low_is_said_and_not_hidden(monkeypatch):
     strict = partial(SamplerSettings, max_r_hat=1.000001, max_thin=1)
     monkeypatch.setattr("bayes_toe.analysis.SamplerSettings", strict)
     with pytest.warns(ConvergenceWarning, match="did not converge"):
-        draws = bt.sample(bt.Study([CASES["guessing at 0.5"]]), seed=1, workers=1)
+        draws = bt.sample(bt.Study([CASES["guessing at 0.5"]]), seed=1)
     assert "required" in draws.not_converged["guessing at 0.5"]
     assert not draws.imprecise
 
@@ -147,7 +147,7 @@ def test_same_numbers_for_any_order_and_any_number_of_workers(analysis, small_st
     backward = bt.sample(small_study.select(["C", "A"]), seed=5, workers=2, **options)
     for name in backward.names:
         assert np.array_equal(analysis.draws.points(name), backward.points(name))
-    changed = bt.sample(small_study.select(["B"]), seed=6, workers=1, **options)
+    changed = bt.sample(small_study.select(["B"]), seed=6, **options)
     assert not np.array_equal(changed.points("B"), analysis.draws.points("B"))
 
 

@@ -2,29 +2,19 @@
 
 import numpy as np
 import pytest
-from conftest import made_subject
+from conftest import BOTH_TASKS, five_pairs, made_subject
 from numpy.random import default_rng
 
 import bayes_toe as bt
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.parameters import SCALES
 from bayes_toe.model.prior import DEFAULT
 from bayes_toe.model.prior_file import preset_or_file, prior_for
 
-N_TRIALS = [50, 50, 50, 40, 50]
-
-
-def make_subject(name="S", factor=1.0, shift=0.0, task=SAME_DIFFERENT):
-    s1, s2 = np.array([0.0, 0.0, 0.5, 0.25, 0.1]), np.array([0.0, 0.5, 0.0, 0.4, 0.75])
-    s1, s2 = factor * s1 + shift, factor * s2 + shift
-    return bt.Subject(name, s1, s2, [45, 20, 15, 30, 2], N_TRIALS, task=task)
-
-
-STUDY = bt.Study([make_subject("A"), make_subject("B")])
+STUDY = bt.Study([five_pairs(name="A"), five_pairs(name="B")])
 
 
 def test_a_subject_without_different_stimuli_has_no_default_prior():
-    study = bt.Study([make_subject(), made_subject("0.4 0.4 1 2", "L")])
+    study = bt.Study([five_pairs(), made_subject("0.4 0.4 1 2", "L")])
     message = "^subject 'L': the prior takes its scale from pairs of different stimuli, found none"
     with pytest.raises(bt.InputError, match=f"{message}; .*--prior p"):
         prior_for(study)
@@ -40,17 +30,17 @@ def test_a_subject_without_different_stimuli_has_no_default_prior():
 
 
 @pytest.mark.parametrize("factor, shift", [(3.0, 2.0), (1.0, 6.0), (0.25, -3.0)])
-@pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER])
+@BOTH_TASKS
 def test_the_unit_of_intensity_changes_nothing(task, factor, shift):
-    plain = bt.model.paper_posterior(make_subject(task=task))
-    moved = bt.model.paper_posterior(make_subject(factor=factor, shift=shift, task=task))
+    plain = bt.model.paper_posterior(five_pairs(task))
+    moved = bt.model.paper_posterior(five_pairs(task, factor=factor, shift=shift))
     x = default_rng(5).normal(size=(30, 4)) * 0.5
     assert moved.log_likelihood(x) == pytest.approx(plain.log_likelihood(x), rel=1e-9)
     assert moved.log_density(x) == pytest.approx(plain.log_density(x), rel=1e-9)
 
 
 def test_subjects_with_different_stimuli_in_one_study_have_each_their_own():
-    study = bt.Study([make_subject("A"), make_subject("B", factor=3.0, shift=2.0)])
+    study = bt.Study([five_pairs(name="A"), five_pairs(name="B", factor=3.0, shift=2.0)])
     sds = []
     for subject in study:
         alone = bt.model.paper_posterior(subject, prior_for(bt.Study([subject])))
@@ -76,5 +66,5 @@ def test_presets_words_and_what_is_refused(tmp_path):
         prior_for(STUDY, "flat")
 
     path = tmp_path / "default"
-    path.write_text("[paper]\nsigma_p_scale = 0.5", encoding="utf-8")
+    path.write_text("[paper]\nsigma_p_scale = 0.5")
     assert preset_or_file(str(path)) == bt.Prior(sigma_p_scale=0.5)

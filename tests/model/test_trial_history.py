@@ -6,6 +6,7 @@ import definitions
 import mpmath as mp
 import numpy as np
 import pytest
+from conftest import BOTH_TASKS
 from numpy.random import default_rng
 from scipy import stats
 
@@ -19,8 +20,7 @@ from bayes_toe.model.trial_history import (
     looks_sorted,
 )
 
-TASKS = pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT], ids=["2afc", "same"])
-HISTORIES = pytest.mark.parametrize(
+EACH_HISTORY = pytest.mark.parametrize(
     "has_response, has_carry_over", [(False, False), (True, False), (False, True), (True, True)]
 )
 
@@ -76,8 +76,8 @@ def loop_log_likelihood(subject, values, kappa, rho):
     return float(total)
 
 
-@TASKS
-@HISTORIES
+@BOTH_TASKS
+@EACH_HISTORY
 def test_the_likelihood_is_that_of_a_loop_over_trials(task, has_response, has_carry_over):
     subject = two_sessions(task)
     posterior = make_posterior(subject, has_response, has_carry_over)
@@ -101,7 +101,7 @@ def test_large_batches_of_points_are_done_in_parts():
     np.testing.assert_allclose(log_likelihood_at(posterior, x)[::90], single_points, rtol=1e-12)
 
 
-@TASKS
+@BOTH_TASKS
 def test_the_prior_is_that_of_the_documents(task):
     posterior = make_posterior(two_sessions(task))
     x = draw_points(posterior, 4000)

@@ -11,13 +11,7 @@ from bayes_toe.model.prior import Prior
 
 S1 = np.array([0.0, 0.2, 0.4, 0.6, 0.2, 0.4, 0.6, 0.8])
 S2 = np.array([0.2, 0.4, 0.6, 0.8, 0.0, 0.2, 0.4, 0.6])
-
-
-def subject(k=(40, 38, 35, 33, 20, 15, 12, 8), s1=S1, s2=S2):
-    return Subject("A", s1, s2, k, np.full(len(k), 50), task=WHICH_STRONGER)
-
-
-# --- The answers ----------------------------------------------------------------------------------
+PAIRS = Subject("A", S1, S2, [0] * 8, [50] * 8, task=WHICH_STRONGER)
 
 
 def test_answers_are_those_of_a_simulated_belief():
@@ -28,7 +22,7 @@ def test_answers_are_those_of_a_simulated_belief():
     mu1, sigma_p, sigma_l, n = -0.3, 0.2, 0.15, 400_000
     gamma = (sigma_l / sigma_p) ** 2
     ratio = variance_ratio(gamma)
-    target = paper_posterior(subject(), Prior())
+    target = paper_posterior(PAIRS, Prior())
     theta = {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_l, "lapse_rate": 1e-12}
     x = target.points({name: np.array([value]) for name, value in theta.items()})
     p = np.exp(target.log_answers(x)[0][0])

@@ -26,7 +26,7 @@ def words(figure):
     return "\n".join(text.get_text() for text in figure.legends[0].findobj(Text))
 
 
-def marked(ax):
+def true_values_in(ax):
     """Where true values stand in a panel: abscissae of vertical, ordinates of horizontal lines."""
     abscissae, ordinates = [], []
     for line in ax.lines:
@@ -54,7 +54,7 @@ def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
     assert "prior\ntrue value" in words(figure)
 
 
-def held(areas, points):
+def shares_inside(areas, points):
     """Share of points within each area: a ring in a ring is a hole."""
     shares = []
     for area in areas:
@@ -88,7 +88,7 @@ def test_contours_hold_their_shares_of_the_draws(draw, n):
     x, y = draw(default_rng(1), n)
     spans = np.quantile([x, y], [0.005, 0.995], axis=1).T.tolist()
     lines = drawn_contours(Density.from_draws(x, y, *spans))
-    assert held(lines, np.column_stack([x, y])) == pytest.approx([0.95, 0.5], abs=0.01)
+    assert shares_inside(lines, np.column_stack([x, y])) == pytest.approx([0.95, 0.5], abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -135,9 +135,9 @@ def test_true_values_that_are_known_are_shown_wherever_they_lie(analysis):
     figure = bt.plots.corner(
         analysis.draws, "A", coordinates=["mu1", "gain"], truths={"A": {"mu1": -0.7}}
     )
-    assert marked(figure.axes[0]) == ([-0.7], [])
+    assert true_values_in(figure.axes[0]) == ([-0.7], [])
     # The gain follows from sigma_p and sigma_l, not from mu1.
-    assert marked(figure.axes[3])[0] == []
+    assert true_values_in(figure.axes[3])[0] == []
     assert "true value" in words(figure)
     figure = bt.plots.corner(analysis.draws, "A", coordinates=["q0"], truths={"A": {"q0": 0.001}})
     assert figure.axes[0].get_xlim()[0] < 0.001
@@ -191,7 +191,7 @@ def test_two_processes_may_import_arviz_for_the_first_time_of_a_day(tmp_path):
 
 @pytest.fixture(scope="module")
 def joint(small_study):
-    return bt.sample(small_study.select(["A", "B"]), model="both", draws=200, seed=1, workers=1)
+    return bt.sample(small_study.select(["A", "B"]), model="both", draws=200, seed=1)
 
 
 def test_the_four_models_show_constant_error_contraction_and_jnd(joint):
@@ -200,7 +200,7 @@ def test_the_four_models_show_constant_error_contraction_and_jnd(joint):
     labels = [ax.get_xlabel() for ax in figure.axes[-3:]]
     assert labels == ["constant error $c$, %", "contraction, %", "JND, %"]
     assert "model 'both'" in words(figure)
-    assert marked(figure.axes[4]) == ([10.0], [])
+    assert true_values_in(figure.axes[4]) == ([10.0], [])
     assert len(bt.plots.corner(joint, ["A", "B"], coordinates="identified").axes) == 49
 
 

@@ -39,7 +39,7 @@ def test_designs_without_a_reference_have_panels_by_weaker_or_by_first_stimulus(
     s1, s2 = np.log(list(product([1.0, 1.2, 1.5], repeat=2))).T
     three = bt.Subject("three", s1, s2, np.where(s1 == s2, 9, 4), np.full(9, 10))
     study = bt.Study([three, hard_cases()["400 pairs with 3 trials"]])
-    draws = bt.sample(study, draws=100, seed=1, workers=1)
+    draws = bt.sample(study, draws=100, seed=1)
     figures = [bt.plots.curves(draws, name) for name in draws.names]
     for figure in figures:
         require_legible(figure)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from conftest import renamed_rows
 from legible import marks_of, require_legible, words_of
 from populations import made_result
 
@@ -15,16 +16,6 @@ from bayes_toe.plots.order_effect import QUESTION_STYLES
 def changed(row, **values):
     """A row of the table whose answer has other values."""
     return replace(row, answer=replace(row.answer, **values))
-
-
-def renamed(table, size, pattern="S{}"):
-    """So many rows under other names."""
-    rows = [table.rows[i % len(table)] for i in range(size)]
-    labelled = []
-    for i, row in enumerate(rows):
-        name = pattern.format(i)
-        labelled.append(replace(changed(row, subject=name), subject=name))
-    return EvidenceTable(tuple(labelled))
 
 
 def medians(ax):
@@ -88,12 +79,14 @@ def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
 
 @pytest.mark.parametrize("size", [1, 8, 40])
 def test_figures_of_any_study_are_legible(analysis, size):
-    table = renamed(analysis.evidence, size, "participant of the study number {}")
+    table = renamed_rows(analysis.evidence, size, "participant of the study number {}")
     require_legible(bt.plots.order_effect(table, synthetic=True))
 
 
 def test_a_figure_of_many_subjects_is_sorted_and_no_higher(analysis):
-    figures = [bt.plots.order_effect(renamed(analysis.evidence, size)) for size in (60, 61, 500)]
+    figures = [
+        bt.plots.order_effect(renamed_rows(analysis.evidence, size)) for size in (60, 61, 500)
+    ]
     labelled, crowded, extra = figures
     assert len(labelled.axes[0].get_yticklabels()) == 60
     assert labelled.get_figheight() > crowded.get_figheight() == extra.get_figheight()

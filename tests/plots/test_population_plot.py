@@ -61,7 +61,8 @@ def test_the_title_has_both_effects_and_warns(few):
 
 
 def test_the_mean_stands_before_its_prior(few):
-    ax = bt.plots.population(few, CHECK).axes[4]
+    contraction_panel = 4  # after three forests, and the mean constant error
+    ax = bt.plots.population(few, CHECK).axes[contraction_panel]
     [prior] = [line for line in ax.lines if line.get_label() == "its prior"]
     x, density = prior.get_data()
     hyperprior = few.settings.hyperprior.contraction
@@ -117,6 +118,7 @@ def test_the_effect_of_a_condition():
 
 
 def test_a_group_without_anything_to_check_has_a_figure():
+    """The second subject has equal pairs alone: no right answers, and no share to compare."""
     first = made_subject("0 0.2 15 20, 0.2 0 5 20, 0 0 10 20", "A", WHICH_STRONGER)
     second = made_subject("0 0 9 20, 0.2 0.2 12 20", "B", WHICH_STRONGER)
     result = made_result(bt.Study([first, second]))

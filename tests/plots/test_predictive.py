@@ -4,26 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import renamed_rows
 from legible import require_legible
 from scipy.stats import binom
 
 import bayes_toe as bt
-from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.plots.predictive import predictive_interval
 
 
 def numerous(analysis, size):
     """The analysis with so many subjects under other names."""
-    index = np.arange(size) % len(analysis.study)
-    subjects, rows = [], []
-    for i, j in enumerate(index):
-        name = f"participant number {i}"
-        row = analysis.evidence.rows[j]
-        rows.append(replace(row, subject=name, answer=replace(row.answer, subject=name)))
-        subjects.append(replace(analysis.study.subjects[j], name=name))
+    evidence = renamed_rows(analysis.evidence, size, "participant number {}")
+    subjects, curves = [], []
+    for i, row in enumerate(evidence):
+        position = i % len(analysis.study)
+        subjects.append(replace(analysis.study.subjects[position], name=row.subject))
+        curves.append(analysis.curves[position])
     study = bt.Study(subjects, synthetic=True)
-    curves = tuple(analysis.curves[j] for j in index)
-    return replace(analysis, study=study, evidence=EvidenceTable(tuple(rows)), curves=curves)
+    return replace(analysis, study=study, evidence=evidence, curves=tuple(curves))
 
 
 def test_the_predictive_interval_of_one_draw_is_that_of_the_binomial_distribution(stronger):

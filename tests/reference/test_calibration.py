@@ -51,7 +51,7 @@ def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
 
 
 def test_the_script_writes_says_and_returns_what_was_found(tmp_path, monkeypatch, capsys):
-    table = calibrate(studies=1, data_sets=2, seed=3, workers=1)
+    table = calibrate(studies=1, data_sets=2, seed=3)
     monkeypatch.setattr(calibration, "calibrate", lambda **_: table)
     monkeypatch.setattr(sys, "argv", ["calibration.py", "-o", str(tmp_path), "--seed", "3"])
     assert calibration.main() == 0

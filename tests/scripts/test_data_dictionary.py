@@ -19,8 +19,8 @@ AT_TIMES = {"condition"}
 def written(analysis, small_study):
     """By file, what its command writes."""
     group, asymmetry = made_result(small_study), bt.asymmetry(small_study)
-    fits = bt.fit(small_study, replicates=5, seed=1, workers=1)
-    power = bt.design.power(trials=[26], data_sets=1, seed=1, workers=1)
+    fits = bt.fit(small_study, replicates=5, seed=1)
+    power = bt.design.power(trials=[26], data_sets=1, seed=1)
     return {
         "summary.csv": analysis.summary(),
         "evidence.csv": analysis.evidence.frame(full=True),

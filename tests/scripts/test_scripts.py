@@ -46,6 +46,7 @@ def good(line, cwd):
     return finished.stdout
 
 
+#: A script in a folder with a file `taken`, and a word of what it is refused with.
 REFUSED = """
     calibration.py -o z --studies 0 --data-sets 0 | studies=0
     calibration.py -o taken | taken
@@ -65,7 +66,7 @@ def test_problems_are_told_before_the_work_and_end_with_exit_code_2(tmp_path, li
 
 
 def test_error_bars_of_the_evidence_are_honest(tmp_path):
-    line = "error_bars.py -o bars --seeds 12 --subjects 'one batch' --workers 1"
+    line = "error_bars.py -o bars --seeds 12 --subjects 'one batch'"
     finished = inside(line, tmp_path)
     row = pd.read_csv(tmp_path / "bars" / "error_bars.csv").iloc[0]
     assert (row["seeds"], row["withheld"]) == (12, 0)
@@ -75,8 +76,8 @@ def test_error_bars_of_the_evidence_are_honest(tmp_path):
 
 #: A small run of each script, and the name of the table that it writes.
 RUNS = """
-    error_bars.py --order --seeds 3 --subjects '2AFC, simulated S01' --workers 1 | error_bars_order
-    order_calibration.py --observers 2 --workers 1 | calibration_order
+    error_bars.py --order --seeds 3 --subjects '2AFC, simulated S01' | error_bars_order
+    order_calibration.py --observers 2 | calibration_order
     speed_vs_error.py --quick | speed_vs_error
 """
 
