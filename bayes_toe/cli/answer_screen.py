@@ -182,13 +182,19 @@ def print_answer(
     group: PopulationResult | None = None,
 ) -> None:
     """The answer of a study: counts, directions, the group, and what is not counted."""
-    units = study.conditions is not None
-    lines = study_lines(answers, group, synthetic=study.synthetic, units=units)
-    lines += group_lines
+    lines = [*answer_lines(study, answers, group), *group_lines]
     for answer in answers:
         notes = [note for note in answer.notes if note not in answer.reasons.values()]
         lines += [f"{capitalized(note)}." for note in notes]
     out.answer([*dict.fromkeys(lines), " ".join([*not_counted(answers), *closing])])
+
+
+def answer_lines(
+    study: Study, answers: Sequence[OrderEffect], group: PopulationResult | None
+) -> list[str]:
+    """The counts and directions of the answer of a study."""
+    units = study.conditions is not None
+    return study_lines(answers, group, synthetic=study.synthetic, units=units)
 
 
 def without_decision(answers: Sequence[OrderEffect], problems: Mapping[str, str]) -> list[str]:

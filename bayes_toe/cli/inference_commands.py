@@ -84,9 +84,11 @@ def run(
     failed = analysis.draws.failed
     context.finish(keep, failed)
     context.out.reasons("No result", failed)
-    problems = _doubtful_draws(analysis)
-    _print_conclusion(context.out, analysis, {**failed, **problems}, output)
-    context.end(failed, problems)
+    problems = {**failed, **analysis.draws.not_converged, **analysis.draws.imprecise}
+    if analysis.group is not None and not analysis.group.is_reliable:
+        problems["group"] = analysis.group.draws.shortfall
+    _print_conclusion(context.out, analysis, problems, output)
+    context.end(problems)
 
 
 def _print_analysis(
@@ -105,35 +107,21 @@ def _print_analysis(
         print_problems(out, analysis.group, check.warnings)
 
 
-def _doubtful_draws(analysis: Analysis) -> dict[str, str]:
-    """Subjects, and the group, whose draws cannot be used as they stand, with the reasons."""
-    reasons = {**analysis.draws.not_converged, **analysis.draws.imprecise}
-    if analysis.group is not None and not analysis.group.is_reliable:
-        reasons["group"] = analysis.group.draws.shortfall
-    return reasons
-
-
 def _print_conclusion(
     out: Terminal, analysis: Analysis, problems: Mapping[str, str], folder: Path
 ) -> None:
     """The answer of the study and of the group, and where to go on."""
+    from bayes_toe.answers.group_answer import good_fits_answer, group_answer
     from bayes_toe.cli.answer_screen import print_answer, without_decision
 
+    group, lines = analysis.group, []
+    if group is not None:
+        lines = group_answer(group) + good_fits_answer(group, analysis.group_of_good_fits)
+    if analysis.contrast is not None:
+        lines += analysis.contrast.sentences()
     closing = without_decision(analysis.answers, problems)
     closing += [f"Start with {folder / 'report.html'}.", f"Seed {analysis.settings.seed}."]
-    lines = _group_lines(analysis)
-    print_answer(out, analysis.answers, analysis.study, lines, closing, analysis.group)
-
-
-def _group_lines(analysis: Analysis) -> list[str]:
-    """The lines about the group in the answer of a study."""
-    from bayes_toe.answers.group_answer import good_fits_answer, group_answer
-
-    lines = [] if analysis.contrast is None else analysis.contrast.sentences()
-    if analysis.group is None:
-        return lines
-    change = good_fits_answer(analysis.group, analysis.group_of_good_fits)
-    return [*group_answer(analysis.group), *change, *lines]
+    print_answer(out, analysis.answers, analysis.study, lines, closing, group)
 
 
 def sample(
@@ -226,28 +214,26 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
         columns = ["mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate"]
     keys = [key for key in columns if key in draws.parameters]
 
-    rows, index = [], {name: i for i, name in enumerate(draws.names)}
+    rows = []
     for name in names_to_show(draws.names, missed):
+        subject_stats = stats.sel(subject=name)
         # The smallest effective size of all quantities: errors are then rather too large.
-        n_effective = float(stats["min_ess"][index[name]])
+        n_effective = float(subject_stats["min_ess"])
         row = [f"{name} !" if name in missed else name]
         for key in keys:
             scale = QUANTITY_BY_NAME[key].scale
             decimals = 2 if scale == 1.0 else 0
-            values = scale * draws.values(name, key)
-            text = format_draws(values, n_effective, decimals)
+            text = format_draws(scale * draws.values(name, key), n_effective, decimals)
             if key in ("sigma_p", "sigma_l", "q0", "lapse_rate"):  # without interval
                 text, *_ = text.split()
             row.append(without_zeros(text))
-        row.append(f"{n_effective:.0f}")
-        row.append(f"{float(stats['max_r_hat'][index[name]]):.3f}")
-        rows.append(row)
+        rows.append([*row, f"{n_effective:.0f}", f"{float(subject_stats['max_r_hat']):.3f}"])
 
     headings = ["subject", *(_HEADINGS.get(key, key) for key in keys), "ESS", "R-hat"]
     if rows:
         title = f"{capitalized(model_title(draws.model))}: medians [95 % interval]"
         out.table(headings, rows, (len(keys) + 1, len(keys) + 2), title=title)
-    n_others = len(index) - len(rows)
+    n_others = len(draws.names) - len(rows)
     if n_others:
         out.line(f"The draws of {n_others:,} other subjects converged.")
     print_failed(out, draws)

@@ -107,7 +107,7 @@ NO_FILE = "No file is named."
 #: The task of the bundled example that `--example` alone means.
 FIRST_EXAMPLE = "2afc"
 #: The options for files in another layout, with the type, the sign and the help of their values.
-_LAYOUT_OPTIONS: Mapping[str, tuple[Any, str, str]] = {
+LAYOUT_OPTIONS: Mapping[str, tuple[Any, str, str]] = {
     "intensity": (Number, "REF", "Intensities: s = ln(i / REF)."),
     "unit": (Text, "UNIT", "Unit: dB, dB-power, ln, g, ..."),
     "equal_code": (Text, "CODE", "The code for 'equal'."),
@@ -138,7 +138,7 @@ _LAYOUT_OPTIONS: Mapping[str, tuple[Any, str, str]] = {
 
 def layout_options() -> Iterator[Parameter]:
     """The parameters of a command that say how to read files in another layout."""
-    for name, (kind, metavar, help_text) in _LAYOUT_OPTIONS.items():
+    for name, (kind, metavar, help_text) in LAYOUT_OPTIONS.items():
         typed = option(f"--{name.replace('_', '-')}", metavar, help_text, LAYOUT)
         default = False if kind is bool else None
         parameter = Parameter(name, Parameter.KEYWORD_ONLY, default=default)
@@ -149,7 +149,7 @@ def layout_options() -> Iterator[Parameter]:
 class StudyFile:
     """The study of a command: files and how to read them, or a bundled example.
 
-    `reading` has the values of :func:`layout_options`.
+    `reading` has the values of :data:`LAYOUT_OPTIONS`.
     """
 
     files: Annotated[

@@ -36,7 +36,6 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.answers.study_summary import (
     APPENDIX_C,
     describe_pair,
-    study_lines,
 )
 from bayes_toe.answers.words import (
     NO_UP_TO,
@@ -51,9 +50,7 @@ from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
-from bayes_toe.cli.answer_screen import (
-    not_counted,
-)
+from bayes_toe.cli.answer_screen import answer_lines, not_counted
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of
 from bayes_toe.data.messages import (
     capitalized,
@@ -305,10 +302,8 @@ def _misfit_figures(analysis: Analysis) -> list[str]:
 
 def _answer(analysis: Analysis) -> list[str]:
     """The answer of the study, sentence by sentence."""
-    units = analysis.study.conditions is not None
-    answers, group = analysis.answers, analysis.group
-    lines = study_lines(answers, group, synthetic=analysis.study.synthetic, units=units)
-    lines += not_counted(answers)
+    answers = analysis.answers
+    lines = answer_lines(analysis.study, answers, analysis.group) + not_counted(answers)
     return [_typeset(line) for line in lines if line]
 
 

@@ -121,9 +121,8 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
 
 def print_fits(out: Terminal, table: FitTable) -> None:
     """Maximum-likelihood fits with their bootstrap intervals."""
-    rows, names = [], list[str]()
+    rows = []
     for row in table:
-        names = list(row.names)
         cells = [row.subject]
         limits = row.intervals(table.level).tolist()
         for value, (low, high) in zip(row.parameters.tolist(), limits, strict=True):
@@ -133,5 +132,5 @@ def print_fits(out: Terminal, table: FitTable) -> None:
         rows.append([*cells, f"{row.log_likelihood:.2f}", row.at_edge])
     level = f"{100 * table.level:g} %"
     title = f"Maximum likelihood [{level} interval of {table.replicates} bootstrap replicates]"
-    out.table(["subject", *names, "log likelihood", "at edge"], rows, title=title)
+    out.table(["subject", *table.rows[0].names, "log likelihood", "at edge"], rows, title=title)
     out.notes(notes_of(table), "-")
