@@ -152,7 +152,7 @@ def run(
     study, analyses, failed = _survivors(study, results)
     table = _table(analyses, settings, failed, study.task)
 
-    all_draws, curves = list[SubjectDraws](), list[Predictor]()
+    all_draws, curves = [], []
     for subject, analysis in zip(study, analyses, strict=True):
         if analysis.draws is not None and analysis.curve_draws is not None:
             all_draws.append(analysis.draws)
@@ -187,7 +187,7 @@ def _groups(
 
     The second one is None where all fit.
     """
-    excluded, misfits = list[OrderEffect](), list[OrderEffect]()
+    excluded, misfits = [], []
     for answer in answers:
         if not answer.is_interpretable:
             excluded.append(answer)

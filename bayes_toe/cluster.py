@@ -72,8 +72,7 @@ async def _identity(address: str) -> dict[str, str]:
 
     arguments = Security().get_connection_args("client")
     async with rpc(address, connection_args=arguments) as remote:
-        identity: dict[str, str] = await asyncio.wait_for(remote.identity(), PATIENCE)
-        return identity
+        return await asyncio.wait_for(remote.identity(), PATIENCE)
 
 
 def count_workers(client: Client) -> int:
@@ -164,5 +163,4 @@ def without_cluster() -> AbstractContextManager[object]:
         return nullcontext()
     from dask import config
 
-    setting: AbstractContextManager[object] = config.set(scheduler="synchronous")
-    return setting
+    return config.set(scheduler="synchronous")

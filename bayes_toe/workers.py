@@ -122,7 +122,7 @@ def run_in_order(
     names : sequence of tuple of str
         The names of each job; a job may have none.
     """
-    results: dict[int, Result] = {}
+    results = {}
     with closing(run_jobs(jobs, workers)) as outcomes:
         for index, result in outcomes:
             results[index] = result
@@ -142,8 +142,7 @@ def without_failed(
     WorkerError
         If all failed.
     """
-    finished = list[Result]()
-    failed = dict[str, str]()
+    finished, failed = [], {}
     for name, result in zip(names, results, strict=True):
         if isinstance(result, NumericalError):
             failed[name] = str(result)

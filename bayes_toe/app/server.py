@@ -118,18 +118,14 @@ async def read_in_process(job: Job) -> Record:
     )
     try:
         printed, _ = await asyncio.wait_for(process.communicate(), READING_TIME)
-        reading: Record = json.loads(printed)
+        return json.loads(printed)
     except TimeoutError:
         process.kill()
         await process.wait()
-        return _unread(f"Reading takes longer than {READING_TIME} seconds.")
+        problem = f"Reading takes longer than {READING_TIME} seconds."
     except ValueError:
-        return _unread("The file cannot be read. It is probably damaged.")
-    return reading
-
-
-def _unread(text: str) -> Record:
-    return {"table": None, "problems": [text], "remedies": [], "study": None}
+        problem = "The file cannot be read. It is probably damaged."
+    return {"table": None, "problems": [problem], "remedies": [], "study": None}
 
 
 # --- Requests -------------------------------------------------------------------------------------
@@ -141,8 +137,7 @@ class Handler(RequestHandler):
     @property
     def site(self) -> Site:
         """State that the handlers share."""
-        site: Site = self.application.settings["site"]
-        return site
+        return self.application.settings["site"]
 
     def set_default_headers(self) -> None:
         """Keep pages out of caches, frames and other origins."""

@@ -55,7 +55,7 @@ def flagged(
     >>> flagged([])
     {}
     """
-    reasons = defaultdict[str, list[str]](list)
+    reasons = defaultdict(list)
     for answer in answers:
         if answer.fits is False:
             reasons[answer.subject].append("poor fit")
@@ -134,7 +134,7 @@ def reason_letters(answers: Iterable[OrderEffect]) -> dict[str, str]:
 def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
     """Print problems: those that need action with an option to type, then all others."""
     notes: dict[str, list[tuple[str, str, str]]] = {"!": [], "?": [], "-": []}
-    options = list[str]()  # the first of each subject
+    options = []  # the first of each subject
     marked = {answer.subject: _marked_problems(answer) for answer in answers}
     for problems in marked.values():
         options += [option for _, _, option in problems if option][:1]

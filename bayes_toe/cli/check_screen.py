@@ -58,7 +58,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: dict[str, list[Find
     names = list(by_subject)
     if not names and len(study) < MANY_SUBJECTS:
         names = list(study.names)
-    rows, full = [], list[Finding]()
+    rows, full = [], []
     for name in names:
         subject, findings = study[name], by_subject.get(name, [])
         problem = "none"

@@ -21,7 +21,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from bayes_toe.analysis import Analysis
-from bayes_toe.answers.contrast import LEGEND, ContrastTable, Difference
+from bayes_toe.answers.contrast import LEGEND, ContrastTable
 from bayes_toe.answers.group_answer import good_fits_answer, group_answer, group_tables
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
@@ -322,7 +322,7 @@ def _by_condition(table: ContrastTable | None) -> Record | None:
     """The section of conditions, with a row for every subject and comparison."""
     if table is None:
         return None
-    rows = defaultdict[tuple[str, str], list[Difference]](list)
+    rows = defaultdict(list)
     for row in table:
         rows[row.subject, row.comparison].append(row)
     missing = table.left_out | table.failed
@@ -357,7 +357,7 @@ def _subjects(
 ) -> Iterator[Record]:
     """The sections of the subjects; each one is made when it is written."""
     stats = analysis.draws.group("sample_stats")
-    messages = defaultdict[str, list[str]](list)
+    messages = defaultdict(list)
     for finding in findings:
         if finding.code not in NOTES:
             messages[finding.subject].append(finding.message)
@@ -366,9 +366,9 @@ def _subjects(
     parts = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
     for i, (counts, row, answer, asymmetry) in enumerate(parts):
         name = counts.name
-        summary: list[Any] = list(summaries[name].itertuples())
+        summary = list(summaries[name].itertuples())
         natural = analysis.draws.posterior(name).names.natural
-        remarks = list[str]()
+        remarks = []
         for label in dict.fromkeys([name, counts.subject_name]):
             remarks += messages[label]
         yield {

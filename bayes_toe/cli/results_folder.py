@@ -91,7 +91,7 @@ def write_results(
             explore(draws).save(target / "explorer.html")
         if names:
             (target / "corner").mkdir()
-        corners, curves, jobs = dict[str, Path](), dict[str, Path](), []
+        corners, curves, jobs = {}, {}, []
         for name in names:
             corners[name] = target / "corner" / f"{stems[name]}.png"
             curves[name] = Path(pictures, f"{stems[name]}.png")

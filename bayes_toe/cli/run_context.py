@@ -246,8 +246,8 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     and shows its traceback.
     """
     typed_signature = signature(function, eval_str=True)
-    records: dict[str, tuple[Any, list[str]]] = {}
-    parameters: list[Parameter] = []
+    records: dict[str, Any] = {}
+    parameters = []
     for name, parameter in typed_signature.parameters.items():
         kind, *names = get_args(parameter.annotation) or [parameter.annotation]
         options = [parameter]
@@ -285,7 +285,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 
 def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
     """The paths among the values of options, without those of outputs."""
-    paths = list[Path]()
+    paths = []
     for name, value in values.items():
         if not name.endswith("output"):
             items = value if isinstance(value, list) else [value]
@@ -313,7 +313,7 @@ def _options(kind: Any, names: Sequence[str]) -> list[Parameter]:
 def print_error(error: BayesToeError, command: str) -> None:
     """Print the problems of an error, then what to type."""
     problems = str(error)
-    choices: list[tuple[str, str]] = []
+    choices = []
     if isinstance(error, InputError):
         problems = "\n".join(error.problems)
         for chosen, meaning in error.choices:

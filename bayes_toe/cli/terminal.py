@@ -318,7 +318,7 @@ def names_to_show(names: Iterable[str], first: Collection[str]) -> list[str]:
 
 def notes_of(rows: Iterable[Any]) -> list[tuple[str, str, str]]:
     """The notes of the rows of a table, for :meth:`Terminal.notes`."""
-    notes = list[tuple[str, str, str]]()
+    notes = []
     for row in rows:
         notes += [(row.subject, f"{note}.", "") for note in row.notes]
     return notes

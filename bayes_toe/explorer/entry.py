@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays, Rec
 from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.messages import visible
+from bayes_toe.data.read_study import Truth
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -58,6 +59,7 @@ from bayes_toe.plots.corner import (
 from bayes_toe.plots.style import MARKED, Scale, difference_scale, stimulus_scale
 from bayes_toe.seeds import generator
 
+Pairs: TypeAlias = tuple[tuple[str, str], ...]
 #: What the two tabs are called.
 EFFECTS_TAB, PAPER_TAB = "effects", "paper's parameters"
 #: The models that have an effect, by its quantity.
@@ -96,9 +98,9 @@ class Entry:
     label: str
     target: ObserverPosterior | PaperPosterior
     x: FloatArray
-    badges: tuple[tuple[str, str], ...] = ()
-    words: tuple[tuple[str, str], ...] = ()
-    truth: Mapping[str, float] | None = None
+    badges: Pairs = ()
+    words: Pairs = ()
+    truth: Mapping[str, float] = field(default_factory=dict)
     estimates: Mapping[str, Size] = field(default_factory=dict)
     is_averaged: bool = False
     synthetic: bool = False
@@ -204,16 +206,15 @@ class Entry:
 
     def _true_values(self) -> dict[str, float]:
         """True values of the quantities of the model."""
-        truth = dict(self.truth or {})
-        for name in set(truth).difference(self.target.names.all):
-            del truth[name]
+        names = self.target.names.all
+        truth = {name: value for name, value in self.truth.items() if name in names}
         return all_true_values(truth, self.target)
 
     def _dominated(self) -> list[tuple[str, str]]:
         """Quantities whose 5 to 95 % range is not much narrower than the prior's."""
-        dominated = list[tuple[str, str]]()
         if self.is_averaged:
-            return dominated
+            return []
+        dominated = []
         for name in self.names:
             low, high = np.quantile(self.quantities[name], RANGE).tolist()
             if posterior_contraction(self.target, name, low, high) < DOMINATED:
@@ -271,7 +272,7 @@ def outlined(columns: NamedArrays, spans: Sequence[Span]) -> list[list[str]]:
     packed = []
     for (x, across), (y, up) in combinations(zip(columns.values(), spans, strict=True), 2):
         is_present = ~np.isnan(x + y)
-        lines = list[str]()
+        lines = []
         if _is_plottable(is_present):
             lines = _contours(Density.from_draws(x[is_present], y[is_present], across, up))
         packed.append(lines)
@@ -289,9 +290,7 @@ def _contours(density: Density) -> list[str]:
     return [text_of(points) for points in zip(lines.xs[::-1], lines.ys[::-1], strict=True)]
 
 
-def entries_of(
-    draws: Draws, label: str, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]
-) -> list[Entry]:
+def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Truth) -> list[Entry]:
     """The entries of subjects in a file of draws.
 
     If the draws are of the paper's model, each subject also has an entry with the average of the
@@ -316,7 +315,7 @@ def entries_of(
             draws.points(name),
             badges(draws, name),
             words,
-            truths.get(name),
+            truths.get(name, {}),
             synthetic=draws.synthetic,
             description=f"{label}: {source}, prior {draws.described_prior()}.",
         )
@@ -352,7 +351,7 @@ def _estimates(answer: OrderEffect) -> dict[str, Size]:
     return {name: answer.sizes[size] for name, size in sizes.items() if size in answer.sizes}
 
 
-def badges(draws: Draws, name: str) -> tuple[tuple[str, str], ...]:
+def badges(draws: Draws, name: str) -> Pairs:
     """Whether the draws converged and the model fits."""
     fit = draws.fit(name)
     sampled = ("fine", "converged")
@@ -364,7 +363,7 @@ def badges(draws: Draws, name: str) -> tuple[tuple[str, str], ...]:
     return sampled, _fit_badge(fit.fit_p if is_testable else None, len(draws.names))
 
 
-def _badges_of_answer(answer: OrderEffect) -> tuple[tuple[str, str], ...]:
+def _badges_of_answer(answer: OrderEffect) -> Pairs:
     """Whether the best of the four models fits, and what stands against the answer."""
     flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
     return (_fit_badge(answer.fit_p, answer.n_subjects), *flags)

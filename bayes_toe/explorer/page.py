@@ -132,7 +132,7 @@ def entries(
     n_entries = sum(map(len, selected.values()))
     require_few(n_entries, "subjects" if len(by_label) == 1 else "posteriors of subjects")
 
-    page_entries = list[Entry]()
+    page_entries = []
     for label, part in by_label.items():
         true_values = truths or {}
         if not truths and part.study.source == EXAMPLE:
