@@ -212,9 +212,9 @@ def _group(
     if len({unit.subject_name for unit in units}) < FEWEST_FOR_GROUP:
         return None
 
-    chosen = study.select([unit.name for unit in units])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
+        chosen = study.select([unit.name for unit in units])
         return population(chosen, seed=settings.seed, hyperprior=settings.prior.group)
 
 

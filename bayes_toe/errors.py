@@ -122,8 +122,9 @@ class InputError(BayesToeError, ValueError):
         for remedy in remedies:
             numbered.append(remedy if remedy.question >= 0 else remedy._replace(question=last))
         self.remedies = tuple(numbered)
-        choices = self.choices
-        use = [f"use {python_options(chosen)} {meaning}".rstrip() for chosen, meaning in choices]
+        use = []
+        for chosen, meaning in self.choices:
+            use.append(f"use {python_options(chosen)} {meaning}".rstrip())
         super().__init__("\n".join([*self.problems, *use]))
 
     @property

@@ -286,8 +286,7 @@ def jobs(home: Path) -> tuple[list[Job], list[str]]:
 
 def result_files(results: Path) -> list[Path]:
     """The files of a results folder."""
-    paths = results.rglob("*")
-    return sorted(path for path in paths if path.is_file())
+    return sorted(path for path in results.rglob("*") if path.is_file())
 
 
 # --- Options --------------------------------------------------------------------------------------

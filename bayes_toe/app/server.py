@@ -258,8 +258,7 @@ class OneJob(Handler):
                 raise InputError("The study is being analysed")
             await site.read(job, require_options(self.request.body))
         elif action == "run":
-            reading = await site.read(job)
-            if reading["study"] is None:
+            if (await site.read(job))["study"] is None:
                 raise InputError("A question about the file is open")
             site.process = job.start()
         elif is_running:  # stop, delete
@@ -276,8 +275,9 @@ class Results(Handler):
 
     def token(self) -> str | None:
         """The token of this server if the address has the key."""
-        is_key = hmac.compare_digest(self.path_args[0], self.site.key)
-        return self.site.token if is_key else None
+        if hmac.compare_digest(self.path_args[0], self.site.key):
+            return self.site.token
+        return None
 
     async def get(self, _: str, name: str, path: str) -> None:
         """Send a file that the folder lists."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
@@ -20,6 +19,7 @@ from bayes_toe.answers.study_summary import describe_pair, study_lines
 from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
     OUTPUT,
+    Note,
     Terminal,
     command_lines,
     is_narrow,
@@ -27,10 +27,8 @@ from bayes_toe.cli.terminal import (
     repeated_command,
 )
 from bayes_toe.data.messages import capitalized, join_names
-
-if TYPE_CHECKING:
-    from bayes_toe.data.study import Study
-    from bayes_toe.groups.population import PopulationResult
+from bayes_toe.data.study import Study
+from bayes_toe.groups.population import PopulationResult
 
 _HEADINGS = (
     "subject",
@@ -92,8 +90,7 @@ def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
 def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
     """The table of subjects. If it is too wide, words are shortened, one kind after the other."""
     headings = [heading.format(unit=unit) for heading in _HEADINGS]
-    longest_name = max(len(row[0]) for row in rows)
-    name_width = max(longest_name, len(headings[0]))
+    name_width = max(len(row[0]) for row in (headings, *rows))
 
     for long, short in ((", ", ","), ("probably not", "prob. not")):
         if not is_narrow(headings, rows, name_width):
@@ -133,7 +130,7 @@ def reason_letters(answers: Iterable[OrderEffect]) -> dict[str, str]:
 
 def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
     """Print problems: those that need action with an option to type, then all others."""
-    notes: dict[str, list[tuple[str, str, str]]] = {"!": [], "?": [], "-": []}
+    notes: dict[str, list[Note]] = {"!": [], "?": [], "-": []}
     options = []  # the first of each subject
     marked = {answer.subject: _marked_problems(answer) for answer in answers}
     for problems in marked.values():

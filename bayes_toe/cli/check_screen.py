@@ -6,7 +6,6 @@ import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING
 
 import bayes_toe as bt
 from bayes_toe.checks.answer_checks import Finding
@@ -21,11 +20,8 @@ from bayes_toe.cli.terminal import (
     typed_command,
 )
 from bayes_toe.data.messages import capitalized, cli_argument, join_words, plural
-from bayes_toe.data.study import common_scales
-
-if TYPE_CHECKING:
-    from bayes_toe.data.study import Study
-    from bayes_toe.model.prior import Prior
+from bayes_toe.data.study import Study, common_scales
+from bayes_toe.model.prior import Prior
 
 
 def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool = False) -> None:

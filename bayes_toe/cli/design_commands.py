@@ -18,6 +18,7 @@ from bayes_toe.cli.options import (
     NUMBER,
     File,
     Number,
+    OutputFolder,
     Question,
     Text,
     file_name,
@@ -57,7 +58,7 @@ def power(
             help="Designs with columns s1,s2,n_trials.",
         ),
     ] = None,
-    output: Annotated[Path, writes("DIR", "Output folder.")] = Path("power"),
+    output: OutputFolder = Path("power"),
     questions: Annotated[
         str, option("--task", "TASK,TASK", "2afc (default), same/different, ternary")
     ] = "2afc",
@@ -179,7 +180,7 @@ def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
 # --- design ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class SearchOptions:
     """The trials and the goal of a design, and the pairs that can be presented."""
 
@@ -259,7 +260,7 @@ class SearchOptions:
         return bt.design.DesignGoal(self.aim, self.max_pairs, keep, task, self.even)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ListOptions:
     """A list of the trials of a given design, in their order."""
 
@@ -409,7 +410,7 @@ def _list_trials(
 # --- simulate -------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class PairOptions:
     """The pairs of a simulated study, and how often each is shown."""
 
@@ -429,7 +430,7 @@ class PairOptions:
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class PopulationOptions:
     """The observers of a simulated study."""
 
@@ -493,8 +494,7 @@ def simulate(
         differences=read_differences(observers.conditions, observers.differ),
     )
 
-    trials = trial_frame(answered, options.stimulus_unit)
-    writers = {output: partial(write_table, trials)}
+    writers = {output: partial(write_table, trial_frame(answered, options.stimulus_unit))}
     if truth_output is not None:
         writers[truth_output] = partial(write_table, truth_frame(answered))
     context.write(writers, seed)

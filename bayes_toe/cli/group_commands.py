@@ -11,7 +11,16 @@ from pathlib import Path
 from typing import Annotated
 
 import bayes_toe as bt
-from bayes_toe.cli.options import DrawCount, File, StudyFile, Texts, option, rare, writes
+from bayes_toe.cli.options import (
+    DrawCount,
+    File,
+    OutputTableAndFigure,
+    StudyFile,
+    Texts,
+    option,
+    rare,
+    writes,
+)
 from bayes_toe.cli.run_context import MODEL, RunContext
 
 #: Written out, so that help does not import SciPy.
@@ -86,9 +95,7 @@ def population(
 def contrast(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.csv", "Output table. The figure is FILE.png.")] = Path(
-        "contrast.csv"
-    ),
+    output: OutputTableAndFigure = Path("contrast.csv"),
     context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
     """Compare the conditions, or the tasks, of each subject.
@@ -133,9 +140,7 @@ def contrast(
 def history(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.csv", "Output table. The figure is FILE.png.")] = Path(
-        "history.csv"
-    ),
+    output: OutputTableAndFigure = Path("history.csv"),
     context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Estimate serial dependence, the effect of the previous trial.

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import bayes_toe as bt
-from bayes_toe.cli.options import StudyFile, flag, option, rare, writes
+from bayes_toe.cli.options import OutputFolder, OutputTable, StudyFile, flag, option, rare, writes
 from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.cli.terminal import (
     OUTPUT,
@@ -35,7 +35,7 @@ _HEADINGS = {
 def run(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("DIR", "Output folder.")] = Path("bayes_toe_results"),
+    output: OutputFolder = Path("bayes_toe_results"),
     figures: Annotated[
         str, rare("--figures", "all|flagged|none", "Subjects that get figures.")
     ] = "all",
@@ -172,14 +172,14 @@ def _require_fitting(
     from bayes_toe.inference.sampling import SamplerSettings
     from bayes_toe.model.models import require_model
 
-    record = require_model(model, study.task)
-    require_fitting(study, prior, SamplerSettings(context.draws), record)
+    settings = SamplerSettings(context.draws)
+    require_fitting(study, prior, settings, require_model(model, study.task))
 
 
 def evidence(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.csv", "Output table.")] = Path("evidence.csv"),
+    output: OutputTable = Path("evidence.csv"),
     context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
     """Compute model evidences and order effects of every subject.
@@ -276,6 +276,7 @@ def describe_h1(table: EvidenceTable) -> str:
     if not factors:
         return f"{APPENDIX_C}."
     n_better = sum(factor > 0.0 for factor in factors)
-    of_all = f"{n_better} of {plural(len(factors), 'subject')}"
-    middle = f"{median(factors):.1f}"
-    return f"H1 predicts better than H0 for {of_all} (median ln BF {middle}). {APPENDIX_C}."
+    return (
+        f"H1 predicts better than H0 for {n_better} of {plural(len(factors), 'subject')} "
+        f"(median ln BF {median(factors):.1f}). {APPENDIX_C}."
+    )

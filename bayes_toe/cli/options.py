@@ -14,7 +14,7 @@ from functools import partial
 from glob import glob
 from inspect import Parameter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 
 #: Options that may be absent.
-Text: TypeAlias = str | None
-Texts: TypeAlias = list[str] | None
-File: TypeAlias = Path | None
-Number: TypeAlias = float | None
+Text = str | None
+Texts = list[str] | None
+File = Path | None
+Number = float | None
 #: A number as help shows it.
 NUMBER = "N"
 #: The panel of options that only the help of `check` lists.
@@ -101,6 +101,10 @@ def file_name(value: str | Path) -> Path:
     return folder_name(value)
 
 
+#: Outputs that several commands have.
+OutputFolder = Annotated[Path, writes("DIR", "Output folder.")]
+OutputTable = Annotated[Path, writes("FILE.csv", "Output table.")]
+OutputTableAndFigure = Annotated[Path, writes("FILE.csv", "Output table. The figure is FILE.png.")]
 #: The error of a command without a file; :func:`~bayes_toe.cli.run_context.as_command` adds what to
 #: type.
 NO_FILE = "No file is named."
@@ -145,7 +149,7 @@ def layout_options() -> Iterator[Parameter]:
         yield parameter.replace(annotation=Annotated[kind, typed])
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class StudyFile:
     """The study of a command: files and how to read them, or a bundled example.
 

@@ -61,7 +61,7 @@ from bayes_toe.data.messages import (
     visible,
     with_policy,
 )
-from bayes_toe.data.stimulus_unit import StimulusUnit, percent
+from bayes_toe.data.stimulus_unit import percent
 from bayes_toe.data.tables import file_stems
 from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.inference.model_set import ModelSet
@@ -160,8 +160,8 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         for subject in subjects:
             path = folder / links[subject["counts"].name]
             _write(page, {**context, "subject": subject}, path)
-    report = templates.get_template("report.html")
-    _write(report, {**context, "subjects": subjects}, folder / "report.html")
+    context["subjects"] = subjects
+    _write(templates.get_template("report.html"), context, folder / "report.html")
 
 
 def _write(template: Template, context: Mapping[str, Any], path: Path) -> None:
@@ -274,9 +274,9 @@ def _figure(analysis: Analysis) -> list[tuple[str, str]]:
     parts = []
     if shown_subjects(analysis.answers):
         responses = responses_figure(analysis, height)
-        parts.append(
+        parts = [
             ("responses", _embed(analysis, responses, "Responses and curves of some subjects"))
-        )
+        ]
     for name, is_narrow in (("sizes wide", False), ("sizes narrow", True)):
         sizes = sizes_figure(analysis, analysis.group, height, is_narrow=is_narrow)
         parts.append((name, _embed(analysis, sizes, label)))
@@ -395,21 +395,18 @@ def _parameter(analysis: Analysis, row: Any) -> list[str]:
     """A parameter of the paper's model: estimate and its precision."""
     draws = analysis.draws.values(row.subject, row.parameter)
     n_effective = min(row.ess_bulk, row.ess_tail)
-    cells = [row.parameter, _interval(draws, n_effective, 3)]
     difference = ""
     if row.parameter in ("pse_shift", "jnd"):
-        difference = _interval_in_unit(draws, n_effective, analysis.study.unit)
-    cells.append(difference)
-    cells.append(_number(row.posterior_contraction))
-    cells.append(_number(n_effective, 0))
-    cells.append(_number(row.r_hat, 4))
-    return cells
-
-
-def _interval_in_unit(draws: FloatArray, n_effective: float, unit: StimulusUnit) -> str:
-    """Differences of natural-log intensities in the unit in which they are shown."""
-    unit = unit.for_percent(percent(np.quantile(draws, (0.025, 0.975))))
-    return _interval(unit.differences(draws), n_effective, 1, unit.of_differences)
+        unit = analysis.study.unit.for_percent(percent(np.quantile(draws, (0.025, 0.975))))
+        difference = _interval(unit.differences(draws), n_effective, 1, unit.of_differences)
+    return [
+        row.parameter,
+        _interval(draws, n_effective, 3),
+        difference,
+        _number(row.posterior_contraction),
+        _number(n_effective, 0),
+        _number(row.r_hat, 4),
+    ]
 
 
 def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = "") -> str:

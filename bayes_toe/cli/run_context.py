@@ -56,7 +56,7 @@ WORKERS = ("processes", "dask", "overwrite")
 MODEL = ("seed", "prior", *WORKERS)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class RunContext:
     """The shared options, in the order in which help lists them, and the files that are read."""
 

@@ -19,6 +19,7 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import (
     NUMBER,
+    OutputFolder,
     Texts,
     TrueValues,
     flag,
@@ -57,8 +58,7 @@ def explore(
     context.require_files(output)
     loaded = [*map(load_draws, posteriors)]
     names = subject or list(chain.from_iterable(draws.names for draws in loaded))
-    truths = read_truth(truth, loaded, names)
-    page_entries = entries(loaded, subject, truths)
+    page_entries = entries(loaded, subject, read_truth(truth, loaded, names))
     with context.out.progress("packing", len(page_entries)) as tick:
         explorer = page(page_entries, tick)
     explorer.save(output, overwrite=context.overwrite)
@@ -79,8 +79,8 @@ def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[
     quantities = list[str]()
     for loaded in draws:
         quantities += loaded.posterior(loaded.names[0]).names.all
-    columns_to_read = list(dict.fromkeys(quantities))
-    names, columns = read_numbers(path, (), "subject", optional=columns_to_read, gaps=True)
+    optional = list(dict.fromkeys(quantities))
+    names, columns = read_numbers(path, (), "subject", optional=optional, gaps=True)
     truth: dict[str, dict[str, float]] = {name: {} for name in names}
     for key, column in columns.items():
         for name, value in zip(names, column.tolist(), strict=True):
@@ -99,7 +99,7 @@ def corner(
     posterior: Annotated[
         Path, typer.Argument(metavar="posterior.nc", help="Draws saved by run or sample.")
     ],
-    output: Annotated[Path, writes("DIR", "Output folder.")] = Path("corner"),
+    output: OutputFolder = Path("corner"),
     subject: Annotated[
         Texts,
         option("--subject", "NAME", "Only this subject; repeatable, 2 to 4 in one figure."),

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,7 @@ from bayes_toe.answers.order_effect import (
     answer_subject,
     describe_fit,
 )
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays, Record
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, NamedArrays, Record
 from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.messages import visible
@@ -59,7 +59,8 @@ from bayes_toe.plots.corner import (
 from bayes_toe.plots.style import MARKED, Scale, difference_scale, stimulus_scale
 from bayes_toe.seeds import generator
 
-Pairs: TypeAlias = tuple[tuple[str, str], ...]
+#: Of badges the kind and the words, of questions the words of the answer.
+Pairs = tuple[tuple[str, str], ...]
 #: What the two tabs are called.
 EFFECTS_TAB, PAPER_TAB = "effects", "paper's parameters"
 #: The models that have an effect, by its quantity.
@@ -131,11 +132,11 @@ class Entry:
         """The quantities that are shown first."""
         return quantity_names(self.target, "natural")
 
-    def columns(self, quantities: NamedArrays) -> dict[str, FloatArray]:
+    def columns(self) -> dict[str, FloatArray]:
         """The draws as axes show them, (draws,) each; NaN where a draw lacks the effect."""
         columns = {}
         for name in self.names:
-            values = quantities[name]
+            values = self.quantities[name]
             if name in (CONSTANT_ERROR.name, CONTRACTION.name):
                 values = np.where(values == 0.0, np.nan, values)
             if _is_plottable(~np.isnan(values)):
@@ -148,7 +149,7 @@ class Entry:
         n_rows = min(len(draws), rows)
         index = np.arange(n_rows) * len(draws) // n_rows  # explorer.js inverts this rule
 
-        columns = self.columns(self.quantities)
+        columns = self.columns()
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
         truth = self._true_values()
         spans = axis_limits(present.values(), list(columns), self.target, truth)
@@ -236,7 +237,7 @@ class Entry:
             "order": presentation_order(counts),
             "estimate": laplace_estimate(counts.n_yes, counts.n_trials),
             "error": laplace_error(counts.n_yes, counts.n_trials),
-            "along": along(counts),
+            "along": along(counts)[1],
         }
 
         stimuli = [", ".join(map(counts.unit.describe, pair)) for pair in counts.pairs]
@@ -346,17 +347,20 @@ def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Trut
 
 def _estimates(answer: OrderEffect) -> dict[str, Size]:
     """The intervals of the answer by quantity, differences in per cent."""
-    sizes = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
-    sizes |= {"jnd": "jnd_percent", "zone": "zone_percent"}
+    sizes = {
+        "constant_error": "pse_shift_percent",
+        "contraction": "contraction_p",
+        "jnd": "jnd_percent",
+        "zone": "zone_percent",
+    }
     return {name: answer.sizes[size] for name, size in sizes.items() if size in answer.sizes}
 
 
 def badges(draws: Draws, name: str) -> Pairs:
     """Whether the draws converged and the model fits."""
     fit = draws.fit(name)
-    sampled = ("fine", "converged")
-    if name in draws.not_converged:
-        sampled = ("unconverged", draws.not_converged[name])
+    shortfall = draws.not_converged.get(name)
+    sampled = ("unconverged", shortfall) if shortfall else ("fine", "converged")
     is_testable = fit.degrees_of_freedom > 0
     if is_testable and np.isnan(fit.fit_p):
         return (sampled,)
@@ -455,34 +459,27 @@ def slice_keys(counts: Subject) -> FloatArray:
     The slice with the most trials of different stimuli comes first. Slices without such trials are
     left out, unless all slices are.
     """
-    keys, index = np.unique(_fixed(counts), return_inverse=True)
+    keys, index = np.unique(along(counts)[0], return_inverse=True)
     n_different = counts.n_trials * (presentation_order(counts) != 0)
     n_trials = np.bincount(index, n_different, len(keys))
     most_first = np.argsort(-n_trials, kind="stable")
     return keys[most_first][: max(1, np.count_nonzero(n_trials))]
 
 
-def _fixed(counts: Subject) -> FloatArray:
-    """The stimulus that a pair shares with all pairs of its slice, shape (pairs,).
+def along(counts: Subject) -> ArrayPair:
+    """The stimulus that a pair shares with its slice, and its position there, shape (pairs,) each.
 
-    It is the weaker one, or the first one in 'which is stronger'.
-    """
-    return counts.s1 if counts.task == WHICH_STRONGER else np.minimum(counts.s1, counts.s2)
-
-
-def along(counts: Subject) -> FloatArray:
-    """The position of every pair along its slice, shape (pairs,).
-
-    It is the stronger stimulus, or s2 - s1 in 'which is stronger'.
+    These are the weaker and the stronger stimulus, or the first one and s2 - s1 in 'which is
+    stronger'.
     """
     if counts.task == WHICH_STRONGER:
-        return counts.s2 - counts.s1
-    return np.maximum(counts.s1, counts.s2)
+        return counts.s1, counts.s2 - counts.s1
+    return np.minimum(counts.s1, counts.s2), np.maximum(counts.s1, counts.s2)
 
 
 def _slice(counts: Subject, fixed: float) -> Slice:
-    position, order = along(counts), presentation_order(counts)
-    is_member = _fixed(counts) == fixed
+    shared, position = along(counts)
+    order, is_member = presentation_order(counts), shared == fixed
     if counts.task == WHICH_STRONGER:
         orders = [0]
         start = float(position.min() - 0.04 * np.ptp(position))
@@ -497,8 +494,7 @@ def _slice(counts: Subject, fixed: float) -> Slice:
     end = float(position.max())
     # A curve goes on beyond its last pair.
     x = np.linspace(start, end + 0.04 * max(end - start, 1e-9), POINTS)
-    index = np.flatnonzero(is_member)
-    return Slice(counts, fixed, index, x, tuple(orders))
+    return Slice(counts, fixed, np.flatnonzero(is_member), x, tuple(orders))
 
 
 def axis(quantities: NamedArrays, sbar: float, ends: Sequence[float]) -> FloatArray:

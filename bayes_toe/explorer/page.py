@@ -198,8 +198,9 @@ def page(
     for i, entry in enumerate(page_entries):
         name = entry.target.subject.name
         contents[f"entry-{i}"] = entry.packed(rows)
-        names = {"subject": visible(name), "label": visible(entry.label)}
-        list_of_entries.append({**names, "tab": entry.tab})
+        list_of_entries.append(
+            {"subject": visible(name), "label": visible(entry.label), "tab": entry.tab}
+        )
         if progress is not None:
             progress(name)
 
