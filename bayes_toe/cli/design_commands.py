@@ -411,8 +411,8 @@ def _list_trials(
 
 
 @dataclass(frozen=True)
-class PairOptions:
-    """The pairs of a simulated study, and how often each is shown."""
+class SimulatedStudy:
+    """The pairs of a simulated study, how often each is shown, and its observers."""
 
     design: Annotated[str, option("--design", "NAME", "Pairs: reference, full, or a CSV file.")] = (
         "reference"
@@ -428,12 +428,6 @@ class PairOptions:
     amplitudes: Annotated[
         Text, rare("--amplitudes", "N,N", "Stimuli in the unit (default: the paper's).")
     ] = None
-
-
-@dataclass(frozen=True)
-class PopulationOptions:
-    """The observers of a simulated study."""
-
     subjects: Annotated[int, option("--subjects", NUMBER, "Number of observers.", min=1)] = 16
     kind: Annotated[str, option("--observers", "NAME", "Observers: paper, both, or a file.")] = (
         "paper"
@@ -458,8 +452,7 @@ def simulate(
         File,
         option("--truth", "FILE.csv", "Write the true parameters, too.", parser=file_name),
     ] = None,
-    pairs: PairOptions,
-    observers: PopulationOptions,
+    study: SimulatedStudy,
     context: Annotated[RunContext, "seed", "overwrite"],
 ) -> None:
     """Simulate a study with known order effects.
@@ -481,17 +474,17 @@ def simulate(
     context.require_files(*filter(None, (output, truth_output)))
     seed = root_seed(context.seed)
 
-    options = bt.ReadOptions(unit=pairs.unit)
-    design = make_design(pairs.design, pairs.amplitudes, pairs.batches, pairs.trials, options)
-    task = task_of(observers.question)
-    simulated = draw_population(observers.kind, observers.subjects, seed, design, task)
+    options = bt.ReadOptions(unit=study.unit)
+    design = make_design(study.design, study.amplitudes, study.batches, study.trials, options)
+    task = task_of(study.question)
+    observers = draw_population(study.kind, study.subjects, seed, design, task)
     answered = simulate_trials(
-        simulated,
+        observers,
         design,
         seed,
-        carry_over=observers.carry_over,
-        missed=observers.missed,
-        differences=read_differences(observers.conditions, observers.differ),
+        carry_over=study.carry_over,
+        missed=study.missed,
+        differences=read_differences(study.conditions, study.differ),
     )
 
     writers = {output: partial(write_table, trial_frame(answered, options.stimulus_unit))}
@@ -501,5 +494,5 @@ def simulate(
 
     total = sum(len(of_subject.batch) for of_subject in answered)
     context.print_written(
-        f"{plural(len(simulated), 'synthetic subject')}, {plural(total, 'trial')} in {output}", seed
+        f"{plural(len(observers), 'synthetic subject')}, {plural(total, 'trial')} in {output}", seed
     )

@@ -12,7 +12,7 @@ import json
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -254,14 +254,15 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
 
 def _settings(analysis: Analysis) -> dict[str, str]:
     """The settings of the analysis, with their names in words."""
-    attrs = analysis.draws.tree.attrs
-    settings = json.loads(attrs["settings"])
-    versions = json.loads(attrs["versions"])
-    sampler = {_SAMPLER.get(key, key): str(value) for key, value in settings["sampler"].items()}
+    settings = analysis.settings
+    versions = json.loads(analysis.draws.tree.attrs["versions"])
+    sampler = {}
+    for name, value in asdict(settings.sampler).items():
+        sampler[_SAMPLER.get(name, name)] = str(value)
     return {
         "sampled model": "the paper's model (H1)",
-        "prior": analysis.settings.prior.describe_all(analysis.study.task),
-        "seed": str(attrs["seed"]),
+        "prior": settings.prior.describe_all(analysis.study.task),
+        "seed": str(settings.seed),
         **sampler,
         "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
     }
@@ -366,8 +367,12 @@ def _subjects(
     parts = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
     for i, (counts, row, answer, asymmetry) in enumerate(parts):
         name = counts.name
-        summary = list(summaries[name].itertuples())
-        natural = analysis.draws.posterior(name).names.natural
+        summary: list[Any] = list(summaries[name].itertuples())
+        natural = (*analysis.draws.posterior(name).names.natural, "gamma")
+        prior_dominated = []
+        for parameter in summary:
+            if parameter.parameter in natural and parameter.posterior_contraction < DOMINATED:
+                prior_dominated.append(parameter.parameter)
         remarks = []
         for label in dict.fromkeys([name, counts.subject_name]):
             remarks += messages[label]
@@ -381,14 +386,8 @@ def _subjects(
             "stats": stats.isel(subject=i),
             "parameters": [_parameter(analysis, parameter) for parameter in summary],
             "remarks": [*remarks, *row.notes],
-            "prior_dominated": _prior_dominated(summary, (*natural, "gamma")),
+            "prior_dominated": prior_dominated,
         }
-
-
-def _prior_dominated(summary: Sequence[Any], names: Sequence[str]) -> list[str]:
-    """Parameters whose posterior is hardly narrower than their prior."""
-    rows = [row for row in summary if row.parameter in names]
-    return [row.parameter for row in rows if row.posterior_contraction < DOMINATED]
 
 
 def _parameter(analysis: Analysis, row: Any) -> list[str]:
