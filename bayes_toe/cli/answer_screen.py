@@ -18,7 +18,6 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.answers.study_summary import describe_pair, study_lines
 from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
-    OUTPUT,
     Note,
     Terminal,
     command_lines,
@@ -69,7 +68,7 @@ def flagged(
 # --- The screen ----------------------------------------------------------------------------------
 
 
-def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
+def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str) -> None:
     """A row for every subject, the reasons of `(a)`, and what needs action."""
     names = names_to_show([answer.subject for answer in answers], flagged(answers))
     selected = [answer for answer in answers if answer.subject in names]
@@ -128,7 +127,7 @@ def reason_letters(answers: Iterable[OrderEffect]) -> dict[str, str]:
     return letters
 
 
-def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
+def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str) -> None:
     """Print problems: those that need action with an option to type, then all others."""
     notes: dict[str, list[Note]] = {"!": [], "?": [], "-": []}
     options = []  # the first of each subject

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from itertools import chain
 
@@ -24,7 +24,7 @@ from bayes_toe.data.study import Study, common_scales
 from bayes_toe.model.prior import Prior
 
 
-def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool = False) -> None:
+def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool) -> None:
     """Everything that `check` prints."""
     findings = bt.check(study, prior)
     by_subject = _by_subject(findings)
@@ -169,10 +169,10 @@ def describe_pairs(study: Study) -> str:
 
 def _by_subject(findings: Sequence[Finding]) -> dict[str, list[Finding]]:
     """The findings of each subject that has any, swapped blocks first: they may cause others."""
-    by_subject: dict[str, list[Finding]] = {}
+    by_subject = defaultdict(list)
     for finding in findings:
         if finding.subject:
-            by_subject.setdefault(finding.subject, []).append(finding)
+            by_subject[finding.subject].append(finding)
     for of_subject in by_subject.values():
         of_subject.sort(key=lambda finding: not finding.option.startswith("--swap"))
-    return by_subject
+    return dict(by_subject)

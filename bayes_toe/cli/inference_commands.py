@@ -10,7 +10,6 @@ import bayes_toe as bt
 from bayes_toe.cli.options import OutputFolder, OutputTable, StudyFile, flag, option, rare, writes
 from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.cli.terminal import (
-    OUTPUT,
     Terminal,
     names_to_show,
     notes_of,
@@ -245,7 +244,7 @@ def print_failed(out: Terminal, draws: bt.Draws) -> None:
     out.reasons("The draws are not precise enough", draws.imprecise)
 
 
-def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT) -> None:
+def print_model_evidence(out: Terminal, table: EvidenceTable, file: str) -> None:
     """Log evidences of the four models, and of the paper's model (H1) against H0."""
     headings = ["subject", "none ", "constant ", "contraction ", "both "]
     headings += ["H0", "paper's\nH1", "ln BF\nH1:H0"]

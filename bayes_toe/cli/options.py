@@ -111,7 +111,7 @@ NO_FILE = "No file is named."
 #: The task of the bundled example that `--example` alone means.
 FIRST_EXAMPLE = "2afc"
 #: The options for files in another layout, with the type, the sign and the help of their values.
-LAYOUT_OPTIONS: Mapping[str, tuple[Any, str, str]] = {
+LAYOUT_OPTIONS = {
     "intensity": (Number, "REF", "Intensities: s = ln(i / REF)."),
     "unit": (Text, "UNIT", "Unit: dB, dB-power, ln, g, ..."),
     "equal_code": (Text, "CODE", "The code for 'equal'."),

@@ -12,7 +12,7 @@ import json
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -112,19 +112,12 @@ _SAMPLER = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Facts:
-    """Contents of a report besides the analysis."""
-
-    flagged: Mapping[str, Sequence[str]]  # subjects that need action, with the reasons
-    check: PredictiveCheck | None  # of the group
-    curves: Mapping[str, Path]  # figures of the subjects that were drawn
-    corner: Mapping[str, Path]
-    choice: str  # of which subjects these are: "all", "flagged" or "none"
-
-
-def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
+def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     """Write report.html, and subjects/*.html of more than :data:`MAX_SUBJECTS` subjects.
+
+    `facts` is what a report has besides the analysis: the subjects that need action with the
+    reasons, the predictive check of the group, and the figures of subjects with the choice of
+    these: "all", "flagged" or "none".
 
     Every text from outside is escaped by the template engine, its control characters too. Pages
     are written piece by piece: with its figures a report may be larger than memory.
@@ -134,7 +127,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
     links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}
     answers = list(analysis.answers)
     if is_paged:
-        answers.sort(key=lambda answer: answer.subject not in facts.flagged)
+        answers.sort(key=lambda answer: answer.subject not in facts["flagged"])
         links = {name: f"subjects/{stem}.html" for name, stem in file_stems(names).items()}
 
     findings = check(analysis.study, analysis.settings.prior)
@@ -223,7 +216,7 @@ def _findings(analysis: Analysis, findings: Sequence[Finding]) -> Record:
     }
 
 
-def _context(analysis: Analysis, facts: Facts) -> Record:
+def _context(analysis: Analysis, facts: Record) -> Record:
     """The values that all pages of the report share."""
     study, draws = analysis.study, analysis.draws
     return {
@@ -247,7 +240,7 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
         "figure": _figure(analysis),
         "shown": shown_subjects(analysis.answers),
         "dominated": DOMINATED,
-        "group": _group(analysis, facts.check),
+        "group": _group(analysis, facts["check"]),
         "contrast": _by_condition(analysis.contrast),
     }
 

@@ -279,7 +279,6 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
             raise typer.Exit(2) from error
 
     command.__signature__ = typed_signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return command
 
 
