@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import bayes_toe as bt
 from bayes_toe.cli.options import (
@@ -119,9 +119,12 @@ def contrast(
         "comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep
     )
     figure = bt.plots.contrast(table, synthetic=read.synthetic)
-    writers = {output: partial(table.save), figure_file: partial(bt.plots.save_figure, figure)}
+    writers: dict[Path, Any] = {
+        output: table.save,
+        figure_file: partial(bt.plots.save_figure, figure),
+    }
     if has_tasks:
-        writers[answers_file] = partial(table.save_answers)
+        writers[answers_file] = table.save_answers
     written = context.write(writers, table.seed)
     context.finish(keep, table.failed)
 

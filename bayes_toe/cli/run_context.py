@@ -7,13 +7,14 @@ and checks and writes outputs.
 
 from __future__ import annotations
 
+import inspect
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, wraps
-from inspect import Parameter, signature
+from inspect import Parameter
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_type_hints
@@ -245,10 +246,10 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     names. Our errors become lines on standard error and exit code 2. Any other exception is a bug
     and shows its traceback.
     """
-    typed_signature = signature(function, eval_str=True)
+    signature = inspect.signature(function, eval_str=True)
     records: dict[str, Any] = {}
     parameters = []
-    for name, parameter in typed_signature.parameters.items():
+    for name, parameter in signature.parameters.items():
         kind, *names = get_args(parameter.annotation) or [parameter.annotation]
         options = [parameter]
         if is_dataclass(kind):
@@ -278,7 +279,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
             print_error(error, function.__name__)
             raise typer.Exit(2) from error
 
-    command.__signature__ = typed_signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return command
 
 

@@ -76,9 +76,7 @@ def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[
 
     if path is None:
         return {}
-    quantities = list[str]()
-    for loaded in draws:
-        quantities += loaded.posterior(loaded.names[0]).names.all
+    quantities = chain.from_iterable(part.posterior(part.names[0]).names.all for part in draws)
     optional = list(dict.fromkeys(quantities))
     names, columns = read_numbers(path, (), "subject", optional=optional, gaps=True)
     truth: dict[str, dict[str, float]] = {name: {} for name in names}

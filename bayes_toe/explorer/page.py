@@ -144,9 +144,8 @@ def entries(
 
 def _require_quantities(truths: Truth, page_entries: Sequence[Entry]) -> None:
     """Refuse a true value of a quantity that no entry has."""
-    quantities = dict[str, None]()
-    for entry in page_entries:
-        quantities |= dict.fromkeys(entry.target.names.all)
+    all_quantities = chain.from_iterable(entry.target.names.all for entry in page_entries)
+    quantities = list(dict.fromkeys(all_quantities))
     for subject, values in truths.items():
         for name in values:
             if name not in quantities:

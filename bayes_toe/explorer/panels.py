@@ -52,9 +52,8 @@ def document(task: Task) -> Document:
     """All figures; their names are also those of the places where the page embeds them."""
     sources = _Sources()
     ranges = [Range1d(0, 1, name=f"range-{i}") for i in range(SLOTS)]
-    corner = [_distribution(sources, ranges, i) for i in range(SLOTS)]
-    corner += [_cloud(sources, ranges, i, j) for j, i in combinations(range(SLOTS), 2)]
-    roots = list(corner)
+    roots = [_distribution(sources, ranges, i) for i in range(SLOTS)]
+    roots += [_cloud(sources, ranges, i, j) for j, i in combinations(range(SLOTS), 2)]
     for letter in LETTERS:
         roots += [_curves(sources, letter, task), _plane(sources, letter, task)]
     page = Document()
@@ -118,17 +117,18 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
     plot.js_on_event("selectiongeometry", CustomJS(code=brushed))
     for axis in plot.axis:
         axis.update(visible=False, ticker=FixedTicker(ticks=[]))
-    brush = BoxAnnotation(
-        name=f"brush-{name}",
-        visible=False,
-        editable=False,
-        fill_color="#000000",
-        fill_alpha=0.08,
-        line_color="#000000",
-        line_alpha=0.9,
-        line_width=1.5,
+    plot.add_layout(
+        BoxAnnotation(
+            name=f"brush-{name}",
+            visible=False,
+            editable=False,
+            fill_color="#000000",
+            fill_alpha=0.08,
+            line_color="#000000",
+            line_alpha=0.9,
+            line_width=1.5,
+        )
     )
-    plot.add_layout(brush)
     return plot
 
 
@@ -202,12 +202,15 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
 
 def _hover(renderers: list[Any], task: Task) -> HoverTool:
     """A pair under the mouse, and how often it was answered so."""
-    tooltips = [
-        ("", "$name"),
-        ("first, second", "@stimuli"),
-        (f"'{task.yes}'", "@k of @n"),
-    ]
-    return HoverTool(renderers=renderers, tooltips=tooltips, limit=2)
+    return HoverTool(
+        renderers=renderers,
+        tooltips=[
+            ("", "$name"),
+            ("first, second", "@stimuli"),
+            (f"'{task.yes}'", "@k of @n"),
+        ],
+        limit=2,
+    )
 
 
 def _curves(sources: _Sources, letter: str, task: Task) -> Any:
