@@ -193,7 +193,7 @@ def answer_lines(
     return study_lines(answers, group, synthetic=study.synthetic, units=units)
 
 
-def without_decision(answers: Sequence[OrderEffect], problems: Mapping[str, str]) -> list[str]:
+def without_decision(answers: Sequence[OrderEffect], problems: Collection[str]) -> list[str]:
     """A sentence that no subject needs a decision; empty if one does, or has another problem."""
     if len(answers) == 1 or problems or flagged(answers):
         return []

@@ -23,6 +23,8 @@ from bayes_toe.data.messages import capitalized, cli_argument, join_words, plura
 from bayes_toe.data.study import Study, common_scales
 from bayes_toe.model.prior import Prior
 
+FindingsBySubject = Mapping[str, list[Finding]]
+
 
 def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool) -> None:
     """Everything that `check` prints."""
@@ -49,7 +51,7 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool)
         out.lines(command_lines(command, "  "))
 
 
-def _print_problems(out: Terminal, study: Study, by_subject: dict[str, list[Finding]]) -> None:
+def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) -> None:
     """A row for each subject with a problem, and in full what does not fit into it."""
     names = list(by_subject)
     if not names and len(study) < MANY_SUBJECTS:
@@ -74,7 +76,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: dict[str, list[Find
 
 
 def answer_of_check(
-    study: Study, findings: Sequence[Finding], by_subject: Mapping[str, Sequence[Finding]]
+    study: Study, findings: Sequence[Finding], by_subject: FindingsBySubject
 ) -> tuple[list[str], list[str]]:
     """What the design can show, the subjects that need a decision, and the next commands."""
     lines = _limits_of_design(study, findings)
@@ -167,7 +169,7 @@ def describe_pairs(study: Study) -> str:
     return f"Pairs: {', and '.join(parts)}"
 
 
-def _by_subject(findings: Sequence[Finding]) -> dict[str, list[Finding]]:
+def _by_subject(findings: Sequence[Finding]) -> FindingsBySubject:
     """The findings of each subject that has any, swapped blocks first: they may cause others."""
     by_subject = defaultdict(list)
     for finding in findings:

@@ -89,7 +89,7 @@ def population(
     print_group(context.out, result, check)
     context.print_uninterpretable(read)
     context.out.answer([*group_answer(result), written])
-    context.end({} if result.is_reliable else {"group": result.draws.shortfall})
+    context.end(not result.is_reliable)
 
 
 def contrast(

@@ -19,7 +19,7 @@ from bayes_toe.answers.group_answer import (
 from bayes_toe.answers.serial_dependence import EFFECT_MODELS, SerialDependence
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.cli.answer_screen import print_subjects
-from bayes_toe.cli.terminal import OUTPUT, Terminal
+from bayes_toe.cli.terminal import OUTPUT, Rows, Terminal
 from bayes_toe.data.messages import capitalized, plural
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.predictive_check import PredictiveCheck
@@ -73,7 +73,7 @@ def print_one_observer(out: Terminal, table: ContrastTable, file: str) -> None:
     out.line("This does not test whether one observer fits. 'evidence' tests the fit of each task.")
 
 
-def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
+def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
     """Headings and rows; a subject and a comparison are named in their first rows."""
     comparisons = {row.comparison for row in table}
     headings = ["subject", "difference", "", "[95 % interval]", "BF", "differs"]

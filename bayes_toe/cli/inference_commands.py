@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -107,7 +107,7 @@ def _print_analysis(
 
 
 def _print_conclusion(
-    out: Terminal, analysis: Analysis, problems: Mapping[str, str], folder: Path
+    out: Terminal, analysis: Analysis, problems: Collection[str], folder: Path
 ) -> None:
     """The answer of the study and of the group, and where to go on."""
     from bayes_toe.answers.group_answer import good_fits_answer, group_answer

@@ -232,9 +232,9 @@ class RunContext:
         self.out.line()
         self.out.line(f"{text}." if seed is None else f"{text}. Seed {seed}.")
 
-    def end(self, *incomplete: Mapping[str, str]) -> None:
+    def end(self, *problems: object) -> None:
         """End with exit code 3 if subjects failed or draws did not converge."""
-        if any(incomplete):
+        if any(problems):
             raise typer.Exit(3)
 
 
