@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from distributed import Client
 
 Result = TypeVar("Result")
+Jobs = Sequence[Callable[[], Result]]
+#: Results with the indices of their jobs.
+Outcomes = Generator[tuple[int, Result]]
 #: The error where a process of this machine, or of the cluster, is gone.
 DEAD_WORKER = "a worker died (killed, or out of memory): use fewer workers"
 #: Seconds for a scheduler to answer.
@@ -81,7 +84,7 @@ def count_workers(client: Client) -> int:
     return len(client.nthreads())
 
 
-def run_on(client: Client, jobs: Sequence[Callable[[], Result]]) -> Generator[tuple[int, Result]]:
+def run_on(client: Client, jobs: Jobs[Result]) -> Outcomes[Result]:
     """Yield the index of each job with its result, in the order in which jobs finish.
 
     A result is released when it is fetched. Jobs that are left when the caller stops are cancelled.

@@ -7,7 +7,7 @@ HTML.
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -32,6 +32,7 @@ from bayes_toe.libraries import __version__
 from bayes_toe.model.models import model_title
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.plots.corner import axis_unit, in_unit, shown_unit
+from bayes_toe.workers import Progress
 
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200
@@ -174,7 +175,7 @@ def _draws_by_label(draws: _Sources) -> dict[str, Draws]:
 
 def page(
     page_entries: Sequence[Entry],
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Explorer:
     """The page of these entries; `progress` is called with the name of every finished subject."""
     from bayes_toe.explorer.panels import SLOTS
