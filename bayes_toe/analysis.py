@@ -152,7 +152,7 @@ def run(
     study, analyses, failed = _survivors(study, results)
     table = _table(analyses, settings, failed, study.task)
 
-    all_draws, curves = list[SubjectDraws](), list[Predictor]()
+    all_draws, curves = [], []
     for subject, analysis in zip(study, analyses, strict=True):
         if analysis.draws is not None and analysis.curve_draws is not None:
             all_draws.append(analysis.draws)
@@ -187,7 +187,7 @@ def _groups(
 
     The second one is None where all fit.
     """
-    excluded, misfits = list[OrderEffect](), list[OrderEffect]()
+    excluded, misfits = [], []
     for answer in answers:
         if not answer.is_interpretable:
             excluded.append(answer)
@@ -212,9 +212,9 @@ def _group(
     if len({unit.subject_name for unit in units}) < FEWEST_FOR_GROUP:
         return None
 
-    chosen = study.select([unit.name for unit in units])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
+        chosen = study.select([unit.name for unit in units])
         return population(chosen, seed=settings.seed, hyperprior=settings.prior.group)
 
 

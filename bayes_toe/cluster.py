@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from distributed import Client
 
 Result = TypeVar("Result")
+Jobs = Sequence[Callable[[], Result]]
+#: Results with the indices of their jobs.
+Outcomes = Generator[tuple[int, Result]]
 #: The error where a process of this machine, or of the cluster, is gone.
 DEAD_WORKER = "a worker died (killed, or out of memory): use fewer workers"
 #: Seconds for a scheduler to answer.
@@ -72,8 +75,7 @@ async def _identity(address: str) -> dict[str, str]:
 
     arguments = Security().get_connection_args("client")
     async with rpc(address, connection_args=arguments) as remote:
-        identity: dict[str, str] = await asyncio.wait_for(remote.identity(), PATIENCE)
-        return identity
+        return await asyncio.wait_for(remote.identity(), PATIENCE)
 
 
 def count_workers(client: Client) -> int:
@@ -82,7 +84,7 @@ def count_workers(client: Client) -> int:
     return len(client.nthreads())
 
 
-def run_on(client: Client, jobs: Sequence[Callable[[], Result]]) -> Generator[tuple[int, Result]]:
+def run_on(client: Client, jobs: Jobs[Result]) -> Outcomes[Result]:
     """Yield the index of each job with its result, in the order in which jobs finish.
 
     A result is released when it is fetched. Jobs that are left when the caller stops are cancelled.
@@ -164,5 +166,4 @@ def without_cluster() -> AbstractContextManager[object]:
         return nullcontext()
     from dask import config
 
-    setting: AbstractContextManager[object] = config.set(scheduler="synchronous")
-    return setting
+    return config.set(scheduler="synchronous")

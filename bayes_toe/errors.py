@@ -116,16 +116,15 @@ class InputError(BayesToeError, ValueError):
     """
 
     def __init__(self, problems: str | Iterable[str], remedies: Sequence[Remedy] = ()) -> None:
-        self.problems: tuple[str, ...] = (
-            (problems,) if isinstance(problems, str) else tuple(problems)
-        )
+        self.problems = (problems,) if isinstance(problems, str) else tuple(problems)
         last = len(self.problems) - 1
         numbered = []
         for remedy in remedies:
             numbered.append(remedy if remedy.question >= 0 else remedy._replace(question=last))
         self.remedies = tuple(numbered)
-        choices = self.choices
-        use = [f"use {python_options(chosen)} {meaning}".rstrip() for chosen, meaning in choices]
+        use = []
+        for chosen, meaning in self.choices:
+            use.append(f"use {python_options(chosen)} {meaning}".rstrip())
         super().__init__("\n".join([*self.problems, *use]))
 
     @property
@@ -147,7 +146,7 @@ class InputError(BayesToeError, ValueError):
         first_of = dict[int, Remedy]()
         for remedy in self.remedies:
             first_of.setdefault(remedy.question, remedy)
-        chosen, choices = [*first_of.values()], list[tuple[list[Remedy], str]]()
+        chosen, choices = [*first_of.values()], []
         for remedy in self.remedies:
             if remedy is not first_of[remedy.question]:
                 answers = {**first_of, remedy.question: remedy}.values()
@@ -156,7 +155,7 @@ class InputError(BayesToeError, ValueError):
         meanings = ", ".join(remedy.meaning for remedy in chosen if remedy.meaning)
         return [(chosen, meanings), *choices] if chosen else []
 
-    def __reduce__(self) -> tuple[type[InputError], tuple[tuple[str, ...], tuple[Remedy, ...]]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         # Errors cross process borders when subjects run in parallel.
         return type(self), (self.problems, self.remedies)
 
@@ -219,7 +218,7 @@ class OutputExistsError(OutputError):
         self.problem = problem
         super().__init__(f"{problem}; overwrite=True replaces it")
 
-    def __reduce__(self) -> tuple[type[OutputExistsError], tuple[str]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.problem,)
 
 

@@ -103,8 +103,7 @@ def run_stored(
     OutputError
         If the folder cannot be written to.
     """
-    results = dict[int, Result | NumericalError]()
-    files = dict[int, Path]()
+    results, files = {}, {}
     if folder is not None:
         path = Path(folder)
         require_writable(path / SUFFIX, overwrite=True)

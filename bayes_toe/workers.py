@@ -9,7 +9,7 @@ import os
 import signal
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from math import ceil
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import threadpool_limits
 
-from bayes_toe.cluster import DEAD_WORKER, count_workers, run_on
+from bayes_toe.cluster import DEAD_WORKER, Jobs, Outcomes, count_workers, run_on
 from bayes_toe.errors import NumericalError, WorkerError, require_number
 from bayes_toe.libraries import ignore_settings_of_folder
 
@@ -71,9 +71,7 @@ def in_batches(values: Sequence[Value], largest: int, workers: Workers) -> list[
     return [values[start : start + size] for start in range(0, len(values), size)]
 
 
-def run_jobs(
-    jobs: Sequence[Callable[[], Result]], workers: Workers
-) -> Generator[tuple[int, Result]]:
+def run_jobs(jobs: Jobs[Result], workers: Workers) -> Outcomes[Result]:
     """Yield the index of each job with its result, in the order in which jobs finish.
 
     Every process uses one BLAS thread.
@@ -106,7 +104,7 @@ def run_jobs(
 
 
 def run_in_order(
-    jobs: Sequence[Callable[[], Result]],
+    jobs: Jobs[Result],
     workers: Workers,
     progress: Progress | None,
     names: Sequence[tuple[str, ...]],
@@ -122,7 +120,7 @@ def run_in_order(
     names : sequence of tuple of str
         The names of each job; a job may have none.
     """
-    results: dict[int, Result] = {}
+    results = {}
     with closing(run_jobs(jobs, workers)) as outcomes:
         for index, result in outcomes:
             results[index] = result
@@ -142,8 +140,7 @@ def without_failed(
     WorkerError
         If all failed.
     """
-    finished = list[Result]()
-    failed = dict[str, str]()
+    finished, failed = [], {}
     for name, result in zip(names, results, strict=True):
         if isinstance(result, NumericalError):
             failed[name] = str(result)
@@ -161,15 +158,13 @@ def report_progress(progress: Progress | None, names: Iterable[str]) -> None:
             progress(name)
 
 
-def _run_here(jobs: Sequence[Callable[[], Result]]) -> Generator[tuple[int, Result]]:
+def _run_here(jobs: Jobs[Result]) -> Outcomes[Result]:
     with threadpool_limits(1):
         for index, job in enumerate(jobs):
             yield index, job()
 
 
-def _run_in_processes(
-    jobs: Sequence[Callable[[], Result]], n_processes: int
-) -> Generator[tuple[int, Result]]:
+def _run_in_processes(jobs: Jobs[Result], n_processes: int) -> Outcomes[Result]:
     """Results by joblib, which keeps the processes for the next call."""
     with parallel_config(
         "loky",
@@ -184,7 +179,7 @@ def _run_in_processes(
 
     _parents.add(os.getpid())
 
-    results: Generator[tuple[int, Result]] | None = None
+    results: Outcomes[Result] | None = None
     try:
         with _safe_path():
             with _signals_held_back():

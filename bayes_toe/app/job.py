@@ -69,7 +69,7 @@ class Job:
             If the folder is none of ours, or its record is damaged.
         """
         try:
-            record: Record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
+            record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
             names, _ = record["files"], (record["seed"], record["options"], record["created"])
             has_good_names = names and [*map(file_name, names)] == names
             if has_good_names and re.fullmatch("[0-9a-f]{16}", self.name):
@@ -274,7 +274,7 @@ def _checksum(value: object) -> str:
 
 def jobs(home: Path) -> tuple[list[Job], list[str]]:
     """The studies of a home folder, the newest first, and the folders of none or a damaged one."""
-    created, damaged = dict[Job, str](), list[str]()
+    created, damaged = {}, []
     for file in home.glob(f"*/{RECORD}"):
         job = Job(file.parent)
         try:
@@ -286,8 +286,7 @@ def jobs(home: Path) -> tuple[list[Job], list[str]]:
 
 def result_files(results: Path) -> list[Path]:
     """The files of a results folder."""
-    paths = results.rglob("*")
-    return sorted(path for path in paths if path.is_file())
+    return sorted(path for path in results.rglob("*") if path.is_file())
 
 
 # --- Options --------------------------------------------------------------------------------------

@@ -34,8 +34,13 @@ def read_job(job: Job) -> Record:
     swap, exclude = options.pop("swap", ()), options.pop("exclude", ())
     reading: Record = {"table": None, "problems": [], "remedies": [], "study": None}
     try:
-        form = {key: options.get(key) for key in ("sheet", "encoding")}
-        table = read_table(paths[0], set, LARGEST_STUDY, **form)
+        table = read_table(
+            paths[0],
+            set,
+            LARGEST_STUDY,
+            sheet=options.get("sheet"),
+            encoding=options.get("encoding"),
+        )
         reading["table"] = {**describe_table(table), **describe_roles(table, bt.ReadOptions())}
         read_options = _read_options(options)
         reading["table"] |= describe_roles(table, read_options)

@@ -118,18 +118,14 @@ async def read_in_process(job: Job) -> Record:
     )
     try:
         printed, _ = await asyncio.wait_for(process.communicate(), READING_TIME)
-        reading: Record = json.loads(printed)
+        return json.loads(printed)
     except TimeoutError:
         process.kill()
         await process.wait()
-        return _unread(f"Reading takes longer than {READING_TIME} seconds.")
+        problem = f"Reading takes longer than {READING_TIME} seconds."
     except ValueError:
-        return _unread("The file cannot be read. It is probably damaged.")
-    return reading
-
-
-def _unread(text: str) -> Record:
-    return {"table": None, "problems": [text], "remedies": [], "study": None}
+        problem = "The file cannot be read. It is probably damaged."
+    return {"table": None, "problems": [problem], "remedies": [], "study": None}
 
 
 # --- Requests -------------------------------------------------------------------------------------
@@ -141,8 +137,7 @@ class Handler(RequestHandler):
     @property
     def site(self) -> Site:
         """State that the handlers share."""
-        site: Site = self.application.settings["site"]
-        return site
+        return self.application.settings["site"]
 
     def set_default_headers(self) -> None:
         """Keep pages out of caches, frames and other origins."""
@@ -263,8 +258,7 @@ class OneJob(Handler):
                 raise InputError("The study is being analysed")
             await site.read(job, require_options(self.request.body))
         elif action == "run":
-            reading = await site.read(job)
-            if reading["study"] is None:
+            if (await site.read(job))["study"] is None:
                 raise InputError("A question about the file is open")
             site.process = job.start()
         elif is_running:  # stop, delete
@@ -281,8 +275,9 @@ class Results(Handler):
 
     def token(self) -> str | None:
         """The token of this server if the address has the key."""
-        is_key = hmac.compare_digest(self.path_args[0], self.site.key)
-        return self.site.token if is_key else None
+        if hmac.compare_digest(self.path_args[0], self.site.key):
+            return self.site.token
+        return None
 
     async def get(self, _: str, name: str, path: str) -> None:
         """Send a file that the folder lists."""

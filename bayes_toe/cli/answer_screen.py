@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
@@ -19,7 +18,7 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.answers.study_summary import describe_pair, study_lines
 from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
-    OUTPUT,
+    Note,
     Terminal,
     command_lines,
     is_narrow,
@@ -27,10 +26,8 @@ from bayes_toe.cli.terminal import (
     repeated_command,
 )
 from bayes_toe.data.messages import capitalized, join_names
-
-if TYPE_CHECKING:
-    from bayes_toe.data.study import Study
-    from bayes_toe.groups.population import PopulationResult
+from bayes_toe.data.study import Study
+from bayes_toe.groups.population import PopulationResult
 
 _HEADINGS = (
     "subject",
@@ -55,7 +52,7 @@ def flagged(
     >>> flagged([])
     {}
     """
-    reasons = defaultdict[str, list[str]](list)
+    reasons = defaultdict(list)
     for answer in answers:
         if answer.fits is False:
             reasons[answer.subject].append("poor fit")
@@ -71,7 +68,7 @@ def flagged(
 # --- The screen ----------------------------------------------------------------------------------
 
 
-def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
+def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str) -> None:
     """A row for every subject, the reasons of `(a)`, and what needs action."""
     names = names_to_show([answer.subject for answer in answers], flagged(answers))
     selected = [answer for answer in answers if answer.subject in names]
@@ -92,8 +89,7 @@ def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
 def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
     """The table of subjects. If it is too wide, words are shortened, one kind after the other."""
     headings = [heading.format(unit=unit) for heading in _HEADINGS]
-    longest_name = max(len(row[0]) for row in rows)
-    name_width = max(longest_name, len(headings[0]))
+    name_width = max(len(row[0]) for row in (headings, *rows))
 
     for long, short in ((", ", ","), ("probably not", "prob. not")):
         if not is_narrow(headings, rows, name_width):
@@ -131,10 +127,10 @@ def reason_letters(answers: Iterable[OrderEffect]) -> dict[str, str]:
     return letters
 
 
-def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
+def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str) -> None:
     """Print problems: those that need action with an option to type, then all others."""
-    notes: dict[str, list[tuple[str, str, str]]] = {"!": [], "?": [], "-": []}
-    options = list[str]()  # the first of each subject
+    notes: dict[str, list[Note]] = {"!": [], "?": [], "-": []}
+    options = []  # the first of each subject
     marked = {answer.subject: _marked_problems(answer) for answer in answers}
     for problems in marked.values():
         options += [option for _, _, option in problems if option][:1]
@@ -182,16 +178,22 @@ def print_answer(
     group: PopulationResult | None = None,
 ) -> None:
     """The answer of a study: counts, directions, the group, and what is not counted."""
-    units = study.conditions is not None
-    lines = study_lines(answers, group, synthetic=study.synthetic, units=units)
-    lines += group_lines
+    lines = [*answer_lines(study, answers, group), *group_lines]
     for answer in answers:
         notes = [note for note in answer.notes if note not in answer.reasons.values()]
         lines += [f"{capitalized(note)}." for note in notes]
     out.answer([*dict.fromkeys(lines), " ".join([*not_counted(answers), *closing])])
 
 
-def without_decision(answers: Sequence[OrderEffect], problems: Mapping[str, str]) -> list[str]:
+def answer_lines(
+    study: Study, answers: Sequence[OrderEffect], group: PopulationResult | None
+) -> list[str]:
+    """The counts and directions of the answer of a study."""
+    units = study.conditions is not None
+    return study_lines(answers, group, synthetic=study.synthetic, units=units)
+
+
+def without_decision(answers: Sequence[OrderEffect], problems: Collection[str]) -> list[str]:
     """A sentence that no subject needs a decision; empty if one does, or has another problem."""
     if len(answers) == 1 or problems or flagged(answers):
         return []

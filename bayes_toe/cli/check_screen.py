@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import textwrap
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING
 
 import bayes_toe as bt
 from bayes_toe.checks.answer_checks import Finding
@@ -21,14 +20,13 @@ from bayes_toe.cli.terminal import (
     typed_command,
 )
 from bayes_toe.data.messages import capitalized, cli_argument, join_words, plural
-from bayes_toe.data.study import common_scales
+from bayes_toe.data.study import Study, common_scales
+from bayes_toe.model.prior import Prior
 
-if TYPE_CHECKING:
-    from bayes_toe.data.study import Study
-    from bayes_toe.model.prior import Prior
+FindingsBySubject = Mapping[str, list[Finding]]
 
 
-def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool = False) -> None:
+def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool) -> None:
     """Everything that `check` prints."""
     findings = bt.check(study, prior)
     by_subject = _by_subject(findings)
@@ -53,12 +51,12 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool 
         out.lines(command_lines(command, "  "))
 
 
-def _print_problems(out: Terminal, study: Study, by_subject: dict[str, list[Finding]]) -> None:
+def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) -> None:
     """A row for each subject with a problem, and in full what does not fit into it."""
     names = list(by_subject)
     if not names and len(study) < MANY_SUBJECTS:
         names = list(study.names)
-    rows, full = [], list[Finding]()
+    rows, full = [], []
     for name in names:
         subject, findings = study[name], by_subject.get(name, [])
         problem = "none"
@@ -78,7 +76,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: dict[str, list[Find
 
 
 def answer_of_check(
-    study: Study, findings: Sequence[Finding], by_subject: Mapping[str, Sequence[Finding]]
+    study: Study, findings: Sequence[Finding], by_subject: FindingsBySubject
 ) -> tuple[list[str], list[str]]:
     """What the design can show, the subjects that need a decision, and the next commands."""
     lines = _limits_of_design(study, findings)
@@ -171,12 +169,12 @@ def describe_pairs(study: Study) -> str:
     return f"Pairs: {', and '.join(parts)}"
 
 
-def _by_subject(findings: Sequence[Finding]) -> dict[str, list[Finding]]:
+def _by_subject(findings: Sequence[Finding]) -> FindingsBySubject:
     """The findings of each subject that has any, swapped blocks first: they may cause others."""
-    by_subject: dict[str, list[Finding]] = {}
+    by_subject = defaultdict(list)
     for finding in findings:
         if finding.subject:
-            by_subject.setdefault(finding.subject, []).append(finding)
+            by_subject[finding.subject].append(finding)
     for of_subject in by_subject.values():
         of_subject.sort(key=lambda finding: not finding.option.startswith("--swap"))
-    return by_subject
+    return dict(by_subject)

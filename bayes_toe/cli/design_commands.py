@@ -18,6 +18,7 @@ from bayes_toe.cli.options import (
     NUMBER,
     File,
     Number,
+    OutputFolder,
     Question,
     Text,
     file_name,
@@ -35,10 +36,9 @@ if TYPE_CHECKING:
     from bayes_toe.data.options import ReadOptions
     from bayes_toe.data.stimulus_unit import StimulusUnit
     from bayes_toe.design.optimal_pairs import DesignGoal
+    from bayes_toe.design.power import GroupPowerTable, PowerTable
     from bayes_toe.design.study_design import StudyDesign
 
-#: Trials of a design that is searched for, if nothing else is said.
-TRIALS = 480
 _POWER_FIGURES = ("power.png", "power.pdf")
 _POWER_FILES = ("power.csv", "power_data_sets.csv", "power_groups.csv", *_POWER_FIGURES)
 Observers = Annotated[Text, rare("--observers", "NAME", "Kind of observers, or a file.")]
@@ -58,7 +58,7 @@ def power(
             help="Designs with columns s1,s2,n_trials.",
         ),
     ] = None,
-    output: Annotated[Path, writes("DIR", "Output folder.")] = Path("power"),
+    output: OutputFolder = Path("power"),
     questions: Annotated[
         str, option("--task", "TASK,TASK", "2afc (default), same/different, ternary")
     ] = "2afc",
@@ -76,13 +76,10 @@ def power(
     [bold]Example[/bold]: bayes-toe power design.csv --trials 240 --subjects 10,20,40 --seed 1
     """
     from bayes_toe.cli.design_screens import print_groups, print_power
-    from bayes_toe.data.tables import write_table
-    from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.design.observers import GROUPS, KINDS_IN_WORDS, assume_observers
     from bayes_toe.design.power import designs_by_task, group_power, observer_prior
 
-    numbers = _whole_numbers("--trials", trials)
-    sizes = list[int]()
+    numbers, sizes = _whole_numbers("--trials", trials), []
     if subjects is not None:
         sizes = _whole_numbers("--subjects", subjects, 2)
         observers = observers or GROUPS
@@ -106,23 +103,33 @@ def power(
     )
     groups = group_power(table, sizes, observer_prior(context.prior))
 
-    with whole_folder(output, _POWER_FILES, overwrite=context.overwrite) as folder:
+    _write_power(table, groups, output, overwrite=context.overwrite)
+
+    if sizes:
+        sentences = groups.sentences()
+        print_groups(context.out, table, groups, bt.ReadOptions(unit=unit).stimulus_unit)
+    else:
+        sentences = table.sentences()
+        print_power(context.out, table)
+        if observers is None:
+            context.out.line(KINDS_IN_WORDS)
+    context.out.answer([*sentences, f"Tables and figure in {output}. Seed {table.seed}."])
+
+
+def _write_power(
+    table: PowerTable, groups: GroupPowerTable, output: Path, *, overwrite: bool
+) -> None:
+    """Write the tables and the figure of power, that of groups only if it has rows."""
+    from bayes_toe.data.tables import write_table
+    from bayes_toe.data.whole_files import whole_folder
+
+    with whole_folder(output, _POWER_FILES, overwrite=overwrite) as folder:
         table.save(folder / "power.csv")
         write_table(table.data_sets_frame(), folder / "power_data_sets.csv", table.seed)
-        if sizes:
+        if groups.rows:
             groups.save(folder / "power_groups.csv")
         for name in _POWER_FIGURES:
             bt.plots.save_figure(bt.plots.power(table), folder / name)
-
-    written = f"Tables and figure in {output}. Seed {table.seed}."
-    if sizes:
-        print_groups(context.out, table, groups, bt.ReadOptions(unit=unit).stimulus_unit)
-        context.out.answer([*groups.sentences(), written])
-        return
-    print_power(context.out, table)
-    if observers is None:
-        context.out.line(KINDS_IN_WORDS)
-    context.out.answer([*table.sentences(), written])
 
 
 def _designs_of_tasks(
@@ -173,10 +180,12 @@ def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
 # --- design ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True)
-class GoalOptions:
-    """The goal of a design, and the pairs that can be presented."""
+@dataclass(frozen=True)
+class SearchOptions:
+    """The trials and the goal of a design, and the pairs that can be presented."""
 
+    trials: Annotated[int, option("--trials", NUMBER, "Trials of each subject.", min=1)] = 480
+    question: Question = "2afc"
     lowest: Annotated[
         Number, option("--lowest", NUMBER, "Weakest stimulus, in ln or in --unit.")
     ] = None
@@ -240,18 +249,18 @@ class GoalOptions:
         unit = self.reading().stimulus_unit
         return replace(unit, name=ANY_UNIT) if self.intensity and not unit.name else unit
 
-    def goal(self, question: str) -> DesignGoal:
+    def goal(self) -> DesignGoal:
         """The goal of the design."""
         from bayes_toe.data.tasks import task_of
 
         keep = None
         if self.keep is not None:
-            keep = bt.design.read_study_design(self.keep, question, self.unit)
-        task = task_of(question)
+            keep = bt.design.read_study_design(self.keep, self.question, self.unit)
+        task = task_of(self.question)
         return bt.design.DesignGoal(self.aim, self.max_pairs, keep, task, self.even)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ListOptions:
     """A list of the trials of a given design, in their order."""
 
@@ -275,9 +284,7 @@ def design(
         ),
     ] = None,
     output: Annotated[Path, writes("FILE.csv", "Output design.")] = Path("design.csv"),
-    trials: Annotated[int, option("--trials", NUMBER, "Trials of each subject.", min=1)] = TRIALS,
-    question: Question = "2afc",
-    goal: GoalOptions,
+    search: SearchOptions,
     simulated: Simulated = 32,
     observers: Observers = None,
     lists: ListOptions,
@@ -288,21 +295,19 @@ def design(
     [bold]Example[/bold]: bayes-toe design -o design.csv --lowest 45 --highest 213 --unit um
     """
     if file is not None:
-        _list_trials(file, trials, question, goal, lists, context)
+        _list_trials(file, search, lists, context)
         return
     if lists != ListOptions():
         raise bt.InputError(
             "--list, --blocks, --subjects and --conditions need a design, as in bayes-toe design "
             "design.csv --list trials.csv."
         )
-    _search(output, trials, question, goal, simulated, observers, context)
+    _find_design(output, search, simulated, observers, context)
 
 
-def _search(
+def _find_design(
     output: Path,
-    trials: int,
-    question: str,
-    goal: GoalOptions,
+    search: SearchOptions,
     simulated: int,
     observers: str | None,
     context: RunContext,
@@ -323,21 +328,22 @@ def _search(
         "simulating and analysing",
         2 * 6 * simulated,
         bt.design.optimal_design,
-        goal.log_levels(),
-        trials,
-        goal.goal(question),
+        search.log_levels(),
+        search.trials,
+        search.goal(),
         observers,
         data_sets=simulated,
         prior=context.prior,
     )
-    optimal = replace(optimal, unit=goal.shown_unit())
+    optimal = replace(optimal, unit=search.shown_unit())
     written = context.write(
         {
             output: partial(write_table, optimal.frame()),
             compared: optimal.power.save,
             text: lambda path: path.write_text(optimal.text(), encoding="utf-8"),
             figure: partial(bt.plots.save_figure, bt.plots.design(optimal)),
-        }
+        },
+        optimal.power.seed,
     )
 
     print_power(context.out, optimal.power)
@@ -345,19 +351,13 @@ def _search(
         context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:
         context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
-    typed = f"bayes-toe power {output} --task 2afc,same/different,ternary --trials {trials}"
+    typed = f"bayes-toe power {output} --task 2afc,same/different,ternary --trials {search.trials}"
     context.out.notes([("", "Another task may find more with the same trials.", typed)], "-")
-    seed = f"{written} Seed {optimal.power.seed}."
-    context.out.answer([*optimal.power.sentences(), *optimal.reasons(), seed])
+    context.out.answer([*optimal.power.sentences(), *optimal.reasons(), written])
 
 
 def _list_trials(
-    file: Path,
-    trials: int,
-    question: str,
-    goal: GoalOptions,
-    lists: ListOptions,
-    context: RunContext,
+    file: Path, search: SearchOptions, lists: ListOptions, context: RunContext
 ) -> None:
     """Write randomised, counterbalanced trials of a design, which run reads once answered."""
     import pandas as pd
@@ -367,29 +367,31 @@ def _list_trials(
     from bayes_toe.design.trial_list import MOST_EQUAL
     from bayes_toe.seeds import root_seed
 
-    is_search = trials != TRIALS or replace(goal, intensity=None, unit=None) != GoalOptions()
-    if lists.list_output is None or is_search:
+    reading_only = SearchOptions(
+        question=search.question, unit=search.unit, intensity=search.intensity
+    )
+    if lists.list_output is None or search != reading_only:
         raise bt.InputError(
             f"{file}: a given design needs --list trials.csv, without options of the search such "
             "as --lowest, --trials and --max-pairs."
         )
     context.require_files(lists.list_output)
-    levels: tuple[str, ...] = ()
     differences = read_differences(lists.conditions, None)
-    if differences is not None:
-        levels = differences.conditions.levels
+    levels = () if differences is None else differences.conditions.levels
 
-    study_design = bt.design.read_study_design(file, question, goal.unit)
+    study_design = bt.design.read_study_design(file, search.question, search.unit)
     seed = root_seed(context.seed)
-    trial_list = partial(
-        bt.design.trial_list,
-        study_design,
-        blocks=lists.blocks,
-        seed=seed,
-        conditions=levels,
-        unit=goal.shown_unit(),
-    )
-    tables = [trial_list(subject=name) for name in subject_names(lists.subjects)]
+    tables = []
+    for name in subject_names(lists.subjects):
+        trials = bt.design.trial_list(
+            study_design,
+            subject=name,
+            blocks=lists.blocks,
+            seed=seed,
+            conditions=levels,
+            unit=search.shown_unit(),
+        )
+        tables.append(trials)
     write_table(pd.concat(tables), lists.list_output, overwrite=context.overwrite)
 
     n_trials = study_design.total * max(1, len(levels))
@@ -408,9 +410,9 @@ def _list_trials(
 # --- simulate -------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True)
-class PairOptions:
-    """The pairs of a simulated study, and how often each is shown."""
+@dataclass(frozen=True)
+class SimulatedStudy:
+    """The pairs of a simulated study, how often each is shown, and its observers."""
 
     design: Annotated[str, option("--design", "NAME", "Pairs: reference, full, or a CSV file.")] = (
         "reference"
@@ -426,19 +428,6 @@ class PairOptions:
     amplitudes: Annotated[
         Text, rare("--amplitudes", "N,N", "Stimuli in the unit (default: the paper's).")
     ] = None
-
-    def read(self) -> StudyDesign:
-        """The design."""
-        from bayes_toe.design.simulate import make_design
-
-        options = bt.ReadOptions(unit=self.unit)
-        return make_design(self.design, self.amplitudes, self.batches, self.trials, options)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PopulationOptions:
-    """The observers of a simulated study."""
-
     subjects: Annotated[int, option("--subjects", NUMBER, "Number of observers.", min=1)] = 16
     kind: Annotated[str, option("--observers", "NAME", "Observers: paper, both, or a file.")] = (
         "paper"
@@ -463,8 +452,7 @@ def simulate(
         File,
         option("--truth", "FILE.csv", "Write the true parameters, too.", parser=file_name),
     ] = None,
-    pairs: PairOptions,
-    observers: PopulationOptions,
+    study: SimulatedStudy,
     context: Annotated[RunContext, "seed", "overwrite"],
 ) -> None:
     """Simulate a study with known order effects.
@@ -475,6 +463,7 @@ def simulate(
     from bayes_toe.data.tasks import task_of
     from bayes_toe.design.simulate import (
         draw_population,
+        make_design,
         read_differences,
         simulate_trials,
         trial_frame,
@@ -485,24 +474,25 @@ def simulate(
     context.require_files(*filter(None, (output, truth_output)))
     seed = root_seed(context.seed)
 
-    design, question = pairs.read(), task_of(observers.question)
-    simulated = draw_population(observers.kind, observers.subjects, seed, design, question)
+    options = bt.ReadOptions(unit=study.unit)
+    design = make_design(study.design, study.amplitudes, study.batches, study.trials, options)
+    task = task_of(study.question)
+    observers = draw_population(study.kind, study.subjects, seed, design, task)
     answered = simulate_trials(
-        simulated,
+        observers,
         design,
         seed,
-        carry_over=observers.carry_over,
-        missed=observers.missed,
-        differences=read_differences(observers.conditions, observers.differ),
+        carry_over=study.carry_over,
+        missed=study.missed,
+        differences=read_differences(study.conditions, study.differ),
     )
 
-    trials = trial_frame(answered, bt.ReadOptions(unit=pairs.unit).stimulus_unit)
-    writers = {output: partial(write_table, trials)}
+    writers = {output: partial(write_table, trial_frame(answered, options.stimulus_unit))}
     if truth_output is not None:
         writers[truth_output] = partial(write_table, truth_frame(answered))
-    context.write(writers)
+    context.write(writers, seed)
 
     total = sum(len(of_subject.batch) for of_subject in answered)
     context.print_written(
-        f"{plural(len(simulated), 'synthetic subject')}, {plural(total, 'trial')} in {output}", seed
+        f"{plural(len(observers), 'synthetic subject')}, {plural(total, 'trial')} in {output}", seed
     )

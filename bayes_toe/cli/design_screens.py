@@ -6,9 +6,6 @@ studies of several subjects find.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from bayes_toe.answers.order_effect import QUESTIONS, SIZE_OF
@@ -16,11 +13,8 @@ from bayes_toe.answers.words import Word
 from bayes_toe.cli.terminal import Terminal
 from bayes_toe.data.messages import capitalized
 from bayes_toe.data.stimulus_unit import StimulusUnit
-from bayes_toe.design.power import DETECTED
+from bayes_toe.design.power import DETECTED, GroupPower, GroupPowerTable, PowerTable
 from bayes_toe.model.parameters import CONSTANT_ERROR
-
-if TYPE_CHECKING:
-    from bayes_toe.design.power import GroupPower, GroupPowerTable, PowerTable
 
 
 def print_power(out: Terminal, table: PowerTable) -> None:
@@ -62,7 +56,9 @@ def print_groups(
         heading = f"{capitalized(design)}, {trials:,} trials"
         kinds = groups.select(design, trials, "order_effect")
         sizes = [f"{row.subjects} subjects" for row in next(iter(kinds.values()))]
-        rows = [[kind, *_texts(of_kind, "counts_text")] for kind, of_kind in kinds.items()]
+        rows = []
+        for kind, of_kind in kinds.items():
+            rows.append([kind, *(row.counts_text for row in of_kind)])
         out.table(["observers", *sizes], rows, title=f"{heading}: subjects with an order effect")
         for question in SIZE_OF:
             name = question.replace("_", " ")
@@ -71,7 +67,8 @@ def print_groups(
                 continue
             rows = []
             for kind, of_kind in groups.select(design, trials, question).items():
-                rows.append([kind, _true_mean(of_kind[0], unit), *_texts(of_kind, "percent")])
+                percents = [row.percent for row in of_kind]
+                rows.append([kind, _true_mean(of_kind[0], unit), *percents])
             title = f"{heading}: % of studies that detect the mean {name}"
             out.table(["observers", "mean (SD)", *sizes], rows, title=title)
     out.line()
@@ -79,11 +76,6 @@ def print_groups(
         "Detected: 'yes' or 'probably', with 95 % intervals. SD: between subjects. In brackets: "
         "false positives, because the true mean is 0."
     )
-
-
-def _texts(rows: Sequence[GroupPower], name: str) -> list[str]:
-    """A text of each row."""
-    return [getattr(row, name) for row in rows]
 
 
 def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:

@@ -6,13 +6,21 @@ estimates how a response depends on the previous trial.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import bayes_toe as bt
-from bayes_toe.cli.options import DrawCount, File, StudyFile, Texts, option, rare, writes
+from bayes_toe.cli.options import (
+    DrawCount,
+    File,
+    OutputTableAndFigure,
+    StudyFile,
+    Texts,
+    option,
+    rare,
+    writes,
+)
 from bayes_toe.cli.run_context import MODEL, RunContext
 
 #: Written out, so that help does not import SciPy.
@@ -52,9 +60,9 @@ def population(
     if categorical and covariates is None:
         raise bt.InputError(f"--categorical {categorical[0]} needs --covariates FILE.csv.")
 
-    table, figure = output.with_suffix(".csv"), output.with_suffix(".png")
-    subjects = output.with_name(f"{output.stem}_subjects.csv")
-    context.require_files(output, table, subjects, figure)
+    table_file, figure_file = output.with_suffix(".csv"), output.with_suffix(".png")
+    subjects_file = output.with_name(f"{output.stem}_subjects.csv")
+    context.require_files(output, table_file, subjects_file, figure_file)
 
     read, _ = context.read_and_describe(study)
     result = bt.population(
@@ -68,28 +76,26 @@ def population(
     check = predictive_check(result)
 
     seed = result.settings.seed
-    save_subjects = partial(write_table, result.subject_table, seed=seed)
     written = context.write(
         {
             output: result.save,
-            table: partial(result.table.save, overwrite=context.overwrite),
-            subjects: partial(save_subjects, overwrite=context.overwrite),
-            figure: partial(bt.plots.save_figure, bt.plots.population(result, check)),
-        }
+            table_file: result.table.save,
+            subjects_file: partial(write_table, result.subject_table, seed=seed),
+            figure_file: partial(bt.plots.save_figure, bt.plots.population(result, check)),
+        },
+        seed,
     )
 
     print_group(context.out, result, check)
     context.print_uninterpretable(read)
-    context.out.answer([*group_answer(result), f"{written} Seed {seed}."])
-    context.end({} if result.is_reliable else {"group": result.draws.shortfall})
+    context.out.answer([*group_answer(result), written])
+    context.end(not result.is_reliable)
 
 
 def contrast(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.csv", "Output table. The figure is FILE.png.")] = Path(
-        "contrast.csv"
-    ),
+    output: OutputTableAndFigure = Path("contrast.csv"),
     context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
     """Compare the conditions, or the tasks, of each subject.
@@ -113,13 +119,13 @@ def contrast(
         "comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep
     )
     figure = bt.plots.contrast(table, synthetic=read.synthetic)
-    writers: dict[Path, Callable[[Path], object]] = {
-        output: partial(table.save, overwrite=context.overwrite),
+    writers: dict[Path, Any] = {
+        output: table.save,
         figure_file: partial(bt.plots.save_figure, figure),
     }
     if has_tasks:
-        writers[answers_file] = partial(table.save_answers, overwrite=context.overwrite)
-    written = context.write(writers)
+        writers[answers_file] = table.save_answers
+    written = context.write(writers, table.seed)
     context.finish(keep, table.failed)
 
     print_contrast(context.out, table, output.name)
@@ -130,16 +136,14 @@ def contrast(
         print_one_observer(context.out, table, answers_file.name)
         lines.append("If one observer does all tasks of a subject:")
         lines += study_lines(table.answers, synthetic=read.synthetic)
-    context.out.answer([*lines, f"{written} Seed {table.seed}."])
+    context.out.answer([*lines, written])
     context.end(table.failed)
 
 
 def history(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.csv", "Output table. The figure is FILE.png.")] = Path(
-        "history.csv"
-    ),
+    output: OutputTableAndFigure = Path("history.csv"),
     context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Estimate serial dependence, the effect of the previous trial.
@@ -157,14 +161,14 @@ def history(
         require_order(subject)
 
     table = context.work("serial dependence", len(read), bt.serial_dependence, read, prior=prior)
-    figure = bt.plots.serial(table)
     written = context.write(
         {
-            output: partial(table.save, **context.saving_of(read)),
-            figure_file: partial(bt.plots.save_figure, figure),
-        }
+            output: partial(table.save, units=read.conditions is not None),
+            figure_file: partial(bt.plots.save_figure, bt.plots.serial(table)),
+        },
+        table.seed,
     )
 
     print_history(context.out, table, output.name)
     context.print_uninterpretable(read)
-    context.out.answer([*history_lines(table), f"{written} Seed {table.seed}."])
+    context.out.answer([*history_lines(table), written])

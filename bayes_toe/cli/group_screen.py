@@ -8,27 +8,22 @@ conditions of each subject. `print_history` prints how responses depend on the p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from bayes_toe.answers.contrast import ORDER_EFFECT
+from bayes_toe.answers.contrast import ORDER_EFFECT, ContrastTable
 from bayes_toe.answers.group_answer import (
     LABELS,
     comparison_tables,
     group_estimate,
     parameter_row,
 )
-from bayes_toe.answers.serial_dependence import EFFECT_MODELS
+from bayes_toe.answers.serial_dependence import EFFECT_MODELS, SerialDependence
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.cli.answer_screen import print_subjects
-from bayes_toe.cli.terminal import OUTPUT, Terminal
+from bayes_toe.cli.terminal import OUTPUT, Rows, Terminal
 from bayes_toe.data.messages import capitalized, plural
+from bayes_toe.groups.population import PopulationResult
+from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.inference.diagnostics import worst
-
-if TYPE_CHECKING:
-    from bayes_toe.answers.contrast import ContrastTable
-    from bayes_toe.answers.serial_dependence import SerialDependence
-    from bayes_toe.groups.population import PopulationResult
-    from bayes_toe.groups.predictive_check import PredictiveCheck
 
 # --- A group -------------------------------------------------------------------------------------
 
@@ -53,8 +48,7 @@ def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck)
 
 def print_problems(out: Terminal, result: PopulationResult, contradictions: Sequence[str]) -> None:
     """Print what to know before any number of the group is used."""
-    texts = (*result.problems, *contradictions)
-    out.notes(("", capitalized(text), "") for text in texts)
+    out.notes(("", capitalized(text), "") for text in (*result.problems, *contradictions))
 
 
 # --- Conditions ----------------------------------------------------------------------------------
@@ -79,7 +73,7 @@ def print_one_observer(out: Terminal, table: ContrastTable, file: str) -> None:
     out.line("This does not test whether one observer fits. 'evidence' tests the fit of each task.")
 
 
-def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
+def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
     """Headings and rows; a subject and a comparison are named in their first rows."""
     comparisons = {row.comparison for row in table}
     headings = ["subject", "difference", "", "[95 % interval]", "BF", "differs"]

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import bayes_toe as bt
-from bayes_toe.cli.options import StudyFile, flag, option, rare, writes
+from bayes_toe.cli.options import OutputFolder, OutputTable, StudyFile, flag, option, rare, writes
 from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.cli.terminal import (
-    OUTPUT,
     Terminal,
     names_to_show,
     notes_of,
@@ -35,7 +34,7 @@ _HEADINGS = {
 def run(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("DIR", "Output folder.")] = Path("bayes_toe_results"),
+    output: OutputFolder = Path("bayes_toe_results"),
     figures: Annotated[
         str, rare("--figures", "all|flagged|none", "Subjects that get figures.")
     ] = "all",
@@ -84,9 +83,11 @@ def run(
     failed = analysis.draws.failed
     context.finish(keep, failed)
     context.out.reasons("No result", failed)
-    problems = _doubtful_draws(analysis)
-    _print_conclusion(context.out, analysis, {**failed, **problems}, output)
-    context.end(failed, problems)
+    problems = {**failed, **analysis.draws.not_converged, **analysis.draws.imprecise}
+    if analysis.group is not None and not analysis.group.is_reliable:
+        problems["group"] = analysis.group.draws.shortfall
+    _print_conclusion(context.out, analysis, problems, output)
+    context.end(problems)
 
 
 def _print_analysis(
@@ -105,35 +106,21 @@ def _print_analysis(
         print_problems(out, analysis.group, check.warnings)
 
 
-def _doubtful_draws(analysis: Analysis) -> dict[str, str]:
-    """Subjects, and the group, whose draws cannot be used as they stand, with the reasons."""
-    reasons = {**analysis.draws.not_converged, **analysis.draws.imprecise}
-    if analysis.group is not None and not analysis.group.is_reliable:
-        reasons["group"] = analysis.group.draws.shortfall
-    return reasons
-
-
 def _print_conclusion(
-    out: Terminal, analysis: Analysis, problems: Mapping[str, str], folder: Path
+    out: Terminal, analysis: Analysis, problems: Collection[str], folder: Path
 ) -> None:
     """The answer of the study and of the group, and where to go on."""
+    from bayes_toe.answers.group_answer import good_fits_answer, group_answer
     from bayes_toe.cli.answer_screen import print_answer, without_decision
 
+    group, lines = analysis.group, []
+    if group is not None:
+        lines = group_answer(group) + good_fits_answer(group, analysis.group_of_good_fits)
+    if analysis.contrast is not None:
+        lines += analysis.contrast.sentences()
     closing = without_decision(analysis.answers, problems)
     closing += [f"Start with {folder / 'report.html'}.", f"Seed {analysis.settings.seed}."]
-    lines = _group_lines(analysis)
-    print_answer(out, analysis.answers, analysis.study, lines, closing, analysis.group)
-
-
-def _group_lines(analysis: Analysis) -> list[str]:
-    """The lines about the group in the answer of a study."""
-    from bayes_toe.answers.group_answer import good_fits_answer, group_answer
-
-    lines = [] if analysis.contrast is None else analysis.contrast.sentences()
-    if analysis.group is None:
-        return lines
-    change = good_fits_answer(analysis.group, analysis.group_of_good_fits)
-    return [*group_answer(analysis.group), *change, *lines]
+    print_answer(out, analysis.answers, analysis.study, lines, closing, group)
 
 
 def sample(
@@ -184,14 +171,14 @@ def _require_fitting(
     from bayes_toe.inference.sampling import SamplerSettings
     from bayes_toe.model.models import require_model
 
-    record = require_model(model, study.task)
-    require_fitting(study, prior, SamplerSettings(context.draws), record)
+    settings = SamplerSettings(context.draws)
+    require_fitting(study, prior, settings, require_model(model, study.task))
 
 
 def evidence(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.csv", "Output table.")] = Path("evidence.csv"),
+    output: OutputTable = Path("evidence.csv"),
     context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
     """Compute model evidences and order effects of every subject.
@@ -226,28 +213,26 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
         columns = ["mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate"]
     keys = [key for key in columns if key in draws.parameters]
 
-    rows, index = [], {name: i for i, name in enumerate(draws.names)}
+    rows = []
     for name in names_to_show(draws.names, missed):
+        subject_stats = stats.sel(subject=name)
         # The smallest effective size of all quantities: errors are then rather too large.
-        n_effective = float(stats["min_ess"][index[name]])
+        n_effective = float(subject_stats["min_ess"])
         row = [f"{name} !" if name in missed else name]
         for key in keys:
             scale = QUANTITY_BY_NAME[key].scale
             decimals = 2 if scale == 1.0 else 0
-            values = scale * draws.values(name, key)
-            text = format_draws(values, n_effective, decimals)
+            text = format_draws(scale * draws.values(name, key), n_effective, decimals)
             if key in ("sigma_p", "sigma_l", "q0", "lapse_rate"):  # without interval
                 text, *_ = text.split()
             row.append(without_zeros(text))
-        row.append(f"{n_effective:.0f}")
-        row.append(f"{float(stats['max_r_hat'][index[name]]):.3f}")
-        rows.append(row)
+        rows.append([*row, f"{n_effective:.0f}", f"{float(subject_stats['max_r_hat']):.3f}"])
 
     headings = ["subject", *(_HEADINGS.get(key, key) for key in keys), "ESS", "R-hat"]
     if rows:
         title = f"{capitalized(model_title(draws.model))}: medians [95 % interval]"
         out.table(headings, rows, (len(keys) + 1, len(keys) + 2), title=title)
-    n_others = len(index) - len(rows)
+    n_others = len(draws.names) - len(rows)
     if n_others:
         out.line(f"The draws of {n_others:,} other subjects converged.")
     print_failed(out, draws)
@@ -259,7 +244,7 @@ def print_failed(out: Terminal, draws: bt.Draws) -> None:
     out.reasons("The draws are not precise enough", draws.imprecise)
 
 
-def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT) -> None:
+def print_model_evidence(out: Terminal, table: EvidenceTable, file: str) -> None:
     """Log evidences of the four models, and of the paper's model (H1) against H0."""
     headings = ["subject", "none ", "constant ", "contraction ", "both "]
     headings += ["H0", "paper's\nH1", "ln BF\nH1:H0"]
@@ -290,6 +275,7 @@ def describe_h1(table: EvidenceTable) -> str:
     if not factors:
         return f"{APPENDIX_C}."
     n_better = sum(factor > 0.0 for factor in factors)
-    of_all = f"{n_better} of {plural(len(factors), 'subject')}"
-    middle = f"{median(factors):.1f}"
-    return f"H1 predicts better than H0 for {of_all} (median ln BF {middle}). {APPENDIX_C}."
+    return (
+        f"H1 predicts better than H0 for {n_better} of {plural(len(factors), 'subject')} "
+        f"(median ln BF {median(factors):.1f}). {APPENDIX_C}."
+    )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.resources import files
 from itertools import chain
 from math import exp
@@ -70,7 +70,7 @@ _IN_PAPER = {
     " is ": " was ",
 }
 #: What the words say of an effect.
-_CLAIMS: Mapping[str, str] = {
+_CLAIMS = {
     words.Word.YES: "present",
     "yes (repulsion)": "reversed (repulsion)",
     words.Word.PROBABLY: "probably present",
@@ -110,8 +110,7 @@ def _wrap(paragraph: str) -> str:
     """A paragraph in short lines; the lines of a table stay."""
     if paragraph.startswith("|"):
         return paragraph
-    one_line = " ".join(paragraph.split())
-    return fill(one_line, 88, break_long_words=False, break_on_hyphens=False)
+    return fill(" ".join(paragraph.split()), 88, break_long_words=False, break_on_hyphens=False)
 
 
 def _escaped(text: str) -> str:
@@ -124,7 +123,7 @@ def _escaped(text: str) -> str:
 
 def _methods(analysis: Analysis) -> Record:
     """What the template says of data, models and computation."""
-    study, answers, group = analysis.study, analysis.answers, analysis.group
+    study, group = analysis.study, analysis.group
     words_of_changes = "dropped|excluded|merged|swapped|only rows|only pairs"
     changes = [note for note in study.notes if re.search(words_of_changes, note)]
     trials_by_subject: Counter[str] = Counter()
@@ -137,20 +136,16 @@ def _methods(analysis: Analysis) -> Record:
         "analysis": analysis,
         "study": study,
         "trials": list(trials_by_subject.values()),
-        "n_pairs": [subject.n_pairs for subject in study],
         "lowest": lowest,
         "highest": highest,
         "stimulus_unit": stimulus_unit,
         "changes": _escaped("; ".join(changes)),
         "unit": "participant",
         "priors": analysis.draws.prior.observer.describe(study.task).partition(";")[0],
-        "is_roving": any(subject.scales.roving_share < 1.0 for subject in study),
-        "largest_error": format_number(_largest_error(answers)),
+        "largest_error": format_number(_largest_error(analysis.answers)),
         "within": COUNTS_WITHIN,
         "words": words,
         "fit_limit": format_decimals(FALSE_ALARM_SHARE),
-        "has_order": any(answer.history_p is not None for answer in answers),
-        "group": group,
         "pairs": _list_pairs(study),
     }
 
@@ -216,7 +211,6 @@ def _results(analysis: Analysis) -> Record:
         "without_poor": _in_paper(" ".join(without_poor)),
         "limits_of_design": limits,
         "sizes": SIZE_OF,
-        "has_zone": analysis.study.task.has_criterion,
     }
 
 

@@ -14,7 +14,7 @@ from functools import partial
 from glob import glob
 from inspect import Parameter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 
 #: Options that may be absent.
-Text: TypeAlias = str | None
-Texts: TypeAlias = list[str] | None
-File: TypeAlias = Path | None
-Number: TypeAlias = float | None
+Text = str | None
+Texts = list[str] | None
+File = Path | None
+Number = float | None
 #: A number as help shows it.
 NUMBER = "N"
 #: The panel of options that only the help of `check` lists.
@@ -101,13 +101,17 @@ def file_name(value: str | Path) -> Path:
     return folder_name(value)
 
 
+#: Outputs that several commands have.
+OutputFolder = Annotated[Path, writes("DIR", "Output folder.")]
+OutputTable = Annotated[Path, writes("FILE.csv", "Output table.")]
+OutputTableAndFigure = Annotated[Path, writes("FILE.csv", "Output table. The figure is FILE.png.")]
 #: The error of a command without a file; :func:`~bayes_toe.cli.run_context.as_command` adds what to
 #: type.
 NO_FILE = "No file is named."
 #: The task of the bundled example that `--example` alone means.
 FIRST_EXAMPLE = "2afc"
 #: The options for files in another layout, with the type, the sign and the help of their values.
-_LAYOUT_OPTIONS: Mapping[str, tuple[Any, str, str]] = {
+LAYOUT_OPTIONS = {
     "intensity": (Number, "REF", "Intensities: s = ln(i / REF)."),
     "unit": (Text, "UNIT", "Unit: dB, dB-power, ln, g, ..."),
     "equal_code": (Text, "CODE", "The code for 'equal'."),
@@ -138,18 +142,18 @@ _LAYOUT_OPTIONS: Mapping[str, tuple[Any, str, str]] = {
 
 def layout_options() -> Iterator[Parameter]:
     """The parameters of a command that say how to read files in another layout."""
-    for name, (kind, metavar, help_text) in _LAYOUT_OPTIONS.items():
+    for name, (kind, metavar, help_text) in LAYOUT_OPTIONS.items():
         typed = option(f"--{name.replace('_', '-')}", metavar, help_text, LAYOUT)
         default = False if kind is bool else None
         parameter = Parameter(name, Parameter.KEYWORD_ONLY, default=default)
         yield parameter.replace(annotation=Annotated[kind, typed])
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class StudyFile:
     """The study of a command: files and how to read them, or a bundled example.
 
-    `reading` has the values of :func:`layout_options`.
+    `reading` has the values of :data:`LAYOUT_OPTIONS`.
     """
 
     files: Annotated[

@@ -12,7 +12,7 @@ import json
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from bayes_toe.analysis import Analysis
-from bayes_toe.answers.contrast import LEGEND, ContrastTable, Difference
+from bayes_toe.answers.contrast import LEGEND, ContrastTable
 from bayes_toe.answers.group_answer import good_fits_answer, group_answer, group_tables
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
@@ -36,7 +36,6 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.answers.study_summary import (
     APPENDIX_C,
     describe_pair,
-    study_lines,
 )
 from bayes_toe.answers.words import (
     NO_UP_TO,
@@ -51,9 +50,7 @@ from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
-from bayes_toe.cli.answer_screen import (
-    not_counted,
-)
+from bayes_toe.cli.answer_screen import answer_lines, not_counted
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of
 from bayes_toe.data.messages import (
     capitalized,
@@ -64,7 +61,7 @@ from bayes_toe.data.messages import (
     visible,
     with_policy,
 )
-from bayes_toe.data.stimulus_unit import StimulusUnit, percent
+from bayes_toe.data.stimulus_unit import percent
 from bayes_toe.data.tables import file_stems
 from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.inference.model_set import ModelSet
@@ -115,19 +112,12 @@ _SAMPLER = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Facts:
-    """Contents of a report besides the analysis."""
-
-    flagged: Mapping[str, Sequence[str]]  # subjects that need action, with the reasons
-    check: PredictiveCheck | None  # of the group
-    curves: Mapping[str, Path]  # figures of the subjects that were drawn
-    corner: Mapping[str, Path]
-    choice: str  # of which subjects these are: "all", "flagged" or "none"
-
-
-def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
+def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     """Write report.html, and subjects/*.html of more than :data:`MAX_SUBJECTS` subjects.
+
+    `facts` is what a report has besides the analysis: the subjects that need action with the
+    reasons, the predictive check of the group, and the figures of subjects with the choice of
+    these: "all", "flagged" or "none".
 
     Every text from outside is escaped by the template engine, its control characters too. Pages
     are written piece by piece: with its figures a report may be larger than memory.
@@ -137,7 +127,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
     links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}
     answers = list(analysis.answers)
     if is_paged:
-        answers.sort(key=lambda answer: answer.subject not in facts.flagged)
+        answers.sort(key=lambda answer: answer.subject not in facts["flagged"])
         links = {name: f"subjects/{stem}.html" for name, stem in file_stems(names).items()}
 
     findings = check(analysis.study, analysis.settings.prior)
@@ -163,8 +153,8 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         for subject in subjects:
             path = folder / links[subject["counts"].name]
             _write(page, {**context, "subject": subject}, path)
-    report = templates.get_template("report.html")
-    _write(report, {**context, "subjects": subjects}, folder / "report.html")
+    context["subjects"] = subjects
+    _write(templates.get_template("report.html"), context, folder / "report.html")
 
 
 def _write(template: Template, context: Mapping[str, Any], path: Path) -> None:
@@ -226,7 +216,7 @@ def _findings(analysis: Analysis, findings: Sequence[Finding]) -> Record:
     }
 
 
-def _context(analysis: Analysis, facts: Facts) -> Record:
+def _context(analysis: Analysis, facts: Record) -> Record:
     """The values that all pages of the report share."""
     study, draws = analysis.study, analysis.draws
     return {
@@ -250,21 +240,22 @@ def _context(analysis: Analysis, facts: Facts) -> Record:
         "figure": _figure(analysis),
         "shown": shown_subjects(analysis.answers),
         "dominated": DOMINATED,
-        "group": _group(analysis, facts.check),
+        "group": _group(analysis, facts["check"]),
         "contrast": _by_condition(analysis.contrast),
     }
 
 
 def _settings(analysis: Analysis) -> dict[str, str]:
     """The settings of the analysis, with their names in words."""
-    attrs = analysis.draws.tree.attrs
-    settings = json.loads(attrs["settings"])
-    versions = json.loads(attrs["versions"])
-    sampler = {_SAMPLER.get(key, key): str(value) for key, value in settings["sampler"].items()}
+    settings = analysis.settings
+    versions = json.loads(analysis.draws.tree.attrs["versions"])
+    sampler = {}
+    for name, value in asdict(settings.sampler).items():
+        sampler[_SAMPLER.get(name, name)] = str(value)
     return {
         "sampled model": "the paper's model (H1)",
-        "prior": analysis.settings.prior.describe_all(analysis.study.task),
-        "seed": str(attrs["seed"]),
+        "prior": settings.prior.describe_all(analysis.study.task),
+        "seed": str(settings.seed),
         **sampler,
         "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
     }
@@ -277,9 +268,9 @@ def _figure(analysis: Analysis) -> list[tuple[str, str]]:
     parts = []
     if shown_subjects(analysis.answers):
         responses = responses_figure(analysis, height)
-        parts.append(
+        parts = [
             ("responses", _embed(analysis, responses, "Responses and curves of some subjects"))
-        )
+        ]
     for name, is_narrow in (("sizes wide", False), ("sizes narrow", True)):
         sizes = sizes_figure(analysis, analysis.group, height, is_narrow=is_narrow)
         parts.append((name, _embed(analysis, sizes, label)))
@@ -305,10 +296,8 @@ def _misfit_figures(analysis: Analysis) -> list[str]:
 
 def _answer(analysis: Analysis) -> list[str]:
     """The answer of the study, sentence by sentence."""
-    units = analysis.study.conditions is not None
-    answers, group = analysis.answers, analysis.group
-    lines = study_lines(answers, group, synthetic=analysis.study.synthetic, units=units)
-    lines += not_counted(answers)
+    answers = analysis.answers
+    lines = answer_lines(analysis.study, answers, analysis.group) + not_counted(answers)
     return [_typeset(line) for line in lines if line]
 
 
@@ -327,7 +316,7 @@ def _by_condition(table: ContrastTable | None) -> Record | None:
     """The section of conditions, with a row for every subject and comparison."""
     if table is None:
         return None
-    rows = defaultdict[tuple[str, str], list[Difference]](list)
+    rows = defaultdict(list)
     for row in table:
         rows[row.subject, row.comparison].append(row)
     missing = table.left_out | table.failed
@@ -362,7 +351,7 @@ def _subjects(
 ) -> Iterator[Record]:
     """The sections of the subjects; each one is made when it is written."""
     stats = analysis.draws.group("sample_stats")
-    messages = defaultdict[str, list[str]](list)
+    messages = defaultdict(list)
     for finding in findings:
         if finding.code not in NOTES:
             messages[finding.subject].append(finding.message)
@@ -372,8 +361,12 @@ def _subjects(
     for i, (counts, row, answer, asymmetry) in enumerate(parts):
         name = counts.name
         summary: list[Any] = list(summaries[name].itertuples())
-        natural = analysis.draws.posterior(name).names.natural
-        remarks = list[str]()
+        natural = (*analysis.draws.posterior(name).names.natural, "gamma")
+        prior_dominated = []
+        for parameter in summary:
+            if parameter.parameter in natural and parameter.posterior_contraction < DOMINATED:
+                prior_dominated.append(parameter.parameter)
+        remarks = []
         for label in dict.fromkeys([name, counts.subject_name]):
             remarks += messages[label]
         yield {
@@ -386,35 +379,26 @@ def _subjects(
             "stats": stats.isel(subject=i),
             "parameters": [_parameter(analysis, parameter) for parameter in summary],
             "remarks": [*remarks, *row.notes],
-            "prior_dominated": _prior_dominated(summary, (*natural, "gamma")),
+            "prior_dominated": prior_dominated,
         }
-
-
-def _prior_dominated(summary: Sequence[Any], names: Sequence[str]) -> list[str]:
-    """Parameters whose posterior is hardly narrower than their prior."""
-    rows = [row for row in summary if row.parameter in names]
-    return [row.parameter for row in rows if row.posterior_contraction < DOMINATED]
 
 
 def _parameter(analysis: Analysis, row: Any) -> list[str]:
     """A parameter of the paper's model: estimate and its precision."""
     draws = analysis.draws.values(row.subject, row.parameter)
     n_effective = min(row.ess_bulk, row.ess_tail)
-    cells = [row.parameter, _interval(draws, n_effective, 3)]
     difference = ""
     if row.parameter in ("pse_shift", "jnd"):
-        difference = _interval_in_unit(draws, n_effective, analysis.study.unit)
-    cells.append(difference)
-    cells.append(_number(row.posterior_contraction))
-    cells.append(_number(n_effective, 0))
-    cells.append(_number(row.r_hat, 4))
-    return cells
-
-
-def _interval_in_unit(draws: FloatArray, n_effective: float, unit: StimulusUnit) -> str:
-    """Differences of natural-log intensities in the unit in which they are shown."""
-    unit = unit.for_percent(percent(np.quantile(draws, (0.025, 0.975))))
-    return _interval(unit.differences(draws), n_effective, 1, unit.of_differences)
+        unit = analysis.study.unit.for_percent(percent(np.quantile(draws, (0.025, 0.975))))
+        difference = _interval(unit.differences(draws), n_effective, 1, unit.of_differences)
+    return [
+        row.parameter,
+        _interval(draws, n_effective, 3),
+        difference,
+        _number(row.posterior_contraction),
+        _number(n_effective, 0),
+        _number(row.r_hat, 4),
+    ]
 
 
 def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = "") -> str:

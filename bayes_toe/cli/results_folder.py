@@ -10,7 +10,7 @@ from bayes_toe import plots
 from bayes_toe.analysis import Analysis
 from bayes_toe.cli.answer_screen import flagged
 from bayes_toe.cli.methods import write_methods
-from bayes_toe.cli.report import Facts, write_report
+from bayes_toe.cli.report import write_report
 from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.tables import file_stems, write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT
@@ -91,14 +91,21 @@ def write_results(
             explore(draws).save(target / "explorer.html")
         if names:
             (target / "corner").mkdir()
-        corners, curves, jobs = dict[str, Path](), dict[str, Path](), []
+        corners, curves, jobs = {}, {}, []
         for name in names:
             corners[name] = target / "corner" / f"{stems[name]}.png"
             curves[name] = Path(pictures, f"{stems[name]}.png")
             source = draws[name], analysis.settings.prior, truths, analysis.curve(name)
             jobs.append(partial(_draw_subject, *source, corners[name], curves[name]))
         run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in names])
-        write_report(analysis, Facts(marked, check, curves, corners, figures), target)
+        facts = {
+            "flagged": marked,
+            "check": check,
+            "curves": curves,
+            "corner": corners,
+            "choice": figures,
+        }
+        write_report(analysis, facts, target)
     return Path(folder)
 
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, wraps
+from inspect import Parameter
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_type_hints
@@ -21,6 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_type_hi
 import typer
 
 from bayes_toe.cli.options import (
+    LAYOUT_OPTIONS,
     NO_FILE,
     NUMBER,
     DrawCount,
@@ -32,9 +34,15 @@ from bayes_toe.cli.options import (
     rare,
 )
 from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal, describe_study
-from bayes_toe.data.messages import plural, visible
+from bayes_toe.data.messages import format_path, plural, visible
 from bayes_toe.data.whole_files import describe_stored, under_way
-from bayes_toe.errors import BayesToeError, ConvergenceWarning, InputError, OutputExistsError
+from bayes_toe.errors import (
+    BayesToeError,
+    ConvergenceWarning,
+    InputError,
+    OutputError,
+    OutputExistsError,
+)
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
@@ -49,7 +57,7 @@ WORKERS = ("processes", "dask", "overwrite")
 MODEL = ("seed", "prior", *WORKERS)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class RunContext:
     """The shared options, in the order in which help lists them, and the files that are read."""
 
@@ -151,8 +159,6 @@ class RunContext:
 
         What a stopped command has left there is removed only with --overwrite.
         """
-        from bayes_toe.data.messages import format_path
-        from bayes_toe.errors import OutputError
         from bayes_toe.result_store import discard, stored_files
 
         target = output if output.name not in ("", "..") else output.resolve()
@@ -208,14 +214,14 @@ class RunContext:
                     "Use another --output."
                 )
 
-    def write(self, writers: Mapping[Path, Callable[[Path], object]]) -> str:
-        """Write files and say which; if one cannot be written, none is replaced."""
+    def write(self, writers: Mapping[Path, Callable[[Path], object]], seed: int) -> str:
+        """Write files; say which, and the seed. If one cannot be written, none is replaced."""
         from bayes_toe.data.whole_files import whole_file
 
         with ExitStack() as files:
             for file, write in writers.items():
                 write(files.enter_context(whole_file(file, overwrite=self.overwrite)))
-        return f"Written: {', '.join(map(str, writers))}."
+        return f"Written: {', '.join(map(str, writers))}. Seed {seed}."
 
     def saving_of(self, study: Study) -> dict[str, Any]:
         """Options for writing tables of subjects; those of units get a column of conditions."""
@@ -226,9 +232,9 @@ class RunContext:
         self.out.line()
         self.out.line(f"{text}." if seed is None else f"{text}. Seed {seed}.")
 
-    def end(self, *incomplete: Mapping[str, str]) -> None:
+    def end(self, *problems: object) -> None:
         """End with exit code 3 if subjects failed or draws did not converge."""
-        if any(incomplete):
+        if any(problems):
             raise typer.Exit(3)
 
 
@@ -241,32 +247,27 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     and shows its traceback.
     """
     signature = inspect.signature(function, eval_str=True)
-    records: dict[str, tuple[Any, list[str]]] = {}
-    parameters: list[inspect.Parameter] = []
-    layout = list[str]()
+    records: dict[str, Any] = {}
+    parameters = []
     for name, parameter in signature.parameters.items():
         kind, *names = get_args(parameter.annotation) or [parameter.annotation]
+        options = [parameter]
         if is_dataclass(kind):
             options = _options(kind, names)
-            records[name] = kind, [parameter.name for parameter in options]
-            parameters += options
-            if kind is StudyFile:
-                parameters += layout_options()
-                layout = [parameter.name for parameter in layout_options()]
-        else:
-            parameters.append(parameter)
+            records[name] = kind, [option.name for option in options]
+        parameters += options
 
     @wraps(function)
     def command(**values: Any) -> None:
         inputs = _input_paths(values)
         under_way.clear()  # An earlier call in this process may have stored results.
         try:
-            for name, (kind, options) in records.items():
-                of_record = {key: values.pop(key) for key in options}
+            for name, (kind, option_names) in records.items():
+                of_record = {key: values.pop(key) for key in option_names}
                 if kind is RunContext:
                     of_record["inputs"] = inputs
                 if kind is StudyFile:
-                    of_record["reading"] = {key: values.pop(key) for key in layout}
+                    of_record["reading"] = {key: of_record.pop(key) for key in LAYOUT_OPTIONS}
                 values[name] = kind(**of_record)
                 if kind is StudyFile:
                     inputs += values[name].data_files()
@@ -279,13 +280,12 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
             raise typer.Exit(2) from error
 
     command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return command
 
 
 def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
     """The paths among the values of options, without those of outputs."""
-    paths = list[Path]()
+    paths = []
     for name, value in values.items():
         if not name.endswith("output"):
             items = value if isinstance(value, list) else [value]
@@ -293,23 +293,27 @@ def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
     return tuple(paths)
 
 
-def _options(kind: Any, names: Sequence[str]) -> list[inspect.Parameter]:
+def _options(kind: Any, names: Sequence[str]) -> list[Parameter]:
     """A parameter for each field of a record; a RunContext has only those that are named."""
     hints = get_type_hints(kind, include_extras=True)
     options = []
     for field in fields(kind):
         is_shared = field.name in (*names, "quiet")
         if (kind is not RunContext or is_shared) and field.name != "reading":
-            parameter = inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY)
             annotation = hints[field.name]
-            options.append(parameter.replace(default=field.default, annotation=annotation))
+            parameter = Parameter(
+                field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=annotation
+            )
+            options.append(parameter)
+    if kind is StudyFile:
+        options += layout_options()
     return options
 
 
 def print_error(error: BayesToeError, command: str) -> None:
     """Print the problems of an error, then what to type."""
     problems = str(error)
-    choices: list[tuple[str, str]] = []
+    choices = []
     if isinstance(error, InputError):
         problems = "\n".join(error.problems)
         for chosen, meaning in error.choices:

@@ -14,11 +14,11 @@ import bayes_toe as bt
 from bayes_toe.cli.options import (
     NUMBER,
     File,
+    OutputTable,
     StudyFile,
     file_name,
     option,
     rare,
-    writes,
 )
 from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.cli.terminal import Terminal, notes_of, number, without_zeros
@@ -49,7 +49,7 @@ def check(
 def fit(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("FILE.csv", "Output table.")] = Path("fit.csv"),
+    output: OutputTable = Path("fit.csv"),
     replicates: Annotated[
         int, rare("--replicates", NUMBER, "Bootstrap replicates.", min=1, max=10**6)
     ] = 400,
@@ -103,11 +103,13 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
         if largest is None:
             cells.append("no pair in both orders")
         else:
-            size = f"{largest.asymmetry:+.2f} ± {largest.asymmetry_se:.2f}"
-            cells.append(without_zeros(size))
             pair = (largest.s_weak, largest.s_strong)
-            cells.append(", ".join(map(table.unit.describe, pair)))
-            cells += [format_p_value(largest.p_value), format_p_value(largest.p_adjusted)]
+            cells += [
+                without_zeros(f"{largest.asymmetry:+.2f} ± {largest.asymmetry_se:.2f}"),
+                ", ".join(map(table.unit.describe, pair)),
+                format_p_value(largest.p_value),
+                format_p_value(largest.p_adjusted),
+            ]
         rows.append(cells)
 
     headings = ["subject", "pairs", "largest q(c, r) - q(r, c)", "r, c", "p", "p (Holm)"]
@@ -121,17 +123,19 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
 
 def print_fits(out: Terminal, table: FitTable) -> None:
     """Maximum-likelihood fits with their bootstrap intervals."""
-    rows, names = [], list[str]()
+    rows = []
     for row in table:
-        names = list(row.names)
         cells = [row.subject]
         limits = row.intervals(table.level).tolist()
         for value, (low, high) in zip(row.parameters.tolist(), limits, strict=True):
-            has_interval = not (isnan(value) or isnan(low))
-            interval = f" [{low:.2f}, {high:.2f}]" if has_interval else ""
-            cells.append(without_zeros(f"{number(value)}{interval}"))
+            text = number(value)
+            if not isnan(value) and not isnan(low):
+                text += f" [{low:.2f}, {high:.2f}]"
+            cells.append(without_zeros(text))
         rows.append([*cells, f"{row.log_likelihood:.2f}", row.at_edge])
-    level = f"{100 * table.level:g} %"
-    title = f"Maximum likelihood [{level} interval of {table.replicates} bootstrap replicates]"
-    out.table(["subject", *names, "log likelihood", "at edge"], rows, title=title)
+    title = (
+        f"Maximum likelihood [{100 * table.level:g} % interval of {table.replicates} bootstrap "
+        "replicates]"
+    )
+    out.table(["subject", *table.rows[0].names, "log likelihood", "at edge"], rows, title=title)
     out.notes(notes_of(table), "-")

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from bayes_toe.checks.answer_checks import Finding
     from bayes_toe.data.study import Study
 
+#: The rows of a table.
+Rows = Sequence[Sequence[str]]
+#: The subject of a note ('' is none), its text, and an option to type.
+Note = tuple[str, str, str]
 #: Columns of every line and table, whatever the width of the terminal.
 WIDTH = 80
 #: Subjects from which on tables show only those that need action; notes of one kind.
@@ -73,7 +77,7 @@ class Terminal:
     def table(
         self,
         headings: Sequence[str],
-        rows: Sequence[Sequence[str]],
+        rows: Rows,
         numeric: Collection[int] = (),
         title: str = "",
     ) -> None:
@@ -87,7 +91,7 @@ class Terminal:
     def table_of_subjects(
         self,
         headings: Sequence[str],
-        rows: Sequence[Sequence[str]],
+        rows: Rows,
         n_subjects: int,
         file: str,
         **options: Any,
@@ -98,10 +102,8 @@ class Terminal:
         else:
             self.lines(["", f"All {n_subjects:,} subjects: {file}"])
 
-    def notes(
-        self, notes: Iterable[tuple[str, str, str]], mark: str = "!", *, file: str = OUTPUT
-    ) -> None:
-        """Notes after an empty line: of a subject ('' is none), a text, and an option to type.
+    def notes(self, notes: Iterable[Note], mark: str = "!", *, file: str = OUTPUT) -> None:
+        """Notes after an empty line.
 
         Notes with the same text and no option become one.
         """
@@ -141,8 +143,7 @@ def wrap_line(text: str, indent: int = 0) -> list[str]:
     '  word'
     """
     glued = _ESTIMATE.sub(lambda match: match[0].replace(" ", _GLUE), visible(text))
-    indented = " " * indent
-    lines = wrap(glued, WIDTH, subsequent_indent=indented, break_on_hyphens=False)
+    lines = wrap(glued, WIDTH, subsequent_indent=" " * indent, break_on_hyphens=False)
     return [line.replace(_GLUE, " ") for line in lines] or [""]
 
 
@@ -200,9 +201,7 @@ def repeated_command() -> str:
     return shlex.join(["bayes-toe", *words])
 
 
-def format_table(
-    headings: Sequence[str], rows: Sequence[Sequence[str]], numeric: Collection[int] = ()
-) -> list[str]:
+def format_table(headings: Sequence[str], rows: Rows, numeric: Collection[int] = ()) -> list[str]:
     r"""Lines of a table of at most :data:`WIDTH` columns.
 
     The first column is cut if the table is too wide. If that does not help, the last columns
@@ -235,19 +234,19 @@ def format_table(
     return table
 
 
-def is_narrow(headings: Sequence[str], rows: Sequence[Sequence[str]], first_width: int = 8) -> bool:
+def is_narrow(headings: Sequence[str], rows: Rows, first_width: int = 8) -> bool:
     """Whether a table fits into :data:`WIDTH` with at least `first_width` columns of names."""
     widths, gap = _column_widths([*_heading_rows(headings), *rows])
     return min(widths[0], first_width) + sum(widths[1:]) + gap * (len(widths) - 1) <= WIDTH
 
 
-def _heading_rows(headings: Sequence[str]) -> Sequence[Sequence[str]]:
+def _heading_rows(headings: Sequence[str]) -> Rows:
     """The lines of the headings, each a row; short headings stand in the last ones."""
     upwards = [heading.split("\n")[::-1] for heading in headings]
     return [*itertools.zip_longest(*upwards, fillvalue="")][::-1]
 
 
-def _column_widths(rows: Sequence[Sequence[str]]) -> tuple[list[int], int]:
+def _column_widths(rows: Rows) -> tuple[list[int], int]:
     """The width that each column needs, and the gap between columns."""
     n_columns = len(rows[0])
     widths = [0] * n_columns
@@ -316,16 +315,16 @@ def names_to_show(names: Iterable[str], first: Collection[str]) -> list[str]:
     return [name for name in all_names if name in first]
 
 
-def notes_of(rows: Iterable[Any]) -> list[tuple[str, str, str]]:
+def notes_of(rows: Iterable[Any]) -> list[Note]:
     """The notes of the rows of a table, for :meth:`Terminal.notes`."""
-    notes = list[tuple[str, str, str]]()
+    notes = []
     for row in rows:
         notes += [(row.subject, f"{note}.", "") for note in row.notes]
     return notes
 
 
-def merge_notes(notes: Iterable[tuple[str, str, str]]) -> list[tuple[list[str], str, str]]:
-    """Notes, each a subject, a text and an option; those that are alike become one.
+def merge_notes(notes: Iterable[Note]) -> list[tuple[list[str], str, str]]:
+    """Notes with all their subjects; those with the same text and option become one.
 
     Examples
     --------

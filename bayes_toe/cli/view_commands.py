@@ -7,7 +7,7 @@ the web page that analyses studies.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from math import isnan
@@ -19,6 +19,7 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import (
     NUMBER,
+    OutputFolder,
     Texts,
     TrueValues,
     flag,
@@ -57,8 +58,7 @@ def explore(
     context.require_files(output)
     loaded = [*map(load_draws, posteriors)]
     names = subject or list(chain.from_iterable(draws.names for draws in loaded))
-    truths = read_truth(truth, loaded, names)
-    page_entries = entries(loaded, subject, truths)
+    page_entries = entries(loaded, subject, read_truth(truth, loaded, names))
     with context.out.progress("packing", len(page_entries)) as tick:
         explorer = page(page_entries, tick)
     explorer.save(output, overwrite=context.overwrite)
@@ -76,10 +76,9 @@ def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[
 
     if path is None:
         return {}
-    quantities = dict[str, None]()
-    for loaded in draws:
-        quantities |= dict.fromkeys(loaded.posterior(loaded.names[0]).names.all)
-    names, columns = read_numbers(path, (), "subject", optional=list(quantities), gaps=True)
+    quantities = chain.from_iterable(part.posterior(part.names[0]).names.all for part in draws)
+    optional = list(dict.fromkeys(quantities))
+    names, columns = read_numbers(path, (), "subject", optional=optional, gaps=True)
     truth: dict[str, dict[str, float]] = {name: {} for name in names}
     for key, column in columns.items():
         for name, value in zip(names, column.tolist(), strict=True):
@@ -98,7 +97,7 @@ def corner(
     posterior: Annotated[
         Path, typer.Argument(metavar="posterior.nc", help="Draws saved by run or sample.")
     ],
-    output: Annotated[Path, writes("DIR", "Output folder.")] = Path("corner"),
+    output: OutputFolder = Path("corner"),
     subject: Annotated[
         Texts,
         option("--subject", "NAME", "Only this subject; repeatable, 2 to 4 in one figure."),
@@ -117,11 +116,9 @@ def corner(
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
     """
     from bayes_toe.data.tables import file_stems
-    from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.inference.draws import load_draws
     from bayes_toe.plots.corner import COORDINATES, quantity_names
     from bayes_toe.plots.figure_files import require_suffix
-    from bayes_toe.workers import of_this_machine, run_in_order
 
     require_suffix(f"corner.{ending}")
     draws = load_draws(posterior)
@@ -133,36 +130,50 @@ def corner(
     coordinates: str | list[str] = parameters
     if parameters not in COORDINATES:
         coordinates = [name.strip() for name in parameters.split(",")]
-    quantity_names(draws.posterior(names[0]), coordinates)
-    prior = draws.prior if show_prior else None
-    options = {"coordinates": coordinates, "prior": prior, "truths": truths}
+    quantity_names(draws.posterior(names[0]), coordinates)  # raises for an unknown name
+    save = partial(
+        _save_corner,
+        coordinates=coordinates,
+        prior=draws.prior if show_prior else None,
+        truths=truths,
+    )
 
     stems = file_stems(draws.names)
-    groups = [names] if subject else [(name,) for name in names]
-    figures = {}
-    for group in groups:
-        stem = "+".join(stems[name] for name in group)
-        figures[f"{stem}.{ending}"] = group
+    if subject:
+        joint_stem = "+".join(stems[name] for name in names)
+        figures = {f"{joint_stem}.{ending}": names}
+    else:
+        figures = {f"{stems[name]}.{ending}": (name,) for name in names}
     context.require_folder(output, list(figures))
+    _draw_corners(draws, figures, save, output, context)
+    context.print_written(f"{plural(len(figures), 'corner plot')} in {output}")
+
+
+def _draw_corners(
+    draws: bt.Draws,
+    figures: Mapping[str, tuple[str, ...]],
+    save: Callable[..., None],
+    output: Path,
+    context: RunContext,
+) -> None:
+    """Draw the corner plots of subjects into files of the output folder, side by side."""
+    from bayes_toe.data.whole_files import whole_folder
+    from bayes_toe.workers import of_this_machine, run_in_order
 
     with (
         whole_folder(output, list(figures), overwrite=context.overwrite) as folder,
         context.out.progress("drawing", len(figures)) as tick,
     ):
         jobs = []
-        for file, group in figures.items():
+        for file, names in figures.items():
             # A process gets the draws of one subject.
-            drawn = draws[group[0]] if len(group) == 1 else draws
+            drawn = draws[names[0]] if len(names) == 1 else draws
             # Absolute, since a worker may be in another folder than this process.
-            jobs.append(partial(_save_corner, folder.absolute() / file, drawn, group, options))
+            jobs.append(partial(save, folder.absolute() / file, drawn, names))
         run_in_order(jobs, of_this_machine(context.workers), tick, [(file,) for file in figures])
 
-    context.print_written(f"{plural(len(figures), 'corner plot')} in {output}")
 
-
-def _save_corner(
-    file: Path, draws: bt.Draws, subjects: Sequence[str], options: Mapping[str, Any]
-) -> None:
+def _save_corner(file: Path, draws: bt.Draws, subjects: Sequence[str], **options: Any) -> None:
     """Draw the corner plot of subjects, and write it."""
     from bayes_toe.plots.figure_files import figure_bytes
 

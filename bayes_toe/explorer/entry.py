@@ -25,10 +25,11 @@ from bayes_toe.answers.order_effect import (
     answer_subject,
     describe_fit,
 )
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays, Record
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, NamedArrays, Record
 from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.messages import visible
+from bayes_toe.data.read_study import Truth
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -58,6 +59,8 @@ from bayes_toe.plots.corner import (
 from bayes_toe.plots.style import MARKED, Scale, difference_scale, stimulus_scale
 from bayes_toe.seeds import generator
 
+#: Of badges the kind and the words, of questions the words of the answer.
+Pairs = tuple[tuple[str, str], ...]
 #: What the two tabs are called.
 EFFECTS_TAB, PAPER_TAB = "effects", "paper's parameters"
 #: The models that have an effect, by its quantity.
@@ -96,9 +99,9 @@ class Entry:
     label: str
     target: ObserverPosterior | PaperPosterior
     x: FloatArray
-    badges: tuple[tuple[str, str], ...] = ()
-    words: tuple[tuple[str, str], ...] = ()
-    truth: Mapping[str, float] | None = None
+    badges: Pairs = ()
+    words: Pairs = ()
+    truth: Mapping[str, float] = field(default_factory=dict)
     estimates: Mapping[str, Size] = field(default_factory=dict)
     is_averaged: bool = False
     synthetic: bool = False
@@ -129,11 +132,11 @@ class Entry:
         """The quantities that are shown first."""
         return quantity_names(self.target, "natural")
 
-    def columns(self, quantities: NamedArrays) -> dict[str, FloatArray]:
+    def columns(self) -> dict[str, FloatArray]:
         """The draws as axes show them, (draws,) each; NaN where a draw lacks the effect."""
         columns = {}
         for name in self.names:
-            values = quantities[name]
+            values = self.quantities[name]
             if name in (CONSTANT_ERROR.name, CONTRACTION.name):
                 values = np.where(values == 0.0, np.nan, values)
             if _is_plottable(~np.isnan(values)):
@@ -146,7 +149,7 @@ class Entry:
         n_rows = min(len(draws), rows)
         index = np.arange(n_rows) * len(draws) // n_rows  # explorer.js inverts this rule
 
-        columns = self.columns(self.quantities)
+        columns = self.columns()
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
         truth = self._true_values()
         spans = axis_limits(present.values(), list(columns), self.target, truth)
@@ -204,16 +207,15 @@ class Entry:
 
     def _true_values(self) -> dict[str, float]:
         """True values of the quantities of the model."""
-        truth = dict(self.truth or {})
-        for name in set(truth).difference(self.target.names.all):
-            del truth[name]
+        names = self.target.names.all
+        truth = {name: value for name, value in self.truth.items() if name in names}
         return all_true_values(truth, self.target)
 
     def _dominated(self) -> list[tuple[str, str]]:
         """Quantities whose 5 to 95 % range is not much narrower than the prior's."""
-        dominated = list[tuple[str, str]]()
         if self.is_averaged:
-            return dominated
+            return []
+        dominated = []
         for name in self.names:
             low, high = np.quantile(self.quantities[name], RANGE).tolist()
             if posterior_contraction(self.target, name, low, high) < DOMINATED:
@@ -235,7 +237,7 @@ class Entry:
             "order": presentation_order(counts),
             "estimate": laplace_estimate(counts.n_yes, counts.n_trials),
             "error": laplace_error(counts.n_yes, counts.n_trials),
-            "along": along(counts),
+            "along": along(counts)[1],
         }
 
         stimuli = [", ".join(map(counts.unit.describe, pair)) for pair in counts.pairs]
@@ -272,7 +274,7 @@ def outlined(columns: NamedArrays, spans: Sequence[Span]) -> list[list[str]]:
     packed = []
     for (x, across), (y, up) in combinations(zip(columns.values(), spans, strict=True), 2):
         is_present = ~np.isnan(x + y)
-        lines = list[str]()
+        lines = []
         if _is_plottable(is_present):
             lines = _contours(Density.from_draws(x[is_present], y[is_present], across, up))
         packed.append(lines)
@@ -290,9 +292,7 @@ def _contours(density: Density) -> list[str]:
     return [text_of(points) for points in zip(lines.xs[::-1], lines.ys[::-1], strict=True)]
 
 
-def entries_of(
-    draws: Draws, label: str, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]
-) -> list[Entry]:
+def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Truth) -> list[Entry]:
     """The entries of subjects in a file of draws.
 
     If the draws are of the paper's model, each subject also has an entry with the average of the
@@ -317,7 +317,7 @@ def entries_of(
             draws.points(name),
             badges(draws, name),
             words,
-            truths.get(name),
+            truths.get(name, {}),
             synthetic=draws.synthetic,
             description=f"{label}: {source}, prior {draws.described_prior()}.",
         )
@@ -348,24 +348,27 @@ def entries_of(
 
 def _estimates(answer: OrderEffect) -> dict[str, Size]:
     """The intervals of the answer by quantity, differences in per cent."""
-    sizes = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
-    sizes |= {"jnd": "jnd_percent", "zone": "zone_percent"}
+    sizes = {
+        "constant_error": "pse_shift_percent",
+        "contraction": "contraction_p",
+        "jnd": "jnd_percent",
+        "zone": "zone_percent",
+    }
     return {name: answer.sizes[size] for name, size in sizes.items() if size in answer.sizes}
 
 
-def badges(draws: Draws, name: str) -> tuple[tuple[str, str], ...]:
+def badges(draws: Draws, name: str) -> Pairs:
     """Whether the draws converged and the model fits."""
     fit = draws.fit(name)
-    sampled = ("fine", "converged")
-    if name in draws.not_converged:
-        sampled = ("unconverged", draws.not_converged[name])
+    shortfall = draws.not_converged.get(name)
+    sampled = ("unconverged", shortfall) if shortfall else ("fine", "converged")
     is_testable = fit.degrees_of_freedom > 0
     if is_testable and np.isnan(fit.fit_p):
         return (sampled,)
     return sampled, _fit_badge(fit.fit_p if is_testable else None, len(draws.names))
 
 
-def _badges_of_answer(answer: OrderEffect) -> tuple[tuple[str, str], ...]:
+def _badges_of_answer(answer: OrderEffect) -> Pairs:
     """Whether the best of the four models fits, and what stands against the answer."""
     flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
     return (_fit_badge(answer.fit_p, answer.n_subjects), *flags)
@@ -399,8 +402,9 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
     """
     counts = fitted.target.subject
     unit, is_by_first = counts.unit, counts.task == WHICH_STRONGER
-    position, order = along(counts), presentation_order(counts)
-    is_member = _fixed(counts) == fixed
+    shared, position = along(counts)
+    order = presentation_order(counts)
+    is_member = shared == fixed
     if is_by_first:
         orders, start = [0], float(position.min() - 0.04 * np.ptp(position))
     else:
@@ -448,29 +452,22 @@ def slice_keys(counts: Subject) -> FloatArray:
     The slice with the most trials of different stimuli comes first. Slices without such trials are
     left out, unless all slices are.
     """
-    keys, index = np.unique(_fixed(counts), return_inverse=True)
+    keys, index = np.unique(along(counts)[0], return_inverse=True)
     n_different = counts.n_trials * (presentation_order(counts) != 0)
     n_trials = np.bincount(index, n_different, len(keys))
     most_first = np.argsort(-n_trials, kind="stable")
     return keys[most_first][: max(1, np.count_nonzero(n_trials))]
 
 
-def _fixed(counts: Subject) -> FloatArray:
-    """The stimulus that a pair shares with all pairs of its slice, shape (pairs,).
+def along(counts: Subject) -> ArrayPair:
+    """The stimulus that a pair shares with its slice, and its position there, shape (pairs,) each.
 
-    It is the weaker one, or the first one in 'which is stronger'.
-    """
-    return counts.s1 if counts.task == WHICH_STRONGER else np.minimum(counts.s1, counts.s2)
-
-
-def along(counts: Subject) -> FloatArray:
-    """The position of every pair along its slice, shape (pairs,).
-
-    It is the stronger stimulus, or s2 - s1 in 'which is stronger'.
+    These are the weaker and the stronger stimulus, or the first one and s2 - s1 in 'which is
+    stronger'.
     """
     if counts.task == WHICH_STRONGER:
-        return counts.s2 - counts.s1
-    return np.maximum(counts.s1, counts.s2)
+        return counts.s1, counts.s2 - counts.s1
+    return np.minimum(counts.s1, counts.s2), np.maximum(counts.s1, counts.s2)
 
 
 def axis(quantities: NamedArrays, sbar: float, ends: Sequence[float]) -> FloatArray:

@@ -7,7 +7,7 @@ HTML.
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -32,6 +32,7 @@ from bayes_toe.libraries import __version__
 from bayes_toe.model.models import model_title
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.plots.corner import axis_unit, in_unit, shown_unit
+from bayes_toe.workers import Progress
 
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200
@@ -132,7 +133,7 @@ def entries(
     n_entries = sum(map(len, selected.values()))
     require_few(n_entries, "subjects" if len(by_label) == 1 else "posteriors of subjects")
 
-    page_entries = list[Entry]()
+    page_entries = []
     for label, part in by_label.items():
         true_values = truths or {}
         if not truths and part.study.source == EXAMPLE:
@@ -144,9 +145,8 @@ def entries(
 
 def _require_quantities(truths: Truth, page_entries: Sequence[Entry]) -> None:
     """Refuse a true value of a quantity that no entry has."""
-    quantities = dict[str, None]()
-    for entry in page_entries:
-        quantities |= dict.fromkeys(entry.target.names.all)
+    all_quantities = chain.from_iterable(entry.target.names.all for entry in page_entries)
+    quantities = list(dict.fromkeys(all_quantities))
     for subject, values in truths.items():
         for name in values:
             if name not in quantities:
@@ -175,7 +175,7 @@ def _draws_by_label(draws: _Sources) -> dict[str, Draws]:
 
 def page(
     page_entries: Sequence[Entry],
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Explorer:
     """The page of these entries; `progress` is called with the name of every finished subject."""
     from bayes_toe.explorer.panels import SLOTS
@@ -198,8 +198,9 @@ def page(
     for i, entry in enumerate(page_entries):
         name = entry.target.subject.name
         contents[f"entry-{i}"] = entry.packed(rows)
-        names = {"subject": visible(name), "label": visible(entry.label)}
-        list_of_entries.append({**names, "tab": entry.tab})
+        list_of_entries.append(
+            {"subject": visible(name), "label": visible(entry.label), "tab": entry.tab}
+        )
         if progress is not None:
             progress(name)
 

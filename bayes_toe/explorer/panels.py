@@ -52,9 +52,8 @@ def document(task: Task) -> Document:
     """All figures; their names are also those of the places where the page embeds them."""
     sources = _Sources()
     ranges = [Range1d(0, 1, name=f"range-{i}") for i in range(SLOTS)]
-    corner = [_distribution(sources, ranges, i) for i in range(SLOTS)]
-    corner += [_cloud(sources, ranges, i, j) for j, i in combinations(range(SLOTS), 2)]
-    roots = list(corner)
+    roots = [_distribution(sources, ranges, i) for i in range(SLOTS)]
+    roots += [_cloud(sources, ranges, i, j) for j, i in combinations(range(SLOTS), 2)]
     for letter in LETTERS:
         roots += [_curves(sources, letter, task), _plane(sources, letter, task)]
     page = Document()
@@ -118,17 +117,18 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
     plot.js_on_event("selectiongeometry", CustomJS(code=brushed))
     for axis in plot.axis:
         axis.update(visible=False, ticker=FixedTicker(ticks=[]))
-    brush = BoxAnnotation(
-        name=f"brush-{name}",
-        visible=False,
-        editable=False,
-        fill_color="#000000",
-        fill_alpha=0.08,
-        line_color="#000000",
-        line_alpha=0.9,
-        line_width=1.5,
+    plot.add_layout(
+        BoxAnnotation(
+            name=f"brush-{name}",
+            visible=False,
+            editable=False,
+            fill_color="#000000",
+            fill_alpha=0.08,
+            line_color="#000000",
+            line_alpha=0.9,
+            line_width=1.5,
+        )
     )
-    plot.add_layout(brush)
     return plot
 
 
@@ -149,9 +149,9 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
         plot.add_glyph(
             bars, Line(x=x, y=f"all{i}", line_color=colour, line_width=1.5, line_dash=dash)
         )
-        truth = sources.get_source(f"truth-{letter}", f"{i}")
         plot.add_glyph(
-            truth, VSpan(x=f"{i}", line_color=colour, line_width=2.5, line_dash="dotdash")
+            sources.get_source(f"truth-{letter}", f"{i}"),
+            VSpan(x=f"{i}", line_color=colour, line_width=2.5, line_dash="dotdash"),
         )
     return plot
 
@@ -202,12 +202,15 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
 
 def _hover(renderers: list[Any], task: Task) -> HoverTool:
     """A pair under the mouse, and how often it was answered so."""
-    tooltips = [
-        ("", "$name"),
-        ("first, second", "@stimuli"),
-        (f"'{task.yes}'", "@k of @n"),
-    ]
-    return HoverTool(renderers=renderers, tooltips=tooltips, limit=2)
+    return HoverTool(
+        renderers=renderers,
+        tooltips=[
+            ("", "$name"),
+            ("first, second", "@stimuli"),
+            (f"'{task.yes}'", "@k of @n"),
+        ],
+        limit=2,
+    )
 
 
 def _curves(sources: _Sources, letter: str, task: Task) -> Any:
@@ -215,19 +218,16 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
 
     The axis is the stronger stimulus, or s2 - s1.
     """
+    stimulus = "s₂ − s₁" if task == WHICH_STRONGER else "stronger stimulus"
     plot = _plot(
         f"curves-{letter}",
         [],
         x_range=Range1d(0, 1, name=f"stronger-{letter}"),
         y_range=Range1d(-0.03, 1.03),
+        x_axis_label=f"{stimulus} (ln intensity)",
+        y_axis_label=f"P({task.yes})",
     )
-    plot.xaxis.axis_label, plot.yaxis.axis_label = (
-        "stronger stimulus (ln intensity)",
-        f"P({task.yes})",
-    )
-    if task == WHICH_STRONGER:
-        plot.xaxis.axis_label = "s₂ − s₁ (ln intensity)"
-    _small_words(plot, [*plot.xaxis])
+    _small_words(plot, plot.xaxis)
 
     points = []
     for order, (kind, marker) in KINDS.items():
@@ -280,12 +280,15 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
     symmetry.
     """
     side = Range1d(0, 1, name=f"plane-{letter}-range")
-    plot = _plot(f"plane-{letter}", [], x_range=side, y_range=side)
-    plot.xaxis.axis_label, plot.yaxis.axis_label = (
-        "first stimulus (ln intensity)",
-        "second stimulus",
+    plot = _plot(
+        f"plane-{letter}",
+        [],
+        x_range=side,
+        y_range=side,
+        x_axis_label="first stimulus (ln intensity)",
+        y_axis_label="second stimulus",
     )
-    _small_words(plot, [*plot.axis])
+    _small_words(plot, plot.axis)
 
     axis = sources.get_source(f"axis-{letter}", *_BAND)
     plot.add_glyph(axis, Line(x="x", y="x", line_color="#777777", line_dash="dashed"))
@@ -296,7 +299,6 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
         pairs_of = sources.get_source(
             f"pairs-{letter}-{kind}", "s1", "s2", "stimuli", "k", "n", "fill"
         )
-        size = 12 if kind == "equal" else 10
         point = Scatter(
             x="s1",
             y="s2",
@@ -304,14 +306,14 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
             line_color=ORDERS[order].colour,
             line_width=2,
             fill_color="fill",
-            size=size,
+            size=12 if kind == "equal" else 10,
         )
         points.append(plot.add_glyph(pairs_of, point, name=ORDERS[order].label))
     plot.add_tools(_hover(points, task))
     return plot
 
 
-def _small_words(plot: Any, axes_of_stimuli: list[Any]) -> None:
+def _small_words(plot: Any, axes_of_stimuli: Any) -> None:
     """Small words; explorer.js sets the numbers of the axes of stimuli."""
     for axis in plot.axis:
         axis.update(axis_label_text_font_size="12px", ticker=BasicTicker(desired_num_ticks=4))
