@@ -169,7 +169,7 @@ def taken_out_texts(name: str, texts: Sequence[str]) -> list[str]:
     >>> taken_out_texts("exclude", ["0", "1"]), taken_out_texts("valid", ["yes", "no"])
     (['1'], ['no'])
     """
-    words = set[str]()
+    words = set()
     if plain_name(name) in VOCABULARY["taken_out"]["by_1"]:
         words = {*TRUE_WORDS}
     elif plain_name(name) in VOCABULARY["taken_out"]["by_0"]:
@@ -339,8 +339,10 @@ def columns_to_read(
 
     response = options.name("response")
     if "response" in roles_read and response in names and looks_like(response, "correct"):
-        finding = "found as response, though it seems to say right or wrong."
-        problems.append(f"column {display_name(response)}: {finding}")
+        problems.append(
+            f"column {display_name(response)}: found as response, though it seems to say right or "
+            "wrong."
+        )
         return roles_read, problems, _score_remedies([response])
 
     unordered = _unordered_stimuli(names, options)
@@ -377,12 +379,11 @@ def _role_problems(
     answers = [role for role in ("response", *_COUNTS) if role in roles_read]
     if len(answers) > 2 or (len(answers) == 2 and "response" in answers):
         first, *others = [display_name(options.name(role)) for role in answers]
-        finding = f"found together with {' and '.join(others)}"
-        rule = (
-            "responses (one row per trial), counts of one response (one row per pair), or n_first, "
-            "n_equal and n_second"
+        yield (
+            f"column {first}: found together with {' and '.join(others)}, allowed: responses (one "
+            "row per trial), counts of one response (one row per pair), or n_first, n_equal and "
+            "n_second"
         )
-        yield f"column {first}: {finding}, allowed: {rule}"
 
     theirs = [options.name(role) for role in roles_read]
     for name in dict.fromkeys(theirs):
@@ -392,8 +393,10 @@ def _role_problems(
 
     subject = options.name("subject")
     if options.subject_from is not None and subject in names:
-        finding = "found together with --subject-from"
-        yield f"column {display_name(subject)}: {finding}, allowed: one of them"
+        yield (
+            f"column {display_name(subject)}: found together with --subject-from, allowed: one of "
+            "them"
+        )
 
 
 def _unit_by_name(names: Sequence[str], options: ReadOptions) -> tuple[str, str]:

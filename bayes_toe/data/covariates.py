@@ -5,7 +5,6 @@ A CSV file with a column `subject` and one column per covariate.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -66,10 +65,10 @@ def read_covariates(path: StrPath) -> Covariates:
     table = read_table(path, set)
     has_one_name_each = len(table.names) == len(table.columns) and "" not in table.names
     if "subject" not in table.names or len(table.names) < 2 or not has_one_name_each:
-        finding = join_names(map(quoted, table.names))
+        names = join_names(map(quoted, table.names))
         table.require(
             [
-                f"found columns {finding}, allowed: subject and at least one covariate, each with "
+                f"found columns {names}, allowed: subject and at least one covariate, each with "
                 "a name of its own"
             ]
         )
@@ -82,14 +81,12 @@ def read_covariates(path: StrPath) -> Covariates:
             continue
         meanings = _meanings(column.texts, table.decimal_comma)
         no_numbers = [text for text, value in meanings.items() if value != value]  # NaN
-        is_wrong = column.map(no_numbers.__contains__, np.bool_)
-        rule = "a finite number (or no number in the whole column)"
-        require_numbers(table, column, is_wrong, rule)
+        is_wrong = column.is_in(no_numbers)
+        kind = "a finite number (or no number in the whole column)"
+        require_numbers(table, column, is_wrong, kind)
         values[name] = {}
-        for row, code in enumerate(column.codes.tolist()):
-            text = column.texts[code]
-            if text in meanings:
-                values[name][subject.text(row)] = meanings[text]
+        for row in np.flatnonzero(column.is_in(meanings)).tolist():
+            values[name][subject.text(row)] = meanings[column.text(row)]
     table.problems.refuse()
     return values
 
@@ -99,11 +96,8 @@ def _meanings(texts: Iterable[str], decimal_comma: bool) -> dict[str, str | floa
 
     Texts that say that a value is missing are left out.
     """
-    values = {}
-    for text in texts:
-        if text.lower() not in MISSING_WORDS:
-            values[text] = number(text, decimal_comma)
-    is_word = [math.isnan(value) for value in values.values()]
-    if all(is_word) or (len(is_word) <= 2 and any(is_word)):
-        return {text: text for text in values}
-    return dict(values)
+    known_texts = [text for text in texts if text.lower() not in MISSING_WORDS]
+    values = [number(text, decimal_comma) for text in known_texts]
+    n_words = np.isnan(values).sum()
+    is_category = n_words == len(values) or (len(values) == 2 and n_words == 1)
+    return dict(zip(known_texts, known_texts if is_category else values, strict=True))

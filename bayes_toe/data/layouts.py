@@ -28,7 +28,7 @@ from bayes_toe.data.column_roles import (
     is_no_response,
     named_places,
 )
-from bayes_toe.data.messages import display_name, join_names, quoted
+from bayes_toe.data.messages import display_name, join_names, join_words, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
 from bayes_toe.data.text_table import CELL, PAIR, Column, TextTable, repeated_columns
@@ -67,12 +67,12 @@ class StandardOrder:
 
     def __init__(self, table: TextTable, column: Column | None, options: ReadOptions) -> None:
         self.column = column
-        self.is_first = np.ones(len(table.rows), np.bool_)
-        self.is_unknown = np.zeros(len(table.rows), np.bool_)
+        self.is_first = np.ones(len(table.rows), bool)
+        self.is_unknown = np.zeros(len(table.rows), bool)
         if column is not None:
             is_first = _standard_first_by_text(table, column, options)
-            self.is_first = column.map(lambda text: is_first.get(text) is True, np.bool_)
-            self.is_unknown = column.map(lambda text: is_first.get(text) is None, np.bool_)
+            self.is_first = column.map(lambda text: is_first.get(text) is True)
+            self.is_unknown = column.map(lambda text: is_first.get(text) is None)
 
     def in_order(self, standard: FloatArray, comparison: FloatArray) -> list[FloatArray]:
         """First and second stimuli of every row."""
@@ -90,9 +90,11 @@ class StandardOrder:
         comparison_code = options.comparison_code
         texts = [*filter(None, column.texts)]
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
-            finding = f"found {join_names(column.counts(texts))}"
-            rule = f"{quoted(comparison_code)} for 'comparison' and one other code for 'standard'"
-            _ask_order(table, column, f"{finding}, allowed: {rule}", [])
+            problem = (
+                f"found {join_names(column.counts(texts))}, allowed: {quoted(comparison_code)} for "
+                "'comparison' and one other code for 'standard'"
+            )
+            _ask_order(table, column, problem, [])
 
         is_comparison = {}
         for text in texts:
@@ -104,8 +106,8 @@ class StandardOrder:
                     is_comparison[text] = stimuli == ["comparison"]
 
         words = np.array(column.texts, object)[column.codes]
-        is_named = column.map(is_comparison.__contains__, np.bool_)
-        is_second = column.map(is_comparison.get, np.bool_) == self.is_first
+        is_named = column.is_in(is_comparison)
+        is_second = column.map(is_comparison.get) == self.is_first
         words[is_named & is_second] = "second"
         words[is_named & ~is_second] = "first"
         return Column.from_texts(column.name, words)
@@ -160,14 +162,14 @@ def _ask_order(
     table: TextTable, column: Column, problem: str, texts: Sequence[str], owner: str = ""
 ) -> None:
     """Refuse a column of which it is not certain what these texts mean."""
-    remedies = list[Remedy]()
+    remedies = []
     if owner == "comparison":
         meaning = "if it says the interval of the comparison"
         remedies.append(Remedy("comparison_interval", column.name, meaning))
     for text in texts:
         meaning = f"if {text} means that the standard was first"
         remedies.append(Remedy("standard_first_code", text, meaning))
-    table.problems.ask(f"column {display_name(column.name)}: {problem}", remedies)
+    table.problems.ask(f"{column}: {problem}", remedies)
     table.problems.refuse()
 
 
@@ -239,7 +241,7 @@ def _stimulus_logs(table: TextTable, column: Column, options: ReadOptions) -> Fl
         # The difference of logs, because the ratio itself may overflow.
         log_reference = options.stimulus_unit.log_reference
         values = [math.log(value) - log_reference if value > 0 else math.nan for value in values]
-    return np.array(values, np.float64)[column.codes] * LOG_UNITS.get(options.unit or "ln", 1.0)
+    return np.array(values, float)[column.codes] * LOG_UNITS.get(options.unit or "ln", 1.0)
 
 
 def require_logs(
@@ -255,14 +257,10 @@ def require_logs(
     if not sign:
         return
 
-    names = " and ".join(display_name(column.name) for column in columns)
-    row = 0
-    location = f"columns {names}"
+    names = [display_name(column.name) for column in columns]
+    problem = f"columns {join_words(names)}: found {sign}, allowed: natural logs"
     if pair is not None:
-        row = int(table.rows[rows[pair]])
-        location = f"row {row}, {location}"
-
-    problem = f"{location}: found {sign}, allowed: natural logs"
+        problem = f"row {table.rows[rows[pair]]}, {problem}"
     if min(first.min(), second.min()) == 0.0:
         problem += ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
     table.problems.ask(problem, intensity_remedies(np.append(first, second)))
@@ -311,7 +309,7 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
         columns[name] = Column.from_texts(name, texts, column.codes)
         other_names.append(name)
 
-    origin = f"names of {len(names)} columns" if names else f"column {display_name(column.name)}"
+    origin = f"names of {len(names)} columns" if names else str(column)
     notes = (*table.notes, f"pairs read from {origin}")
     return replace(table, names=other_names, columns=columns, notes=notes)
 
@@ -344,7 +342,8 @@ def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:
         if all(map(regex.fullmatch, column.texts)):
             fitting.append(column)
     if len(fitting) != 1:
-        finding = f"found {len(fitting)} columns with names or cells as --wide has it"
-        rule = "columns whose names are pairs, or one whose cells are"
-        raise InputError(f"{table.source}: {finding}, allowed: {rule}")
+        raise InputError(
+            f"{table.source}: found {len(fitting)} columns with names or cells as --wide has it, "
+            "allowed: columns whose names are pairs, or one whose cells are"
+        )
     return fitting[0]

@@ -55,8 +55,9 @@ def matlab_values(source: str, data: bytes) -> Any:
     try:
         reader = subprocess.run(command, input=data, capture_output=True, timeout=_LONGEST)
     except subprocess.TimeoutExpired:
-        problem = f"{source}: not read within {_LONGEST} s, allowed: {_DAMAGED_ALLOWED}"
-        raise InputError(problem) from None
+        raise InputError(
+            f"{source}: not read within {_LONGEST} s, allowed: {_DAMAGED_ALLOWED}"
+        ) from None
 
     if reader.returncode:
         raise damaged(
@@ -87,8 +88,11 @@ def write_texts(source: str) -> None:
     except InputError as error:
         json.dump({"problems": error.problems}, sys.stdout)
     except MemoryError:
-        problem = f"{source}: found more than fits into {_MOST_MEMORY:,} bytes of memory"
-        json.dump({"problems": [f"{problem}, allowed: a smaller file"]}, sys.stdout)
+        problem = (
+            f"{source}: found more than fits into {_MOST_MEMORY:,} bytes of memory, allowed: a "
+            "smaller file"
+        )
+        json.dump({"problems": [problem]}, sys.stdout)
 
 
 def _variables(source: str, data: bytes) -> Record:
@@ -153,7 +157,7 @@ def _hdf5_value(group: Any, name: str) -> Any:
         return cells
 
     if kind == b"logical":
-        values = values.astype(np.bool_)
+        values = values.astype(bool)
     return values.item() if values.size == 1 else np.squeeze(values)
 
 

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
+from typing import Any
 
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
@@ -155,31 +156,24 @@ class ReadOptions:
         if problems:
             raise InputError(problems)
 
-    def require_one_task(self) -> None:
-        """Refuse codes of two tasks, which are allowed as long as tasks may be the condition."""
-        problems = [*self._code_problems()]
-        if problems:
-            raise InputError(problems)
-
     def _strip_texts(self) -> None:
         """Replace all values by texts without spaces around them, see :func:`_as_text`."""
+        values: dict[str, Any] = vars(self)  # a frozen dataclass refuses assignments
         for key in _TEXT_FIELDS:
-            text = getattr(self, key)
-            if text is not None:
-                object.__setattr__(self, key, _as_text(text))
+            if values[key] is not None:
+                values[key] = _as_text(values[key])
 
         for key in ("columns", "where"):
-            texts = getattr(self, key)
+            texts = values[key]
             require_kind(key, texts, Mapping, "texts by name, such as {'subject': 'participant'}")
-            texts = {_as_text(name): _as_text(text) for name, text in texts.items()}
-            object.__setattr__(self, key, texts)
+            values[key] = {_as_text(name): _as_text(text) for name, text in texts.items()}
 
         for key in ("ignore", "missed"):
-            entries = getattr(self, key)
+            entries = values[key]
             if isinstance(entries, str | int | float):
                 entries = [entries]
             require_kind(key, entries, Iterable, "a text, or several in a list")
-            object.__setattr__(self, key, tuple(map(_as_text, entries)))
+            values[key] = tuple(map(_as_text, entries))
 
     def _text_problems(self) -> Iterator[str]:
         """Problems of empty texts, a line each."""
@@ -201,8 +195,9 @@ class ReadOptions:
             yield from error.problems
 
         if self.intensity is not None and self.unit in LOG_UNITS:
-            rule = "--unit alone for logarithms"
-            yield f"--intensity: found with --unit {self.unit}, allowed: {rule}"
+            yield (
+                f"--intensity: found with --unit {self.unit}, allowed: --unit alone for logarithms"
+            )
 
         if self.decimal not in (None, ".", ","):
             yield f"--decimal: found {self.decimal!r}, allowed: '.' or ','"
@@ -224,41 +219,47 @@ class ReadOptions:
 
         Both codes may be one text, and two options may tell the task.
         """
-        options = list[str]()
+        options = []
         answer_of_code = dict[str, str]()
         for answer, code in self.code_by_answer.items():
             options.append(f"--{answer}-code")
             other = answer_of_code.setdefault(code, answer)
             if other != answer:
-                finding = f"found {quoted(code)} as --{other}-code"
-                yield f"--{answer}-code: {finding}, allowed: different texts"
+                yield (
+                    f"--{answer}-code: found {quoted(code)} as --{other}-code, allowed: different "
+                    "texts"
+                )
 
+        has_one_task = self.task is not None
         if self.correct is not None:
+            has_one_task = not options
             options.append("--correct")
-        has_task = self.task is not None or not options
-        if not has_task or (self.correct is not None and len(options) > 1):
-            rule = "what tells one task in one way"
-            yield f"{', '.join(options)}: found together, allowed: {rule}"
+        if options and not has_one_task:
+            yield f"{', '.join(options)}: found together, allowed: what tells one task in one way"
 
     def _name_problems(self) -> Iterator[str]:
         """Problems of the names of columns and files, a line each."""
         for role, name in self.columns.items():
             if role not in COLUMNS or not name:
-                finding = quoted(f"{role}={name}")
-                rule = f"OURS=NAME with OURS one of {', '.join(COLUMNS)}"
-                yield f"--columns: found {finding}, allowed: {rule}"
+                pair = quoted(f"{role}={name}")
+                columns = ", ".join(COLUMNS)
+                yield f"--columns: found {pair}, allowed: OURS=NAME with OURS one of {columns}"
 
         for role in self.ignore:
             if role not in _MAY_BE_IGNORED:
                 yield f"--ignore: found {quoted(role)}, allowed: {', '.join(_MAY_BE_IGNORED)}"
 
         if self.wide is not None and not _is_pair_pattern(self.wide):
-            rule = "{first}, some text, {second}, such as '{first}_{second}'"
-            yield f"--wide: found {quoted(self.wide)}, allowed: {rule}"
+            yield (
+                f"--wide: found {quoted(self.wide)}, allowed: {{first}}, some text, {{second}}, "
+                "such as '{first}_{second}'"
+            )
 
         if self.subject_from is not None and self.subject_from.count("{}") != 1:
-            rule = "a file's name with one {}, such as 'sub-{}_*.tsv'"
-            yield f"--subject-from: found {quoted(self.subject_from)}, allowed: {rule}"
+            yield (
+                f"--subject-from: found {quoted(self.subject_from)}, allowed: a file's name with "
+                "one {}, such as 'sub-{}_*.tsv'"
+            )
 
     @property
     def code_by_answer(self) -> dict[str, str]:
@@ -295,8 +296,7 @@ class ReadOptions:
             "condition": self.condition,
             "standard_interval": self.interval_column,
         }
-        chosen = chosen_by_role.get(role)
-        return self.columns.get(role, chosen or role)
+        return self.columns.get(role, chosen_by_role.get(role) or role)
 
     @property
     def has_standard(self) -> bool:
@@ -360,12 +360,13 @@ def parse_pairs(option: str, entries: Iterable[str], form: str) -> dict[str, str
     >>> parse_pairs("--columns", ["subject=participant", "s1 = first"], "OURS=NAME")
     {'subject': 'participant', 's1': 'first'}
     """
-    pairs = dict[str, str]()
+    pairs = {}
     for entry in entries:
         name, text = (part.strip() for part in entry.partition("=")[::2])
         if not name or not text or name in pairs:
-            finding = quoted(entry.strip())
-            raise InputError(f"{option}: found {finding}, allowed: {form}, each name once")
+            raise InputError(
+                f"{option}: found {quoted(entry.strip())}, allowed: {form}, each name once"
+            )
         pairs[name] = text
     return pairs
 

@@ -202,10 +202,11 @@ def _without_condition(
 ) -> Study:
     """The study, whose column `name` is no condition since it follows from the pairs."""
     study = read_study(path, replace(options, ignore=(*options.ignore, "condition")))
-    column = f"column {display_name(name)}"
+    shown_name = display_name(name)
     note = (
-        f"{column}: found no pair at two of its levels, as where it names pairs or their order, so "
-        f"that it is no condition: not used; --condition {display_name(name)} takes it all the same"
+        f"column {shown_name}: found no pair at two of its levels, as where it names pairs or "
+        f"their order, so that it is no condition: not used; --condition {shown_name} takes it all "
+        "the same"
     )
     return replace(study, notes=(*study.notes, note))
 
@@ -222,9 +223,7 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
     studies = []
     for options_of_part in options_by_task(table, options):
         rows = _rows(table, path, options_of_part)
-        answers = rows.columns.get("response", rows.columns.get("correct"))
-        study = _count_study(rows) if answers is None else _trial_study(rows, answers)
-        studies.append(study)
+        studies.append(_count_study(rows) if task_counted(rows.columns) else _trial_study(rows))
     return studies
 
 
@@ -433,10 +432,10 @@ def _require_header(table: TextTable, options: ReadOptions) -> None:
     """Refuse a table whose names are a row of it: numbers, and no columns of stimuli."""
     numbers_in_head = [name for name in table.names if math.isfinite(number(name, True))]
     if len(numbers_in_head) > 1 and not {*map(options.name, options.stimuli)} & {*table.names}:
-        cells = join_names([*map(quoted, table.names)])
-        rule = "the names of the columns, such as subject, s1, s2, response"
+        cells = join_names(map(quoted, table.names))
         raise InputError(
-            f"{table.source}: has no header: {table.head} holds {cells}; allowed: {rule}"
+            f"{table.source}: has no header: {table.head} holds {cells}; allowed: the "
+            "names of the columns, such as subject, s1, s2, response"
         )
 
 
@@ -474,8 +473,10 @@ def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> C
     """The column of the one subject that the name of a file tells."""
     subject = subject_in(Path(path), pattern) if isinstance(path, StrPath) else None
     if subject is None:
-        rule = f"a file named as --subject-from {pattern}"
-        raise InputError(f"{table.source}: found no subject in its name, allowed: {rule}")
+        raise InputError(
+            f"{table.source}: found no subject in its name, allowed: a file named as "
+            f"--subject-from {pattern}"
+        )
     return Column("subject", [subject], np.zeros(len(table.rows), np.int64))
 
 
@@ -488,7 +489,7 @@ def _study(rows: _Rows, notes: list[str], counts: dict[str, IntArray], task: Tas
     parts = rows.subject.rows_by_text(np.flatnonzero(n > 0))
     is_trials = task_counted(rows.columns) is None
     missing, doubts = list[str](), list[str]()
-    subjects = list[Subject]()
+    subjects = []
     unit = rows.options.stimulus_unit
     if is_trials or "block" in rows.columns:
         answers, missing, doubts = answers_in_order(
@@ -507,7 +508,11 @@ def _study(rows: _Rows, notes: list[str], counts: dict[str, IntArray], task: Tas
         doubts += _rare_answer_doubts(counts)
     if not is_trials:
         notes += _merged_note(parts, subjects)
-        doubts += _percentage_doubts(n)
+        if len(n) >= 4 and (n == 100).all():
+            doubts.append(
+                "each row has 100 trials, as in a table of percentages. If there were fewer, write "
+                "their number"
+            )
     doubts += nameless_doubts(rows.subject)
     doubts += taken_out_doubts(rows.table, rows.names_not_read)
     notes += missing
@@ -524,12 +529,12 @@ def _study(rows: _Rows, notes: list[str], counts: dict[str, IntArray], task: Tas
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
 
 
-def _rare_answer_doubts(counts: Mapping[str, IntArray], rare: float = 0.01) -> Iterator[str]:
+def _rare_answer_doubts(counts: Mapping[str, IntArray]) -> Iterator[str]:
     """A doubt about one of three answers that is rare, as stray words in a study of two answers."""
     n_equal, n_trials, n_second = (int(counts[name].sum()) for name in THREE_ANSWERS.counts)
     numbers = {"equal": n_equal, "second": n_second, "first": n_trials - n_equal - n_second}
     for answer, n_answers in numbers.items():
-        if n_answers < rare * n_trials:
+        if n_answers < 0.01 * n_trials:
             yield (
                 f"only {n_answers} of {n_trials} responses are {answer!r}. If participants had two "
                 "answers, correct or remove these rows"
@@ -570,23 +575,14 @@ def _merged_note(parts: Mapping[str, IndexArray], subjects: Sequence[Subject]) -
     return [f"{plural(n_merged, 'repeated row')} merged: {join_counts(merged)}"]
 
 
-def _percentage_doubts(n: IntArray) -> list[str]:
-    """A doubt if each pair has 100 trials, as in a table of percentages."""
-    if len(n) < 4 or not (n == 100).all():
-        return []
-    return [
-        "each row has 100 trials, as in a table of percentages. If there were fewer, write their "
-        "number"
-    ]
-
-
 # --- Trials ---------------------------------------------------------------------------------------
 
 
-def _trial_study(rows: _Rows, column: Column) -> Study:
-    """The study of a table whose rows are trials; the column has the responses."""
+def _trial_study(rows: _Rows) -> Study:
+    """The study of a table whose rows are trials."""
     table = rows.table
-    column, missed_texts = blank_missed(column, rows.options)
+    responses_or_scores = "correct" if rows.options.correct else "response"
+    column, missed_texts = blank_missed(rows.columns[responses_or_scores], rows.options)
     if rows.options.has_standard and "response" in rows.columns:
         column = rows.order.by_interval(table, column, rows.options)
     answers = responses(table, column, rows.options, rows.keys, rows.order)
@@ -597,13 +593,14 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
     table.problems.refuse()
     require_task(table, answers.task, rows.columns.get("task"))
     if not answers.is_answered.any():
-        elsewhere = Remedy(
-            "columns", (("response", "NAME"),), "if another column has the responses"
-        )
+        remedies = []
+        if rows.options.correct is None:
+            name_to_type = (("response", "NAME"),)
+            remedies.append(Remedy("columns", name_to_type, "if another column has the responses"))
         raise InputError(
-            f"{table.source}: column {display_name(column.name)}: found no response in any of "
-            f"{len(answers.is_answered)} rows, allowed: at least one answered trial",
-            [elsewhere] if rows.options.correct is None else [],
+            f"{table.source}: {column}: found no response in any of {len(table.rows)} rows, "
+            "allowed: at least one answered trial",
+            remedies,
         )
 
     notes = rows.layout("trial", answers.note)
@@ -635,9 +632,9 @@ def _dropped_note(
     """
     if not is_dropped.any():
         return []
-    trials = plural(int(is_dropped.sum()), "trial")
-    finding = f" ({', '.join(cells)})" if cells else ""
     subject = rows.subject.only(is_dropped)
+    trials = plural(len(subject.codes), "trial")
+    finding = f" ({', '.join(cells)})" if cells else ""
     names = [text or "(no subject)" for text in subject.texts]
     counts = dict(zip(names, np.bincount(subject.codes).tolist(), strict=True))
     return [f"{trials} {reason} dropped{finding}: {join_counts(counts)}"]
@@ -661,7 +658,7 @@ def _count_study(rows: _Rows) -> Study:
         k = counts_of_shares(table, column, n)
     else:
         k = column_counts(table, column)
-    rows.require_pairs(np.ones(len(n), np.bool_))
+    rows.require_pairs(np.ones(len(n), bool))
     name = display_name(trials.name)
     table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
     _require_counts(rows, n, task)
@@ -674,7 +671,7 @@ def _count_study(rows: _Rows) -> Study:
 
 def _three_count_study(rows: _Rows) -> Study:
     """The study of counts of three answers, which add up to the trials of a row."""
-    task, counts = THREE_ANSWERS, dict[str, IntArray]()
+    task, counts = THREE_ANSWERS, {}
     for answer in task.answers:
         counts[answer] = column_counts(rows.table, rows.columns[f"n_{answer}"])
     n = np.sum([*counts.values()], axis=0)
@@ -682,7 +679,7 @@ def _three_count_study(rows: _Rows) -> Study:
     if trials is not None:
         is_other = column_counts(rows.table, trials) != n
         rows.table.fault(trials, is_other, lambda index: f"the sum of its counts, {n[index]}")
-    rows.require_pairs(np.ones(len(n), np.bool_))
+    rows.require_pairs(np.ones(len(n), bool))
     _require_counts(rows, n, task)
     shares = [f"{count.sum()} '{answer}'" for answer, count in counts.items()]
     notes = rows.layout("grouped", f"{n.sum()} trials answered {', '.join(shares)}")

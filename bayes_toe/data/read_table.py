@@ -51,16 +51,13 @@ from bayes_toe.errors import InputError, Remedy
 LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
 
 #: How a text begins that is JSON, whatever its suffix: a record, or a list of records or lists.
-_JSON_START = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\[\s*[\[{]|\{)")
+_JSON_START = rb"(?:\xef\xbb\xbf)?\s*(?:\[\s*[\[{]|\{)"
 _TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 #: A formula that no program has computed, and the error that stands for it.
-_NOT_COMPUTED = re.compile(
+_NOT_COMPUTED = (
     rb"(<c (?![^<>]*\bt=)[^<>]*)>(?:<f[^<>]*/>|<f[^<>]*>[^<>]*</f>)(?:<v ?/>|<v></v>)?</c>"
 )
 _ERROR = rb'\1 t="e"><v>a formula without a value</v></c>'
-#: A cell, and a row, that have a place and nothing else.
-_BLANK_CELL = re.compile(rb'<c [^<>]*\br="[^<>]*/>')
-_BLANK_ROW = re.compile(rb'<row [^<>]*\br="(?:[^<>]*/>|[^<>]*></row>)')
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm")
 _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 #: Suffixes of tables. A file that is named and has another suffix is read as a text.
@@ -139,26 +136,21 @@ def read_table(
     name = display_name(path.name)
     suffix = path.suffix.lower()
     if suffix in _NOT_READ:
-        finding, rule = _NOT_READ[suffix]
-        raise InputError(f"{name}: found {finding}, allowed: {rule}")
+        form, rule = _NOT_READ[suffix]
+        raise InputError(f"{name}: found {form}, allowed: {rule}")
     if sheet is not None and suffix not in _EXCEL_SUFFIXES:
         raise InputError(f"{name}: found --sheet {sheet}, allowed: with an Excel file")
 
     if suffix in _EXCEL_SUFFIXES:
         return _read_excel(name, data, choice, sheet)
-    if _is_json(suffix, data):
+    is_text = suffix in _TEXT_SUFFIXES
+    if suffix in _JSON_SUFFIXES or (is_text and re.match(_JSON_START, data)):
         return _read_json(name, data, choice, encoding)
     if suffix == ".parquet":
         return _read_parquet(name, data, choice)
     if suffix == ".mat":
         return _read_matlab(name, data, choice)
     return read_csv(name, data, choice, encoding)
-
-
-def _is_json(suffix: str, data: bytes) -> bool:
-    """Whether a file is JSON by its suffix, or a text that begins like it."""
-    is_text = suffix in _TEXT_SUFFIXES
-    return suffix in _JSON_SUFFIXES or (is_text and _JSON_START.match(data) is not None)
 
 
 def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:
@@ -226,8 +218,8 @@ def _table_of_values(
     problems = Problems(origin.source)
     columns = {}
     for name, cells in values.items():
-        texts = list[str]()
-        cell_problems = list[tuple[int, str]]()
+        texts = []
+        cell_problems = []
         for row, text in zip(rows, map(value_text, cells), strict=True):
             if isinstance(text, NoValue):
                 location = f"row {row}, column {display_name(name)}"
@@ -265,8 +257,8 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     heads = {title: _sheet_names(rows, choice) for title, rows in sheets.items()}
     title = _chosen_sheet(source, sheets, heads, choice) if sheet is None else sheet
     if title not in sheets:
-        finding = join_names(map(display_name, sheets))
-        raise InputError(f"{source}: found the sheets {finding}, allowed: one of them")
+        titles = join_names(map(display_name, sheets))
+        raise InputError(f"{source}: found the sheets {titles}, allowed: one of them")
 
     first, names = heads[title]
     rows = sheets[title]
@@ -352,14 +344,17 @@ def _without_formats(source: str, data: bytes) -> io.BytesIO:
     with zipfile.ZipFile(io.BytesIO(data)) as book, zipfile.ZipFile(compact, "w") as saved:
         unpacked = sum(part.file_size for part in book.infolist())
         if unpacked > LARGEST_STUDY:
-            finding = f"found {unpacked} bytes unpacked"
-            raise InputError(f"{source}: {finding}, allowed: at most {LARGEST_STUDY}")
+            raise InputError(
+                f"{source}: found {unpacked} bytes unpacked, allowed: at most {LARGEST_STUDY}"
+            )
 
         for name in book.namelist():
             part = book.read(name)
             if name.startswith("xl/worksheets/"):
-                part = _BLANK_ROW.sub(b"", _BLANK_CELL.sub(b"", part))
-                part = _NOT_COMPUTED.sub(_ERROR, part)
+                # A cell, and a row, that have a place and nothing else.
+                part = re.sub(rb'<c [^<>]*\br="[^<>]*/>', b"", part)
+                part = re.sub(rb'<row [^<>]*\br="(?:[^<>]*/>|[^<>]*></row>)', b"", part)
+                part = re.sub(_NOT_COMPUTED, _ERROR, part)
             saved.writestr(name, part)
     return compact
 
@@ -367,15 +362,16 @@ def _without_formats(source: str, data: bytes) -> io.BytesIO:
 def _sheet_rows(source: str, sheet: Any) -> list[list[Any]]:
     """The values of a sheet, row by row, all of one width."""
     sheet.reset_dimensions()  # a size that a program left may be smaller than the sheet
-    rule = "a value that Excel has computed and saved"
-    rows = list[list[Any]]()
+    rows = []
     width = 0
     for cells in sheet.iter_rows():
         values = []
         for cell in cells:
             value = cell.value
             if cell.data_type == "e":
-                value = NoValue(f"found {value}, allowed: {rule}")
+                value = NoValue(
+                    f"found {value}, allowed: a value that Excel has computed and saved"
+                )
             values.append(value)
         rows.append(values)
 
@@ -393,7 +389,7 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
     Row 1 is the first trial; a key that a trial lacks is an empty cell.
     """
     text, label = decoded(source, data, encoding)
-    records = list[dict[str, object]]()
+    records = []
     n_fields = 0
     for record in _json_records(source, _parse_json(source, text), {}):
         n_fields += len(record)
@@ -420,12 +416,13 @@ def _parse_json(source: str, text: str) -> object:
 
     def record_of(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
         """The record of keys and values, each key once."""
-        record = dict[str, object]()
+        record = {}
         for key, value in pairs:
             name = key.strip()
             if name in record:
-                finding = f"found the key {quoted(name)} twice in a record"
-                raise InputError(f"{source}: {finding}, allowed: once")
+                raise InputError(
+                    f"{source}: found the key {quoted(name)} twice in a record, allowed: once"
+                )
             record[name] = value
         return record
 
@@ -506,8 +503,8 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
     except InputError:
         raise
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
-        allowed = "one that a Parquet writer has finished"
-        raise damaged(source, "Parquet", error, allowed) from None
+        rule = "one that a Parquet writer has finished"
+        raise damaged(source, "Parquet", error, rule) from None
     return _table_of_frame(Origin(source, "Parquet", "schema"), frame, 1, choice)
 
 
@@ -522,8 +519,7 @@ def require_parquet(path: StrPath) -> None:
     Any other file passes.
     """
     if is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
-        finding = "found a Parquet file and no pyarrow"
         raise InputError(
-            f"{display_name(Path(path).name)}: {finding}, allowed: "
+            f"{display_name(Path(path).name)}: found a Parquet file and no pyarrow, allowed: "
             "pip install 'bayes_toe[parquet]', or a CSV file"
         )

@@ -95,7 +95,7 @@ def responses(
     if not problem:
         problem, remedies = _unknown_texts(column, answer, codes, names, difference)
     if problem:
-        table.problems.ask(f"column {display_name(column.name)}: {problem}", remedies)
+        table.problems.ask(f"{column}: {problem}", remedies)
     else:
         rule = _allowed_texts(options.codes(task), words, names)
         if not has_scores:
@@ -105,13 +105,13 @@ def responses(
     texts = [_as_answered(column, answer == i, name) for i, name in enumerate(names)]
     note = f"responses {' / '.join(texts)}"
     is_yes, is_answered = answer == _YES, answer != _MISSING
-    is_unscorable = np.zeros(len(answer), np.bool_)
+    is_unscorable = np.zeros(len(answer), bool)
     if has_scores:
         note += f", '{task.yes}' or '{task.no}' by the sign of s2 - s1"
         is_unscorable = is_answered & (task.right(difference) == 0)
         is_yes = is_yes == (task.right(difference) > 0)
     is_answered &= ~is_unscorable
-    is_second = np.zeros(len(answer), np.bool_)
+    is_second = np.zeros(len(answer), bool)
     if task == THREE_ANSWERS:
         is_second = answer == task.answers.index("second")
     return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
@@ -191,7 +191,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> list[str]:
     given_codes = (*options.code_by_answer.values(), options.comparison_code or "")
     codes = {*map(_plain, given_codes)} - {""}
     declared = {_plain(code) for code in options.missed}
-    missed, answers = [], set[str]()
+    missed, answers = [], set()
     for text in column.texts:
         plain = _plain(text)
         if plain in declared or (plain not in codes and is_no_response(plain)):
@@ -218,15 +218,15 @@ def without_missed(
     Experiment programs score a missed trial as wrong. Its key, its reaction time or a column such
     as `timed_out` shows it. `declared` are the texts that the options name.
     """
-    is_right = column.map(lambda text: _answer(text, (None, None), _RIGHT_WRONG) == _YES, np.bool_)
-    is_missed = np.zeros(len(is_right), np.bool_)
+    is_right = column.map(lambda text: _answer(text, (None, None), _RIGHT_WRONG) == _YES)
+    is_missed = np.zeros(len(is_right), bool)
     causes = []
     for sign in signs:
         texts = []
         for text in sign.texts:
             if text in declared or _shows_missed(sign, text, is_right):
                 texts.append(text)
-        is_missed |= sign.map(texts.__contains__, np.bool_)
+        is_missed |= sign.is_in(texts)
         causes += cells_of(sign, texts)
     remaining = answers._replace(
         is_yes=answers.is_yes & ~is_missed,
@@ -241,7 +241,7 @@ def cells_of(column: Column, texts: Sequence[str]) -> list[str]:
     if not texts:
         return []
     shown_texts = [quoted(text) if text else "empty" for text in texts]
-    return [f"{join_names(shown_texts)} in column {display_name(column.name)}"]
+    return [f"{join_names(shown_texts)} in {column}"]
 
 
 def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
@@ -260,7 +260,7 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
         return True
     # A reaction time may be 999 ms: it is no sign beside others of its size, unless so many
     # responses would not be wrong by chance.
-    is_as_large = sign.map(lambda other: number(other) > 0.1 * number(word), np.bool_)
+    is_as_large = sign.map(lambda other: number(other) > 0.1 * number(word))
     share_wrong = 1.0 - is_right[~is_chosen].mean()
     is_chance = share_wrong ** is_chosen.sum() > 0.01
     return not (is_chance and (is_as_large & ~is_chosen).any())
@@ -392,7 +392,7 @@ def _commonest_with(column: Column, texts: Sequence[str], trend: FloatArray) -> 
     is_number = np.isfinite(trend)
     best, largest = "", 0.0
     for text in texts:
-        is_code = column.map(text.__eq__, np.float64)[is_number]
+        is_code = column.map(text.__eq__, float)[is_number]
         if is_number.any() and np.ptp(is_code) and np.ptp(trend[is_number]):
             correlation = float(np.corrcoef(is_code, trend[is_number])[0, 1])
             if correlation > largest:
@@ -449,7 +449,7 @@ def direction(study: Study) -> int:
     subjects who guess is called reversed once in three million times. Three reversed subjects of
     13 are findings of :mod:`bayes_toe.checks.answer_checks`.
     """
-    covariances, variances = list[float](), list[float]()
+    covariances, variances = [], []
     for unit in study:
         subject = unit.two_answers if unit.task.has_direction else None
         if subject is None:
@@ -479,7 +479,7 @@ def require_direction(
         rule += f"; column {display_name(options.correct)} says right of those"
     elif "n_trials" in study.reading.read:
         rule += f"; {display_name(options.name('n_second'))} counts those"
-    candidates = list[list[Remedy]]()
+    candidates = []
     for code, other in permutations(study.reading.codes, 2):
         second = Remedy("second_code", code, f"if {code} is 'second'", 0)
         comparison = Remedy("comparison_code", code, f"if {code} is 'comparison'", 0)

@@ -569,7 +569,7 @@ class Study:
 
 def pooled(units: Sequence[Subject]) -> Subject:
     """All answers of a subject, whatever the condition."""
-    task, columns = units[0].task, dict[str, Any]()
+    task, columns = units[0].task, {}
     for key in ("s1", "s2", *task.counts):
         columns[key] = np.concatenate([getattr(unit, key) for unit in units])
     return Subject.from_counts(units[0].subject_name, **columns, task=task, unit=units[0].unit)

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_toe.arrays import IntArray, StrPath
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import (
     MAX_LINES,
@@ -43,7 +43,7 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
     InputError
         If a folder has no tables, or tables of several suffixes.
     """
-    files, notes = list[Any](), list[str]()
+    files, notes = [], []
     for path in paths:
         if not isinstance(path, StrPath) or not os.path.isdir(path):
             files.append(path)
@@ -55,9 +55,10 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
         finding = join_words([plural(n, f"{suffix} file") for suffix, n in counts.items()])
         if len(counts) != 1:
             commonest = max(counts, key=counts.__getitem__, default=".csv")
-            problem = f"{display_name(str(path))}: found {finding or 'no table'}"
-            rule = f"tables of one suffix, such as {display_name(f'{path}/*{commonest}')}"
-            raise InputError(f"{problem}, allowed: {rule}")
+            raise InputError(
+                f"{display_name(str(path))}: found {finding or 'no table'}, allowed: tables of one "
+                f"suffix, such as {display_name(f'{path}/*{commonest}')}"
+            )
         files += tables
         notes.append(f"folder {display_name(str(path))}: {finding} read")
     return files, notes
@@ -85,8 +86,8 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
     for i, path in enumerate(absolute_paths):
         if path in absolute_paths[:i]:
             raise InputError(f"{display_name(path.name)}: found twice, allowed: each file once")
-    studies: list[Study] = []
-    faulty: list[InputError] = []
+    studies = []
+    faulty = []
     for path in paths:
         folder = _distinguishing_folder(path, absolute_paths)
         try:
@@ -144,7 +145,7 @@ def together(studies: Sequence[Study]) -> Study:
     _require_alike(studies)
     reading = reading_of_all(studies)
     doubts = [*reading.doubts]
-    subjects, n_files = list[Subject](), dict[str, int]()
+    subjects, n_files = [], {}
     for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
         files = [study for study in studies if name in study.names]
         subjects.append(_subject_of_files(name, files))
@@ -229,8 +230,8 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
     Files are blocks; a block of a file is one of its own, whose name begins with the file.
     """
     block_names = list[str]()
-    block_parts: list[IntArray] = []
-    place_parts: list[IntArray | None] = []
+    block_parts = []
+    place_parts = []
     next_place = 0
     for source, in_order in answers:
         first_block = len(block_names)

@@ -45,10 +45,10 @@ _MOST_COLUMNS, _MOST_CELLS = 2**14, 5 * 10**7
 MOST_RECORDS = 10
 #: A column that is not chosen and has more texts marks no rows, and is left out.
 _MOST_TEXTS = 2**14
-_DELIMITER_LINE = re.compile(r"\Asep=[,;\t]?(?=\r|\n)")
+
 #: NUL, and halves of characters, which no file can hold.
 _NO_TEXT = re.compile("[\0\ud800-\udfff]")
-_LAST_SPACES = re.compile(r" +(?=[\r\n]|\Z)")
+
 _TEXT_ALLOWED = "text in UTF-8 or UTF-16, or the encoding that --encoding names"
 # What the csv module says, and what we say.
 _SPLIT_ERRORS = {
@@ -84,9 +84,16 @@ class Column:
             new_codes = new_codes[codes]
         return cls(name, list(code_of_text), new_codes)
 
-    def map(self, convert: Callable[[str], object], dtype: type) -> npt.NDArray[Any]:
+    def __str__(self) -> str:
+        return f"column {display_name(self.name)}"
+
+    def map(self, convert: Callable[[str], object], dtype: type = bool) -> npt.NDArray[Any]:
         """One value per row; each distinct text is converted once."""
-        return np.array([convert(text) for text in self.texts], dtype)[self.codes]
+        return np.array([*map(convert, self.texts)], dtype)[self.codes]
+
+    def is_in(self, texts: Collection[str]) -> BoolArray:
+        """Whether each row has one of these texts."""
+        return self.map(texts.__contains__)
 
     def only(self, rows: BoolArray) -> Column:
         """The column of these rows, without the texts that only others have."""
@@ -144,8 +151,10 @@ def value_text(value: object) -> str | NoValue:
         text = str(plain)
         if not _NO_TEXT.search(text):
             return text
-    finding = f"found {quoted(str(value))} of type {type(value).__name__}"
-    return NoValue(f"{finding}, allowed: text, numbers or truth values")
+    return NoValue(
+        f"found {quoted(str(value))} of type {type(value).__name__}, allowed: text, numbers or "
+        "truth values"
+    )
 
 
 #: In the place of a row, for problems of a whole table; they are told first.
@@ -187,8 +196,9 @@ class Problems:
 
 def damaged(source: str, form: str, error: Exception | str, allowed: str) -> InputError:
     """The refusal of a file that its library cannot read."""
-    reason = one_line(error)
-    return InputError(f"{source}: found a damaged {form} file ({reason}), allowed: {allowed}")
+    return InputError(
+        f"{source}: found a damaged {form} file ({one_line(error)}), allowed: {allowed}"
+    )
 
 
 @dataclass(frozen=True)
@@ -246,8 +256,9 @@ class TextTable:
         if lines or not self.delimiter:
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
-            finding = "found no row below it, allowed: at least one row"
-            raise InputError(f"{self.source}: {self.head}: {finding}")
+            raise InputError(
+                f"{self.source}: {self.head}: found no row below it, allowed: at least one row"
+            )
 
     def fault(self, column: Column, bad: BoolArray, rule: str | Callable[[int], str]) -> None:
         """Note the distinct cells of a column that are bad, with their count and first row.
@@ -277,18 +288,21 @@ class TextTable:
 def require_size(source: str, n_columns: int, n_cells: int) -> None:
     """Refuse a table that is too large, before its cells are made."""
     if n_columns > _MOST_COLUMNS or n_cells > _MOST_CELLS:
-        finding = f"found {n_columns:,} columns with {n_cells:,} cells"
-        rule = f"at most {_MOST_COLUMNS:,} columns and {_MOST_CELLS:,} cells"
-        raise InputError(f"{source}: {finding}, allowed: {rule}")
+        raise InputError(
+            f"{source}: found {n_columns:,} columns with {n_cells:,} cells, allowed: at most "
+            f"{_MOST_COLUMNS:,} columns and {_MOST_CELLS:,} cells"
+        )
 
 
 def repeated_columns(names: Sequence[str], wanted: Iterable[str]) -> list[str]:
     """Problems of wanted columns that a table has more than once, a line each."""
     problems = []
     for name in wanted:
-        if names.count(name) > 1:
-            finding = f"found {names.count(name)} columns of this name"
-            problems.append(f"column {display_name(name)}: {finding}, allowed: one")
+        count = names.count(name)
+        if count > 1:
+            problems.append(
+                f"column {display_name(name)}: found {count} columns of this name, allowed: one"
+            )
     return problems
 
 
@@ -316,7 +330,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     text, label = decoded(source, data, encoding)
     # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they
     # are.
-    text = _DELIMITER_LINE.sub("", text, count=1)
+    text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)
 
     delimiter, place, first_records = _layout(source, text, choice)
     first_row, head = first_records[0]
@@ -329,7 +343,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         names = ["", *names]  # R writes row names without a name of their own
 
     problems = Problems(source)
-    chosen = {*choice(names), ""}
+    chosen = choice(names)
     places = name_places(names)
     rows = array("q")
     texts = {name: list[str]() for name in places}
@@ -345,15 +359,15 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
             texts[name].append(intern(cells[index]))  # most texts are there many times
 
     if has_row_names and texts[""] != [*map(str, range(1, len(rows) + 1))]:
-        finding = f"found {n_names + 1} cells below {n_names} names"
         raise InputError(
-            f"{source}: row {first_records[1][0]}: {finding}, allowed: a name for each column"
+            f"{source}: row {first_records[1][0]}: found {n_names + 1} cells below {n_names} "
+            "names, allowed: a name for each column"
         )
 
     columns = {}
     for name in places:
         column = Column.from_texts(name, texts.pop(name))
-        if name in chosen or len(column.texts) <= _MOST_TEXTS:
+        if not name or name in chosen or len(column.texts) <= _MOST_TEXTS:
             columns[name] = column
 
     notes = (f"rows above row {first_row} left out",) if place else ()
@@ -464,7 +478,7 @@ def _records(text: str, delimiter: str) -> Iterator[Record]:
     """
     if delimiter == " ":
         # Spaces that fill up a row are no cell; those in front of one are skipped.
-        text = _LAST_SPACES.sub("", text)
+        text = re.sub(r" +(?=[\r\n]|\Z)", "", text)
 
     # Not strict, the csv module would read '"12"3' as 123 and a quote left open as one giant cell,
     # without a word.
@@ -488,10 +502,11 @@ def _records(text: str, delimiter: str) -> Iterator[Record]:
 def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
     """The problem of a row that cannot be split into as many cells as the header has."""
     if not isinstance(record, csv.Error):
-        finding = plural(len(record), "cell")
-        rule = plural(width, "cell")
-        return f"row {row}: found {finding}, allowed: {rule} as in the header"
+        n_cells = plural(len(record), "cell")
+        return f"row {row}: found {n_cells}, allowed: {plural(width, 'cell')} as in the header"
 
-    findings = [words for part, words in _SPLIT_ERRORS.items() if part in str(record)]
-    finding = (findings or [str(record)])[0]
+    finding = str(record)
+    for part, words in _SPLIT_ERRORS.items():
+        if part in finding:
+            finding = words
     return f"row {row}: found {finding}, allowed: quotes around whole cells, doubled inside"

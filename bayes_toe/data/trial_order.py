@@ -56,9 +56,9 @@ def answers_in_order(
         times = numbers(table, columns["iti"])
         times[times < 0.0] = math.nan
 
-    answers = dict[str, Answers]()
-    unordered = list[str]()
-    n_missing = list[tuple[str, int]]()
+    answers = {}
+    unordered = []
+    n_missing = []
     n_untimed = 0
     for name, answered_rows in parts.items():
         rows = answered_rows
@@ -106,8 +106,10 @@ def _order_notes(
     """Notes on trials whose order, number or time is not known."""
     notes = []
     if unordered:
-        problem = f"column {display_name(columns['trial'].name)} does not order all trials"
-        notes.append(f"{problem}, so the order of the file is used: {join_names(unordered)}")
+        notes.append(
+            f"{columns['trial']} does not order all trials, so the order of the file is used: "
+            f"{join_names(unordered)}"
+        )
 
     missing = {name: count for name, count in n_missing if count}
     if missing:
@@ -118,8 +120,7 @@ def _order_notes(
 
     if n_untimed:
         notes.append(
-            f"no time since the trial before for {plural(n_untimed, 'trial')} in column "
-            f"{display_name(columns['iti'].name)}"
+            f"no time since the trial before for {plural(n_untimed, 'trial')} in {columns['iti']}"
         )
     return notes
 
@@ -216,5 +217,7 @@ def _repeated(
 
     later = rows.index[is_repeat][0]
     name = display_name(columns["subject"].text(later))
-    problem = f"{plural(n_repeats, 'row')} with the trial number and all else of an earlier row"
-    return [f"{problem}, first row {table.rows[later]} (subject {name}): {TWICE}, remove them"]
+    return [
+        f"{plural(n_repeats, 'row')} with the trial number and all else of an earlier row, first "
+        f"row {table.rows[later]} (subject {name}): {TWICE}, remove them"
+    ]

@@ -19,7 +19,7 @@ from bayes_toe.data.column_roles import (
 from bayes_toe.data.messages import display_name, join_counts, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import CONDITION_SEPARATOR, MISSING_WORDS, number
+from bayes_toe.data.validation import CONDITION_SEPARATOR, MISSING_WORDS, number, numbers
 from bayes_toe.errors import InputError
 
 #: How probable a run of equal pairs of zeros is at most, if it is left out as unfilled.
@@ -50,15 +50,15 @@ def _chosen_rows(table: TextTable, options: ReadOptions) -> TextTable:
     if not options.where:
         return table
 
-    is_chosen_row = np.ones(len(table.rows), np.bool_)
+    is_chosen_row = np.ones(len(table.rows), bool)
     for name, asked in options.where.items():
         column = table.columns[name]
-        is_asked = column.map(asked.__eq__, np.bool_)
+        is_asked = column.map(asked.__eq__)
         if not is_asked.any():
-            location = f"{table.source}: column {display_name(name)}"
-            finding = f"found {join_names(map(quoted, column.texts))}"
-            rule = f"{quoted(asked)}, as --where has it, in some row"
-            raise InputError(f"{location}: {finding}, allowed: {rule}")
+            raise InputError(
+                f"{table.source}: {column}: found {join_names(map(quoted, column.texts))}, "
+                f"allowed: {quoted(asked)}, as --where has it, in some row"
+            )
         is_chosen_row &= is_asked
 
     if not is_chosen_row.any():
@@ -87,7 +87,7 @@ def _without_practice(
         if not practice:
             continue
 
-        is_marked = column.map(practice.__contains__, np.bool_)
+        is_marked = column.is_in(practice)
         subject = _subjects(table, options).codes
         n_marked = np.bincount(subject, is_marked)
         if np.isin(n_marked * (np.bincount(subject) - n_marked), 0).all():
@@ -95,8 +95,7 @@ def _without_practice(
 
         rows = plural(int(is_marked.sum()), "row")
         marks = join_names(map(quoted, practice))
-        reason = f"as practice (column {display_name(name)}: {marks})"
-        note = f"{rows} left out {reason}; --ignore practice reads them"
+        note = f"{rows} left out as practice ({column}: {marks}); --ignore practice reads them"
         table = table.only(~is_marked, note)
     return table
 
@@ -110,11 +109,11 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
     is_zero = _is_zero(table, [*stimuli, table.columns[options.name(answer)]])
     for name, column in table.columns.items():
         if is_response_sign(name):  # a key or a reaction time shows a trial
-            is_zero &= _is_zero(table, [column]) | column.map(is_no_response, np.bool_)
+            is_zero &= _is_zero(table, [column]) | column.map(is_no_response)
 
     pair = np.column_stack([column.codes for column in stimuli])
 
-    is_unfilled = np.zeros(len(is_zero), np.bool_)
+    is_unfilled = np.zeros(len(is_zero), bool)
     counts = {}
     all_rows = np.arange(len(is_zero))
     for name, rows in _subjects(table, options).rows_by_text(all_rows).items():
@@ -127,9 +126,11 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
     if not is_unfilled.any():
         return table
 
-    rows_left_out = plural(int(is_unfilled.sum()), "row")
-    reason = "as unfilled (stimuli and response are 0 in the last rows)"
-    return table.only(~is_unfilled, f"{rows_left_out} left out {reason}: {join_counts(counts)}")
+    note = (
+        f"{plural(int(is_unfilled.sum()), 'row')} left out as unfilled (stimuli and response are 0 "
+        f"in the last rows): {join_counts(counts)}"
+    )
+    return table.only(~is_unfilled, note)
 
 
 def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
@@ -154,8 +155,10 @@ def nameless_doubts(subject: Column) -> list[str]:
         name = text.partition(CONDITION_SEPARATOR)[0]
         if name and name.lower() in MISSING_WORDS:
             rows = plural(int(np.count_nonzero(subject.codes == code)), "row")
-            finding = f"{rows} of subject {quoted(text)}, which may mean that the name is missing"
-            doubts.append(f"{finding}; if so, --exclude {text}")
+            doubts.append(
+                f"{rows} of subject {quoted(text)}, which may mean that the name is missing; if "
+                f"so, --exclude {text}"
+            )
     return doubts
 
 
@@ -171,9 +174,9 @@ def taken_out_doubts(table: TextTable, names_not_read: Sequence[str]) -> list[st
         if not texts or not other_texts:
             continue
 
-        n_rows = int(column.map(texts.__contains__, np.bool_).sum())
+        n_rows = int(column.is_in(texts).sum())
         marks = join_names(map(quoted, texts))
-        doubt = f"{plural(n_rows, 'row')} with {marks} in column {display_name(name)} are counted"
+        doubt = f"{plural(n_rows, 'row')} with {marks} in {column} are counted"
         if len(other_texts) == 1:
             doubt += f"; --where {display_name(name)}={other_texts[0]} leaves them out"
         doubts.append(doubt)
@@ -189,7 +192,7 @@ def _subjects(table: TextTable, options: ReadOptions) -> Column:
 
 def _is_zero(table: TextTable, columns: Sequence[Column]) -> BoolArray:
     """Whether the number in all of these columns is 0."""
-    is_zero = np.ones(len(table.rows), np.bool_)
+    is_zero = np.ones(len(table.rows), bool)
     for column in columns:
-        is_zero &= column.map(lambda text: number(text, table.decimal_comma) == 0, np.bool_)
+        is_zero &= numbers(table, column) == 0
     return is_zero

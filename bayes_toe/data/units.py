@@ -48,7 +48,7 @@ def with_units(
 
     subject, condition = columns["subject"], columns["condition"]
     for column in (subject, condition):
-        is_joined = column.map(lambda text: CONDITION_SEPARATOR in text, np.bool_)
+        is_joined = column.map(lambda text: CONDITION_SEPARATOR in text)
         table.fault(
             column,
             is_joined,
@@ -65,7 +65,7 @@ def with_units(
     units = []
     for subject_code, level_code in pairs.tolist():
         name = subject.texts[subject_code]
-        units.append(f"{name}{CONDITION_SEPARATOR}{level_names[level_code]}" if name else "")
+        units.append(name and f"{name}{CONDITION_SEPARATOR}{level_names[level_code]}")
     return {**columns, "subject": Column.from_texts(subject.name, units, unit_of_row.ravel())}
 
 
@@ -133,7 +133,7 @@ def options_by_task(table: TextTable, options: ReadOptions) -> list[ReadOptions]
         tasks = tasks_named(column.texts)
         if len(tasks) == len(column.texts) or len({*tasks.values()}) > 1:
             return [options.of_task(task, {column.name: text}) for text, task in tasks.items()]
-    options.require_one_task()
+    replace(options, condition=None)  # refuses codes of two tasks
     return [options]
 
 
@@ -147,7 +147,7 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
 
     by_level = {task.short_name: together(of_task) for task, of_task in by_task.items()}
     order, _ = _level_order([*by_level], options)
-    units = list[Subject]()
+    units = []
     for level in order:
         for subject in by_level[level]:
             unit_name = f"{subject.name}{CONDITION_SEPARATOR}{level}"
@@ -235,7 +235,7 @@ def pooled_conditions(
     is_scored = difference != 0.0
     outcomes = np.column_stack([subject, answer, np.sign(difference)])
     pairs = np.column_stack([subject, answer, *keys])
-    names = list[str]()
+    names = []
     for column in columns:
         n_levels = _n_distinct(subject, column.codes)
         is_varied = _n_distinct(subject) < n_levels <= 0.5 * len(subject)

@@ -27,7 +27,7 @@ MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null"})
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 # '5.0' is how pandas writes a 5 beside missing cells; '5.000' may be a German five thousand, so it
 # is not read at all.
-_COUNT = re.compile(r"\+?0*(\d{1,16})(?:\.(?!000$)0*)?", re.ASCII)
+_COUNT = r"\+?0*([0-9]{1,16})(?:\.(?!000$)0*)?"
 # Spaces, apostrophes and narrow spaces between groups of three digits.
 _SPACES = "['\u2019 \u00a0\u2009\u202f]"
 _GROUPED_BY_SPACE = re.compile(rf"[+-]?\d{{1,3}}(?:{_SPACES}\d{{3}})+(?![\d' ])")
@@ -89,9 +89,10 @@ def ambiguous_number(columns: Sequence[Column], sign: str) -> str:
 
 def whole_number(text: str, decimal_comma: bool = False) -> int:
     """The whole number that a cell holds, -1 if it holds none."""
-    match = _COUNT.fullmatch(text.replace(",", ".") if decimal_comma else text)
-    value = -1 if match is None else int(match[1])
-    return value if value <= LARGEST_COUNT else -1
+    match = re.fullmatch(_COUNT, text.replace(",", ".") if decimal_comma else text)
+    if match is None or int(match[1]) > LARGEST_COUNT:
+        return -1
+    return int(match[1])
 
 
 def is_formula(text: str) -> bool:
@@ -115,7 +116,7 @@ def bare_names(table: TextTable, column: Column) -> Column:
 
 def numbers(table: TextTable, column: Column) -> FloatArray:
     """The finite number of every row, NaN where the cell holds none."""
-    return column.map(lambda text: number(text, table.decimal_comma), np.float64)
+    return column.map(lambda text: number(text, table.decimal_comma), float)
 
 
 def column_counts(table: TextTable, column: Column) -> IntArray:
@@ -137,7 +138,7 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     The shares are percentages where one of them is larger than 1. All are rounded to the decimals
     of the most precise one.
     """
-    shares = column.map(lambda text: number(text.rstrip(" %"), table.decimal_comma), np.float64)
+    shares = column.map(lambda text: number(text.rstrip(" %"), table.decimal_comma), float)
     has_percent_sign = any("%" in text for text in column.texts)
     whole = 100.0 if has_percent_sign or (shares > 1.0).any() else 1.0
 
@@ -154,14 +155,15 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
 
     # A number of trials that cannot be read has a problem of its own.
     is_count = (n <= 0) | (is_precise & is_near & (counts >= 0) & (counts <= n))
-    rule = "a share that makes a whole number of"
-    table.fault(column, ~is_count, lambda index: f"{rule} {n[index]} trials")
+    table.fault(
+        column, ~is_count, lambda index: f"a share that makes a whole number of {n[index]} trials"
+    )
     return np.where(is_count & (n > 0), counts, 0.0).astype(np.int64)
 
 
 def empty(column: Column) -> BoolArray:
     """Whether the cell of each row is empty."""
-    return column.map(lambda text: text == "", np.bool_)
+    return column.map(lambda text: text == "")
 
 
 def require_numbers(
@@ -224,8 +226,12 @@ def read_numbers(
     required = names if key is None else (key, *names)
     table = _with_columns(source, required, optional)
     if not names and len(table.columns) < 2:
-        rule = f"{', '.join(required)} and some of {', '.join(optional)}"
-        table.require([f"found {join_names(map(quoted, table.names))}, allowed: {rule}"])
+        table.require(
+            [
+                f"found {join_names(map(quoted, table.names))}, allowed: {', '.join(required)} and "
+                f"some of {', '.join(optional)}"
+            ]
+        )
 
     if key is not None:
         require_texts(table, table.columns[key], once=True)
@@ -262,8 +268,10 @@ def _with_columns(
     other_names = join_names(map(quoted, table.names))
     for name in required:
         if name not in table.names:
-            finding = f"missing, found {other_names}, allowed: a column of this name"
-            problems.append(f"column {display_name(name)}: {finding}")
+            problems.append(
+                f"column {display_name(name)}: missing, found {other_names}, allowed: a column of "
+                "this name"
+            )
     table.require(problems)
     columns = {name: column for name, column in table.columns.items() if name in names}
     return replace(table, columns=columns)
