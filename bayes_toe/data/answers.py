@@ -7,9 +7,9 @@ probable mistakes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,9 @@ from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.validation import LARGEST_COUNT
 from bayes_toe.errors import InputError
+
+#: Counts of rows, shape (rows,) each, by their names in :class:`Answers`.
+Counts: TypeAlias = Mapping[str, IntArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +118,8 @@ class Answers:
             )
         unknown = [quoted(block) for block in blocks if block not in self.blocks]
         if unknown:
-            allowed = join_names([*map(display_name, self.blocks)])
-            raise InputError(f"found no block {join_names(unknown)}, allowed: {allowed}")
+            names = join_names(map(display_name, self.blocks))
+            raise InputError(f"found no block {join_names(unknown)}, allowed: {names}")
         return np.isin(self.block, [self.blocks.index(block) for block in blocks])
 
     def swapped(self, rows: BoolArray) -> Answers:

@@ -133,7 +133,7 @@ class Conditions:
     @property
     def about(self) -> str:
         """The column and its levels in words."""
-        names = [*map(display_name, self.levels)]
+        names = list(map(display_name, self.levels))
         kind = ", as numbers" if self.numeric else f"; {names[0]} is the reference"
         levels = f"{plural(len(names), 'level')}, {join_names(names)}"
         return f"{display_name(self.name)}: {levels}{kind}"

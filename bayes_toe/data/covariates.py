@@ -16,6 +16,7 @@ from bayes_toe.data.validation import (
     MISSING_WORDS,
     bare_names,
     number,
+    numbers,
     require_numbers,
     require_texts,
 )
@@ -74,30 +75,22 @@ def read_covariates(path: StrPath) -> Covariates:
         )
     table.require([])
     require_texts(table, table.columns["subject"], once=True)
-    subject = bare_names(table, table.columns["subject"])
+    subjects = bare_names(table, table.columns["subject"]).map(str, object)
     values: dict[str, dict[str, str | float]] = {}
     for name, column in table.columns.items():
         if name == "subject":
             continue
-        meanings = _meanings(column.texts, table.decimal_comma)
-        no_numbers = [text for text, value in meanings.items() if value != value]  # NaN
-        is_wrong = column.is_in(no_numbers)
-        kind = "a finite number (or no number in the whole column)"
-        require_numbers(table, column, is_wrong, kind)
-        values[name] = {}
-        for row in np.flatnonzero(column.is_in(meanings)).tolist():
-            values[name][subject.text(row)] = meanings[column.text(row)]
+        has_value = ~column.map(lambda text: text.lower() in MISSING_WORDS)
+        texts = column.only(has_value).texts
+        n_words = np.isnan([number(text, table.decimal_comma) for text in texts]).sum()
+        is_category = n_words == len(texts) or (len(texts) == 2 and n_words == 1)
+        cells = column.map(str, object)
+        if not is_category:
+            cells = numbers(table, column)
+            kind = "a finite number (or no number in the whole column)"
+            require_numbers(table, column, has_value & np.isnan(cells), kind)
+        values[name] = dict(
+            zip(subjects[has_value].tolist(), cells[has_value].tolist(), strict=True)
+        )
     table.problems.refuse()
     return values
-
-
-def _meanings(texts: Iterable[str], decimal_comma: bool) -> dict[str, str | float]:
-    """The meaning of each text of a column: the level of a category, or a number or NaN.
-
-    Texts that say that a value is missing are left out.
-    """
-    known_texts = [text for text in texts if text.lower() not in MISSING_WORDS]
-    values = [number(text, decimal_comma) for text in known_texts]
-    n_words = np.isnan(values).sum()
-    is_category = n_words == len(values) or (len(values) == 2 and n_words == 1)
-    return dict(zip(known_texts, known_texts if is_category else values, strict=True))

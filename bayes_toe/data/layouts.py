@@ -16,6 +16,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import filterfalse
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from bayes_toe.data.column_roles import (
     is_no_response,
     named_places,
 )
-from bayes_toe.data.messages import display_name, join_names, join_words, quoted
+from bayes_toe.data.messages import Texts, display_name, join_names, join_words, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
 from bayes_toe.data.text_table import CELL, PAIR, Column, TextTable, repeated_columns
@@ -88,7 +89,7 @@ class StandardOrder:
         refused if no response has the code, or there are three codes.
         """
         comparison_code = options.comparison_code
-        texts = [*filter(None, column.texts)]
+        texts = list(filter(None, column.texts))
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
             problem = (
                 f"found {join_names(column.counts(texts))}, allowed: {quoted(comparison_code)} for "
@@ -106,7 +107,7 @@ class StandardOrder:
                     is_comparison[text] = stimuli == ["comparison"]
 
         words = np.array(column.texts, object)[column.codes]
-        is_named = column.is_in(is_comparison)
+        is_named = column.matches(is_comparison)
         is_second = column.map(is_comparison.get) == self.is_first
         words[is_named & is_second] = "second"
         words[is_named & ~is_second] = "first"
@@ -159,7 +160,7 @@ def _require_certain(
 
 
 def _ask_order(
-    table: TextTable, column: Column, problem: str, texts: Sequence[str], owner: str = ""
+    table: TextTable, column: Column, problem: str, texts: Texts, owner: str = ""
 ) -> None:
     """Refuse a column of which it is not certain what these texts mean."""
     remedies = []
@@ -173,7 +174,7 @@ def _ask_order(
     table.problems.refuse()
 
 
-def _is_standard_first(text: str, owner: str, places_of_name: Sequence[str]) -> bool | None:
+def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | None:
     """Whether a cell says that the standard came first; None where its meaning is not certain.
 
     `owner` is the stimulus whose interval a cell such as 1 tells.
@@ -204,7 +205,18 @@ def stimulus_logs(
     """
     if options.decimal is None and table.grouping_sign:
         _require_decimal_sign(table, columns, options)
-    return [_stimulus_logs(table, column, options) for column in columns]
+    logs = []
+    for column in columns:
+        if options.decimal is None:
+            values = [number(text, table.decimal_comma) for text in column.texts]
+        else:
+            values = [number_by_sign(text, options.decimal) for text in column.texts]
+        if options.has_intensities:
+            # The difference of logs, because the ratio itself may overflow.
+            origin = options.stimulus_unit.log_reference
+            values = [math.log(value) - origin if value > 0 else math.nan for value in values]
+        logs.append(np.array(values)[column.codes] * LOG_UNITS.get(options.unit or "ln", 1.0))
+    return logs
 
 
 def _require_decimal_sign(
@@ -229,19 +241,6 @@ def _require_decimal_sign(
     ]
     table.problems.ask(f"the stimulus '{text}' can be {grouped} or {decimal}.", remedies)
     table.problems.refuse()
-
-
-def _stimulus_logs(table: TextTable, column: Column, options: ReadOptions) -> FloatArray:
-    """Natural-log intensities of every row."""
-    if options.decimal is None:
-        values = [number(text, table.decimal_comma) for text in column.texts]
-    else:
-        values = [number_by_sign(text, options.decimal) for text in column.texts]
-    if options.has_intensities:
-        # The difference of logs, because the ratio itself may overflow.
-        log_reference = options.stimulus_unit.log_reference
-        values = [math.log(value) - log_reference if value > 0 else math.nan for value in values]
-    return np.array(values, float)[column.codes] * LOG_UNITS.get(options.unit or "ln", 1.0)
 
 
 def require_logs(
@@ -296,25 +295,26 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     if names:
         table = _by_pair(table, names)
         column = table.columns[PAIR]
+        origin = f"names of {len(names)} columns"
     else:
         column = _only_fitting(table, regex)
+        origin = str(column)
 
-    columns = dict(table.columns)
-    other_names = list(table.names)
-    other_names.remove(column.name)
+    columns = {**table.columns}
+    all_names = [*table.names]
+    all_names.remove(column.name)
 
     pairs = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
     for i, name in enumerate(map(options.name, options.stimuli), start=1):
         texts = [pair[i] for pair in pairs]
         columns[name] = Column.from_texts(name, texts, column.codes)
-        other_names.append(name)
+        all_names.append(name)
 
-    origin = f"names of {len(names)} columns" if names else str(column)
     notes = (*table.notes, f"pairs read from {origin}")
-    return replace(table, names=other_names, columns=columns, notes=notes)
+    return replace(table, names=all_names, columns=columns, notes=notes)
 
 
-def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
+def _by_pair(table: TextTable, names: Texts) -> TextTable:
     """The table with a row for each cell of these columns: the name of the column, and the cell."""
     repeated = repeated_columns(names, dict.fromkeys(names))
     if repeated:
@@ -325,14 +325,13 @@ def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
         if name not in names:
             columns[name] = Column(name, column.texts, np.repeat(column.codes, len(names)))
 
-    n_rows = len(table.rows)
-    columns[PAIR] = Column(PAIR, list(names), np.tile(np.arange(len(names)), n_rows))
-    cells = [table.columns[name].text(row) for row in range(n_rows) for name in names]
+    rows = range(len(table.rows))
+    columns[PAIR] = Column(PAIR, [*names], np.tile(np.arange(len(names)), len(rows)))
+    cells = [table.columns[name].text(row) for row in rows for name in names]
     columns[CELL] = Column.from_texts(CELL, cells)
 
-    all_names = [*(name for name in table.names if name not in names), PAIR, CELL]
-    rows = np.repeat(table.rows, len(names))
-    return replace(table, names=all_names, columns=columns, rows=rows)
+    all_names = [*filterfalse(names.__contains__, table.names), PAIR, CELL]
+    return replace(table, names=all_names, columns=columns, rows=np.repeat(table.rows, len(names)))
 
 
 def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:

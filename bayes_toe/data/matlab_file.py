@@ -178,6 +178,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _plain(field) for name, field in value.items()}
     if isinstance(value, np.ndarray | list):
-        return [*map(_plain, value)]
+        return list(map(_plain, value))
     text = value_text(value)
     return text if isinstance(text, str) else text.problem

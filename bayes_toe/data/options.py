@@ -15,6 +15,7 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
 from bayes_toe.data.study import Study
@@ -249,11 +250,13 @@ class ReadOptions:
             if role not in _MAY_BE_IGNORED:
                 yield f"--ignore: found {quoted(role)}, allowed: {', '.join(_MAY_BE_IGNORED)}"
 
-        if self.wide is not None and not _is_pair_pattern(self.wide):
-            yield (
-                f"--wide: found {quoted(self.wide)}, allowed: {{first}}, some text, {{second}}, "
-                "such as '{first}_{second}'"
-            )
+        if self.wide is not None:
+            stimuli = re.findall(r"\{(?:first|second)\}", self.wide)
+            if stimuli != ["{first}", "{second}"] or "{first}{second}" in self.wide:
+                yield (
+                    f"--wide: found {quoted(self.wide)}, allowed: {{first}}, some text, "
+                    "{second}, such as '{first}_{second}'"
+                )
 
         if self.subject_from is not None and self.subject_from.count("{}") != 1:
             yield (
@@ -264,8 +267,12 @@ class ReadOptions:
     @property
     def code_by_answer(self) -> dict[str, str]:
         """The codes of responses that are there."""
-        codes = {answer: getattr(self, f"{answer}_code") for answer in _ANSWERS}
-        return {answer: code for answer, code in codes.items() if code is not None}
+        codes = {}
+        for answer in _ANSWERS:
+            code = getattr(self, f"{answer}_code")
+            if code is not None:
+                codes[answer] = code
+        return codes
 
     @property
     def task(self) -> Task | None:
@@ -332,12 +339,6 @@ class ReadOptions:
     def has_intensities(self) -> bool:
         """Whether the stimuli are raw intensities."""
         return self.intensity is not None or self.unit not in (None, *LOG_UNITS)
-
-
-def _is_pair_pattern(pattern: str) -> bool:
-    """Whether a pattern has each stimulus once, the first before the second, and text between."""
-    stimuli = re.findall(r"\{(?:first|second)\}", pattern)
-    return stimuli == ["{first}", "{second}"] and "{first}{second}" not in pattern
 
 
 def _as_text(value: object) -> str:
@@ -411,12 +412,13 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
     """
     all_names = {*study.names, *(unit.subject_name for unit in study)}
     names = [name for name in all_names if f"{text}:".startswith(f"{name}:")]
-    if not names:
-        name = quoted(text.partition(":")[0])
-        subject_names = join_names(map(display_name, study.names))
-        raise InputError(f"{option} {text}: no subject {name}; the subjects are {subject_names}")
-
-    name = max(names, key=len)
+    name = max(names, key=len, default="")
+    if not name:
+        unknown_name = quoted(text.partition(":")[0])
+        raise InputError(
+            f"{option} {text}: no subject {unknown_name}; the subjects are "
+            f"{join_names(map(display_name, study.names))}"
+        )
     if text == name:
         return name, []
 
@@ -428,8 +430,8 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
     return name, [block.strip() for block in blocks.split(",")]
 
 
-def subject_in(path: Path, pattern: str) -> str | None:
-    """The subject that a file's name tells; None where it does not fit.
+def subject_in(path: object, pattern: str) -> str | None:
+    """The subject that a file's name tells; None where it does not fit, and for a data frame.
 
     Examples
     --------
@@ -438,8 +440,10 @@ def subject_in(path: Path, pattern: str) -> str | None:
     >>> subject_in(Path("S1/trials.csv"), "{}/trials.csv")
     'S1'
     """
+    if not isinstance(path, StrPath):
+        return None
     n_folders = pattern.count("/")
-    end_of_path = "/".join(path.absolute().parts[-1 - n_folders :])
+    end_of_path = "/".join(Path(path).absolute().parts[-1 - n_folders :])
     regex = re.escape(pattern).replace(r"\{\}", "([^/]+?)").replace(r"\*", "[^/]*")
     match = re.fullmatch(regex, end_of_path)
     return None if match is None else match[1]

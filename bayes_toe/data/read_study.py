@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
 from itertools import chain, filterfalse
-from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, StrPath
-from bayes_toe.data.answers import Reading
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, StrPath
+from bayes_toe.data.answers import Counts, Reading
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     columns_to_read,
@@ -29,6 +28,7 @@ from bayes_toe.data.column_roles import (
     is_percentage,
     is_response_sign,
     looks_like,
+    names_like,
     with_likely_columns,
 )
 from bayes_toe.data.layouts import (
@@ -64,6 +64,7 @@ from bayes_toe.data.tasks import (
 from bayes_toe.data.text_table import (
     DELIMITERS,
     Column,
+    Columns,
     Frame,
     TextTable,
 )
@@ -74,8 +75,8 @@ from bayes_toe.data.units import (
     options_by_task,
     pooled_conditions,
     study_of_tasks,
+    unit_column,
     with_conditions,
-    with_units,
 )
 from bayes_toe.data.validation import (
     bare_names,
@@ -192,23 +193,15 @@ def read_study(
     is_chosen = options.categorical or (options.condition, options.reference) != (None, None)
     condition = None if is_chosen else study.conditions
     if condition is not None and follows_from_pairs(units_by_subject(study).values()):
-        return _without_condition(path, options, condition.name)
+        study = read_study(path, options.without_condition)
+        name = display_name(condition.name)
+        note = (
+            f"column {name}: found no pair at two of its levels, as where it names pairs or their "
+            f"order, so that it is no condition: not used; --condition {name} takes it all the same"
+        )
+        return replace(study, notes=(*study.notes, note))
     require_direction(study, options, read)
     return study
-
-
-def _without_condition(
-    path: StrPath | Frame | Sequence[StrPath | Frame], options: ReadOptions, name: str
-) -> Study:
-    """The study, whose column `name` is no condition since it follows from the pairs."""
-    study = read_study(path, replace(options, ignore=(*options.ignore, "condition")))
-    shown_name = display_name(name)
-    note = (
-        f"column {shown_name}: found no pair at two of its levels, as where it names pairs or "
-        f"their order, so that it is no condition: not used; --condition {shown_name} takes it all "
-        "the same"
-    )
-    return replace(study, notes=(*study.notes, note))
 
 
 def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
@@ -223,7 +216,8 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
     studies = []
     for options_of_part in options_by_task(table, options):
         rows = _rows(table, path, options_of_part)
-        studies.append(_count_study(rows) if task_counted(rows.columns) else _trial_study(rows))
+        task = task_counted(rows.columns)
+        studies.append(_trial_study(rows) if task is None else _count_study(rows, task))
     return studies
 
 
@@ -310,7 +304,7 @@ class _Rows:
     """
 
     table: TextTable
-    columns: dict[str, Column]
+    columns: Columns
     keys: list[FloatArray]
     options: ReadOptions
     stimuli: list[FloatArray]
@@ -354,7 +348,7 @@ class _Rows:
         names_to_skip = {column.name for column in columns} | {*self.options.where}
         for ours in self.options.ignore:
             names_to_skip.add(self.options.name(ours))
-            names_to_skip.update(name for name in self.table.names if looks_like(name, ours))
+            names_to_skip.update(names_like(self.table.names, ours))
         return [
             name for name in dict.fromkeys(self.table.names) if name and name not in names_to_skip
         ]
@@ -391,7 +385,7 @@ class _Rows:
             parts.insert(-1, "decimal comma")
         notes = [", ".join(parts), *table.notes]
         for name, text in options.where.items():
-            notes.append(f"only rows with {display_name(text)} in column {display_name(name)}")
+            notes.append(f"only rows with {display_name(text)} in {table.columns[name]}")
         read_as = {}
         for ours, theirs in options.columns.items():
             if theirs != ours and ours in self.columns:
@@ -417,10 +411,17 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     columns |= _marks(table)
     if options.subject_from is not None:
-        columns["subject"] = _subject_of_file(table, path, options.subject_from)
+        subject = subject_in(path, options.subject_from)
+        if subject is None:
+            raise InputError(
+                f"{table.source}: found no subject in its name, allowed: a file named as "
+                f"--subject-from {options.subject_from}"
+            )
+        columns["subject"] = Column("subject", [subject], np.zeros(len(table.rows), np.int64))
     else:
         columns["subject"] = bare_names(table, columns["subject"])
-    columns = with_units(table, columns, options.categorical)
+    if "condition" in columns:
+        columns["subject"] = unit_column(table, columns, options.categorical)
     values = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
     rounding = merge_rounded(values, columns["subject"], options.stimulus_unit)
     order = StandardOrder(table, columns.get("standard_interval"), options)
@@ -449,7 +450,7 @@ def _order_columns(table: TextTable) -> list[str]:
     return names
 
 
-def _marks(table: TextTable) -> dict[str, Column]:
+def _marks(table: TextTable) -> Columns:
     """The columns that tell something of the whole file."""
     columns = {mark: table.columns[mark] for mark in _MARKS if mark in table.columns}
     if "task" in columns and not tasks_named(columns["task"].texts):
@@ -469,18 +470,7 @@ def _known_names(names: Sequence[str], options: ReadOptions) -> set[str]:
     return {*roles, *_MARKS, *options.where, *pairs} & set(names)
 
 
-def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> Column:
-    """The column of the one subject that the name of a file tells."""
-    subject = subject_in(Path(path), pattern) if isinstance(path, StrPath) else None
-    if subject is None:
-        raise InputError(
-            f"{table.source}: found no subject in its name, allowed: a file named as "
-            f"--subject-from {pattern}"
-        )
-    return Column("subject", [subject], np.zeros(len(table.rows), np.int64))
-
-
-def _study(rows: _Rows, notes: list[str], counts: dict[str, IntArray], task: Task) -> Study:
+def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
     """The study of valid rows, with the counts of each by their names in :class:`Answers`.
 
     Answers are kept as they were given where rows are trials or have a block.
@@ -507,7 +497,10 @@ def _study(rows: _Rows, notes: list[str], counts: dict[str, IntArray], task: Tas
     if task == THREE_ANSWERS:
         doubts += _rare_answer_doubts(counts)
     if not is_trials:
-        notes += _merged_note(parts, subjects)
+        merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
+        if any(merged.values()):
+            merged_rows = plural(sum(merged.values()), "repeated row")
+            notes.append(f"{merged_rows} merged: {join_counts(merged)}")
         if len(n) >= 4 and (n == 100).all():
             doubts.append(
                 "each row has 100 trials, as in a table of percentages. If there were fewer, write "
@@ -529,7 +522,7 @@ def _study(rows: _Rows, notes: list[str], counts: dict[str, IntArray], task: Tas
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
 
 
-def _rare_answer_doubts(counts: Mapping[str, IntArray]) -> Iterator[str]:
+def _rare_answer_doubts(counts: Counts) -> Iterator[str]:
     """A doubt about one of three answers that is rare, as stray words in a study of two answers."""
     n_equal, n_trials, n_second = (int(counts[name].sum()) for name in THREE_ANSWERS.counts)
     numbers = {"equal": n_equal, "second": n_second, "first": n_trials - n_equal - n_second}
@@ -554,25 +547,16 @@ def _pooled_conditions(rows: _Rows, k: IntArray, n: IntArray) -> list[str]:
     return pooled_conditions(columns, rows.subject.codes[is_counted], (k == n)[is_counted], keys)
 
 
-def _synthetic(columns: Mapping[str, Column]) -> tuple[bool, list[str]]:
+def _synthetic(columns: Columns) -> tuple[bool, list[str]]:
     """Whether a column marks every row as synthetic, and what is noted of it."""
-    marks = []
-    if "synthetic" in columns:
-        marks = [text.lower() in TRUE_WORDS for text in columns["synthetic"].texts]
-    if not any(marks):
+    if "synthetic" not in columns:
         return False, []
-    if all(marks):
+    marks = columns["synthetic"].map(lambda text: text.lower() in TRUE_WORDS)
+    if not marks.any():
+        return False, []
+    if marks.all():
         return True, ["synthetic data: the column synthetic marks every row"]
     return False, ["the column synthetic marks only some rows, so the study is not marked"]
-
-
-def _merged_note(parts: Mapping[str, IndexArray], subjects: Sequence[Subject]) -> list[str]:
-    """How many rows of counts repeat a pair; `parts` are the rows of every subject."""
-    merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
-    n_merged = sum(merged.values())
-    if not n_merged:
-        return []
-    return [f"{plural(n_merged, 'repeated row')} merged: {join_counts(merged)}"]
 
 
 # --- Trials ---------------------------------------------------------------------------------------
@@ -605,7 +589,7 @@ def _trial_study(rows: _Rows) -> Study:
 
     notes = rows.layout("trial", answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable
-    causes = [*missed_texts, *missed_signs]
+    causes = missed_texts + missed_signs
     notes += _dropped_note(rows, unanswered, "without a response", causes)
     equal_stimuli = "with equal stimuli, of which no answer is right,"
     notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
@@ -616,11 +600,11 @@ def _trial_study(rows: _Rows) -> Study:
         notes.append(f"{subjects} without any response left out: {join_names(absent)}")
 
     # A trial is a count of one, a trial without an answer a count of none.
-    counts = {"n_yes": answers.is_yes, "n_trials": answers.is_answered}
-    if answers.task == THREE_ANSWERS:
-        counts["n_second"] = answers.is_second
-    integers = {name: values.astype(np.int64) for name, values in counts.items()}
-    return _study(rows, notes, integers, answers.task)
+    columns = (answers.is_yes, answers.is_answered, answers.is_second)
+    counts = {}
+    for name, values in zip(answers.task.counts, columns, strict=False):
+        counts[name] = values.astype(np.int64)
+    return _study(rows, notes, counts, answers.task)
 
 
 def _dropped_note(
@@ -643,29 +627,27 @@ def _dropped_note(
 # --- Counts ---------------------------------------------------------------------------------------
 
 
-def _count_study(rows: _Rows) -> Study:
-    task = task_counted(rows.columns)
-    assert task is not None  # the header was checked
+def _count_study(rows: _Rows, task: Task) -> Study:
+    """The study of a table of counts of one answer, or of three."""
     if task == THREE_ANSWERS:
         return _three_count_study(rows)
     table, trials = rows.table, rows.columns["n_trials"]
     column = rows.columns[task.count]
     n = column_counts(table, trials)
+    name = display_name(trials.name)
     share_notes = []
     if is_percentage(column.name) or has_shares(table, column):
-        name, of_trials = display_name(column.name), display_name(trials.name)
-        share_notes.append(f"column {name} read as shares of {of_trials}")
+        share_notes.append(f"{column} read as shares of {name}")
         k = counts_of_shares(table, column, n)
     else:
         k = column_counts(table, column)
     rows.require_pairs(np.ones(len(n), bool))
-    name = display_name(trials.name)
     table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
     _require_counts(rows, n, task)
     notes = rows.layout("grouped", f"{k.sum()} of {n.sum()} trials answered '{task.yes}'")
     notes += share_notes
     if (n == 0).any():
-        notes.append(f"{plural(int(np.count_nonzero(n == 0)), 'row')} with n_trials = 0 left out")
+        notes.append(f"{plural((n == 0).sum(), 'row')} with n_trials = 0 left out")
     return _study(rows, notes, {"n_yes": k, "n_trials": n}, task)
 
 

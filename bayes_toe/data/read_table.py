@@ -19,7 +19,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -115,7 +115,7 @@ def read_table(
         library = type(source).__module__.partition(".")[0]
         name = f"{library} {type(source).__name__}"
         # Rows count from 0, as in `iloc`.
-        return _table_of_frame(Origin(name, name, "columns"), source, 0, choice)
+        return _table_of_frame(name, name, "columns", source, 0, choice)
     if not isinstance(source, str | os.PathLike):
         raise InputError(
             f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or "
@@ -143,14 +143,19 @@ def read_table(
 
     if suffix in _EXCEL_SUFFIXES:
         return _read_excel(name, data, choice, sheet)
-    is_text = suffix in _TEXT_SUFFIXES
-    if suffix in _JSON_SUFFIXES or (is_text and re.match(_JSON_START, data)):
+    if _is_json(suffix, data):
         return _read_json(name, data, choice, encoding)
     if suffix == ".parquet":
         return _read_parquet(name, data, choice)
     if suffix == ".mat":
         return _read_matlab(name, data, choice)
     return read_csv(name, data, choice, encoding)
+
+
+def _is_json(suffix: str, data: bytes) -> bool:
+    """Whether a file is JSON by its suffix, or a text that begins like it."""
+    begins_like_json = suffix in _TEXT_SUFFIXES and re.match(_JSON_START, data)
+    return suffix in _JSON_SUFFIXES or bool(begins_like_json)
 
 
 def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:
@@ -191,31 +196,22 @@ def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
 # --- Values as text ------------------------------------------------------------------------------
 
 
-class Origin(NamedTuple):
-    """Where a table comes from, in the words of messages.
-
-    `source` is the name of the file or the frame, and `head` the place of the names of columns.
-    """
-
-    source: str
-    form: str
-    head: str
-
-
 def _table_of_values(
-    origin: Origin,
+    source: str,
+    form: str,
+    head: str,
     names: list[str],
     values: Mapping[str, Iterable[object]],
     rows: Sequence[int],
     choice: Choice,
     notes: Sequence[str] = (),
 ) -> TextTable:
-    """The table of values by column.
+    """The table of values by column; `head` is the place of the names of columns in messages.
 
     The first cell without a text is a problem in the columns that are chosen.
     """
     chosen = choice(names)
-    problems = Problems(origin.source)
+    problems = Problems(source)
     columns = {}
     for name, cells in values.items():
         texts = []
@@ -231,12 +227,12 @@ def _table_of_values(
         if name in chosen:
             problems.add(cell_problems[:1])
     row_numbers = np.array(rows, np.int64)
-    return TextTable(
-        origin.form, "", origin.head, names, columns, row_numbers, problems, tuple(notes)
-    )
+    return TextTable(form, "", head, names, columns, row_numbers, problems, tuple(notes))
 
 
-def _table_of_frame(origin: Origin, frame: Any, first_row: int, choice: Choice) -> TextTable:
+def _table_of_frame(
+    source: str, form: str, head: str, frame: Any, first_row: int, choice: Choice
+) -> TextTable:
     """The table of a pandas or polars DataFrame."""
     names = [str(name).strip() for name in frame.columns]
     values = {}
@@ -245,7 +241,7 @@ def _table_of_frame(origin: Origin, frame: Any, first_row: int, choice: Choice) 
         is_single = str(series.dtype).lower() == "float32"
         values[name] = np.asarray(series, np.float32) if is_single else series.to_list()
     rows = range(first_row, first_row + len(frame))
-    return _table_of_values(origin, names, values, rows, choice)
+    return _table_of_values(source, form, head, names, values, rows, choice)
 
 
 # --- Excel ---------------------------------------------------------------------------------------
@@ -262,13 +258,10 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
 
     first, names = heads[title]
     rows = sheets[title]
-    filled = {}
-    for number, cells in enumerate(rows[first + 1 :], start=first + 2):
-        if _is_filled(cells):
-            filled[number] = cells
+    filled = [row for row in range(first + 2, len(rows) + 1) if _is_filled(rows[row - 1])]
     values = {}
     for name, index in name_places(names).items():
-        values[name] = [cells[index] for cells in filled.values()]
+        values[name] = [rows[row - 1][index] for row in filled]
 
     notes = []
     if len(sheets) > 1:
@@ -276,8 +269,8 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
         notes.append(f"sheet {display_name(title)} read, not {join_names(other_sheets)}")
     if any(map(_is_filled, rows[:first])):
         notes.append(f"rows above row {first + 1} left out")
-    origin = Origin(source, EXCEL, f"row {first + 1}")
-    return _table_of_values(origin, names, values, [*filled], choice, notes)
+    head = f"row {first + 1}"
+    return _table_of_values(source, EXCEL, head, names, values, filled, choice, notes)
 
 
 def _chosen_sheet(
@@ -294,9 +287,9 @@ def _chosen_sheet(
         raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
 
     if len(tables) > 1 and largest_count:
+        titles = join_words(list(map(display_name, tables)))
         remedies = [Remedy("sheet", title) for title in tables]
-        finding = join_words([*map(display_name, tables)])
-        raise InputError(f"{source}: the sheets {finding} have tables.", remedies)
+        raise InputError(f"{source}: the sheets {titles} have tables.", remedies)
 
     return max(tables, key=lambda title: len(sheets[title]))
 
@@ -395,20 +388,20 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
         n_fields += len(record)
         require_size(source, len(record), n_fields)
         records.append(record)
-    return _table_of_records(Origin(source, f"JSON, {label}", "keys"), records, choice)
+    return _table_of_records(source, f"JSON, {label}", "keys", records, choice)
 
 
 def _table_of_records(
-    origin: Origin, records: Sequence[Mapping[str, object]], choice: Choice
+    source: str, form: str, head: str, records: Sequence[Mapping[str, object]], choice: Choice
 ) -> TextTable:
     """The table of records, a column for each key and a row for each record."""
     names = list(dict.fromkeys(chain.from_iterable(records)))
-    require_size(origin.source, len(names), len(names) * len(records))
+    require_size(source, len(names), len(names) * len(records))
     values = {}
     for name in names:
         values[name] = [record.get(name) for record in records]
     rows = range(1, len(records) + 1)
-    return _table_of_values(origin, names, values, rows, choice)
+    return _table_of_values(source, form, head, names, values, rows, choice)
 
 
 def _parse_json(source: str, text: str) -> object:
@@ -483,7 +476,7 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     if len(records) == 1 and (no_columns or not records[0]):
         finding = join_names(map(display_name, no_columns)) or "nothing"
         raise InputError(f"{source}: found {finding}, no columns of one length, allowed: {SAVED}")
-    return _table_of_records(Origin(source, "MATLAB", "variables"), records, choice)
+    return _table_of_records(source, "MATLAB", "variables", records, choice)
 
 
 def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
@@ -505,7 +498,7 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         rule = "one that a Parquet writer has finished"
         raise damaged(source, "Parquet", error, rule) from None
-    return _table_of_frame(Origin(source, "Parquet", "schema"), frame, 1, choice)
+    return _table_of_frame(source, "Parquet", "schema", frame, 1, choice)
 
 
 def is_parquet(path: StrPath) -> bool:

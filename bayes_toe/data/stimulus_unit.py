@@ -221,16 +221,13 @@ class StimulusUnit:
         ((['90', '111'], '% of mean'), (['20', '0'], 'ln'))
         """
         logs = np.asarray(logs, float)
-        values, unit, fewest_digits, form = logs, "ln", 3, "g"
         if self.of_stimuli:
-            values = self.stimuli(logs)
-            unit = self.of_stimuli
-            fewest_digits = 4
-        elif self.for_percent(percent(logs - mean)).of_differences != "ln":
+            values, unit, fewest_digits, form = self.stimuli(logs), self.of_stimuli, 4, "g"
+        elif self.for_percent(percent(logs - mean)).of_differences == "ln":
+            values, unit, fewest_digits, form = logs, "ln", 3, "g"
+        else:
             values = self.or_percent_of(mean).stimuli(logs)
-            unit = "% of mean"
-            fewest_digits = 0
-            form = "f"
+            unit, fewest_digits, form = "% of mean", 0, "f"
 
         texts = []
         for digits in range(fewest_digits, 15):
@@ -256,15 +253,17 @@ def merge_rounded(stimuli: list[FloatArray], subject: Column, unit: StimulusUnit
         merged = _without_rounding(pairs)
         is_changed = merged != pairs
         levels.update(merged[is_changed].tolist())
-        n_changed += int(is_changed.any(axis=0).sum())
+        n_changed += is_changed.any(axis=0).sum()
         stimuli[0][rows], stimuli[1][rows] = merged
     if not n_changed:
         return []
 
-    count = plural(n_changed, "row")
     verb = "differ" if n_changed > 1 else "differs"
     names = join_names(map(unit.describe, sorted(levels)), 3)
-    return [f"stimuli in {count} {verb} by rounding only, and are read as one: {names}"]
+    return [
+        f"stimuli in {plural(n_changed, 'row')} {verb} by rounding only, and are read as one: "
+        f"{names}"
+    ]
 
 
 #: Logarithms of intensities of which nothing is known.

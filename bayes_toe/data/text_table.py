@@ -13,7 +13,7 @@ import io
 import itertools
 import re
 from array import array
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from operator import itemgetter
@@ -24,13 +24,13 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, IndexArray, IntArray, run_starts
-from bayes_toe.data.messages import MAX_LINES, display_name, one_line, plural, quoted
+from bayes_toe.data.messages import MAX_LINES, Texts, display_name, one_line, plural, quoted
 from bayes_toe.errors import InputError, Remedy
 
 #: A pandas or polars DataFrame, neither of which is imported to know one.
 Frame: TypeAlias = Any
 #: Which columns are read, of the names in a header.
-Choice: TypeAlias = Callable[[Sequence[str]], Collection[str]]
+Choice: TypeAlias = Callable[[Texts], Collection[str]]
 #: The first row and the cells of a record, or why it cannot be split.
 Record: TypeAlias = tuple[int, list[str] | csv.Error]
 #: The form of a spreadsheet.
@@ -89,9 +89,9 @@ class Column:
 
     def map(self, convert: Callable[[str], object], dtype: type = bool) -> npt.NDArray[Any]:
         """One value per row; each distinct text is converted once."""
-        return np.array([*map(convert, self.texts)], dtype)[self.codes]
+        return np.array(list(map(convert, self.texts)), dtype)[self.codes]
 
-    def is_in(self, texts: Collection[str]) -> BoolArray:
+    def matches(self, texts: Collection[str]) -> BoolArray:
         """Whether each row has one of these texts."""
         return self.map(texts.__contains__)
 
@@ -184,7 +184,7 @@ class Problems:
 
     def refuse(self) -> None:
         """Raise the first ten problems as one InputError, with the number of the others."""
-        if self.count == 0:
+        if not self.count:
             return
         first_lines = sorted(self._shown, key=itemgetter(0))[:MAX_LINES]
         problems = [f"{self.source}: {text}" for _, text in first_lines]
@@ -201,6 +201,10 @@ def damaged(source: str, form: str, error: Exception | str, allowed: str) -> Inp
     )
 
 
+#: Columns by their names in a source, or by ours.
+Columns: TypeAlias = Mapping[str, Column]
+
+
 @dataclass(frozen=True)
 class TextTable:
     """The columns that were asked for, and the row at which each record starts.
@@ -214,7 +218,7 @@ class TextTable:
     delimiter: str
     head: str
     names: list[str]
-    columns: dict[str, Column]
+    columns: Columns
     rows: IntArray
     problems: Problems
     notes: tuple[str, ...] = ()
@@ -242,7 +246,7 @@ class TextTable:
         all_notes = (*self.notes, *notes)
         return replace(self, rows=self.rows[kept], columns=columns, notes=all_notes)
 
-    def require(self, lines: Sequence[str], remedies: Iterable[Remedy] = ()) -> None:
+    def require(self, lines: Texts, remedies: Iterable[Remedy] = ()) -> None:
         """Refuse a head with problems, a table without rows, and cells without a value.
 
         `lines` are the problems of the head, and remedies solve the last one. Rows that cannot be
@@ -277,10 +281,11 @@ class TextTable:
             name = column.name
             if name == CELL and PAIR in self.columns:
                 name = self.columns[PAIR].text(index)
-            location = f"row {row}, column {display_name(name)}"
+            location = f"column {display_name(name)}"
             if count > 1:
-                location = f"column {display_name(name)}"
                 finding += f" in {count:,} rows, the first is row {row}"
+            else:
+                location = f"row {row}, {location}"
             lines.append((row, f"{location}: found {finding}, allowed: {right}"))
         self.problems.add(lines, len(places_of))
 
@@ -294,7 +299,7 @@ def require_size(source: str, n_columns: int, n_cells: int) -> None:
         )
 
 
-def repeated_columns(names: Sequence[str], wanted: Iterable[str]) -> list[str]:
+def repeated_columns(names: Texts, wanted: Iterable[str]) -> list[str]:
     """Problems of wanted columns that a table has more than once, a line each."""
     problems = []
     for name in wanted:
@@ -306,7 +311,7 @@ def repeated_columns(names: Sequence[str], wanted: Iterable[str]) -> list[str]:
     return problems
 
 
-def name_places(names: Sequence[str]) -> dict[str, int]:
+def name_places(names: Texts) -> dict[str, int]:
     """The index of the first column of each name."""
     places = dict[str, int]()
     for index, name in enumerate(names):
@@ -314,7 +319,7 @@ def name_places(names: Sequence[str]) -> dict[str, int]:
     return places
 
 
-def n_chosen(names: Sequence[str], choice: Choice) -> int:
+def n_chosen(names: Texts, choice: Choice) -> int:
     """How many of the distinct names are chosen."""
     return len(set(names).intersection(choice(names)))
 
@@ -343,7 +348,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         names = ["", *names]  # R writes row names without a name of their own
 
     problems = Problems(source)
-    chosen = choice(names)
+    chosen = {*choice(names), ""}
     places = name_places(names)
     rows = array("q")
     texts = {name: list[str]() for name in places}
@@ -367,7 +372,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     columns = {}
     for name in places:
         column = Column.from_texts(name, texts.pop(name))
-        if not name or name in chosen or len(column.texts) <= _MOST_TEXTS:
+        if name in chosen or len(column.texts) <= _MOST_TEXTS:
             columns[name] = column
 
     notes = (f"rows above row {first_row} left out",) if place else ()
@@ -404,7 +409,7 @@ def _names(cells: list[str] | csv.Error) -> list[str]:
     return [] if isinstance(cells, csv.Error) else [cell.strip() for cell in cells]
 
 
-def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:
+def header_place(names: Sequence[Texts], choice: Choice) -> int:
     """The index of the record with the names: the first, unless a later one is clearer."""
     counts = [n_chosen(record, choice) for record in names]
     if not counts or counts[0] > 1:
@@ -434,8 +439,7 @@ def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str,
         text_before = error.object[: error.start].decode(codec, errors="ignore")
     except (LookupError, ValueError):  # no encoding, or one that decodes nothing
         raise InputError(
-            f"--encoding: found {quoted(encoding or '')}, allowed: a name such as utf-8, cp1252 "
-            "or latin-1"
+            f"--encoding: found {quoted(codec)}, allowed: a name such as utf-8, cp1252 or latin-1"
         ) from None
     else:
         # Only a given encoding makes halves of characters, and the search is slow.
@@ -458,7 +462,7 @@ def _encoding_of(data: bytes) -> tuple[str, str]:
 
     # Of Latin letters at the start, every other byte is NUL.
     for codec, zeros in (("utf-16-le", data[1:8:2]), ("utf-16-be", data[:8:2])):
-        if len(zeros) == 4 and not any(zeros):
+        if zeros == bytes(4):
             return codec, "UTF-16"
 
     try:

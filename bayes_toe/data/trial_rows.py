@@ -16,7 +16,7 @@ from bayes_toe.data.column_roles import (
     practice_texts,
     taken_out_texts,
 )
-from bayes_toe.data.messages import display_name, join_counts, join_names, plural, quoted
+from bayes_toe.data.messages import Texts, display_name, join_counts, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, MISSING_WORDS, number, numbers
@@ -26,7 +26,7 @@ from bayes_toe.errors import InputError
 _RUN_BY_CHANCE = 1e-4
 
 
-def trial_rows(table: TextTable, options: ReadOptions, roles_read: Sequence[str]) -> TextTable:
+def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
     """The table of the rows that are trials, or counts of trials.
 
     `roles_read` are our names of the columns that are read.
@@ -51,15 +51,15 @@ def _chosen_rows(table: TextTable, options: ReadOptions) -> TextTable:
         return table
 
     is_chosen_row = np.ones(len(table.rows), bool)
-    for name, asked in options.where.items():
+    for name, text in options.where.items():
         column = table.columns[name]
-        is_asked = column.map(asked.__eq__)
-        if not is_asked.any():
+        has_text = column.map(text.__eq__)
+        if not has_text.any():
             raise InputError(
                 f"{table.source}: {column}: found {join_names(map(quoted, column.texts))}, "
-                f"allowed: {quoted(asked)}, as --where has it, in some row"
+                f"allowed: {quoted(text)}, as --where has it, in some row"
             )
-        is_chosen_row &= is_asked
+        is_chosen_row &= has_text
 
     if not is_chosen_row.any():
         asked_names = ", ".join(options.where)
@@ -69,9 +69,7 @@ def _chosen_rows(table: TextTable, options: ReadOptions) -> TextTable:
     return table.only(is_chosen_row)
 
 
-def _without_practice(
-    table: TextTable, options: ReadOptions, roles_read: Sequence[str]
-) -> TextTable:
+def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
     """The table without rows that a column marks as practice.
 
     Columns of subjects, stimuli, responses and conditions mark none. Nor does a column that says
@@ -87,13 +85,13 @@ def _without_practice(
         if not practice:
             continue
 
-        is_marked = column.is_in(practice)
+        is_marked = column.matches(practice)
         subject = _subjects(table, options).codes
         n_marked = np.bincount(subject, is_marked)
         if np.isin(n_marked * (np.bincount(subject) - n_marked), 0).all():
             continue
 
-        rows = plural(int(is_marked.sum()), "row")
+        rows = plural(is_marked.sum(), "row")
         marks = join_names(map(quoted, practice))
         note = f"{rows} left out as practice ({column}: {marks}); --ignore practice reads them"
         table = table.only(~is_marked, note)
@@ -127,7 +125,7 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
         return table
 
     note = (
-        f"{plural(int(is_unfilled.sum()), 'row')} left out as unfilled (stimuli and response are 0 "
+        f"{plural(is_unfilled.sum(), 'row')} left out as unfilled (stimuli and response are 0 "
         f"in the last rows): {join_counts(counts)}"
     )
     return table.only(~is_unfilled, note)
@@ -154,7 +152,7 @@ def nameless_doubts(subject: Column) -> list[str]:
     for code, text in enumerate(subject.texts):
         name = text.partition(CONDITION_SEPARATOR)[0]
         if name and name.lower() in MISSING_WORDS:
-            rows = plural(int(np.count_nonzero(subject.codes == code)), "row")
+            rows = plural((subject.codes == code).sum(), "row")
             doubts.append(
                 f"{rows} of subject {quoted(text)}, which may mean that the name is missing; if "
                 f"so, --exclude {text}"
@@ -162,7 +160,7 @@ def nameless_doubts(subject: Column) -> list[str]:
     return doubts
 
 
-def taken_out_doubts(table: TextTable, names_not_read: Sequence[str]) -> list[str]:
+def taken_out_doubts(table: TextTable, names_not_read: Texts) -> list[str]:
     """A doubt for each column that is not read and says that some rows are no good trials."""
     doubts = []
     for name in names_not_read:
@@ -174,7 +172,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Sequence[str]) -> list[st
         if not texts or not other_texts:
             continue
 
-        n_rows = int(column.is_in(texts).sum())
+        n_rows = column.matches(texts).sum()
         marks = join_names(map(quoted, texts))
         doubt = f"{plural(n_rows, 'row')} with {marks} in {column} are counted"
         if len(other_texts) == 1:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, StrPath
-from bayes_toe.data.messages import display_name, join_names, quoted
+from bayes_toe.data.messages import Texts, display_name, join_names, quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.text_table import Column, TextTable, repeated_columns
 
@@ -143,8 +143,9 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     whole = 100.0 if has_percent_sign or (shares > 1.0).any() else 1.0
 
     finite = shares[np.isfinite(shares)]
-    decimals = (d for d in range(16) if (finite.round(d) == finite).all())
-    n_decimals = next(decimals, 16)
+    n_decimals = 0
+    while n_decimals < 16 and (finite.round(n_decimals) != finite).any():
+        n_decimals += 1
 
     largest_error = 0.5 * 10.0**-n_decimals / whole * n
     exact_counts = shares / whole * n
@@ -194,10 +195,9 @@ def require_texts(
     table.fault(column, blank if rows is None else blank & rows, "a text that is not empty")
     if once:
         first = np.unique(column.codes, return_index=True)[1][column.codes]
-        again = (np.arange(len(first)) > first) & ~blank
         table.fault(
             column,
-            again,
+            (np.arange(len(first)) > first) & ~blank,
             lambda index: f"each name once, and row {table.rows[first[index]]} has it",
         )
 
@@ -207,11 +207,11 @@ def require_texts(
 
 def read_numbers(
     source: StrPath | TextTable,
-    names: Sequence[str],
+    names: Texts,
     key: str | None = None,
     *,
-    optional: Sequence[str] = (),
-    counts: Sequence[str] = (),
+    optional: Texts = (),
+    counts: Texts = (),
     gaps: bool = False,
 ) -> tuple[list[str], dict[str, FloatArray]]:
     """Columns of finite numbers by name, and one of distinct texts if `key` names it.
@@ -254,13 +254,10 @@ def read_numbers(
     table.problems.refuse()
     if key is None:
         return [], columns
-    texts = bare_names(table, table.columns[key])
-    return texts.map(str, object).tolist(), columns
+    return bare_names(table, table.columns[key]).map(str, object).tolist(), columns
 
 
-def _with_columns(
-    source: StrPath | TextTable, required: Sequence[str], optional: Sequence[str]
-) -> TextTable:
+def _with_columns(source: StrPath | TextTable, required: Texts, optional: Texts) -> TextTable:
     """The table with columns of these names, each of them once."""
     names = (*required, *optional)
     table = source if isinstance(source, TextTable) else read_table(source, lambda _: {*names})
