@@ -29,8 +29,7 @@ SAVED = (
     "save('trials.mat', '-struct', 'S', '-v7')"
 )
 _DAMAGED_ALLOWED = "one that MATLAB has saved with '-v7'"
-#: Where objects of MATLAB's own leave a mark, in files of both kinds.
-_OBJECTS = {"__function_workspace__", "#subsystem#"}
+
 #: Seconds after which a file is refused; one of 10^6 trials takes some 10 s.
 _LONGEST = 120
 _MOST_MEMORY = 2**32  # bytes
@@ -104,7 +103,8 @@ def _variables(source: str, data: bytes) -> Record:
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         raise damaged(source, "MATLAB", error, _DAMAGED_ALLOWED) from None
 
-    if _OBJECTS & variables.keys():
+    # Where objects of MATLAB's own leave a mark, in files of both kinds.
+    if {"__function_workspace__", "#subsystem#"} & variables.keys():
         # MATLAB's own table objects are in no documented format.
         raise InputError(
             f"{source}: found a table or another object of MATLAB's own, allowed: {SAVED}"

@@ -161,6 +161,7 @@ def read_study(
     Examples
     --------
     >>> import tempfile
+    >>> from pathlib import Path
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     pilot = Path(folder, "pilot.csv")
     ...     rows = "subject,s1,s2,response\n01,0,0.3,equal\n01,0.3,0,different\n"
@@ -320,13 +321,6 @@ class _Rows:
     def subject(self) -> Column:
         """The subject of each row."""
         return self.columns["subject"]
-
-    @property
-    def codes(self) -> list[str]:
-        """The responses in the file."""
-        if "response" not in self.columns:
-            return []
-        return [*filterfalse(is_no_response, self.columns["response"].texts)]
 
     @property
     def signs(self) -> list[Column]:
@@ -511,13 +505,16 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
     notes += missing
     is_synthetic, synthetic_notes = _synthetic(rows.columns)
     notes += synthetic_notes
+    codes = []
+    if "response" in rows.columns:
+        codes = list(filterfalse(is_no_response, rows.columns["response"].texts))
     source = rows.table.source
     reading = Reading(
         tuple(rows.columns),
         tuple(rows.names_not_read),
         tuple(f"{source}: {doubt}" for doubt in doubts),
         tuple(_pooled_conditions(rows, k, n)),
-        tuple(rows.codes),
+        tuple(codes),
     )
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
 

@@ -352,14 +352,14 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
     by_correlation = []
     for option, trend in trends.items():
         code, correlation = _commonest_with(column, texts, trend)
-        meaning = f"if {code or likely} is {_CODE_MEANINGS[option]}"
-        by_correlation.append((correlation, Remedy(option, code or likely, meaning)))
+        code = code or likely
+        meaning = _CODE_MEANINGS[option]
+        if len(plain) == 3 and option == "equal_code":  # perhaps 'first', 'equal' and 'second'
+            meaning, correlation = "'equal'", np.inf
+        remedy = Remedy(option, code, f"if {code} is {meaning}")
+        by_correlation.append((correlation, remedy))
     by_correlation.sort(key=itemgetter(0), reverse=True)
     remedies = [remedy for _, remedy in by_correlation]
-    if len(plain) == 3:  # perhaps 'first', 'equal' and 'second'
-        remedies.sort(key=lambda remedy: remedy.option != "equal_code")
-        code = str(remedies[0].value)
-        remedies[0] = remedies[0]._replace(meaning=f"if {code} is 'equal'")
     if by_word.keys() <= {*_RIGHT_WRONG[0], *_RIGHT_WRONG[1]}:
         meaning = f"if {likely} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))

@@ -53,7 +53,7 @@ def _chosen_rows(table: TextTable, options: ReadOptions) -> TextTable:
     is_chosen_row = np.ones(len(table.rows), bool)
     for name, text in options.where.items():
         column = table.columns[name]
-        has_text = column.map(text.__eq__)
+        has_text = column.matches([text])
         if not has_text.any():
             raise InputError(
                 f"{table.source}: {column}: found {join_names(map(quoted, column.texts))}, "
@@ -190,7 +190,4 @@ def _subjects(table: TextTable, options: ReadOptions) -> Column:
 
 def _is_zero(table: TextTable, columns: Sequence[Column]) -> BoolArray:
     """Whether the number in all of these columns is 0."""
-    is_zero = np.ones(len(table.rows), bool)
-    for column in columns:
-        is_zero &= numbers(table, column) == 0
-    return is_zero
+    return np.all([numbers(table, column) == 0 for column in columns], axis=0)

@@ -71,9 +71,9 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         If the options name a condition with one level in every subject or a reference that cannot
         be used, or if only some files have the column.
     """
-    has_options = options.reference is not None or options.categorical
     if study.conditions is not None:
         return study
+    has_options = options.reference is not None or options.categorical
     if "condition" not in study.reading.read:
         if options.condition is not None:
             raise InputError(

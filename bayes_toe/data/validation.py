@@ -164,7 +164,7 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
 
 def empty(column: Column) -> BoolArray:
     """Whether the cell of each row is empty."""
-    return column.map(lambda text: text == "")
+    return column.matches([""])
 
 
 def require_numbers(
