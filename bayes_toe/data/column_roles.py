@@ -369,7 +369,9 @@ def columns_to_read(
     absent = join_words([f"no column {display_name(name)}" for name in missing])
     column_list = join_names(map(display_name, filter(None, names)))
     finding = f"there is {absent}. The columns are {column_list}."
-    if not {"standard", *_STIMULI}.isdisjoint(missing) and _has_comparison_only(names):
+    is_stimulus_missing = not {"standard", *_STIMULI}.isdisjoint(missing)
+    has_comparison = names_like(names, "comparison") and not names_like(names, "standard")
+    if is_stimulus_missing and has_comparison:
         finding += " If one standard was in all trials, add a column standard with its level."
     problems.append(finding)
     return roles_read, problems, [*_remedies(names, roles_read, options)]
@@ -475,11 +477,6 @@ def _unordered_stimuli(names: Texts, options: ReadOptions) -> str:
     if not standards or not comparisons:
         return ""
     return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
-
-
-def _has_comparison_only(names: Texts) -> bool:
-    """Whether there is a column of the comparison and none of the standard."""
-    return not names_like(names, "standard") and names_like(names, "comparison") != []
 
 
 def _order_remedies(orders: Texts) -> Iterator[Remedy]:

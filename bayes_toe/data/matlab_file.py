@@ -119,11 +119,10 @@ def _loaded(data: bytes) -> Record:
 
     try:
         with warnings.catch_warnings(action="ignore"):
-            variables: Record = loadmat(io.BytesIO(data), simplify_cells=True)
+            return loadmat(io.BytesIO(data), simplify_cells=True)
     except NotImplementedError:
         with h5py.File(io.BytesIO(data)) as file:
-            variables = {name: _hdf5_value(file, name) for name in file}
-    return variables
+            return {name: _hdf5_value(file, name) for name in file}
 
 
 def _hdf5_value(group: Any, name: str) -> Any:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import chain, permutations
 from operator import itemgetter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -55,6 +55,8 @@ _CODE_MEANINGS = {
 }
 
 _ALL_WORDS = (*_WORDS.values(), *VOCABULARY["stimuli"].values())
+#: What is wrong with a column, empty if nothing is, and options to type.
+Question: TypeAlias = tuple[str, list[Remedy]]
 
 
 class Responses(NamedTuple):
@@ -266,7 +268,7 @@ def _all_codes(column: Column, codes: tuple[str | None, ...]) -> tuple[str | Non
 
 def _unknown_meaning(
     column: Column, task_column: Column | None, trends: Mapping[str, FloatArray]
-) -> tuple[str, list[Remedy]]:
+) -> Question:
     """Problems of a column whose words tell no task, or two, with options to type.
 
     `trends` are what makes an answer likelier, by the option that names its code.
@@ -296,7 +298,7 @@ def _unknown_meaning(
     return problem, remedies
 
 
-def _two_tasks(finding: str, tasks_by_text: Mapping[str, Task]) -> tuple[str, list[Remedy]]:
+def _two_tasks(finding: str, tasks_by_text: Mapping[str, Task]) -> Question:
     """The problem of a column with responses to two tasks, with what chooses one of them."""
     problem = (
         f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
@@ -319,7 +321,7 @@ def _unknown_texts(
     codes: Sequence[str | None],
     names: Texts,
     difference: FloatArray,
-) -> tuple[str, list[Remedy]]:
+) -> Question:
     """The problem of several codes of which one is known; what to type for texts of no answer.
 
     One text beside both answers has no problem of its own: it may be a missed trial.
