@@ -7,9 +7,9 @@ probable mistakes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,9 @@ from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.validation import LARGEST_COUNT
 from bayes_toe.errors import InputError
+
+#: Counts of rows, shape (rows,) each, by their names in :class:`Answers`.
+Counts: TypeAlias = Mapping[str, IntArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +101,7 @@ class Answers:
         There, the place of a row is not one more than that of the row before.
         """
         if self.place is None:
-            return np.ones(len(self.n_trials), np.bool_)
+            return np.ones(len(self.n_trials), bool)
         return np.diff(self.place, prepend=self.place[:1] - 2) != 1
 
     def rows_of(self, blocks: Sequence[str]) -> BoolArray:
@@ -107,7 +110,7 @@ class Answers:
         An InputError where there is no such block.
         """
         if not blocks:
-            return np.ones(len(self.n_trials), np.bool_)
+            return np.ones(len(self.n_trials), bool)
         if self.block is None:
             raise InputError(
                 "found no column block, allowed: all answers of the subject, or a column with "
@@ -115,8 +118,8 @@ class Answers:
             )
         unknown = [quoted(block) for block in blocks if block not in self.blocks]
         if unknown:
-            allowed = join_names([*map(display_name, self.blocks)])
-            raise InputError(f"found no block {join_names(unknown)}, allowed: {allowed}")
+            names = join_names(map(display_name, self.blocks))
+            raise InputError(f"found no block {join_names(unknown)}, allowed: {names}")
         return np.isin(self.block, [self.blocks.index(block) for block in blocks])
 
     def swapped(self, rows: BoolArray) -> Answers:
@@ -180,7 +183,7 @@ def counted_rows(
 ) -> Answers:
     """Rows of stimuli with counts within what can be counted, all of one length."""
     try:
-        columns = [np.asarray(key, np.float64).ravel() for key in keys]
+        columns = [np.asarray(key, float).ravel() for key in keys]
     except (TypeError, ValueError) as error:
         raise InputError(f"subject {name!r}: s1 and s2 must be numbers ({error})") from error
     counts = {"n_yes": np.asarray(n_yes).ravel(), "n_trials": np.asarray(n_trials).ravel()}
@@ -189,11 +192,11 @@ def counted_rows(
     for key, values in counts.items():
         # 2.5 never becomes 2.
         if values.dtype.kind not in "iuf" or np.any(values != np.floor(values)):
-            finding = f"must be whole numbers, found {values[:3].tolist()}"
-            raise InputError(f"subject {name!r}: {key} {finding}")
+            raise InputError(
+                f"subject {name!r}: {key} must be whole numbers, found {values[:3].tolist()}"
+            )
         if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
-            rule = "must add up to no more than 10^12"
-            raise InputError(f"subject {name!r}: {key} {rule}")
+            raise InputError(f"subject {name!r}: {key} must add up to no more than 10^12")
     if len({len(values) for values in (*columns, *counts.values())}) > 1:
         names = join_names(["s1", "s2", *counts])
         raise InputError(f"subject {name!r}: {names} must be of one length")

@@ -13,14 +13,14 @@ from __future__ import annotations
 import re
 import tomllib
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.messages import display_name, join_names, join_words
+from bayes_toe.data.messages import Texts, display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT
 from bayes_toe.data.text_table import Column, repeated_columns
@@ -80,6 +80,11 @@ def looks_like(name: str, role: str) -> bool:
     return [role] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
 
 
+def names_like(names: Iterable[str], role: str) -> list[str]:
+    """The names that a column with this role may have."""
+    return [name for name in names if looks_like(name, role)]
+
+
 @lru_cache(maxsize=2**16)
 def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     """The stimuli that a name or a cell names, standard or comparison, their places, other words.
@@ -104,8 +109,8 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
         return initials, [], set()
 
     meanings = [_MEANINGS.get(word, "") for word in words]
-    stimuli = [*filter(("standard", "comparison").__contains__, meanings)]
-    places = [*filter(("first", "second").__contains__, meanings)]
+    stimuli = [*filter(VOCABULARY["stimuli"].__contains__, meanings)]
+    places = [*filter(VOCABULARY["places"].__contains__, meanings)]
     return stimuli, places, {*words} - _MEANINGS.keys()
 
 
@@ -134,7 +139,7 @@ def is_missed_flag(column: Column) -> bool:
     return is_flag(column.texts) and any(word in plain for word in VOCABULARY["missed"]["flags"])
 
 
-def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
+def practice_texts(name: str, texts: Texts) -> list[str]:
     """The texts of a column that say that a row is practice.
 
     A column such as `is_practice` may hold 1 and 0. If it holds other numbers too, it counts
@@ -148,20 +153,19 @@ def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
     ([], ['0_training', 'TRAIN'])
     """
     beginnings = tuple(VOCABULARY["practice"]["texts"])
-    whole_words = VOCABULARY["practice"]["whole"]
     has_flags = is_flag(texts) and any(word in plain_name(name) for word in beginnings)
 
     marks = []
     for text in texts:
         is_true = has_flags and text.lower() in TRUE_WORDS
         word = re.sub("^(block|[0-9])+", "", plain_name(text))
-        is_word = word.startswith(beginnings) or word.rstrip("0123456789") in whole_words
-        if is_true or (text[:1].isalnum() and is_word):
+        is_practice_word = word.rstrip("0123456789") in VOCABULARY["practice"]["whole"]
+        if is_true or (text[:1].isalnum() and (is_practice_word or word.startswith(beginnings))):
             marks.append(text)
     return marks
 
 
-def taken_out_texts(name: str, texts: Sequence[str]) -> list[str]:
+def taken_out_texts(name: str, texts: Texts) -> list[str]:
     """The texts of a column that say that somebody took a trial out of the analysis.
 
     Examples
@@ -169,7 +173,7 @@ def taken_out_texts(name: str, texts: Sequence[str]) -> list[str]:
     >>> taken_out_texts("exclude", ["0", "1"]), taken_out_texts("valid", ["yes", "no"])
     (['1'], ['no'])
     """
-    words = set[str]()
+    words = set()
     if plain_name(name) in VOCABULARY["taken_out"]["by_1"]:
         words = {*TRUE_WORDS}
     elif plain_name(name) in VOCABULARY["taken_out"]["by_0"]:
@@ -199,10 +203,9 @@ def unit_in(name: str) -> str:
 
     if "decadic" in words:
         return "log10"
-    if set(words).intersection(VOCABULARY["units"]["decibel"]):
-        return "dB"
-    if set(words).intersection(VOCABULARY["units"]["logarithm"]):
-        return ""
+    for section, unit in (("decibel", "dB"), ("logarithm", "")):
+        if not {*words}.isdisjoint(VOCABULARY["units"][section]):
+            return unit
 
     last_letters = re.findall(r"(?<=[\W_])[^\W\d_](?=[\W_]*[12]?$|\W)", plain)
     for unit in VOCABULARY["units"]["intensity"]:
@@ -243,7 +246,7 @@ _STIMULI = ("s1", "s2", "i1", "i2")
 _REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_COUNTS)
 
 
-def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptions:
+def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
     """Options that also name the columns of a file with similar names.
 
     Examples
@@ -266,7 +269,7 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
     return replace(options, columns={**likely, **options.columns})
 
 
-def _with_intensities(names: Sequence[str], options: ReadOptions) -> ReadOptions:
+def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
     """Options that read s1 and s2 as intensities if a unit is given and there are no i1 and i2.
 
     Examples
@@ -285,7 +288,7 @@ def _with_intensities(names: Sequence[str], options: ReadOptions) -> ReadOptions
     return options
 
 
-def _likely_answers(names: Sequence[str], options: ReadOptions) -> dict[str, str]:
+def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     """The file's names for the responses, or for counts, if they are other names than ours."""
     present = {role for role in (*_COUNTS, "response") if options.name(role) in names}
     counts = _likely(names, options, _COUNTS)
@@ -301,7 +304,7 @@ def _likely_answers(names: Sequence[str], options: ReadOptions) -> dict[str, str
     return {} if present else response
 
 
-def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
+def _likely(names: Texts, options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
     """The file's names for these roles, without roles that have several candidates or none."""
     unused = _STIMULI if options.has_standard else ()
     names_in_use = {options.name(role) for role in COLUMNS if role not in unused}
@@ -309,7 +312,7 @@ def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) ->
     for role in roles:
         if role in options.columns or role in names:
             continue
-        candidates = [name for name in names if name not in names_in_use and looks_like(name, role)]
+        candidates = [name for name in names_like(names, role) if name not in names_in_use]
         if len(candidates) == 1:
             likely[role] = candidates[0]
     return likely
@@ -319,9 +322,9 @@ def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) ->
 
 
 def columns_to_read(
-    names: Sequence[str],
+    names: Texts,
     options: ReadOptions,
-    orders: Sequence[str] = (),
+    orders: Texts = (),
 ) -> tuple[list[str], list[str], list[Remedy]]:
     """Our names of the columns that are read, what is wrong with the names, and what to type.
 
@@ -339,8 +342,10 @@ def columns_to_read(
 
     response = options.name("response")
     if "response" in roles_read and response in names and looks_like(response, "correct"):
-        finding = "found as response, though it seems to say right or wrong."
-        problems.append(f"column {display_name(response)}: {finding}")
+        problems.append(
+            f"column {display_name(response)}: found as response, though it seems to say right or "
+            "wrong."
+        )
         return roles_read, problems, _score_remedies([response])
 
     unordered = _unordered_stimuli(names, options)
@@ -362,27 +367,26 @@ def columns_to_read(
         return roles_read, problems, []
 
     absent = join_words([f"no column {display_name(name)}" for name in missing])
-    column_list = join_names([display_name(name) for name in names if name])
+    column_list = join_names(map(display_name, filter(None, names)))
     finding = f"there is {absent}. The columns are {column_list}."
-    if not {"standard", *_STIMULI}.isdisjoint(missing) and _has_comparison_only(names):
+    is_stimulus_missing = not {"standard", *_STIMULI}.isdisjoint(missing)
+    has_comparison = names_like(names, "comparison") and not names_like(names, "standard")
+    if is_stimulus_missing and has_comparison:
         finding += " If one standard was in all trials, add a column standard with its level."
     problems.append(finding)
     return roles_read, problems, [*_remedies(names, roles_read, options)]
 
 
-def _role_problems(
-    names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
-) -> Iterator[str]:
+def _role_problems(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator[str]:
     """Problems of two columns for the subject or the answers, and of a column with two meanings."""
     answers = [role for role in ("response", *_COUNTS) if role in roles_read]
     if len(answers) > 2 or (len(answers) == 2 and "response" in answers):
-        first, *others = [display_name(options.name(role)) for role in answers]
-        finding = f"found together with {' and '.join(others)}"
-        rule = (
+        first, *other_columns = [display_name(options.name(role)) for role in answers]
+        yield (
+            f"column {first}: found together with {' and '.join(other_columns)}, allowed: "
             "responses (one row per trial), counts of one response (one row per pair), or n_first, "
             "n_equal and n_second"
         )
-        yield f"column {first}: {finding}, allowed: {rule}"
 
     theirs = [options.name(role) for role in roles_read]
     for name in dict.fromkeys(theirs):
@@ -392,11 +396,13 @@ def _role_problems(
 
     subject = options.name("subject")
     if options.subject_from is not None and subject in names:
-        finding = "found together with --subject-from"
-        yield f"column {display_name(subject)}: {finding}, allowed: one of them"
+        yield (
+            f"column {display_name(subject)}: found together with --subject-from, allowed: one of "
+            "them"
+        )
 
 
-def _unit_by_name(names: Sequence[str], options: ReadOptions) -> tuple[str, str]:
+def _unit_by_name(names: Texts, options: ReadOptions) -> tuple[str, str]:
     """The problem of stimuli whose names have a unit that no option gives, and that unit.
 
     Both are empty if there is no problem.
@@ -404,7 +410,7 @@ def _unit_by_name(names: Sequence[str], options: ReadOptions) -> tuple[str, str]
     if options.unit is not None:
         return "", ""
 
-    theirs = [*map(options.name, options.stimuli)]
+    theirs = list(map(options.name, options.stimuli))
     for name in theirs:
         unit = unit_in(name)
         is_intensity = options.has_intensities and unit not in _UNIT_MEANINGS
@@ -419,28 +425,33 @@ def _unit_by_name(names: Sequence[str], options: ReadOptions) -> tuple[str, str]
     return "", ""
 
 
-def _required(
-    names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
-) -> Iterable[str]:
+def _required(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterable[str]:
     """Columns that must be there once."""
     roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
     missing = [role for role in options.columns if options.name(role) not in names]
     return dict.fromkeys([*options.where, *map(options.name, [*roles, *missing])])
 
 
-def _roles_read(names: Sequence[str], options: ReadOptions) -> list[str]:
+def _roles_read(names: Texts, options: ReadOptions) -> list[str]:
     """Our names of the columns that must be read, and of optional ones that the file has."""
     roles_read = ["subject", *options.stimuli]
     if options.interval_column is not None:
         roles_read.append("standard_interval")
     roles_read += _answer_roles(names, options)
-    for role in _optional_roles(names, options):
-        if role not in options.ignore:
+    if options.condition or options.name("condition") in names:
+        roles_read.append("condition")
+
+    # No inference reads block and trial: twice there, or named as something else, they are ignored.
+    other_names = [options.name(role) for role in COLUMNS if role not in LOOKED_AT]
+    other_names.append(options.name("standard_interval"))
+    for role in LOOKED_AT:
+        name = options.name(role)
+        if name not in other_names and names.count(name) == 1:
             roles_read.append(role)
-    return roles_read
+    return [role for role in roles_read if role not in options.ignore]
 
 
-def _answer_roles(names: Sequence[str], options: ReadOptions) -> list[str]:
+def _answer_roles(names: Texts, options: ReadOptions) -> list[str]:
     """Our names of the columns of responses or counts."""
     if options.correct is not None:
         return ["correct"]
@@ -454,47 +465,27 @@ def _answer_roles(names: Sequence[str], options: ReadOptions) -> list[str]:
     return list(dict.fromkeys([*counts, "n_trials"]))
 
 
-def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]:
-    """Our names of the columns that a table may have."""
-    has_condition = bool(options.condition) or options.name("condition") in names
-    if has_condition:
-        yield "condition"
-    # No inference reads block and trial: twice there, or named as something else, they are ignored.
-    other_names = [options.name(role) for role in COLUMNS if role not in LOOKED_AT]
-    other_names.append(options.name("standard_interval"))
-    for role in LOOKED_AT:
-        name = options.name(role)
-        if name not in other_names and names.count(name) == 1:
-            yield role
-
-
-def _unordered_stimuli(names: Sequence[str], options: ReadOptions) -> str:
+def _unordered_stimuli(names: Texts, options: ReadOptions) -> str:
     """The columns of a standard and a comparison, where nothing says which came first."""
     if options.has_standard:
         return ""
-    theirs = [*map(options.name, options.stimuli)]
+    theirs = list(map(options.name, options.stimuli))
     if set(theirs).isdisjoint(names):
         theirs = [*names]
-    standards = [name for name in theirs if looks_like(name, "standard")]
-    comparisons = [name for name in theirs if looks_like(name, "comparison")]
+    standards = names_like(theirs, "standard")
+    comparisons = names_like(theirs, "comparison")
     if not standards or not comparisons:
         return ""
     return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
 
 
-def _has_comparison_only(names: Sequence[str]) -> bool:
-    """Whether there is a column of the comparison and none of the standard."""
-    has_standard = any(looks_like(name, "standard") for name in names)
-    return not has_standard and any(looks_like(name, "comparison") for name in names)
-
-
-def _order_remedies(orders: Sequence[str]) -> Iterator[Remedy]:
+def _order_remedies(orders: Texts) -> Iterator[Remedy]:
     """Options to type if a table has a standard and a comparison."""
     for name in orders or ["NAME"]:
         stimuli, places, _ = named_places(name)
         for owner in ("standard", "comparison"):
-            may_own = stimuli in ([], [owner])
-            if may_own or (places and owner == "standard"):
+            is_possible = stimuli in ([], [owner])
+            if is_possible or (places and owner == "standard"):
                 meaning = f"if {name} says the interval of the {owner}"
                 yield Remedy(f"{owner}_interval", name, meaning)
     yield Remedy("standard_first", "", "if the standard was always first")
@@ -516,7 +507,7 @@ def intensity_remedies(stimuli: FloatArray) -> list[Remedy]:
     return remedies if (stimuli > 0.0).all() else remedies[1:]
 
 
-def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:
+def _numbered_pair(names: Texts) -> tuple[str, str]:
     """The only two names that differ by 1 and 2, such as 'stim1' and 'stim2'; else empty."""
     pairs = []
     for name in names:
@@ -526,9 +517,7 @@ def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:
     return pairs[0] if len(pairs) == 1 else ("", "")
 
 
-def _remedies(
-    names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
-) -> Iterator[Remedy]:
+def _remedies(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator[Remedy]:
     """Options to type if columns are missing."""
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
@@ -541,21 +530,16 @@ def _remedies(
         count = (("n_second", "NAME"),)
         yield Remedy("columns", count, "if it counts 'the second was stronger' (2AFC)")
 
-    yield from _answer_remedies(names, missing)
+    scores = names_like(names, "correct")
+    if "response" in missing:
+        yield from _score_remedies(scores)
+    if "correct" in missing:
+        yield Remedy("correct", [*scores, "NAME"][0], "with the name in your file")
     if "subject" in missing:
         yield Remedy("subject_from", "{}.*", "if the name of the file is the subject")
 
 
-def _answer_remedies(names: Sequence[str], missing: Sequence[str]) -> Iterator[Remedy]:
-    """Options to type if the column of responses, or of right and wrong, is missing."""
-    scores = [name for name in names if looks_like(name, "correct")]
-    if "response" in missing:
-        yield from _score_remedies(scores)
-    if "correct" in missing:
-        yield Remedy("correct", (scores or ["NAME"])[0], "with the name in your file")
-
-
-def _score_remedies(names: Sequence[str]) -> list[Remedy]:
+def _score_remedies(names: Texts) -> list[Remedy]:
     """Options to type if these columns say right or wrong."""
     remedies = []
     for name in names:
@@ -564,16 +548,17 @@ def _score_remedies(names: Sequence[str]) -> list[Remedy]:
     return remedies
 
 
-def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOptions) -> Remedy:
+def _columns_remedy(free: Texts, to_name: Texts, options: ReadOptions) -> Remedy:
     """The option that names the columns of roles, with likely names; else with NAME to replace."""
     stimuli = dict(zip(options.stimuli, _numbered_pair(free), strict=True))
     pairs = []
     for role in to_name:
-        alike = [name for name in free if looks_like(name, role)]
+        likely = names_like(free, role)
         if role == "response":
-            alike += [name for name in free if looks_like(name, "key")]
-        likely = [stimuli.get(role, ""), *alike, "NAME"]
-        pairs.append((role, next(filter(None, likely))))
+            likely += names_like(free, "key")
+        if stimuli.get(role):
+            likely.insert(0, stimuli[role])
+        pairs.append((role, [*likely, "NAME"][0]))
 
     meaning = "with the names in your file"
     if stimuli.get("s1") and not unit_in(stimuli["s1"]):

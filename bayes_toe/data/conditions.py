@@ -51,7 +51,7 @@ class StimulusScales(NamedTuple):
         is_unequal = s1 != s2
         if not is_unequal.any():
             return None
-        weight = np.asarray(n_trials, np.float64)
+        weight = np.asarray(n_trials, float)
         share = weight / weight.sum()
         sbar = float(share @ s1)
         mean = 0.5 * (sbar + float(share @ s2))
@@ -123,8 +123,8 @@ class Conditions:
         """
         chosen = self.levels if chosen is None else tuple(chosen)
         if self.numeric:
-            x = np.array(self.levels, np.float64)
-            centred = np.array(chosen, np.float64) - x.mean()
+            x = np.array(self.levels, float)
+            centred = np.array(chosen, float) - x.mean()
             return (centred / np.ptp(x))[:, None]
         contrasts = np.eye(len(chosen)) - 1.0 / len(chosen)
         columns = np.linalg.qr(contrasts[:, 1:])[0] / np.sqrt(2.0)
@@ -133,7 +133,7 @@ class Conditions:
     @property
     def about(self) -> str:
         """The column and its levels in words."""
-        names = [*map(display_name, self.levels)]
+        names = list(map(display_name, self.levels))
         kind = ", as numbers" if self.numeric else f"; {names[0]} is the reference"
         levels = f"{plural(len(names), 'level')}, {join_names(names)}"
         return f"{display_name(self.name)}: {levels}{kind}"

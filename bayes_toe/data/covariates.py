@@ -5,7 +5,6 @@ A CSV file with a column `subject` and one column per covariate.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -17,6 +16,7 @@ from bayes_toe.data.validation import (
     MISSING_WORDS,
     bare_names,
     number,
+    numbers,
     require_numbers,
     require_texts,
 )
@@ -66,44 +66,31 @@ def read_covariates(path: StrPath) -> Covariates:
     table = read_table(path, set)
     has_one_name_each = len(table.names) == len(table.columns) and "" not in table.names
     if "subject" not in table.names or len(table.names) < 2 or not has_one_name_each:
-        finding = join_names(map(quoted, table.names))
+        names = join_names(map(quoted, table.names))
         table.require(
             [
-                f"found columns {finding}, allowed: subject and at least one covariate, each with "
+                f"found columns {names}, allowed: subject and at least one covariate, each with "
                 "a name of its own"
             ]
         )
     table.require([])
     require_texts(table, table.columns["subject"], once=True)
-    subject = bare_names(table, table.columns["subject"])
+    subjects = bare_names(table, table.columns["subject"]).map(str, object)
     values: dict[str, dict[str, str | float]] = {}
     for name, column in table.columns.items():
         if name == "subject":
             continue
-        meanings = _meanings(column.texts, table.decimal_comma)
-        no_numbers = [text for text, value in meanings.items() if value != value]  # NaN
-        is_wrong = column.map(no_numbers.__contains__, np.bool_)
-        rule = "a finite number (or no number in the whole column)"
-        require_numbers(table, column, is_wrong, rule)
-        values[name] = {}
-        for row, code in enumerate(column.codes.tolist()):
-            text = column.texts[code]
-            if text in meanings:
-                values[name][subject.text(row)] = meanings[text]
+        has_value = ~column.map(lambda text: text.lower() in MISSING_WORDS)
+        texts = column.only(has_value).texts
+        n_words = np.isnan([number(text, table.decimal_comma) for text in texts]).sum()
+        is_category = n_words == len(texts) or (len(texts) == 2 and n_words == 1)
+        cells = column.map(str, object)
+        if not is_category:
+            cells = numbers(table, column)
+            kind = "a finite number (or no number in the whole column)"
+            require_numbers(table, column, has_value & np.isnan(cells), kind)
+        values[name] = dict(
+            zip(subjects[has_value].tolist(), cells[has_value].tolist(), strict=True)
+        )
     table.problems.refuse()
     return values
-
-
-def _meanings(texts: Iterable[str], decimal_comma: bool) -> dict[str, str | float]:
-    """The meaning of each text of a column: the level of a category, or a number or NaN.
-
-    Texts that say that a value is missing are left out.
-    """
-    values = {}
-    for text in texts:
-        if text.lower() not in MISSING_WORDS:
-            values[text] = number(text, decimal_comma)
-    is_word = [math.isnan(value) for value in values.values()]
-    if all(is_word) or (len(is_word) <= 2 and any(is_word)):
-        return {text: text for text in values}
-    return dict(values)

@@ -16,6 +16,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import filterfalse
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from bayes_toe.data.column_roles import (
     is_no_response,
     named_places,
 )
-from bayes_toe.data.messages import display_name, join_names, quoted
+from bayes_toe.data.messages import Texts, display_name, join_names, join_words, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
 from bayes_toe.data.text_table import CELL, PAIR, Column, TextTable, repeated_columns
@@ -67,12 +68,12 @@ class StandardOrder:
 
     def __init__(self, table: TextTable, column: Column | None, options: ReadOptions) -> None:
         self.column = column
-        self.is_first = np.ones(len(table.rows), np.bool_)
-        self.is_unknown = np.zeros(len(table.rows), np.bool_)
+        self.is_first = np.ones(len(table.rows), bool)
+        self.is_unknown = np.zeros(len(table.rows), bool)
         if column is not None:
             is_first = _standard_first_by_text(table, column, options)
-            self.is_first = column.map(lambda text: is_first.get(text) is True, np.bool_)
-            self.is_unknown = column.map(lambda text: is_first.get(text) is None, np.bool_)
+            self.is_first = column.map(lambda text: is_first.get(text) is True)
+            self.is_unknown = column.map(lambda text: is_first.get(text) is None)
 
     def in_order(self, standard: FloatArray, comparison: FloatArray) -> list[FloatArray]:
         """First and second stimuli of every row."""
@@ -88,11 +89,13 @@ class StandardOrder:
         refused if no response has the code, or there are three codes.
         """
         comparison_code = options.comparison_code
-        texts = [*filter(None, column.texts)]
+        texts = list(filter(None, column.texts))
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
-            finding = f"found {join_names(column.counts(texts))}"
-            rule = f"{quoted(comparison_code)} for 'comparison' and one other code for 'standard'"
-            _ask_order(table, column, f"{finding}, allowed: {rule}", [])
+            problem = (
+                f"found {join_names(column.counts(texts))}, allowed: {quoted(comparison_code)} for "
+                "'comparison' and one other code for 'standard'"
+            )
+            _ask_order(table, column, problem, [])
 
         is_comparison = {}
         for text in texts:
@@ -104,8 +107,8 @@ class StandardOrder:
                     is_comparison[text] = stimuli == ["comparison"]
 
         words = np.array(column.texts, object)[column.codes]
-        is_named = column.map(is_comparison.__contains__, np.bool_)
-        is_second = column.map(is_comparison.get, np.bool_) == self.is_first
+        is_named = column.matches(is_comparison)
+        is_second = column.map(is_comparison.get) == self.is_first
         words[is_named & is_second] = "second"
         words[is_named & ~is_second] = "first"
         return Column.from_texts(column.name, words)
@@ -157,21 +160,21 @@ def _require_certain(
 
 
 def _ask_order(
-    table: TextTable, column: Column, problem: str, texts: Sequence[str], owner: str = ""
+    table: TextTable, column: Column, problem: str, texts: Texts, owner: str = ""
 ) -> None:
     """Refuse a column of which it is not certain what these texts mean."""
-    remedies = list[Remedy]()
+    remedies = []
     if owner == "comparison":
         meaning = "if it says the interval of the comparison"
         remedies.append(Remedy("comparison_interval", column.name, meaning))
     for text in texts:
         meaning = f"if {text} means that the standard was first"
         remedies.append(Remedy("standard_first_code", text, meaning))
-    table.problems.ask(f"column {display_name(column.name)}: {problem}", remedies)
+    table.problems.ask(f"{column}: {problem}", remedies)
     table.problems.refuse()
 
 
-def _is_standard_first(text: str, owner: str, places_of_name: Sequence[str]) -> bool | None:
+def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | None:
     """Whether a cell says that the standard came first; None where its meaning is not certain.
 
     `owner` is the stimulus whose interval a cell such as 1 tells.
@@ -202,7 +205,18 @@ def stimulus_logs(
     """
     if options.decimal is None and table.grouping_sign:
         _require_decimal_sign(table, columns, options)
-    return [_stimulus_logs(table, column, options) for column in columns]
+    logs = []
+    for column in columns:
+        if options.decimal is None:
+            values = [number(text, table.decimal_comma) for text in column.texts]
+        else:
+            values = [number_by_sign(text, options.decimal) for text in column.texts]
+        if options.has_intensities:
+            # The difference of logs, because the ratio itself may overflow.
+            origin = options.stimulus_unit.log_reference
+            values = [math.log(value) - origin if value > 0 else math.nan for value in values]
+        logs.append(np.array(values)[column.codes] * LOG_UNITS.get(options.unit or "ln", 1.0))
+    return logs
 
 
 def _require_decimal_sign(
@@ -229,19 +243,6 @@ def _require_decimal_sign(
     table.problems.refuse()
 
 
-def _stimulus_logs(table: TextTable, column: Column, options: ReadOptions) -> FloatArray:
-    """Natural-log intensities of every row."""
-    if options.decimal is None:
-        values = [number(text, table.decimal_comma) for text in column.texts]
-    else:
-        values = [number_by_sign(text, options.decimal) for text in column.texts]
-    if options.has_intensities:
-        # The difference of logs, because the ratio itself may overflow.
-        log_reference = options.stimulus_unit.log_reference
-        values = [math.log(value) - log_reference if value > 0 else math.nan for value in values]
-    return np.array(values, np.float64)[column.codes] * LOG_UNITS.get(options.unit or "ln", 1.0)
-
-
 def require_logs(
     table: TextTable, columns: Sequence[Column], stimuli: Sequence[FloatArray], selected: BoolArray
 ) -> None:
@@ -255,14 +256,10 @@ def require_logs(
     if not sign:
         return
 
-    names = " and ".join(display_name(column.name) for column in columns)
-    row = 0
-    location = f"columns {names}"
+    names = [display_name(column.name) for column in columns]
+    problem = f"columns {join_words(names)}: found {sign}, allowed: natural logs"
     if pair is not None:
-        row = int(table.rows[rows[pair]])
-        location = f"row {row}, {location}"
-
-    problem = f"{location}: found {sign}, allowed: natural logs"
+        problem = f"row {table.rows[rows[pair]]}, {problem}"
     if min(first.min(), second.min()) == 0.0:
         problem += ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
     table.problems.ask(problem, intensity_remedies(np.append(first, second)))
@@ -298,25 +295,26 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     if names:
         table = _by_pair(table, names)
         column = table.columns[PAIR]
+        origin = f"names of {len(names)} columns"
     else:
         column = _only_fitting(table, regex)
+        origin = str(column)
 
-    columns = dict(table.columns)
-    other_names = list(table.names)
-    other_names.remove(column.name)
+    columns = {**table.columns}
+    all_names = [*table.names]
+    all_names.remove(column.name)
 
     pairs = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
     for i, name in enumerate(map(options.name, options.stimuli), start=1):
         texts = [pair[i] for pair in pairs]
         columns[name] = Column.from_texts(name, texts, column.codes)
-        other_names.append(name)
+        all_names.append(name)
 
-    origin = f"names of {len(names)} columns" if names else f"column {display_name(column.name)}"
     notes = (*table.notes, f"pairs read from {origin}")
-    return replace(table, names=other_names, columns=columns, notes=notes)
+    return replace(table, names=all_names, columns=columns, notes=notes)
 
 
-def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
+def _by_pair(table: TextTable, names: Texts) -> TextTable:
     """The table with a row for each cell of these columns: the name of the column, and the cell."""
     repeated = repeated_columns(names, dict.fromkeys(names))
     if repeated:
@@ -327,14 +325,13 @@ def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
         if name not in names:
             columns[name] = Column(name, column.texts, np.repeat(column.codes, len(names)))
 
-    n_rows = len(table.rows)
-    columns[PAIR] = Column(PAIR, list(names), np.tile(np.arange(len(names)), n_rows))
-    cells = [table.columns[name].text(row) for row in range(n_rows) for name in names]
+    rows = range(len(table.rows))
+    columns[PAIR] = Column(PAIR, [*names], np.tile(np.arange(len(names)), len(rows)))
+    cells = [table.columns[name].text(row) for row in rows for name in names]
     columns[CELL] = Column.from_texts(CELL, cells)
 
-    all_names = [*(name for name in table.names if name not in names), PAIR, CELL]
-    rows = np.repeat(table.rows, len(names))
-    return replace(table, names=all_names, columns=columns, rows=rows)
+    all_names = [*filterfalse(names.__contains__, table.names), PAIR, CELL]
+    return replace(table, names=all_names, columns=columns, rows=np.repeat(table.rows, len(names)))
 
 
 def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:
@@ -344,7 +341,8 @@ def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:
         if all(map(regex.fullmatch, column.texts)):
             fitting.append(column)
     if len(fitting) != 1:
-        finding = f"found {len(fitting)} columns with names or cells as --wide has it"
-        rule = "columns whose names are pairs, or one whose cells are"
-        raise InputError(f"{table.source}: {finding}, allowed: {rule}")
+        raise InputError(
+            f"{table.source}: found {len(fitting)} columns with names or cells as --wide has it, "
+            "allowed: columns whose names are pairs, or one whose cells are"
+        )
     return fitting[0]

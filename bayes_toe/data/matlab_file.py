@@ -29,8 +29,7 @@ SAVED = (
     "save('trials.mat', '-struct', 'S', '-v7')"
 )
 _DAMAGED_ALLOWED = "one that MATLAB has saved with '-v7'"
-#: Where objects of MATLAB's own leave a mark, in files of both kinds.
-_OBJECTS = {"__function_workspace__", "#subsystem#"}
+
 #: Seconds after which a file is refused; one of 10^6 trials takes some 10 s.
 _LONGEST = 120
 _MOST_MEMORY = 2**32  # bytes
@@ -55,8 +54,9 @@ def matlab_values(source: str, data: bytes) -> Any:
     try:
         reader = subprocess.run(command, input=data, capture_output=True, timeout=_LONGEST)
     except subprocess.TimeoutExpired:
-        problem = f"{source}: not read within {_LONGEST} s, allowed: {_DAMAGED_ALLOWED}"
-        raise InputError(problem) from None
+        raise InputError(
+            f"{source}: not read within {_LONGEST} s, allowed: {_DAMAGED_ALLOWED}"
+        ) from None
 
     if reader.returncode:
         raise damaged(
@@ -87,8 +87,11 @@ def write_texts(source: str) -> None:
     except InputError as error:
         json.dump({"problems": error.problems}, sys.stdout)
     except MemoryError:
-        problem = f"{source}: found more than fits into {_MOST_MEMORY:,} bytes of memory"
-        json.dump({"problems": [f"{problem}, allowed: a smaller file"]}, sys.stdout)
+        problem = (
+            f"{source}: found more than fits into {_MOST_MEMORY:,} bytes of memory, allowed: a "
+            "smaller file"
+        )
+        json.dump({"problems": [problem]}, sys.stdout)
 
 
 def _variables(source: str, data: bytes) -> Record:
@@ -100,7 +103,8 @@ def _variables(source: str, data: bytes) -> Record:
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         raise damaged(source, "MATLAB", error, _DAMAGED_ALLOWED) from None
 
-    if _OBJECTS & variables.keys():
+    # Where objects of MATLAB's own leave a mark, in files of both kinds.
+    if {"__function_workspace__", "#subsystem#"} & variables.keys():
         # MATLAB's own table objects are in no documented format.
         raise InputError(
             f"{source}: found a table or another object of MATLAB's own, allowed: {SAVED}"
@@ -115,11 +119,10 @@ def _loaded(data: bytes) -> Record:
 
     try:
         with warnings.catch_warnings(action="ignore"):
-            variables: Record = loadmat(io.BytesIO(data), simplify_cells=True)
+            return loadmat(io.BytesIO(data), simplify_cells=True)
     except NotImplementedError:
         with h5py.File(io.BytesIO(data)) as file:
-            variables = {name: _hdf5_value(file, name) for name in file}
-    return variables
+            return {name: _hdf5_value(file, name) for name in file}
 
 
 def _hdf5_value(group: Any, name: str) -> Any:
@@ -153,7 +156,7 @@ def _hdf5_value(group: Any, name: str) -> Any:
         return cells
 
     if kind == b"logical":
-        values = values.astype(np.bool_)
+        values = values.astype(bool)
     return values.item() if values.size == 1 else np.squeeze(values)
 
 
@@ -174,6 +177,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _plain(field) for name, field in value.items()}
     if isinstance(value, np.ndarray | list):
-        return [*map(_plain, value)]
+        return list(map(_plain, value))
     text = value_text(value)
     return text if isinstance(text, str) else text.problem

@@ -13,16 +13,17 @@ from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 if TYPE_CHECKING:
     import pandas as pd
 
+#: Names, cells or lines, in their order.
+Texts: TypeAlias = Sequence[str]
 MAX_LINES = 10
-#: Scripts of a page, without those that hold data.
-_SCRIPT = re.compile(r'<script(?: type="text/javascript")?>(.*?)</script>', re.DOTALL)
+
 _LONGEST_SHOWN = 40
 #: Why repeated trials matter.
 TWICE = "repeated trials make intervals too narrow"
@@ -61,8 +62,9 @@ def format_path(path: Path) -> str:
 def join_names(names: Iterable[str], max_items: int = MAX_LINES) -> str:
     """The first names, and how many there are beyond them."""
     items = list(names)
-    ending = [f"... and {len(items) - max_items:,} more"] if len(items) > max_items else []
-    return ", ".join([*items[:max_items], *ending])
+    if len(items) > max_items:
+        items[max_items:] = [f"... and {len(items) - max_items:,} more"]
+    return ", ".join(items)
 
 
 def join_counts(counts: Mapping[str, int]) -> str:
@@ -143,11 +145,9 @@ def join_few(names: Sequence[str]) -> str:
 
 def name_from_key(name: object) -> str:
     """The name of a subject as somebody says it: a whole number is its digits."""
-    return (
-        str(name)
-        if isinstance(name, str | int | np.integer) and not isinstance(name, bool)
-        else repr(name)
-    )
+    if isinstance(name, str | int | np.integer) and not isinstance(name, bool):
+        return str(name)
+    return repr(name)
 
 
 def cli_argument(name: str, blocks: Sequence[str] = ()) -> str:
@@ -174,7 +174,8 @@ def with_policy(page: str, *more_sources: str) -> str:
     `more_sources` are what scripts may do besides, such as "'unsafe-eval'".
     """
     hashes = []
-    for script in _SCRIPT.findall(page):
+    # Scripts that hold data have another type.
+    for script in re.findall(r'<script(?: type="text/javascript")?>((?s:.*?))</script>', page):
         digest = hashlib.sha256(script.encode("utf-8")).digest()
         hashes.append(f"'sha256-{b64encode(digest).decode()}'")
     policy = (

@@ -13,7 +13,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
+from typing import Any
 
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
 from bayes_toe.data.study import Study
@@ -155,31 +157,24 @@ class ReadOptions:
         if problems:
             raise InputError(problems)
 
-    def require_one_task(self) -> None:
-        """Refuse codes of two tasks, which are allowed as long as tasks may be the condition."""
-        problems = [*self._code_problems()]
-        if problems:
-            raise InputError(problems)
-
     def _strip_texts(self) -> None:
         """Replace all values by texts without spaces around them, see :func:`_as_text`."""
+        values: dict[str, Any] = vars(self)  # a frozen dataclass refuses assignments
         for key in _TEXT_FIELDS:
-            text = getattr(self, key)
-            if text is not None:
-                object.__setattr__(self, key, _as_text(text))
+            if values[key] is not None:
+                values[key] = _as_text(values[key])
 
         for key in ("columns", "where"):
-            texts = getattr(self, key)
+            texts = values[key]
             require_kind(key, texts, Mapping, "texts by name, such as {'subject': 'participant'}")
-            texts = {_as_text(name): _as_text(text) for name, text in texts.items()}
-            object.__setattr__(self, key, texts)
+            values[key] = {_as_text(name): _as_text(text) for name, text in texts.items()}
 
         for key in ("ignore", "missed"):
-            entries = getattr(self, key)
+            entries = values[key]
             if isinstance(entries, str | int | float):
                 entries = [entries]
             require_kind(key, entries, Iterable, "a text, or several in a list")
-            object.__setattr__(self, key, tuple(map(_as_text, entries)))
+            values[key] = tuple(map(_as_text, entries))
 
     def _text_problems(self) -> Iterator[str]:
         """Problems of empty texts, a line each."""
@@ -201,8 +196,9 @@ class ReadOptions:
             yield from error.problems
 
         if self.intensity is not None and self.unit in LOG_UNITS:
-            rule = "--unit alone for logarithms"
-            yield f"--intensity: found with --unit {self.unit}, allowed: {rule}"
+            yield (
+                f"--intensity: found with --unit {self.unit}, allowed: --unit alone for logarithms"
+            )
 
         if self.decimal not in (None, ".", ","):
             yield f"--decimal: found {self.decimal!r}, allowed: '.' or ','"
@@ -224,47 +220,59 @@ class ReadOptions:
 
         Both codes may be one text, and two options may tell the task.
         """
-        options = list[str]()
+        options = []
         answer_of_code = dict[str, str]()
         for answer, code in self.code_by_answer.items():
             options.append(f"--{answer}-code")
             other = answer_of_code.setdefault(code, answer)
             if other != answer:
-                finding = f"found {quoted(code)} as --{other}-code"
-                yield f"--{answer}-code: {finding}, allowed: different texts"
+                yield (
+                    f"--{answer}-code: found {quoted(code)} as --{other}-code, allowed: different "
+                    "texts"
+                )
 
+        has_one_task = self.task is not None
         if self.correct is not None:
+            has_one_task = not options
             options.append("--correct")
-        has_task = self.task is not None or not options
-        if not has_task or (self.correct is not None and len(options) > 1):
-            rule = "what tells one task in one way"
-            yield f"{', '.join(options)}: found together, allowed: {rule}"
+        if options and not has_one_task:
+            yield f"{', '.join(options)}: found together, allowed: what tells one task in one way"
 
     def _name_problems(self) -> Iterator[str]:
         """Problems of the names of columns and files, a line each."""
         for role, name in self.columns.items():
             if role not in COLUMNS or not name:
-                finding = quoted(f"{role}={name}")
-                rule = f"OURS=NAME with OURS one of {', '.join(COLUMNS)}"
-                yield f"--columns: found {finding}, allowed: {rule}"
+                pair = quoted(f"{role}={name}")
+                columns = ", ".join(COLUMNS)
+                yield f"--columns: found {pair}, allowed: OURS=NAME with OURS one of {columns}"
 
         for role in self.ignore:
             if role not in _MAY_BE_IGNORED:
                 yield f"--ignore: found {quoted(role)}, allowed: {', '.join(_MAY_BE_IGNORED)}"
 
-        if self.wide is not None and not _is_pair_pattern(self.wide):
-            rule = "{first}, some text, {second}, such as '{first}_{second}'"
-            yield f"--wide: found {quoted(self.wide)}, allowed: {rule}"
+        if self.wide is not None:
+            stimuli = re.findall(r"\{(?:first|second)\}", self.wide)
+            if stimuli != ["{first}", "{second}"] or "{first}{second}" in self.wide:
+                yield (
+                    f"--wide: found {quoted(self.wide)}, allowed: {{first}}, some text, "
+                    "{second}, such as '{first}_{second}'"
+                )
 
         if self.subject_from is not None and self.subject_from.count("{}") != 1:
-            rule = "a file's name with one {}, such as 'sub-{}_*.tsv'"
-            yield f"--subject-from: found {quoted(self.subject_from)}, allowed: {rule}"
+            yield (
+                f"--subject-from: found {quoted(self.subject_from)}, allowed: a file's name with "
+                "one {}, such as 'sub-{}_*.tsv'"
+            )
 
     @property
     def code_by_answer(self) -> dict[str, str]:
         """The codes of responses that are there."""
-        codes = {answer: getattr(self, f"{answer}_code") for answer in _ANSWERS}
-        return {answer: code for answer, code in codes.items() if code is not None}
+        codes = {}
+        for answer in _ANSWERS:
+            code = getattr(self, f"{answer}_code")
+            if code is not None:
+                codes[answer] = code
+        return codes
 
     @property
     def task(self) -> Task | None:
@@ -295,8 +303,7 @@ class ReadOptions:
             "condition": self.condition,
             "standard_interval": self.interval_column,
         }
-        chosen = chosen_by_role.get(role)
-        return self.columns.get(role, chosen or role)
+        return self.columns.get(role, chosen_by_role.get(role) or role)
 
     @property
     def has_standard(self) -> bool:
@@ -334,12 +341,6 @@ class ReadOptions:
         return self.intensity is not None or self.unit not in (None, *LOG_UNITS)
 
 
-def _is_pair_pattern(pattern: str) -> bool:
-    """Whether a pattern has each stimulus once, the first before the second, and text between."""
-    stimuli = re.findall(r"\{(?:first|second)\}", pattern)
-    return stimuli == ["{first}", "{second}"] and "{first}{second}" not in pattern
-
-
 def _as_text(value: object) -> str:
     """A text without spaces around it; a number is as in a table, so that 1.0 is '1'."""
     if isinstance(value, bool | float):
@@ -360,12 +361,13 @@ def parse_pairs(option: str, entries: Iterable[str], form: str) -> dict[str, str
     >>> parse_pairs("--columns", ["subject=participant", "s1 = first"], "OURS=NAME")
     {'subject': 'participant', 's1': 'first'}
     """
-    pairs = dict[str, str]()
+    pairs = {}
     for entry in entries:
         name, text = (part.strip() for part in entry.partition("=")[::2])
         if not name or not text or name in pairs:
-            finding = quoted(entry.strip())
-            raise InputError(f"{option}: found {finding}, allowed: {form}, each name once")
+            raise InputError(
+                f"{option}: found {quoted(entry.strip())}, allowed: {form}, each name once"
+            )
         pairs[name] = text
     return pairs
 
@@ -410,12 +412,13 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
     """
     all_names = {*study.names, *(unit.subject_name for unit in study)}
     names = [name for name in all_names if f"{text}:".startswith(f"{name}:")]
-    if not names:
-        name = quoted(text.partition(":")[0])
-        subject_names = join_names(map(display_name, study.names))
-        raise InputError(f"{option} {text}: no subject {name}; the subjects are {subject_names}")
-
-    name = max(names, key=len)
+    name = max(names, key=len, default="")
+    if not name:
+        unknown_name = quoted(text.partition(":")[0])
+        raise InputError(
+            f"{option} {text}: no subject {unknown_name}; the subjects are "
+            f"{join_names(map(display_name, study.names))}"
+        )
     if text == name:
         return name, []
 
@@ -427,8 +430,8 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
     return name, [block.strip() for block in blocks.split(",")]
 
 
-def subject_in(path: Path, pattern: str) -> str | None:
-    """The subject that a file's name tells; None where it does not fit.
+def subject_in(path: object, pattern: str) -> str | None:
+    """The subject that a file's name tells; None where it does not fit, and for a data frame.
 
     Examples
     --------
@@ -437,8 +440,10 @@ def subject_in(path: Path, pattern: str) -> str | None:
     >>> subject_in(Path("S1/trials.csv"), "{}/trials.csv")
     'S1'
     """
+    if not isinstance(path, StrPath):
+        return None
     n_folders = pattern.count("/")
-    end_of_path = "/".join(path.absolute().parts[-1 - n_folders :])
+    end_of_path = "/".join(Path(path).absolute().parts[-1 - n_folders :])
     regex = re.escape(pattern).replace(r"\{\}", "([^/]+?)").replace(r"\*", "[^/]*")
     match = re.fullmatch(regex, end_of_path)
     return None if match is None else match[1]

@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
 from itertools import chain, filterfalse
-from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, StrPath
-from bayes_toe.data.answers import Reading
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, StrPath
+from bayes_toe.data.answers import Counts, Reading
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     columns_to_read,
@@ -29,6 +28,7 @@ from bayes_toe.data.column_roles import (
     is_percentage,
     is_response_sign,
     looks_like,
+    names_like,
     with_likely_columns,
 )
 from bayes_toe.data.layouts import (
@@ -64,6 +64,7 @@ from bayes_toe.data.tasks import (
 from bayes_toe.data.text_table import (
     DELIMITERS,
     Column,
+    Columns,
     Frame,
     TextTable,
 )
@@ -74,8 +75,8 @@ from bayes_toe.data.units import (
     options_by_task,
     pooled_conditions,
     study_of_tasks,
+    unit_column,
     with_conditions,
-    with_units,
 )
 from bayes_toe.data.validation import (
     bare_names,
@@ -160,6 +161,7 @@ def read_study(
     Examples
     --------
     >>> import tempfile
+    >>> from pathlib import Path
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     pilot = Path(folder, "pilot.csv")
     ...     rows = "subject,s1,s2,response\n01,0,0.3,equal\n01,0.3,0,different\n"
@@ -192,22 +194,15 @@ def read_study(
     is_chosen = options.categorical or (options.condition, options.reference) != (None, None)
     condition = None if is_chosen else study.conditions
     if condition is not None and follows_from_pairs(units_by_subject(study).values()):
-        return _without_condition(path, options, condition.name)
+        study = read_study(path, options.without_condition)
+        name = display_name(condition.name)
+        note = (
+            f"column {name}: found no pair at two of its levels, as where it names pairs or their "
+            f"order, so that it is no condition: not used; --condition {name} takes it all the same"
+        )
+        return replace(study, notes=(*study.notes, note))
     require_direction(study, options, read)
     return study
-
-
-def _without_condition(
-    path: StrPath | Frame | Sequence[StrPath | Frame], options: ReadOptions, name: str
-) -> Study:
-    """The study, whose column `name` is no condition since it follows from the pairs."""
-    study = read_study(path, replace(options, ignore=(*options.ignore, "condition")))
-    column = f"column {display_name(name)}"
-    note = (
-        f"{column}: found no pair at two of its levels, as where it names pairs or their order, so "
-        f"that it is no condition: not used; --condition {display_name(name)} takes it all the same"
-    )
-    return replace(study, notes=(*study.notes, note))
 
 
 def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
@@ -222,9 +217,8 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
     studies = []
     for options_of_part in options_by_task(table, options):
         rows = _rows(table, path, options_of_part)
-        answers = rows.columns.get("response", rows.columns.get("correct"))
-        study = _count_study(rows) if answers is None else _trial_study(rows, answers)
-        studies.append(study)
+        task = task_counted(rows.columns)
+        studies.append(_trial_study(rows) if task is None else _count_study(rows, task))
     return studies
 
 
@@ -311,7 +305,7 @@ class _Rows:
     """
 
     table: TextTable
-    columns: dict[str, Column]
+    columns: Columns
     keys: list[FloatArray]
     options: ReadOptions
     stimuli: list[FloatArray]
@@ -327,13 +321,6 @@ class _Rows:
     def subject(self) -> Column:
         """The subject of each row."""
         return self.columns["subject"]
-
-    @property
-    def codes(self) -> list[str]:
-        """The responses in the file."""
-        if "response" not in self.columns:
-            return []
-        return [*filterfalse(is_no_response, self.columns["response"].texts)]
 
     @property
     def signs(self) -> list[Column]:
@@ -355,7 +342,7 @@ class _Rows:
         names_to_skip = {column.name for column in columns} | {*self.options.where}
         for ours in self.options.ignore:
             names_to_skip.add(self.options.name(ours))
-            names_to_skip.update(name for name in self.table.names if looks_like(name, ours))
+            names_to_skip.update(names_like(self.table.names, ours))
         return [
             name for name in dict.fromkeys(self.table.names) if name and name not in names_to_skip
         ]
@@ -392,7 +379,7 @@ class _Rows:
             parts.insert(-1, "decimal comma")
         notes = [", ".join(parts), *table.notes]
         for name, text in options.where.items():
-            notes.append(f"only rows with {display_name(text)} in column {display_name(name)}")
+            notes.append(f"only rows with {display_name(text)} in {table.columns[name]}")
         read_as = {}
         for ours, theirs in options.columns.items():
             if theirs != ours and ours in self.columns:
@@ -418,10 +405,17 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     columns |= _marks(table)
     if options.subject_from is not None:
-        columns["subject"] = _subject_of_file(table, path, options.subject_from)
+        subject = subject_in(path, options.subject_from)
+        if subject is None:
+            raise InputError(
+                f"{table.source}: found no subject in its name, allowed: a file named as "
+                f"--subject-from {options.subject_from}"
+            )
+        columns["subject"] = Column("subject", [subject], np.zeros(len(table.rows), np.int64))
     else:
         columns["subject"] = bare_names(table, columns["subject"])
-    columns = with_units(table, columns, options.categorical)
+    if "condition" in columns:
+        columns["subject"] = unit_column(table, columns, options.categorical)
     values = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
     rounding = merge_rounded(values, columns["subject"], options.stimulus_unit)
     order = StandardOrder(table, columns.get("standard_interval"), options)
@@ -433,10 +427,10 @@ def _require_header(table: TextTable, options: ReadOptions) -> None:
     """Refuse a table whose names are a row of it: numbers, and no columns of stimuli."""
     numbers_in_head = [name for name in table.names if math.isfinite(number(name, True))]
     if len(numbers_in_head) > 1 and not {*map(options.name, options.stimuli)} & {*table.names}:
-        cells = join_names([*map(quoted, table.names)])
-        rule = "the names of the columns, such as subject, s1, s2, response"
+        cells = join_names(map(quoted, table.names))
         raise InputError(
-            f"{table.source}: has no header: {table.head} holds {cells}; allowed: {rule}"
+            f"{table.source}: has no header: {table.head} holds {cells}; allowed: the "
+            "names of the columns, such as subject, s1, s2, response"
         )
 
 
@@ -450,7 +444,7 @@ def _order_columns(table: TextTable) -> list[str]:
     return names
 
 
-def _marks(table: TextTable) -> dict[str, Column]:
+def _marks(table: TextTable) -> Columns:
     """The columns that tell something of the whole file."""
     columns = {mark: table.columns[mark] for mark in _MARKS if mark in table.columns}
     if "task" in columns and not tasks_named(columns["task"].texts):
@@ -470,16 +464,7 @@ def _known_names(names: Sequence[str], options: ReadOptions) -> set[str]:
     return {*roles, *_MARKS, *options.where, *pairs} & set(names)
 
 
-def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> Column:
-    """The column of the one subject that the name of a file tells."""
-    subject = subject_in(Path(path), pattern) if isinstance(path, StrPath) else None
-    if subject is None:
-        rule = f"a file named as --subject-from {pattern}"
-        raise InputError(f"{table.source}: found no subject in its name, allowed: {rule}")
-    return Column("subject", [subject], np.zeros(len(table.rows), np.int64))
-
-
-def _study(rows: _Rows, notes: list[str], counts: dict[str, IntArray], task: Task) -> Study:
+def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
     """The study of valid rows, with the counts of each by their names in :class:`Answers`.
 
     Answers are kept as they were given where rows are trials or have a block.
@@ -488,7 +473,7 @@ def _study(rows: _Rows, notes: list[str], counts: dict[str, IntArray], task: Tas
     parts = rows.subject.rows_by_text(np.flatnonzero(n > 0))
     is_trials = task_counted(rows.columns) is None
     missing, doubts = list[str](), list[str]()
-    subjects = list[Subject]()
+    subjects = []
     unit = rows.options.stimulus_unit
     if is_trials or "block" in rows.columns:
         answers, missing, doubts = answers_in_order(
@@ -506,30 +491,40 @@ def _study(rows: _Rows, notes: list[str], counts: dict[str, IntArray], task: Tas
     if task == THREE_ANSWERS:
         doubts += _rare_answer_doubts(counts)
     if not is_trials:
-        notes += _merged_note(parts, subjects)
-        doubts += _percentage_doubts(n)
+        merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
+        if any(merged.values()):
+            merged_rows = plural(sum(merged.values()), "repeated row")
+            notes.append(f"{merged_rows} merged: {join_counts(merged)}")
+        if len(n) >= 4 and (n == 100).all():
+            doubts.append(
+                "each row has 100 trials, as in a table of percentages. If there were fewer, write "
+                "their number"
+            )
     doubts += nameless_doubts(rows.subject)
     doubts += taken_out_doubts(rows.table, rows.names_not_read)
     notes += missing
     is_synthetic, synthetic_notes = _synthetic(rows.columns)
     notes += synthetic_notes
+    codes = []
+    if "response" in rows.columns:
+        codes = list(filterfalse(is_no_response, rows.columns["response"].texts))
     source = rows.table.source
     reading = Reading(
         tuple(rows.columns),
         tuple(rows.names_not_read),
         tuple(f"{source}: {doubt}" for doubt in doubts),
         tuple(_pooled_conditions(rows, k, n)),
-        tuple(rows.codes),
+        tuple(codes),
     )
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
 
 
-def _rare_answer_doubts(counts: Mapping[str, IntArray], rare: float = 0.01) -> Iterator[str]:
+def _rare_answer_doubts(counts: Counts) -> Iterator[str]:
     """A doubt about one of three answers that is rare, as stray words in a study of two answers."""
     n_equal, n_trials, n_second = (int(counts[name].sum()) for name in THREE_ANSWERS.counts)
     numbers = {"equal": n_equal, "second": n_second, "first": n_trials - n_equal - n_second}
     for answer, n_answers in numbers.items():
-        if n_answers < rare * n_trials:
+        if n_answers < 0.01 * n_trials:
             yield (
                 f"only {n_answers} of {n_trials} responses are {answer!r}. If participants had two "
                 "answers, correct or remove these rows"
@@ -549,44 +544,26 @@ def _pooled_conditions(rows: _Rows, k: IntArray, n: IntArray) -> list[str]:
     return pooled_conditions(columns, rows.subject.codes[is_counted], (k == n)[is_counted], keys)
 
 
-def _synthetic(columns: Mapping[str, Column]) -> tuple[bool, list[str]]:
+def _synthetic(columns: Columns) -> tuple[bool, list[str]]:
     """Whether a column marks every row as synthetic, and what is noted of it."""
-    marks = []
-    if "synthetic" in columns:
-        marks = [text.lower() in TRUE_WORDS for text in columns["synthetic"].texts]
-    if not any(marks):
+    if "synthetic" not in columns:
         return False, []
-    if all(marks):
+    marks = columns["synthetic"].map(lambda text: text.lower() in TRUE_WORDS)
+    if not marks.any():
+        return False, []
+    if marks.all():
         return True, ["synthetic data: the column synthetic marks every row"]
     return False, ["the column synthetic marks only some rows, so the study is not marked"]
-
-
-def _merged_note(parts: Mapping[str, IndexArray], subjects: Sequence[Subject]) -> list[str]:
-    """How many rows of counts repeat a pair; `parts` are the rows of every subject."""
-    merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
-    n_merged = sum(merged.values())
-    if not n_merged:
-        return []
-    return [f"{plural(n_merged, 'repeated row')} merged: {join_counts(merged)}"]
-
-
-def _percentage_doubts(n: IntArray) -> list[str]:
-    """A doubt if each pair has 100 trials, as in a table of percentages."""
-    if len(n) < 4 or not (n == 100).all():
-        return []
-    return [
-        "each row has 100 trials, as in a table of percentages. If there were fewer, write their "
-        "number"
-    ]
 
 
 # --- Trials ---------------------------------------------------------------------------------------
 
 
-def _trial_study(rows: _Rows, column: Column) -> Study:
-    """The study of a table whose rows are trials; the column has the responses."""
+def _trial_study(rows: _Rows) -> Study:
+    """The study of a table whose rows are trials."""
     table = rows.table
-    column, missed_texts = blank_missed(column, rows.options)
+    responses_or_scores = "correct" if rows.options.correct else "response"
+    column, missed_texts = blank_missed(rows.columns[responses_or_scores], rows.options)
     if rows.options.has_standard and "response" in rows.columns:
         column = rows.order.by_interval(table, column, rows.options)
     answers = responses(table, column, rows.options, rows.keys, rows.order)
@@ -597,18 +574,19 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
     table.problems.refuse()
     require_task(table, answers.task, rows.columns.get("task"))
     if not answers.is_answered.any():
-        elsewhere = Remedy(
-            "columns", (("response", "NAME"),), "if another column has the responses"
-        )
+        remedies = []
+        if rows.options.correct is None:
+            name_to_type = (("response", "NAME"),)
+            remedies.append(Remedy("columns", name_to_type, "if another column has the responses"))
         raise InputError(
-            f"{table.source}: column {display_name(column.name)}: found no response in any of "
-            f"{len(answers.is_answered)} rows, allowed: at least one answered trial",
-            [elsewhere] if rows.options.correct is None else [],
+            f"{table.source}: {column}: found no response in any of {len(table.rows)} rows, "
+            "allowed: at least one answered trial",
+            remedies,
         )
 
     notes = rows.layout("trial", answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable
-    causes = [*missed_texts, *missed_signs]
+    causes = missed_texts + missed_signs
     notes += _dropped_note(rows, unanswered, "without a response", causes)
     equal_stimuli = "with equal stimuli, of which no answer is right,"
     notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
@@ -619,11 +597,11 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
         notes.append(f"{subjects} without any response left out: {join_names(absent)}")
 
     # A trial is a count of one, a trial without an answer a count of none.
-    counts = {"n_yes": answers.is_yes, "n_trials": answers.is_answered}
-    if answers.task == THREE_ANSWERS:
-        counts["n_second"] = answers.is_second
-    integers = {name: values.astype(np.int64) for name, values in counts.items()}
-    return _study(rows, notes, integers, answers.task)
+    columns = (answers.is_yes, answers.is_answered, answers.is_second)
+    counts = {}
+    for name, values in zip(answers.task.counts, columns, strict=False):
+        counts[name] = values.astype(np.int64)
+    return _study(rows, notes, counts, answers.task)
 
 
 def _dropped_note(
@@ -635,9 +613,9 @@ def _dropped_note(
     """
     if not is_dropped.any():
         return []
-    trials = plural(int(is_dropped.sum()), "trial")
-    finding = f" ({', '.join(cells)})" if cells else ""
     subject = rows.subject.only(is_dropped)
+    trials = plural(len(subject.codes), "trial")
+    finding = f" ({', '.join(cells)})" if cells else ""
     names = [text or "(no subject)" for text in subject.texts]
     counts = dict(zip(names, np.bincount(subject.codes).tolist(), strict=True))
     return [f"{trials} {reason} dropped{finding}: {join_counts(counts)}"]
@@ -646,35 +624,33 @@ def _dropped_note(
 # --- Counts ---------------------------------------------------------------------------------------
 
 
-def _count_study(rows: _Rows) -> Study:
-    task = task_counted(rows.columns)
-    assert task is not None  # the header was checked
+def _count_study(rows: _Rows, task: Task) -> Study:
+    """The study of a table of counts of one answer, or of three."""
     if task == THREE_ANSWERS:
         return _three_count_study(rows)
     table, trials = rows.table, rows.columns["n_trials"]
     column = rows.columns[task.count]
     n = column_counts(table, trials)
+    name = display_name(trials.name)
     share_notes = []
     if is_percentage(column.name) or has_shares(table, column):
-        name, of_trials = display_name(column.name), display_name(trials.name)
-        share_notes.append(f"column {name} read as shares of {of_trials}")
+        share_notes.append(f"{column} read as shares of {name}")
         k = counts_of_shares(table, column, n)
     else:
         k = column_counts(table, column)
-    rows.require_pairs(np.ones(len(n), np.bool_))
-    name = display_name(trials.name)
+    rows.require_pairs(np.ones(len(n), bool))
     table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
     _require_counts(rows, n, task)
     notes = rows.layout("grouped", f"{k.sum()} of {n.sum()} trials answered '{task.yes}'")
     notes += share_notes
     if (n == 0).any():
-        notes.append(f"{plural(int(np.count_nonzero(n == 0)), 'row')} with n_trials = 0 left out")
+        notes.append(f"{plural((n == 0).sum(), 'row')} with n_trials = 0 left out")
     return _study(rows, notes, {"n_yes": k, "n_trials": n}, task)
 
 
 def _three_count_study(rows: _Rows) -> Study:
     """The study of counts of three answers, which add up to the trials of a row."""
-    task, counts = THREE_ANSWERS, dict[str, IntArray]()
+    task, counts = THREE_ANSWERS, {}
     for answer in task.answers:
         counts[answer] = column_counts(rows.table, rows.columns[f"n_{answer}"])
     n = np.sum([*counts.values()], axis=0)
@@ -682,7 +658,7 @@ def _three_count_study(rows: _Rows) -> Study:
     if trials is not None:
         is_other = column_counts(rows.table, trials) != n
         rows.table.fault(trials, is_other, lambda index: f"the sum of its counts, {n[index]}")
-    rows.require_pairs(np.ones(len(n), np.bool_))
+    rows.require_pairs(np.ones(len(n), bool))
     _require_counts(rows, n, task)
     shares = [f"{count.sum()} '{answer}'" for answer, count in counts.items()]
     notes = rows.layout("grouped", f"{n.sum()} trials answered {', '.join(shares)}")

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -51,16 +51,13 @@ from bayes_toe.errors import InputError, Remedy
 LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
 
 #: How a text begins that is JSON, whatever its suffix: a record, or a list of records or lists.
-_JSON_START = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\[\s*[\[{]|\{)")
+_JSON_START = rb"(?:\xef\xbb\xbf)?\s*(?:\[\s*[\[{]|\{)"
 _TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 #: A formula that no program has computed, and the error that stands for it.
-_NOT_COMPUTED = re.compile(
+_NOT_COMPUTED = (
     rb"(<c (?![^<>]*\bt=)[^<>]*)>(?:<f[^<>]*/>|<f[^<>]*>[^<>]*</f>)(?:<v ?/>|<v></v>)?</c>"
 )
 _ERROR = rb'\1 t="e"><v>a formula without a value</v></c>'
-#: A cell, and a row, that have a place and nothing else.
-_BLANK_CELL = re.compile(rb'<c [^<>]*\br="[^<>]*/>')
-_BLANK_ROW = re.compile(rb'<row [^<>]*\br="(?:[^<>]*/>|[^<>]*></row>)')
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm")
 _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 #: Suffixes of tables. A file that is named and has another suffix is read as a text.
@@ -118,7 +115,7 @@ def read_table(
         library = type(source).__module__.partition(".")[0]
         name = f"{library} {type(source).__name__}"
         # Rows count from 0, as in `iloc`.
-        return _table_of_frame(Origin(name, name, "columns"), source, 0, choice)
+        return _table_of_frame(name, name, "columns", source, 0, choice)
     if not isinstance(source, str | os.PathLike):
         raise InputError(
             f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or "
@@ -139,8 +136,8 @@ def read_table(
     name = display_name(path.name)
     suffix = path.suffix.lower()
     if suffix in _NOT_READ:
-        finding, rule = _NOT_READ[suffix]
-        raise InputError(f"{name}: found {finding}, allowed: {rule}")
+        form, rule = _NOT_READ[suffix]
+        raise InputError(f"{name}: found {form}, allowed: {rule}")
     if sheet is not None and suffix not in _EXCEL_SUFFIXES:
         raise InputError(f"{name}: found --sheet {sheet}, allowed: with an Excel file")
 
@@ -157,8 +154,8 @@ def read_table(
 
 def _is_json(suffix: str, data: bytes) -> bool:
     """Whether a file is JSON by its suffix, or a text that begins like it."""
-    is_text = suffix in _TEXT_SUFFIXES
-    return suffix in _JSON_SUFFIXES or (is_text and _JSON_START.match(data) is not None)
+    begins_like_json = suffix in _TEXT_SUFFIXES and re.match(_JSON_START, data)
+    return suffix in _JSON_SUFFIXES or bool(begins_like_json)
 
 
 def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:
@@ -199,35 +196,26 @@ def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
 # --- Values as text ------------------------------------------------------------------------------
 
 
-class Origin(NamedTuple):
-    """Where a table comes from, in the words of messages.
-
-    `source` is the name of the file or the frame, and `head` the place of the names of columns.
-    """
-
-    source: str
-    form: str
-    head: str
-
-
 def _table_of_values(
-    origin: Origin,
+    source: str,
+    form: str,
+    head: str,
     names: list[str],
     values: Mapping[str, Iterable[object]],
     rows: Sequence[int],
     choice: Choice,
     notes: Sequence[str] = (),
 ) -> TextTable:
-    """The table of values by column.
+    """The table of values by column; `head` is the place of the names of columns in messages.
 
     The first cell without a text is a problem in the columns that are chosen.
     """
     chosen = choice(names)
-    problems = Problems(origin.source)
+    problems = Problems(source)
     columns = {}
     for name, cells in values.items():
-        texts = list[str]()
-        cell_problems = list[tuple[int, str]]()
+        texts = []
+        cell_problems = []
         for row, text in zip(rows, map(value_text, cells), strict=True):
             if isinstance(text, NoValue):
                 location = f"row {row}, column {display_name(name)}"
@@ -239,12 +227,12 @@ def _table_of_values(
         if name in chosen:
             problems.add(cell_problems[:1])
     row_numbers = np.array(rows, np.int64)
-    return TextTable(
-        origin.form, "", origin.head, names, columns, row_numbers, problems, tuple(notes)
-    )
+    return TextTable(form, "", head, names, columns, row_numbers, problems, tuple(notes))
 
 
-def _table_of_frame(origin: Origin, frame: Any, first_row: int, choice: Choice) -> TextTable:
+def _table_of_frame(
+    source: str, form: str, head: str, frame: Any, first_row: int, choice: Choice
+) -> TextTable:
     """The table of a pandas or polars DataFrame."""
     names = [str(name).strip() for name in frame.columns]
     values = {}
@@ -253,7 +241,7 @@ def _table_of_frame(origin: Origin, frame: Any, first_row: int, choice: Choice) 
         is_single = str(series.dtype).lower() == "float32"
         values[name] = np.asarray(series, np.float32) if is_single else series.to_list()
     rows = range(first_row, first_row + len(frame))
-    return _table_of_values(origin, names, values, rows, choice)
+    return _table_of_values(source, form, head, names, values, rows, choice)
 
 
 # --- Excel ---------------------------------------------------------------------------------------
@@ -265,18 +253,15 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     heads = {title: _sheet_names(rows, choice) for title, rows in sheets.items()}
     title = _chosen_sheet(source, sheets, heads, choice) if sheet is None else sheet
     if title not in sheets:
-        finding = join_names(map(display_name, sheets))
-        raise InputError(f"{source}: found the sheets {finding}, allowed: one of them")
+        titles = join_names(map(display_name, sheets))
+        raise InputError(f"{source}: found the sheets {titles}, allowed: one of them")
 
     first, names = heads[title]
     rows = sheets[title]
-    filled = {}
-    for number, cells in enumerate(rows[first + 1 :], start=first + 2):
-        if _is_filled(cells):
-            filled[number] = cells
+    filled = [row for row in range(first + 2, len(rows) + 1) if _is_filled(rows[row - 1])]
     values = {}
     for name, index in name_places(names).items():
-        values[name] = [cells[index] for cells in filled.values()]
+        values[name] = [rows[row - 1][index] for row in filled]
 
     notes = []
     if len(sheets) > 1:
@@ -284,8 +269,8 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
         notes.append(f"sheet {display_name(title)} read, not {join_names(other_sheets)}")
     if any(map(_is_filled, rows[:first])):
         notes.append(f"rows above row {first + 1} left out")
-    origin = Origin(source, EXCEL, f"row {first + 1}")
-    return _table_of_values(origin, names, values, [*filled], choice, notes)
+    head = f"row {first + 1}"
+    return _table_of_values(source, EXCEL, head, names, values, filled, choice, notes)
 
 
 def _chosen_sheet(
@@ -302,9 +287,9 @@ def _chosen_sheet(
         raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
 
     if len(tables) > 1 and largest_count:
+        titles = join_words(list(map(display_name, tables)))
         remedies = [Remedy("sheet", title) for title in tables]
-        finding = join_words([*map(display_name, tables)])
-        raise InputError(f"{source}: the sheets {finding} have tables.", remedies)
+        raise InputError(f"{source}: the sheets {titles} have tables.", remedies)
 
     return max(tables, key=lambda title: len(sheets[title]))
 
@@ -352,14 +337,17 @@ def _without_formats(source: str, data: bytes) -> io.BytesIO:
     with zipfile.ZipFile(io.BytesIO(data)) as book, zipfile.ZipFile(compact, "w") as saved:
         unpacked = sum(part.file_size for part in book.infolist())
         if unpacked > LARGEST_STUDY:
-            finding = f"found {unpacked} bytes unpacked"
-            raise InputError(f"{source}: {finding}, allowed: at most {LARGEST_STUDY}")
+            raise InputError(
+                f"{source}: found {unpacked} bytes unpacked, allowed: at most {LARGEST_STUDY}"
+            )
 
         for name in book.namelist():
             part = book.read(name)
             if name.startswith("xl/worksheets/"):
-                part = _BLANK_ROW.sub(b"", _BLANK_CELL.sub(b"", part))
-                part = _NOT_COMPUTED.sub(_ERROR, part)
+                # A cell, and a row, that have a place and nothing else.
+                part = re.sub(rb'<c [^<>]*\br="[^<>]*/>', b"", part)
+                part = re.sub(rb'<row [^<>]*\br="(?:[^<>]*/>|[^<>]*></row>)', b"", part)
+                part = re.sub(_NOT_COMPUTED, _ERROR, part)
             saved.writestr(name, part)
     return compact
 
@@ -367,15 +355,16 @@ def _without_formats(source: str, data: bytes) -> io.BytesIO:
 def _sheet_rows(source: str, sheet: Any) -> list[list[Any]]:
     """The values of a sheet, row by row, all of one width."""
     sheet.reset_dimensions()  # a size that a program left may be smaller than the sheet
-    rule = "a value that Excel has computed and saved"
-    rows = list[list[Any]]()
+    rows = []
     width = 0
     for cells in sheet.iter_rows():
         values = []
         for cell in cells:
             value = cell.value
             if cell.data_type == "e":
-                value = NoValue(f"found {value}, allowed: {rule}")
+                value = NoValue(
+                    f"found {value}, allowed: a value that Excel has computed and saved"
+                )
             values.append(value)
         rows.append(values)
 
@@ -393,26 +382,26 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
     Row 1 is the first trial; a key that a trial lacks is an empty cell.
     """
     text, label = decoded(source, data, encoding)
-    records = list[dict[str, object]]()
+    records = []
     n_fields = 0
     for record in _json_records(source, _parse_json(source, text), {}):
         n_fields += len(record)
         require_size(source, len(record), n_fields)
         records.append(record)
-    return _table_of_records(Origin(source, f"JSON, {label}", "keys"), records, choice)
+    return _table_of_records(source, f"JSON, {label}", "keys", records, choice)
 
 
 def _table_of_records(
-    origin: Origin, records: Sequence[Mapping[str, object]], choice: Choice
+    source: str, form: str, head: str, records: Sequence[Mapping[str, object]], choice: Choice
 ) -> TextTable:
     """The table of records, a column for each key and a row for each record."""
     names = list(dict.fromkeys(chain.from_iterable(records)))
-    require_size(origin.source, len(names), len(names) * len(records))
+    require_size(source, len(names), len(names) * len(records))
     values = {}
     for name in names:
         values[name] = [record.get(name) for record in records]
     rows = range(1, len(records) + 1)
-    return _table_of_values(origin, names, values, rows, choice)
+    return _table_of_values(source, form, head, names, values, rows, choice)
 
 
 def _parse_json(source: str, text: str) -> object:
@@ -420,12 +409,13 @@ def _parse_json(source: str, text: str) -> object:
 
     def record_of(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
         """The record of keys and values, each key once."""
-        record = dict[str, object]()
+        record = {}
         for key, value in pairs:
             name = key.strip()
             if name in record:
-                finding = f"found the key {quoted(name)} twice in a record"
-                raise InputError(f"{source}: {finding}, allowed: once")
+                raise InputError(
+                    f"{source}: found the key {quoted(name)} twice in a record, allowed: once"
+                )
             record[name] = value
         return record
 
@@ -486,7 +476,7 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     if len(records) == 1 and (no_columns or not records[0]):
         finding = join_names(map(display_name, no_columns)) or "nothing"
         raise InputError(f"{source}: found {finding}, no columns of one length, allowed: {SAVED}")
-    return _table_of_records(Origin(source, "MATLAB", "variables"), records, choice)
+    return _table_of_records(source, "MATLAB", "variables", records, choice)
 
 
 def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
@@ -506,9 +496,9 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
     except InputError:
         raise
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
-        allowed = "one that a Parquet writer has finished"
-        raise damaged(source, "Parquet", error, allowed) from None
-    return _table_of_frame(Origin(source, "Parquet", "schema"), frame, 1, choice)
+        rule = "one that a Parquet writer has finished"
+        raise damaged(source, "Parquet", error, rule) from None
+    return _table_of_frame(source, "Parquet", "schema", frame, 1, choice)
 
 
 def is_parquet(path: StrPath) -> bool:
@@ -522,8 +512,7 @@ def require_parquet(path: StrPath) -> None:
     Any other file passes.
     """
     if is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
-        finding = "found a Parquet file and no pyarrow"
         raise InputError(
-            f"{display_name(Path(path).name)}: {finding}, allowed: "
+            f"{display_name(Path(path).name)}: found a Parquet file and no pyarrow, allowed: "
             "pip install 'bayes_toe[parquet]', or a CSV file"
         )

@@ -10,9 +10,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from itertools import permutations
+from itertools import chain, permutations
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from bayes_toe.data.column_roles import (
     is_no_response,
     without_accents,
 )
-from bayes_toe.data.messages import display_name, join_names, join_words, plural, quoted
+from bayes_toe.data.messages import Texts, display_name, join_names, join_words, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, Task, task_with, tasks_named
 from bayes_toe.data.text_table import Column, TextTable
@@ -53,8 +53,10 @@ _CODE_MEANINGS = {
     "second_code": "'the second was stronger' (2AFC)",
     "comparison_code": "'the comparison was stronger' (2AFC)",
 }
-_WHOLE = re.compile(r"([-+]?\d+)[.,]0*")
+
 _ALL_WORDS = (*_WORDS.values(), *VOCABULARY["stimuli"].values())
+#: What is wrong with a column, empty if nothing is, and options to type.
+Question: TypeAlias = tuple[str, list[Remedy]]
 
 
 class Responses(NamedTuple):
@@ -90,12 +92,15 @@ def responses(
     answer = column.map(lambda text: _answer(text, codes, words), np.int64)
     problem, remedies = "", list[Remedy]()
     if options.task is None and options.comparison_code is None:
-        trends = _trends(difference, options, order)
+        # What makes an answer likelier, by the option that names its code.
+        trends = {"equal_code": -abs(difference), "second_code": difference}
+        if options.has_standard:
+            trends["comparison_code"] = np.where(order.is_first, difference, -difference)
         problem, remedies = _unknown_meaning(column, table.columns.get("task"), trends)
     if not problem:
         problem, remedies = _unknown_texts(column, answer, codes, names, difference)
     if problem:
-        table.problems.ask(f"column {display_name(column.name)}: {problem}", remedies)
+        table.problems.ask(f"{column}: {problem}", remedies)
     else:
         rule = _allowed_texts(options.codes(task), words, names)
         if not has_scores:
@@ -105,35 +110,21 @@ def responses(
     texts = [_as_answered(column, answer == i, name) for i, name in enumerate(names)]
     note = f"responses {' / '.join(texts)}"
     is_yes, is_answered = answer == _YES, answer != _MISSING
-    is_unscorable = np.zeros(len(answer), np.bool_)
+    is_unscorable = np.zeros(len(answer), bool)
     if has_scores:
         note += f", '{task.yes}' or '{task.no}' by the sign of s2 - s1"
         is_unscorable = is_answered & (task.right(difference) == 0)
         is_yes = is_yes == (task.right(difference) > 0)
     is_answered &= ~is_unscorable
-    is_second = np.zeros(len(answer), np.bool_)
-    if task == THREE_ANSWERS:
-        is_second = answer == task.answers.index("second")
+    is_second = (answer == THREE_ANSWERS.answers.index("second")) & (task == THREE_ANSWERS)
     return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
 
 
-def _trends(
-    difference: FloatArray, options: ReadOptions, order: StandardOrder
-) -> Mapping[str, FloatArray]:
-    """What makes an answer likelier, by the option that names its code."""
-    trends = {"equal_code": -abs(difference), "second_code": difference}
-    if options.has_standard:
-        trends["comparison_code"] = np.where(order.is_first, difference, -difference)
-    return trends
-
-
-def _allowed_texts(
-    codes: Sequence[str | None], words: Sequence[Sequence[str]], names: Sequence[str]
-) -> str:
+def _allowed_texts(codes: Sequence[str | None], words: Sequence[Texts], names: Texts) -> str:
     """The texts that stand for all answers, in words."""
     parts = []
-    for code, known, name in zip(codes, words, names, strict=True):
-        texts = ", ".join(known) if code is None else quoted(code)
+    for code, known_words, name in zip(codes, words, names, strict=True):
+        texts = ", ".join(known_words) if code is None else quoted(code)
         parts.append(f"{texts} ({name})")
     return f"{' or '.join(parts)}, or empty"
 
@@ -145,19 +136,20 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
     """
     for text, other_task in _tasks_in(column).items():
         if other_task != task:
-            finding = f"{table.source}: column task: found {quoted(text)}"
-            rule = f"{task.name!r}, which the answers are of; --where task=TEXT chooses rows"
-            raise InputError(f"{finding}, allowed: {rule}")
+            raise InputError(
+                f"{table.source}: column task: found {quoted(text)}, allowed: {task.name!r}, which "
+                "the answers are of; --where task=TEXT chooses rows"
+            )
 
 
-def _words_by_answer(column: Column) -> dict[str, list[str]]:
-    """The texts of a column that are words of an answer, by the answer."""
-    words_by_answer = dict[str, list[str]]()
+def _words_by_answer(column: Column) -> dict[str, str]:
+    """The first text of a column that is a word of an answer, by the answer."""
+    word_by_answer = dict[str, str]()
     for text in column.texts:
         for answer, words in _WORDS.items():
             if _english(text.lower()) in words:
-                words_by_answer.setdefault(answer, []).append(text)
-    return words_by_answer
+                word_by_answer.setdefault(answer, text)
+    return word_by_answer
 
 
 def _english(word: str) -> str:
@@ -179,8 +171,8 @@ def blank_missed(column: Column, options: ReadOptions) -> tuple[Column, list[str
     """A column of responses whose missed trials are empty, and the texts that say so."""
     missed = _missed_texts(column, options)
     texts = ["" if text in missed else text for text in column.texts]
-    said = [text for text in missed if text.lower() not in MISSING_WORDS]
-    return Column.from_texts(column.name, texts, column.codes), cells_of(column, said)
+    texts_to_name = [text for text in missed if text.lower() not in MISSING_WORDS]
+    return Column.from_texts(column.name, texts, column.codes), cells_of(column, texts_to_name)
 
 
 def _missed_texts(column: Column, options: ReadOptions) -> list[str]:
@@ -190,43 +182,39 @@ def _missed_texts(column: Column, options: ReadOptions) -> list[str]:
     """
     given_codes = (*options.code_by_answer.values(), options.comparison_code or "")
     codes = {*map(_plain, given_codes)} - {""}
-    declared = {_plain(code) for code in options.missed}
-    missed, answers = [], set[str]()
+    declared = {*map(_plain, options.missed)}
+    missed, answers = [], set()
     for text in column.texts:
         plain = _plain(text)
         if plain in declared or (plain not in codes and is_no_response(plain)):
             missed.append(text)
         else:
             answers.add(plain)
-    words = _RIGHT_WRONG if options.correct is not None else _ALL_WORDS
-    if "-1" not in codes and _are_known(answers - {"-1"}, codes, words):
+    answers.discard("-1")
+    known_words = chain(*(_RIGHT_WRONG if options.correct is not None else _ALL_WORDS))
+    words = {_english(answer.lower()) for answer in answers - codes}
+    if "-1" not in codes and len(answers) > 1 and words.issubset(known_words):
         missed += [text for text in column.texts if _plain(text) == "-1"]
     return list(dict.fromkeys(missed))
 
 
-def _are_known(answers: set[str], codes: set[str], words: Sequence[Any]) -> bool:
-    """Whether there are two answers and more, and each is a given code or a word."""
-    english_words = {_english(answer.lower()) for answer in answers - codes}
-    return len(answers) > 1 and english_words <= set().union(*words)
-
-
 def without_missed(
-    answers: Responses, column: Column, signs: Sequence[Column], declared: Sequence[str]
+    answers: Responses, column: Column, signs: Sequence[Column], declared: Texts
 ) -> tuple[Responses, list[str]]:
     """Responses without trials that nobody answered, and what says so.
 
     Experiment programs score a missed trial as wrong. Its key, its reaction time or a column such
     as `timed_out` shows it. `declared` are the texts that the options name.
     """
-    is_right = column.map(lambda text: _answer(text, (None, None), _RIGHT_WRONG) == _YES, np.bool_)
-    is_missed = np.zeros(len(is_right), np.bool_)
+    is_right = column.map(lambda text: _answer(text, (None, None), _RIGHT_WRONG) == _YES)
+    is_missed = np.zeros(len(is_right), bool)
     causes = []
     for sign in signs:
         texts = []
         for text in sign.texts:
             if text in declared or _shows_missed(sign, text, is_right):
                 texts.append(text)
-        is_missed |= sign.map(texts.__contains__, np.bool_)
+        is_missed |= sign.matches(texts)
         causes += cells_of(sign, texts)
     remaining = answers._replace(
         is_yes=answers.is_yes & ~is_missed,
@@ -236,12 +224,12 @@ def without_missed(
     return remaining, causes
 
 
-def cells_of(column: Column, texts: Sequence[str]) -> list[str]:
+def cells_of(column: Column, texts: Texts) -> list[str]:
     """Texts and their column, as a note names them; nothing where there is no text."""
     if not texts:
         return []
     shown_texts = [quoted(text) if text else "empty" for text in texts]
-    return [f"{join_names(shown_texts)} in column {display_name(column.name)}"]
+    return [f"{join_names(shown_texts)} in {column}"]
 
 
 def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
@@ -260,7 +248,7 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
         return True
     # A reaction time may be 999 ms: it is no sign beside others of its size, unless so many
     # responses would not be wrong by chance.
-    is_as_large = sign.map(lambda other: number(other) > 0.1 * number(word), np.bool_)
+    is_as_large = sign.map(lambda other: number(other) > 0.1 * number(word))
     share_wrong = 1.0 - is_right[~is_chosen].mean()
     is_chance = share_wrong ** is_chosen.sum() > 0.01
     return not (is_chance and (is_as_large & ~is_chosen).any())
@@ -268,32 +256,31 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
 
 def _all_codes(column: Column, codes: tuple[str | None, ...]) -> tuple[str | None, ...]:
     """The codes of all responses; if one is missing, it is the only other code of a column."""
-    chosen = {_plain(code) for code in codes if code is not None}
+    chosen = {*map(_plain, filter(None, codes))}
     texts = {*map(_plain, column.texts)} - {""}
     other = "".join(texts - chosen)
-    has_words = chosen.isdisjoint(texts) and bool(_words_by_answer(column))
-    if codes.count(None) != 1 or len(texts - chosen) != 1 or has_words:
+    has_words = chosen.isdisjoint(texts) and _words_by_answer(column)
+    has_meaning = has_words or other.lower() in map(str.lower, chosen)
+    if codes.count(None) != 1 or len(texts - chosen) != 1 or has_meaning:
         return codes
-    if other.lower() in map(str.lower, chosen):
-        return codes
-    return tuple(other if code is None else code for code in codes)
+    return tuple(code or other for code in codes)
 
 
 def _unknown_meaning(
     column: Column, task_column: Column | None, trends: Mapping[str, FloatArray]
-) -> tuple[str, list[Remedy]]:
+) -> Question:
     """Problems of a column whose words tell no task, or two, with options to type.
 
     `trends` are what makes an answer likelier, by the option that names its code.
     """
     tasks_by_text = _tasks_in(task_column)
-    texts = [*filter(None, column.texts)]
+    texts = list(filter(None, column.texts))
     words_by_answer = _words_by_answer(column)
     if words_by_answer and task_with(words_by_answer) is None:
-        words = join_words([quoted(words[0]) for words in words_by_answer.values()])
+        words = join_words(list(map(quoted, words_by_answer.values())))
         return _two_tasks(f"found {words}, words of two tasks", tasks_by_text)
     if not words_by_answer and len({*tasks_by_text.values()}) > 1:
-        tasks = join_words([*map(quoted, tasks_by_text)])
+        tasks = join_words(list(map(quoted, tasks_by_text)))
         shares = column.counts(texts)
         return _two_tasks(f"found {join_names(shares, 4)} of the tasks {tasks}", tasks_by_text)
     if words_by_answer or not texts:
@@ -303,14 +290,15 @@ def _unknown_meaning(
     if len(texts) == 1:
         problem = f"the only code is {shares[0]}. The program does not know what it means."
     remedies = []
+    answers = {*chain.from_iterable(task.answers for task in tasks_by_text.values())}
     for remedy in _code_remedies(column, texts, trends):
         answer = "equal" if remedy.option == "equal_code" else "second"
-        if not tasks_by_text or any(answer in task.answers for task in tasks_by_text.values()):
+        if not answers or answer in answers:
             remedies.append(remedy)
     return problem, remedies
 
 
-def _two_tasks(finding: str, tasks_by_text: Mapping[str, Task]) -> tuple[str, list[Remedy]]:
+def _two_tasks(finding: str, tasks_by_text: Mapping[str, Task]) -> Question:
     """The problem of a column with responses to two tasks, with what chooses one of them."""
     problem = (
         f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
@@ -331,9 +319,9 @@ def _unknown_texts(
     column: Column,
     answer: IntArray,
     codes: Sequence[str | None],
-    names: Sequence[str],
+    names: Texts,
     difference: FloatArray,
-) -> tuple[str, list[Remedy]]:
+) -> Question:
     """The problem of several codes of which one is known; what to type for texts of no answer.
 
     One text beside both answers has no problem of its own: it may be a missed trial.
@@ -350,41 +338,37 @@ def _unknown_texts(
     if not answers:
         return f"the codes are {shares}. None of them is the code that was given.", []
     commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
-    problem = f"the other codes are {shares}. Which of them is '{other}'?"
     remedies = [Remedy(f"{other}_code", commonest, f"if {commonest} is '{other}'")]
     second, _ = _commonest_with(column, unknown.texts, difference)
     if other == "different" and len(unknown.texts) == 2 and second:
-        remedies.insert(
-            0, Remedy("second_code", second, f"if {second} is 'second' of three answers")
-        )
-    return problem, remedies
+        meaning = f"if {second} is 'second' of three answers"
+        remedies.insert(0, Remedy("second_code", second, meaning))
+    return f"the other codes are {shares}. Which of them is '{other}'?", remedies
 
 
-def _code_remedies(
-    column: Column, texts: Sequence[str], trends: Mapping[str, FloatArray]
-) -> list[Remedy]:
+def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray]) -> list[Remedy]:
     """Options to type if these codes tell no task, the likeliest first."""
     plain = dict.fromkeys(map(_plain, texts))
     by_word = {text.lower(): text for text in plain}
-    likely = next((by_word[word] for word in ("1", "true", "yes") if word in by_word), texts[0])
+    likely = [*filter(None, map(by_word.get, ("1", "true", "yes"))), texts[0]][0]
     by_correlation = []
     for option, trend in trends.items():
         code, correlation = _commonest_with(column, texts, trend)
-        meaning = f"if {code or likely} is {_CODE_MEANINGS[option]}"
-        by_correlation.append((correlation, Remedy(option, code or likely, meaning)))
+        code = code or likely
+        meaning = _CODE_MEANINGS[option]
+        if len(plain) == 3 and option == "equal_code":  # perhaps 'first', 'equal' and 'second'
+            meaning, correlation = "'equal'", np.inf
+        remedy = Remedy(option, code, f"if {code} is {meaning}")
+        by_correlation.append((correlation, remedy))
     by_correlation.sort(key=itemgetter(0), reverse=True)
     remedies = [remedy for _, remedy in by_correlation]
-    if len(plain) == 3:  # perhaps 'first', 'equal' and 'second'
-        remedies.sort(key=lambda remedy: remedy.option != "equal_code")
-        code = str(remedies[0].value)
-        remedies[0] = remedies[0]._replace(meaning=f"if {code} is 'equal'")
     if by_word.keys() <= {*_RIGHT_WRONG[0], *_RIGHT_WRONG[1]}:
         meaning = f"if {likely} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))
     return remedies
 
 
-def _commonest_with(column: Column, texts: Sequence[str], trend: FloatArray) -> tuple[str, float]:
+def _commonest_with(column: Column, texts: Texts, trend: FloatArray) -> tuple[str, float]:
     """The code that is commoner the larger a trend is, and its correlation with the trend.
 
     It is empty where no code is, or no stimulus can be read.
@@ -392,7 +376,7 @@ def _commonest_with(column: Column, texts: Sequence[str], trend: FloatArray) -> 
     is_number = np.isfinite(trend)
     best, largest = "", 0.0
     for text in texts:
-        is_code = column.map(text.__eq__, np.float64)[is_number]
+        is_code = column.map(text.__eq__, float)[is_number]
         if is_number.any() and np.ptp(is_code) and np.ptp(trend[is_number]):
             correlation = float(np.corrcoef(is_code, trend[is_number])[0, 1])
             if correlation > largest:
@@ -402,11 +386,11 @@ def _commonest_with(column: Column, texts: Sequence[str], trend: FloatArray) -> 
 
 def _plain(text: str) -> str:
     """A cell without what spreadsheets do to it: the decimals of 1.0 and 0,0."""
-    whole = _WHOLE.fullmatch(text)
-    return text if whole is None else whole[1]
+    match = re.fullmatch(r"([-+]?\d+)[.,]0*", text)
+    return text if match is None else match[1]
 
 
-def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str]]) -> int:
+def _answer(text: str, given: Sequence[str | None], words: Sequence[Texts]) -> int:
     """The answer that a cell stands for: by the given codes, else by words."""
     plain = _plain(text)
     codes = [code and _plain(code) for code in given]
@@ -415,7 +399,7 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
     word = plain.lower()
     if not word:
         return _MISSING
-    if word in {code.lower() for code in codes if code}:
+    if word in map(str.lower, filter(None, codes)):
         # Where 'Different' was declared to mean equal, 'different' is not read by default.
         return _UNKNOWN
     for answer, (code, known_words) in enumerate(zip(codes, words, strict=True)):
@@ -426,8 +410,8 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
 
 def _as_answered(column: Column, chosen: BoolArray, word: str) -> str:
     """A note on the texts that were read as an answer, with its number."""
-    texts = [column.texts[code] for code in np.unique(column.codes[chosen]).tolist()]
-    shown_texts = join_names([*map(quoted, texts)]) if texts else repr(word)
+    texts = column.only(chosen).texts
+    shown_texts = join_names(map(quoted, texts or [word]))
     if any(text.lower() != word for text in texts):
         shown_texts += f" as {word}"
     return f"{shown_texts} ({np.count_nonzero(chosen)})"
@@ -449,7 +433,7 @@ def direction(study: Study) -> int:
     subjects who guess is called reversed once in three million times. Three reversed subjects of
     13 are findings of :mod:`bayes_toe.checks.answer_checks`.
     """
-    covariances, variances = list[float](), list[float]()
+    covariances, variances = [], []
     for unit in study:
         subject = unit.two_answers if unit.task.has_direction else None
         if subject is None:
@@ -473,13 +457,12 @@ def require_direction(
     """Refuse reversed answers, with the options under which `read` finds none."""
     if direction(study) >= 0:
         return
-    finding = "found 'second' less often the larger s2 - s1 is"
-    rule = "allowed: 'second' where the second stimulus was called the stronger"
+    rule = "'second' where the second stimulus was called the stronger"
     if options.correct:
         rule += f"; column {display_name(options.correct)} says right of those"
     elif "n_trials" in study.reading.read:
         rule += f"; {display_name(options.name('n_second'))} counts those"
-    candidates = list[list[Remedy]]()
+    candidates = []
     for code, other in permutations(study.reading.codes, 2):
         second = Remedy("second_code", code, f"if {code} is 'second'", 0)
         comparison = Remedy("comparison_code", code, f"if {code} is 'comparison'", 0)
@@ -493,4 +476,7 @@ def require_direction(
         with suppress(InputError):
             if direction(read(with_remedies(options, candidate))) > 0:
                 remedies += candidate
-    raise InputError(f"{study.source}: {finding}, {rule}.", remedies)
+    raise InputError(
+        f"{study.source}: found 'second' less often the larger s2 - s1 is, allowed: {rule}.",
+        remedies,
+    )

@@ -52,7 +52,7 @@ def out_of_range(logs: FloatArray) -> BoolArray:
 def percent(logs: npt.ArrayLike) -> FloatArray:
     """Differences of natural-log intensities in per cent of intensity."""
     with np.errstate(over="ignore"):
-        return 100.0 * np.expm1(np.asarray(logs, np.float64))
+        return 100.0 * np.expm1(np.asarray(logs, float))
 
 
 def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int | None]:
@@ -165,11 +165,11 @@ class StimulusUnit:
         """Differences of natural-log intensities in per cent, decibels or natural logs."""
         if self.is_decibel:
             return self.stimuli(logs)
-        return np.asarray(logs, np.float64) if self.has_log_differences else percent(logs)
+        return np.asarray(logs, float) if self.has_log_differences else percent(logs)
 
     def from_percent(self, values: npt.ArrayLike) -> FloatArray:
         """Differences in per cent of intensity in this unit."""
-        values = np.asarray(values, np.float64)
+        values = np.asarray(values, float)
         if self.of_differences == "%":
             return values
         with np.errstate(divide="ignore"):
@@ -184,20 +184,20 @@ class StimulusUnit:
         >>> unit.for_percent([-20.0, 30.0]).of_differences, unit.for_percent(2e3).of_differences
         ('%', 'ln')
         """
-        values = np.asarray(values, np.float64)
+        values = np.asarray(values, float)
         is_small = (values >= _SMALLEST_PERCENT) & (values <= _LARGEST_PERCENT)  # NaN is not
         return self if is_small.all() else replace(self, has_log_differences=True)
 
     def stimuli(self, logs: npt.ArrayLike) -> FloatArray:
         """Natural-log intensities in this unit, or raw where the unit of intensity is not known."""
-        logs = np.asarray(logs, np.float64)
+        logs = np.asarray(logs, float)
         if self.is_decibel:
             return logs / LOG_UNITS[self.name]
         return np.exp(logs + self.log_reference)
 
     def logs(self, stimuli: npt.ArrayLike) -> FloatArray:
         """Natural-log intensities of stimuli in this unit."""
-        stimuli = np.asarray(stimuli, np.float64)
+        stimuli = np.asarray(stimuli, float)
         if self.is_decibel:
             return stimuli * LOG_UNITS[self.name]
         return np.log(stimuli) - self.log_reference
@@ -220,19 +220,16 @@ class StimulusUnit:
         >>> StimulusUnit().numbers([0.1, 0.3], 0.2), StimulusUnit().numbers([20.0, 0.0], 10.0)
         ((['90', '111'], '% of mean'), (['20', '0'], 'ln'))
         """
-        logs = np.asarray(logs, np.float64)
-        values, unit, fewest_digits, form = logs, "ln", 3, "g"
+        logs = np.asarray(logs, float)
         if self.of_stimuli:
-            values = self.stimuli(logs)
-            unit = self.of_stimuli
-            fewest_digits = 4
-        elif self.for_percent(percent(logs - mean)).of_differences != "ln":
+            values, unit, fewest_digits, form = self.stimuli(logs), self.of_stimuli, 4, "g"
+        elif self.for_percent(percent(logs - mean)).of_differences == "ln":
+            values, unit, fewest_digits, form = logs, "ln", 3, "g"
+        else:
             values = self.or_percent_of(mean).stimuli(logs)
-            unit = "% of mean"
-            fewest_digits = 0
-            form = "f"
+            unit, fewest_digits, form = "% of mean", 0, "f"
 
-        texts = list[str]()
+        texts = []
         for digits in range(fewest_digits, 15):
             texts = [f"{value:.{digits}{form}}" for value in values]
             if len({*texts}) == len({*values.tolist()}):
@@ -248,7 +245,7 @@ class StimulusUnit:
 
 def merge_rounded(stimuli: list[FloatArray], subject: Column, unit: StimulusUnit) -> list[str]:
     """Replace stimuli of a subject that differ by rounding only by one of them; return a note."""
-    levels = set[float]()
+    levels = set()
     n_changed = 0
     valid = np.flatnonzero(~np.isnan(stimuli).any(axis=0))
     for rows in subject.rows_by_text(valid).values():
@@ -256,15 +253,17 @@ def merge_rounded(stimuli: list[FloatArray], subject: Column, unit: StimulusUnit
         merged = _without_rounding(pairs)
         is_changed = merged != pairs
         levels.update(merged[is_changed].tolist())
-        n_changed += int(is_changed.any(axis=0).sum())
+        n_changed += is_changed.any(axis=0).sum()
         stimuli[0][rows], stimuli[1][rows] = merged
     if not n_changed:
         return []
 
-    count = plural(n_changed, "row")
     verb = "differ" if n_changed > 1 else "differs"
     names = join_names(map(unit.describe, sorted(levels)), 3)
-    return [f"stimuli in {count} {verb} by rounding only, and are read as one: {names}"]
+    return [
+        f"stimuli in {plural(n_changed, 'row')} {verb} by rounding only, and are read as one: "
+        f"{names}"
+    ]
 
 
 #: Logarithms of intensities of which nothing is known.

@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -181,23 +180,22 @@ class Subject:
         >>> subject.n_yes.tolist(), subject.n_trials.tolist()
         ([2], [3])
         """
-        given = np.asarray(yes).ravel()
+        is_yes, n_second = np.asarray(yes).ravel(), None
         if task == THREE_ANSWERS:
-            if not np.isin(given, task.answers).all():
+            if not np.isin(is_yes, task.answers).all():
                 raise InputError(f"subject {name!r}: allowed answers are {', '.join(task.answers)}")
-            counts = {"n_yes": given == "equal", "n_second": given == "second"}
-            integers = {key: values.astype(np.int64) for key, values in counts.items()}
-            ones = np.ones(len(given), np.int64)
-            return cls.from_counts(name, s1, s2, n_trials=ones, **integers, task=task)
+            n_second = np.where(is_yes == "second", 1, 0)
+            is_yes = is_yes == "equal"
         # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer
         # was given.
-        if given.dtype.kind not in "biuf" or not np.isin(given, (0, 1)).all():
+        if is_yes.dtype.kind not in "biuf" or not np.isin(is_yes, (0, 1)).all():
             raise InputError(
                 f"subject {name!r}: {task.yes} must hold True or False (or 1 or 0), found "
-                f"{given[:3].tolist()}"
+                f"{is_yes[:3].tolist()}"
             )
-        answers = given.astype(np.int64)
-        return cls.from_counts(name, s1, s2, answers, np.ones_like(answers), task=task)
+        n_yes = is_yes.astype(np.int64)
+        n_trials = np.ones_like(n_yes)
+        return cls.from_counts(name, s1, s2, n_yes, n_trials, n_second=n_second, task=task)
 
     @classmethod
     def from_answers(
@@ -363,16 +361,14 @@ class Study:
 
     def __post_init__(self) -> None:
         subjects = tuple(self.subjects)
-        for one in subjects:
-            require_kind("Study", one, Subject, "Subjects, in a list")
-        names = Counter(subject.name for subject in subjects)
-        repeated = sorted(name for name in names if names[name] > 1)
+        for subject in subjects:
+            require_kind("Study", subject, Subject, "Subjects, in a list")
         if not subjects:
             raise InputError("a study needs at least one subject")
+        names = Counter(subject.name for subject in subjects)
+        repeated = [repr(name) for name in sorted(names) if names[name] > 1]
         if repeated:
-            raise InputError(
-                f"subject names must be unique, repeated: {join_names([*map(repr, repeated)])}"
-            )
+            raise InputError(f"subject names must be unique, repeated: {join_names(repeated)}")
         tasks = {(subject.condition, subject.task) for subject in subjects}
         if len(tasks) > len(dict(tasks)):  # two tasks at one level
             raise InputError(
@@ -395,14 +391,13 @@ class Study:
     @property
     def by_task(self) -> tuple[Study, ...]:
         """A study of the units of each task; this one where there is one task."""
-        units_by_task = dict[Task, list[Subject]]()
-        for subject in self:
-            units_by_task.setdefault(subject.task, []).append(subject)
-        if len(units_by_task) == 1:
+        tasks = dict.fromkeys(subject.task for subject in self)
+        if len(tasks) == 1:
             return (self,)
         studies = []
-        for units in units_by_task.values():
-            studies.append(replace(self, subjects=tuple(units), conditions=None))
+        for task in tasks:
+            units = tuple(subject for subject in self if subject.task == task)
+            studies.append(replace(self, subjects=units, conditions=None))
         return tuple(studies)
 
     @property
@@ -418,12 +413,11 @@ class Study:
 
     def __getitem__(self, name: str | int) -> Subject:
         """A subject by name; a whole number stands for its digits, since files are full of them."""
-        if name_from_key(name) not in self._by_name:
-            raise InputError(
-                f"no subject {name!r} in {self.source}; there are: "
-                f"{join_names([*map(repr, self.names)])}"
-            )
-        return self._by_name[name_from_key(name)]
+        subject = self._by_name.get(name_from_key(name))
+        if subject is None:
+            names = join_names(map(repr, self.names))
+            raise InputError(f"no subject {name!r} in {self.source}; there are: {names}")
+        return subject
 
     @cached_property
     def _by_name(self) -> dict[str, Subject]:
@@ -478,37 +472,33 @@ class Study:
         change: Callable[[Answers, BoolArray], Answers],
     ) -> Study:
         """The study with the responses of subjects changed; notes and `changes` report it."""
-        asked_names, asked = _name_list(names), _name_list(blocks)
-        if len(asked_names) != 1:
-            study = self
-            for name in asked_names:
-                study = study._changed(option, what, name, blocks, change)
-            return study
-        subject = self[asked_names[0]]
-        change_made = f"{option} {cli_argument(subject.name, asked)}"
-        try:
-            changed_subject = _changed_subject(subject, asked, change)
-        except InputError as error:
-            raise InputError(f"{change_made}: {error}") from None
-        subjects = []
-        for other in self:
-            remaining_subject = changed_subject if other is subject else other
-            if remaining_subject is not None:
-                subjects.append(remaining_subject)
-        if not subjects:
-            raise InputError(f"{change_made}: no subject is left; exclude fewer")
-        remaining, conditions = tuple(subjects), self.conditions
-        if conditions is not None:
-            remaining = with_shared_scales(remaining)
-            conditions = conditions.among({unit.condition for unit in remaining})
-        owner = f"subject {display_name(subject.name)}"
-        if asked:
-            owner += f", {'block' if len(asked) == 1 else 'blocks'} {join_names(asked)}"
-        notes = (*self.notes, f"{owner}: {what}")
-        changes = (*self.changes, change_made)
-        return replace(
-            self, subjects=remaining, notes=notes, changes=changes, conditions=conditions
-        )
+        study, asked = self, _name_list(blocks)
+        for name in _name_list(names):
+            subject = study[name]
+            change_made = f"{option} {cli_argument(name, asked)}"
+            try:
+                changed_subject = _changed_subject(subject, asked, change)
+            except InputError as error:
+                raise InputError(f"{change_made}: {error}") from None
+            subjects = {**study._by_name, name: changed_subject}
+            remaining = tuple(filter(None, subjects.values()))
+            if not remaining:
+                raise InputError(f"{change_made}: no subject is left; exclude fewer")
+            conditions = study.conditions
+            if conditions is not None:
+                remaining = with_shared_scales(remaining)
+                conditions = conditions.among({unit.condition for unit in remaining})
+            owner = f"subject {display_name(name)}"
+            if asked:
+                owner += f", {'block' if len(asked) == 1 else 'blocks'} {join_names(asked)}"
+            study = replace(
+                study,
+                subjects=remaining,
+                notes=(*study.notes, f"{owner}: {what}"),
+                changes=(*study.changes, change_made),
+                conditions=conditions,
+            )
+        return study
 
     def frame(self) -> pd.DataFrame:
         """The counts, one row for each subject and pair.
@@ -529,26 +519,18 @@ class Study:
         require_study(self)
         n_pairs = [subject.n_pairs for subject in self]
 
-        def by_subject(values: list[str]) -> npt.NDArray[Any]:
-            return np.repeat(np.array(values, object), n_pairs)
+        def by_subject(key: str) -> npt.NDArray[Any]:
+            return np.repeat(np.array([getattr(subject, key) for subject in self], object), n_pairs)
 
-        def by_pair(key: str) -> npt.NDArray[Any]:
-            return np.concatenate([getattr(subject, key) for subject in self])
-
-        columns: dict[str, Any] = {
-            "subject": by_subject([subject.subject_name for subject in self])
-        }
+        columns: dict[str, Any] = {"subject": by_subject("subject_name")}
         if self.conditions:
-            columns["condition"] = by_subject([subject.condition for subject in self])
-        columns["s1"], columns["s2"] = by_pair("s1"), by_pair("s2")
+            columns["condition"] = by_subject("condition")
+        keys = {"s1": "s1", "s2": "s2", self.task.count: "n_yes", "n_trials": "n_trials"}
         if self.task == THREE_ANSWERS:
-            columns |= {
-                "n_first": by_pair("n_first"),
-                "n_equal": by_pair("n_yes"),
-                "n_second": by_pair("n_second"),
-            }
-        else:
-            columns |= {self.task.count: by_pair("n_yes"), "n_trials": by_pair("n_trials")}
+            keys = {"s1": "s1", "s2": "s2", "n_first": "n_first"}
+            keys |= {"n_equal": "n_yes", "n_second": "n_second"}
+        for name, key in keys.items():
+            columns[name] = np.concatenate([getattr(subject, key) for subject in self])
         if self.synthetic:
             columns["synthetic"] = 1
         return pd.DataFrame(columns)
@@ -560,16 +542,16 @@ class Study:
         return f"<Study {self.source!r}{mark}: {size}>"
 
     def _repr_html_(self) -> str:
-        shown = frame_of(
+        frame = frame_of(
             self.subjects[:MOST_ROWS], ("name", "n_pairs", "total_trials", "fraction_yes")
         )
-        shown.columns = ["subject", "pairs", "trials", f"fraction {self.task.yes!r}"]
-        return as_html(repr(self)[1:-1], shown, len(self))
+        frame.columns = ["subject", "pairs", "trials", f"fraction {self.task.yes!r}"]
+        return as_html(repr(self)[1:-1], frame, len(self))
 
 
 def pooled(units: Sequence[Subject]) -> Subject:
     """All answers of a subject, whatever the condition."""
-    task, columns = units[0].task, dict[str, Any]()
+    task, columns = units[0].task, {}
     for key in ("s1", "s2", *task.counts):
         columns[key] = np.concatenate([getattr(unit, key) for unit in units])
     return Subject.from_counts(units[0].subject_name, **columns, task=task, unit=units[0].unit)
@@ -585,13 +567,11 @@ def units_by_subject(units: Iterable[Subject]) -> dict[str, tuple[Subject, ...]]
 
 def with_shared_scales(units: Iterable[Subject]) -> tuple[Subject, ...]:
     """Units with the location and scales of the stimuli of their subjects."""
-    units_of = units_by_subject(units)
-    shared = {}
-    for name, subject_units in units_of.items():
-        own = [replace(unit, shared_scales=None) for unit in subject_units]
-        shared[name] = common_scales(*own)
-    every_unit = chain.from_iterable(units_of.values())
-    return tuple(replace(unit, shared_scales=shared[unit.subject_name]) for unit in every_unit)
+    scaled_units = []
+    for subject_units in units_by_subject(units).values():
+        scales = common_scales(*(replace(unit, shared_scales=None) for unit in subject_units))
+        scaled_units += [replace(unit, shared_scales=scales) for unit in subject_units]
+    return tuple(scaled_units)
 
 
 def common_scales(*subjects: Subject) -> StimulusScales | None:
@@ -601,10 +581,10 @@ def common_scales(*subjects: Subject) -> StimulusScales | None:
     """
     if len(subjects) == 1 and subjects[0].shared_scales is not None:
         return subjects[0].shared_scales
-    s1 = np.concatenate([subject.s1 for subject in subjects])
-    s2 = np.concatenate([subject.s2 for subject in subjects])
-    n_trials = np.concatenate([subject.n_trials for subject in subjects])
-    return StimulusScales.from_pairs(s1, s2, n_trials)
+    columns = []
+    for key in ("s1", "s2", "n_trials"):
+        columns.append(np.concatenate([getattr(subject, key) for subject in subjects]))
+    return StimulusScales.from_pairs(*columns)
 
 
 def require_study(given: Any, several_tasks: bool = False) -> None:
@@ -629,30 +609,30 @@ def pairs_in_both_orders(subject: Subject) -> IndexArray:
     """
     row_of = {pair: row for row, pair in enumerate(subject.pairs)}
     rows = []
-    for s1, s2 in sorted(row_of):
+    for (s1, s2), row in row_of.items():
         if s1 < s2 and (s2, s1) in row_of:
-            rows.append((row_of[s1, s2], row_of[s2, s1]))
+            rows.append((row, row_of[s2, s1]))
     return np.array(rows, np.intp).reshape(-1, 2)
 
 
 def _pair_problem(keys: FloatArray, n_trials: IntArray) -> str:
     """What is wrong with sorted pairs, shape (2, pairs); empty if nothing is."""
-    n_pairs = len(n_trials)
-    if n_pairs == 0:
+    if not len(n_trials):
         return "no answered trial"
     if not np.isfinite(keys).all():
         return "s1 and s2 must be finite numbers"
     if (n_trials < 1).any():
         return "every pair needs n_trials >= 1"
-    if len(run_starts(*keys)) < n_pairs:
+    if len(run_starts(*keys)) < len(n_trials):
         return "a pair of stimuli is repeated; Subject.from_counts adds repeats up"
     return ""
 
 
 def _name_list(names: Names) -> list[str]:
     """Names of one or several; a whole number stands for its digits."""
-    several = [names] if isinstance(names, str | int | np.integer) else names
-    return [*map(name_from_key, several)]
+    if isinstance(names, str | int | np.integer):
+        names = [names]
+    return list(map(name_from_key, names))
 
 
 def _changed_subject(

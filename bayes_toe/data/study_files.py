@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_toe.arrays import IntArray, StrPath
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import (
     MAX_LINES,
@@ -43,7 +43,7 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
     InputError
         If a folder has no tables, or tables of several suffixes.
     """
-    files, notes = list[Any](), list[str]()
+    files, notes = [], []
     for path in paths:
         if not isinstance(path, StrPath) or not os.path.isdir(path):
             files.append(path)
@@ -55,9 +55,10 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
         finding = join_words([plural(n, f"{suffix} file") for suffix, n in counts.items()])
         if len(counts) != 1:
             commonest = max(counts, key=counts.__getitem__, default=".csv")
-            problem = f"{display_name(str(path))}: found {finding or 'no table'}"
-            rule = f"tables of one suffix, such as {display_name(f'{path}/*{commonest}')}"
-            raise InputError(f"{problem}, allowed: {rule}")
+            raise InputError(
+                f"{display_name(str(path))}: found {finding or 'no table'}, allowed: tables of one "
+                f"suffix, such as {display_name(f'{path}/*{commonest}')}"
+            )
         files += tables
         notes.append(f"folder {display_name(str(path))}: {finding} read")
     return files, notes
@@ -85,8 +86,8 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
     for i, path in enumerate(absolute_paths):
         if path in absolute_paths[:i]:
             raise InputError(f"{display_name(path.name)}: found twice, allowed: each file once")
-    studies: list[Study] = []
-    faulty: list[InputError] = []
+    studies = []
+    faulty = []
     for path in paths:
         folder = _distinguishing_folder(path, absolute_paths)
         try:
@@ -99,7 +100,7 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
     if faulty:
         problems = [*_lines_once(chain.from_iterable(error.problems for error in faulty))]
         if len(problems) > MAX_LINES:
-            problems = [*problems[:MAX_LINES], "... and more problems"]
+            problems[MAX_LINES:] = ["... and more problems"]
         raise InputError(problems, faulty[0].remedies)
     return studies
 
@@ -127,8 +128,11 @@ def _lines_once(lines: Iterable[str]) -> Iterator[str]:
         kind = "".join(sorted(re.sub(r"[\d,]", "", text)))
         n_of_kind[file, kind] += 1  # lines of one file stay apart
         alike[kind, n_of_kind[file, kind]].append(line)
-    for same in alike.values():
-        yield same[0] if len(same) == 1 else f"{len(same)} files, such as {same[0]}"
+    for similar_lines in alike.values():
+        if len(similar_lines) == 1:
+            yield similar_lines[0]
+        else:
+            yield f"{len(similar_lines)} files, such as {similar_lines[0]}"
 
 
 def together(studies: Sequence[Study]) -> Study:
@@ -141,10 +145,16 @@ def together(studies: Sequence[Study]) -> Study:
     """
     if len(studies) == 1:
         return studies[0]
-    _require_alike(studies)
+    first = studies[0]
+    for study in studies:
+        if study.task != first.task:
+            raise InputError(
+                f"{study.source}: asked {study.task.name}, and {first.source} {first.task.name}; "
+                "allowed: files of one task; contrast compares tasks with --condition task"
+            )
     reading = reading_of_all(studies)
     doubts = [*reading.doubts]
-    subjects, n_files = list[Subject](), dict[str, int]()
+    subjects, n_files = [], {}
     for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
         files = [study for study in studies if name in study.names]
         subjects.append(_subject_of_files(name, files))
@@ -156,7 +166,7 @@ def together(studies: Sequence[Study]) -> Study:
         subjects_in_words = plural(len(n_files), "subject")
         notes.append(f"{subjects_in_words} in several files, put together: {join_counts(n_files)}")
     reading = replace(reading, doubts=tuple(doubts))
-    source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
+    source = f"{len(studies)} files, {first.source} to {studies[-1].source}"
     is_synthetic = all(study.synthetic for study in studies)
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
 
@@ -174,7 +184,7 @@ def common_notes(studies: Sequence[Study]) -> list[str]:
     """The notes that all files share, then those of some files, each kind of them once."""
     common = [*studies[0].notes]
     for study in studies:
-        common = [note for note in common if note in study.notes]
+        common = list(filter(study.notes.__contains__, common))
     own_notes = []
     for study in studies:
         own_notes += [f"{study.source}: {note}" for note in study.notes if note not in common]
@@ -183,38 +193,26 @@ def common_notes(studies: Sequence[Study]) -> list[str]:
 
 def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:
     """A subject of one file or several."""
-    first = studies[0]
-    if len(studies) == 1:
-        return first[name]
+    subjects = [study[name] for study in studies]
+    if len(subjects) == 1:
+        return subjects[0]
     answers = []
-    for study in studies:
-        in_order = study[name].answers
-        if in_order is None:
-            return pooled([study[name] for study in studies])
-        answers.append((study.source, in_order))
-    return Subject.from_answers(name, _joined(answers), first.task, first.unit)
+    for study, subject in zip(studies, subjects, strict=True):
+        if subject.answers is None:
+            return pooled(subjects)
+        answers.append((study.source, subject.answers))
+    return Subject.from_answers(name, _joined(answers), subjects[0].task, subjects[0].unit)
 
 
-def _require_alike(studies: Sequence[Study]) -> None:
-    """Refuse files of two tasks."""
-    first = studies[0]
-    for study in studies:
-        if study.task != first.task:
-            raise InputError(
-                f"{study.source}: asked {study.task.name}, and {first.source} {first.task.name}; "
-                "allowed: files of one task; contrast compares tasks with --condition task"
-            )
-
-
-def _copies(name: str, studies: Sequence[Study], fewest: int = 20) -> Iterator[str]:
+def _copies(name: str, studies: Sequence[Study]) -> Iterator[str]:
     """Doubts about files that have the same answers of a subject, trial by trial.
 
-    So many answers are not the same by chance.
+    20 answers are not the same by chance.
     """
     first_source: dict[tuple[bytes, bytes], str] = {}
     for study in studies:
         answers = study[name].answers
-        if answers is None or not answers.has_trial_rows or len(answers.n_yes) < fewest:
+        if answers is None or not answers.has_trial_rows or len(answers.n_yes) < 20:
             continue
         content = answers.keys.tobytes(), answers.counts.tobytes()
         earlier = first_source.setdefault(content, study.source)
@@ -229,8 +227,8 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
     Files are blocks; a block of a file is one of its own, whose name begins with the file.
     """
     block_names = list[str]()
-    block_parts: list[IntArray] = []
-    place_parts: list[IntArray | None] = []
+    block_parts = []
+    place_parts = []
     next_place = 0
     for source, in_order in answers:
         first_block = len(block_names)

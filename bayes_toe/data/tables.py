@@ -29,9 +29,8 @@ if TYPE_CHECKING:
 
 _LONGEST_STEM = 60
 _HASH_DIGITS = 8
-_PLAIN = re.compile(r"[A-Za-z0-9_-](?:[A-Za-z0-9._-]*[A-Za-z0-9_-])?")  # no dot at either end
-_FORBIDDEN = re.compile(r"[^A-Za-z0-9._-]+")
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # but no tab and no end of a line
+_PLAIN = r"[A-Za-z0-9_-](?:[A-Za-z0-9._-]*[A-Za-z0-9_-])?"  # no dot at either end
+_CONTROL = r"[\x00-\x08\x0b-\x1f\x7f-\x9f]"  # but no tab and no end of a line
 _RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
 
 
@@ -77,7 +76,7 @@ class Table(ABC, Generic[Row]):
         frame = self._full_frame()
         if full or not self.short_columns:
             return frame
-        return frame[list(self.short_columns)]
+        return frame[[*self.short_columns]]
 
     @abstractmethod
     def _full_frame(self) -> pd.DataFrame:
@@ -116,10 +115,8 @@ class SubjectTable(Table[Row]):
     def __getitem__(self, name: str | int) -> Row:
         subject_name = name_from_key(name)
         if subject_name not in self._by_name:
-            raise InputError(
-                f"no subject {name!r} in the table; there are: "
-                f"{join_names([quoted(row.subject) for row in self.rows])}"
-            )
+            names = join_names(quoted(row.subject) for row in self.rows)
+            raise InputError(f"no subject {name!r} in the table; there are: {names}")
         return self._by_name[subject_name]
 
     @cached_property
@@ -175,7 +172,7 @@ def _inert(value: object) -> object:
     """A cell that neither a spreadsheet nor a terminal obeys."""
     if not isinstance(value, str):
         return value
-    text = _CONTROL.sub(lambda match: repr(match[0])[1:-1], value)
+    text = re.sub(_CONTROL, lambda match: repr(match[0])[1:-1], value)
     return f"'{text}" if is_formula(text) else text
 
 
@@ -195,7 +192,7 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
     stems = {}
     for name in names:
         is_short = len(name) <= _LONGEST_STEM
-        is_safe = is_short and _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name)
+        is_safe = is_short and re.fullmatch(_PLAIN, name) and not _RESERVED.fullmatch(name)
         stems[name] = name if is_safe and n_alike[name.lower()] == 1 else _marked(name)
     if len({stem.lower() for stem in stems.values()}) < len(stems):  # one looks like a mark
         stems = {name: _marked(name) for name in names}
@@ -204,7 +201,7 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
 
 def _marked(name: str) -> str:
     """The characters of a name that every system accepts, and its hash."""
-    clean = _FORBIDDEN.sub("_", name).lstrip(".")
+    clean = re.sub(r"[^A-Za-z0-9._-]+", "_", name).lstrip(".")
     stem = f"_{clean}" if clean == "" or _RESERVED.fullmatch(clean) else clean
     digits = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:_HASH_DIGITS]
     return f"{stem[: _LONGEST_STEM - _HASH_DIGITS - 1]}-{digits}"

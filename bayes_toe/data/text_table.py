@@ -13,7 +13,7 @@ import io
 import itertools
 import re
 from array import array
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from operator import itemgetter
@@ -24,13 +24,13 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, IndexArray, IntArray, run_starts
-from bayes_toe.data.messages import MAX_LINES, display_name, one_line, plural, quoted
+from bayes_toe.data.messages import MAX_LINES, Texts, display_name, one_line, plural, quoted
 from bayes_toe.errors import InputError, Remedy
 
 #: A pandas or polars DataFrame, neither of which is imported to know one.
 Frame: TypeAlias = Any
 #: Which columns are read, of the names in a header.
-Choice: TypeAlias = Callable[[Sequence[str]], Collection[str]]
+Choice: TypeAlias = Callable[[Texts], Collection[str]]
 #: The first row and the cells of a record, or why it cannot be split.
 Record: TypeAlias = tuple[int, list[str] | csv.Error]
 #: The form of a spreadsheet.
@@ -45,10 +45,10 @@ _MOST_COLUMNS, _MOST_CELLS = 2**14, 5 * 10**7
 MOST_RECORDS = 10
 #: A column that is not chosen and has more texts marks no rows, and is left out.
 _MOST_TEXTS = 2**14
-_DELIMITER_LINE = re.compile(r"\Asep=[,;\t]?(?=\r|\n)")
+
 #: NUL, and halves of characters, which no file can hold.
 _NO_TEXT = re.compile("[\0\ud800-\udfff]")
-_LAST_SPACES = re.compile(r" +(?=[\r\n]|\Z)")
+
 _TEXT_ALLOWED = "text in UTF-8 or UTF-16, or the encoding that --encoding names"
 # What the csv module says, and what we say.
 _SPLIT_ERRORS = {
@@ -84,9 +84,16 @@ class Column:
             new_codes = new_codes[codes]
         return cls(name, list(code_of_text), new_codes)
 
-    def map(self, convert: Callable[[str], object], dtype: type) -> npt.NDArray[Any]:
+    def __str__(self) -> str:
+        return f"column {display_name(self.name)}"
+
+    def map(self, convert: Callable[[str], object], dtype: type = bool) -> npt.NDArray[Any]:
         """One value per row; each distinct text is converted once."""
-        return np.array([convert(text) for text in self.texts], dtype)[self.codes]
+        return np.array(list(map(convert, self.texts)), dtype)[self.codes]
+
+    def matches(self, texts: Collection[str]) -> BoolArray:
+        """Whether each row has one of these texts."""
+        return self.map(texts.__contains__)
 
     def only(self, rows: BoolArray) -> Column:
         """The column of these rows, without the texts that only others have."""
@@ -144,8 +151,10 @@ def value_text(value: object) -> str | NoValue:
         text = str(plain)
         if not _NO_TEXT.search(text):
             return text
-    finding = f"found {quoted(str(value))} of type {type(value).__name__}"
-    return NoValue(f"{finding}, allowed: text, numbers or truth values")
+    return NoValue(
+        f"found {quoted(str(value))} of type {type(value).__name__}, allowed: text, numbers or "
+        "truth values"
+    )
 
 
 #: In the place of a row, for problems of a whole table; they are told first.
@@ -175,7 +184,7 @@ class Problems:
 
     def refuse(self) -> None:
         """Raise the first ten problems as one InputError, with the number of the others."""
-        if self.count == 0:
+        if not self.count:
             return
         first_lines = sorted(self._shown, key=itemgetter(0))[:MAX_LINES]
         problems = [f"{self.source}: {text}" for _, text in first_lines]
@@ -187,8 +196,13 @@ class Problems:
 
 def damaged(source: str, form: str, error: Exception | str, allowed: str) -> InputError:
     """The refusal of a file that its library cannot read."""
-    reason = one_line(error)
-    return InputError(f"{source}: found a damaged {form} file ({reason}), allowed: {allowed}")
+    return InputError(
+        f"{source}: found a damaged {form} file ({one_line(error)}), allowed: {allowed}"
+    )
+
+
+#: Columns by their names in a source, or by ours.
+Columns: TypeAlias = Mapping[str, Column]
 
 
 @dataclass(frozen=True)
@@ -204,7 +218,7 @@ class TextTable:
     delimiter: str
     head: str
     names: list[str]
-    columns: dict[str, Column]
+    columns: Columns
     rows: IntArray
     problems: Problems
     notes: tuple[str, ...] = ()
@@ -232,7 +246,7 @@ class TextTable:
         all_notes = (*self.notes, *notes)
         return replace(self, rows=self.rows[kept], columns=columns, notes=all_notes)
 
-    def require(self, lines: Sequence[str], remedies: Iterable[Remedy] = ()) -> None:
+    def require(self, lines: Texts, remedies: Iterable[Remedy] = ()) -> None:
         """Refuse a head with problems, a table without rows, and cells without a value.
 
         `lines` are the problems of the head, and remedies solve the last one. Rows that cannot be
@@ -246,8 +260,9 @@ class TextTable:
         if lines or not self.delimiter:
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
-            finding = "found no row below it, allowed: at least one row"
-            raise InputError(f"{self.source}: {self.head}: {finding}")
+            raise InputError(
+                f"{self.source}: {self.head}: found no row below it, allowed: at least one row"
+            )
 
     def fault(self, column: Column, bad: BoolArray, rule: str | Callable[[int], str]) -> None:
         """Note the distinct cells of a column that are bad, with their count and first row.
@@ -266,10 +281,11 @@ class TextTable:
             name = column.name
             if name == CELL and PAIR in self.columns:
                 name = self.columns[PAIR].text(index)
-            location = f"row {row}, column {display_name(name)}"
+            location = f"column {display_name(name)}"
             if count > 1:
-                location = f"column {display_name(name)}"
                 finding += f" in {count:,} rows, the first is row {row}"
+            else:
+                location = f"row {row}, {location}"
             lines.append((row, f"{location}: found {finding}, allowed: {right}"))
         self.problems.add(lines, len(places_of))
 
@@ -277,22 +293,25 @@ class TextTable:
 def require_size(source: str, n_columns: int, n_cells: int) -> None:
     """Refuse a table that is too large, before its cells are made."""
     if n_columns > _MOST_COLUMNS or n_cells > _MOST_CELLS:
-        finding = f"found {n_columns:,} columns with {n_cells:,} cells"
-        rule = f"at most {_MOST_COLUMNS:,} columns and {_MOST_CELLS:,} cells"
-        raise InputError(f"{source}: {finding}, allowed: {rule}")
+        raise InputError(
+            f"{source}: found {n_columns:,} columns with {n_cells:,} cells, allowed: at most "
+            f"{_MOST_COLUMNS:,} columns and {_MOST_CELLS:,} cells"
+        )
 
 
-def repeated_columns(names: Sequence[str], wanted: Iterable[str]) -> list[str]:
+def repeated_columns(names: Texts, wanted: Iterable[str]) -> list[str]:
     """Problems of wanted columns that a table has more than once, a line each."""
     problems = []
     for name in wanted:
-        if names.count(name) > 1:
-            finding = f"found {names.count(name)} columns of this name"
-            problems.append(f"column {display_name(name)}: {finding}, allowed: one")
+        count = names.count(name)
+        if count > 1:
+            problems.append(
+                f"column {display_name(name)}: found {count} columns of this name, allowed: one"
+            )
     return problems
 
 
-def name_places(names: Sequence[str]) -> dict[str, int]:
+def name_places(names: Texts) -> dict[str, int]:
     """The index of the first column of each name."""
     places = dict[str, int]()
     for index, name in enumerate(names):
@@ -300,7 +319,7 @@ def name_places(names: Sequence[str]) -> dict[str, int]:
     return places
 
 
-def n_chosen(names: Sequence[str], choice: Choice) -> int:
+def n_chosen(names: Texts, choice: Choice) -> int:
     """How many of the distinct names are chosen."""
     return len(set(names).intersection(choice(names)))
 
@@ -316,7 +335,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     text, label = decoded(source, data, encoding)
     # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they
     # are.
-    text = _DELIMITER_LINE.sub("", text, count=1)
+    text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)
 
     delimiter, place, first_records = _layout(source, text, choice)
     first_row, head = first_records[0]
@@ -345,9 +364,9 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
             texts[name].append(intern(cells[index]))  # most texts are there many times
 
     if has_row_names and texts[""] != [*map(str, range(1, len(rows) + 1))]:
-        finding = f"found {n_names + 1} cells below {n_names} names"
         raise InputError(
-            f"{source}: row {first_records[1][0]}: {finding}, allowed: a name for each column"
+            f"{source}: row {first_records[1][0]}: found {n_names + 1} cells below {n_names} "
+            "names, allowed: a name for each column"
         )
 
     columns = {}
@@ -390,7 +409,7 @@ def _names(cells: list[str] | csv.Error) -> list[str]:
     return [] if isinstance(cells, csv.Error) else [cell.strip() for cell in cells]
 
 
-def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:
+def header_place(names: Sequence[Texts], choice: Choice) -> int:
     """The index of the record with the names: the first, unless a later one is clearer."""
     counts = [n_chosen(record, choice) for record in names]
     if not counts or counts[0] > 1:
@@ -420,8 +439,7 @@ def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str,
         text_before = error.object[: error.start].decode(codec, errors="ignore")
     except (LookupError, ValueError):  # no encoding, or one that decodes nothing
         raise InputError(
-            f"--encoding: found {quoted(encoding or '')}, allowed: a name such as utf-8, cp1252 "
-            "or latin-1"
+            f"--encoding: found {quoted(codec)}, allowed: a name such as utf-8, cp1252 or latin-1"
         ) from None
     else:
         # Only a given encoding makes halves of characters, and the search is slow.
@@ -444,7 +462,7 @@ def _encoding_of(data: bytes) -> tuple[str, str]:
 
     # Of Latin letters at the start, every other byte is NUL.
     for codec, zeros in (("utf-16-le", data[1:8:2]), ("utf-16-be", data[:8:2])):
-        if len(zeros) == 4 and not any(zeros):
+        if zeros == bytes(4):
             return codec, "UTF-16"
 
     try:
@@ -464,7 +482,7 @@ def _records(text: str, delimiter: str) -> Iterator[Record]:
     """
     if delimiter == " ":
         # Spaces that fill up a row are no cell; those in front of one are skipped.
-        text = _LAST_SPACES.sub("", text)
+        text = re.sub(r" +(?=[\r\n]|\Z)", "", text)
 
     # Not strict, the csv module would read '"12"3' as 123 and a quote left open as one giant cell,
     # without a word.
@@ -488,10 +506,11 @@ def _records(text: str, delimiter: str) -> Iterator[Record]:
 def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
     """The problem of a row that cannot be split into as many cells as the header has."""
     if not isinstance(record, csv.Error):
-        finding = plural(len(record), "cell")
-        rule = plural(width, "cell")
-        return f"row {row}: found {finding}, allowed: {rule} as in the header"
+        n_cells = plural(len(record), "cell")
+        return f"row {row}: found {n_cells}, allowed: {plural(width, 'cell')} as in the header"
 
-    findings = [words for part, words in _SPLIT_ERRORS.items() if part in str(record)]
-    finding = (findings or [str(record)])[0]
+    finding = str(record)
+    for part, words in _SPLIT_ERRORS.items():
+        if part in finding:
+            finding = words
     return f"row {row}: found {finding}, allowed: quotes around whole cells, doubled inside"

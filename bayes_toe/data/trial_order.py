@@ -6,17 +6,15 @@ missing trial numbers and times, and reports rows that repeat a trial number.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
-from bayes_toe.data.answers import Answers
+from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
+from bayes_toe.data.answers import Answers, Counts
 from bayes_toe.data.messages import TWICE, display_name, join_counts, join_names, plural
 from bayes_toe.data.tasks import task_counted
-from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
 
 #: Runs in which numbers of trials may begin anew, the shortest first; memory does so at each of the
@@ -26,10 +24,10 @@ _RUNS = ("block", "session")
 
 def answers_in_order(
     table: TextTable,
-    columns: Mapping[str, Column],
+    columns: Columns,
     keys: Sequence[FloatArray],
     parts: Mapping[str, IndexArray],
-    counts: Mapping[str, IntArray],
+    counts: Counts,
 ) -> tuple[dict[str, Answers], list[str], list[str]]:
     """The answers of each subject in order, with notes and doubts.
 
@@ -42,28 +40,25 @@ def answers_in_order(
     is_trials = task_counted(columns) is None
     pairs = np.column_stack(keys)
     subject = columns["subject"]
-    runs = {name: _ranked(table, columns[name]) for name in _RUNS if name in columns}
+    runs = {name: _ranked(table, columns[name]) for name in filter(columns.__contains__, _RUNS)}
     blocks, block_rank = runs.get("block", ((), None))
     ranks = np.column_stack([np.zeros(len(pairs), np.int64), *(rank for _, rank in runs.values())])
 
     trial = None
-    rows_with_pair = parts
     if is_trials and "trial" in columns:
         trial = numbers(table, columns["trial"])
         rows_with_pair = _rows_with_a_pair(subject, pairs, "condition" in columns)
-    times = np.full(len(pairs), math.nan)
+    times = None
     if "iti" in columns:
         times = numbers(table, columns["iti"])
-        times[times < 0.0] = math.nan
+        times[times < 0.0] = np.nan
 
-    answers = dict[str, Answers]()
-    unordered = list[str]()
-    n_missing = list[tuple[str, int]]()
+    answers = {}
+    unordered = []
+    n_missing = []
     n_untimed = 0
     for name, answered_rows in parts.items():
-        rows = answered_rows
-        place = None
-        iti = None
+        rows, place, iti = answered_rows, None, None
         if trial is not None:
             # Rows without an answer may be no trials.
             ordered = _ordered((rows_with_pair[name], answered_rows), trial, ranks)
@@ -73,22 +68,22 @@ def answers_in_order(
                 rows = ordered
                 place, n_absent = _places(trial[rows], ranks[rows, -1])
                 n_missing.append((name.partition(CONDITION_SEPARATOR)[0], n_absent))
-                iti = times[rows]
+                iti = None if times is None else times[rows]
 
         # Rows of the same subject in other conditions stay in the sequence, without answers.
         is_own_row = subject.codes[rows] == subject.codes[answered_rows[0]]
         in_order = Answers(
             keys=pairs[rows],
-            **_counts_at(counts, rows, is_own_row),
+            **{key: np.where(is_own_row, values[rows], 0) for key, values in counts.items()},
             block=None if block_rank is None else block_rank[rows],
             blocks=blocks,
             has_trial_rows=is_trials,
             place=place,
-            iti=iti if "iti" in columns else None,
+            iti=iti,
             span=(int(answered_rows.min()), int(answered_rows.max())) if is_trials else None,
         )
-        if in_order.iti is not None:
-            n_untimed += int((np.isnan(in_order.iti) & ~in_order.is_session_start).sum())
+        if iti is not None:
+            n_untimed += (np.isnan(iti) & ~in_order.is_session_start).sum()
         answers[name] = in_order.with_own_blocks()
 
     notes = _order_notes(columns, unordered, n_missing, n_untimed)
@@ -98,7 +93,7 @@ def answers_in_order(
 
 
 def _order_notes(
-    columns: Mapping[str, Column],
+    columns: Columns,
     unordered: Sequence[str],
     n_missing: Sequence[tuple[str, int]],
     n_untimed: int,
@@ -106,8 +101,10 @@ def _order_notes(
     """Notes on trials whose order, number or time is not known."""
     notes = []
     if unordered:
-        problem = f"column {display_name(columns['trial'].name)} does not order all trials"
-        notes.append(f"{problem}, so the order of the file is used: {join_names(unordered)}")
+        notes.append(
+            f"{columns['trial']} does not order all trials, so the order of the file is used: "
+            f"{join_names(unordered)}"
+        )
 
     missing = {name: count for name, count in n_missing if count}
     if missing:
@@ -118,8 +115,7 @@ def _order_notes(
 
     if n_untimed:
         notes.append(
-            f"no time since the trial before for {plural(n_untimed, 'trial')} in column "
-            f"{display_name(columns['iti'].name)}"
+            f"no time since the trial before for {plural(n_untimed, 'trial')} in {columns['iti']}"
         )
     return notes
 
@@ -145,7 +141,7 @@ def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray
 
     The order is that of numbers where all are numbers, else that of appearance.
     """
-    values = np.array([number(text, table.decimal_comma) for text in column.texts])
+    values = [number(text, table.decimal_comma) for text in column.texts]
     order = np.arange(len(values))
     if not np.isnan(values).any():
         order = np.argsort(values, kind="stable")
@@ -178,24 +174,17 @@ def _places(trial: FloatArray, run: IntArray) -> tuple[IntArray, int]:
     """
     is_new_run = np.diff(run) != 0
     missing = 0
-    if (trial == np.floor(trial)).all():
+    if (trial % 1 == 0).all():
         steps = np.diff(trial)[~is_new_run]
         missing = int((steps[steps > 1] - 1).sum())
     return np.arange(len(trial)) + np.r_[0, np.cumsum(is_new_run)], missing
 
 
-def _counts_at(
-    counts: Mapping[str, IntArray], rows: IndexArray, is_counted: BoolArray
-) -> dict[str, Any]:
-    """The counts of some rows; those of others are 0."""
-    return {name: np.where(is_counted, values[rows], 0) for name, values in counts.items()}
-
-
 def _repeated(
     table: TextTable,
-    columns: Mapping[str, Column],
+    columns: Columns,
     keys: Sequence[FloatArray],
-    counts: Mapping[str, IntArray],
+    counts: Counts,
 ) -> list[str]:
     """A doubt about answered trials that repeat the number and all else of an earlier row.
 
@@ -207,8 +196,8 @@ def _repeated(
     numbered_by = [name for name in ("subject", *_RUNS) if name in columns]
     rows = pd.DataFrame({name: columns[name].codes for name in numbered_by})
     rows["trial"] = numbers(table, columns["trial"])
-    is_answered = counts["n_trials"] > 0
-    rows = rows.assign(s1=keys[0], s2=keys[1], **counts)[is_answered].dropna(subset="trial")
+    rows = rows.assign(s1=keys[0], s2=keys[1], **counts)
+    rows = rows[rows["n_trials"] > 0].dropna(subset="trial")
     is_repeat = rows.duplicated()
     n_repeats = int(is_repeat.sum())
     if not n_repeats or rows.duplicated([*numbered_by, "trial"]).sum() > n_repeats:
@@ -216,5 +205,7 @@ def _repeated(
 
     later = rows.index[is_repeat][0]
     name = display_name(columns["subject"].text(later))
-    problem = f"{plural(n_repeats, 'row')} with the trial number and all else of an earlier row"
-    return [f"{problem}, first row {table.rows[later]} (subject {name}): {TWICE}, remove them"]
+    return [
+        f"{plural(n_repeats, 'row')} with the trial number and all else of an earlier row, first "
+        f"row {table.rows[later]} (subject {name}): {TWICE}, remove them"
+    ]

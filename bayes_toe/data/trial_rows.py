@@ -16,17 +16,17 @@ from bayes_toe.data.column_roles import (
     practice_texts,
     taken_out_texts,
 )
-from bayes_toe.data.messages import display_name, join_counts, join_names, plural, quoted
+from bayes_toe.data.messages import Texts, display_name, join_counts, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import CONDITION_SEPARATOR, MISSING_WORDS, number
+from bayes_toe.data.validation import CONDITION_SEPARATOR, MISSING_WORDS, number, numbers
 from bayes_toe.errors import InputError
 
 #: How probable a run of equal pairs of zeros is at most, if it is left out as unfilled.
 _RUN_BY_CHANCE = 1e-4
 
 
-def trial_rows(table: TextTable, options: ReadOptions, roles_read: Sequence[str]) -> TextTable:
+def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
     """The table of the rows that are trials, or counts of trials.
 
     `roles_read` are our names of the columns that are read.
@@ -50,16 +50,16 @@ def _chosen_rows(table: TextTable, options: ReadOptions) -> TextTable:
     if not options.where:
         return table
 
-    is_chosen_row = np.ones(len(table.rows), np.bool_)
-    for name, asked in options.where.items():
+    is_chosen_row = np.ones(len(table.rows), bool)
+    for name, text in options.where.items():
         column = table.columns[name]
-        is_asked = column.map(asked.__eq__, np.bool_)
-        if not is_asked.any():
-            location = f"{table.source}: column {display_name(name)}"
-            finding = f"found {join_names(map(quoted, column.texts))}"
-            rule = f"{quoted(asked)}, as --where has it, in some row"
-            raise InputError(f"{location}: {finding}, allowed: {rule}")
-        is_chosen_row &= is_asked
+        has_text = column.matches([text])
+        if not has_text.any():
+            raise InputError(
+                f"{table.source}: {column}: found {join_names(map(quoted, column.texts))}, "
+                f"allowed: {quoted(text)}, as --where has it, in some row"
+            )
+        is_chosen_row &= has_text
 
     if not is_chosen_row.any():
         asked_names = ", ".join(options.where)
@@ -69,9 +69,7 @@ def _chosen_rows(table: TextTable, options: ReadOptions) -> TextTable:
     return table.only(is_chosen_row)
 
 
-def _without_practice(
-    table: TextTable, options: ReadOptions, roles_read: Sequence[str]
-) -> TextTable:
+def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
     """The table without rows that a column marks as practice.
 
     Columns of subjects, stimuli, responses and conditions mark none. Nor does a column that says
@@ -87,16 +85,15 @@ def _without_practice(
         if not practice:
             continue
 
-        is_marked = column.map(practice.__contains__, np.bool_)
+        is_marked = column.matches(practice)
         subject = _subjects(table, options).codes
         n_marked = np.bincount(subject, is_marked)
         if np.isin(n_marked * (np.bincount(subject) - n_marked), 0).all():
             continue
 
-        rows = plural(int(is_marked.sum()), "row")
+        rows = plural(is_marked.sum(), "row")
         marks = join_names(map(quoted, practice))
-        reason = f"as practice (column {display_name(name)}: {marks})"
-        note = f"{rows} left out {reason}; --ignore practice reads them"
+        note = f"{rows} left out as practice ({column}: {marks}); --ignore practice reads them"
         table = table.only(~is_marked, note)
     return table
 
@@ -110,11 +107,11 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
     is_zero = _is_zero(table, [*stimuli, table.columns[options.name(answer)]])
     for name, column in table.columns.items():
         if is_response_sign(name):  # a key or a reaction time shows a trial
-            is_zero &= _is_zero(table, [column]) | column.map(is_no_response, np.bool_)
+            is_zero &= _is_zero(table, [column]) | column.map(is_no_response)
 
     pair = np.column_stack([column.codes for column in stimuli])
 
-    is_unfilled = np.zeros(len(is_zero), np.bool_)
+    is_unfilled = np.zeros(len(is_zero), bool)
     counts = {}
     all_rows = np.arange(len(is_zero))
     for name, rows in _subjects(table, options).rows_by_text(all_rows).items():
@@ -127,9 +124,11 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
     if not is_unfilled.any():
         return table
 
-    rows_left_out = plural(int(is_unfilled.sum()), "row")
-    reason = "as unfilled (stimuli and response are 0 in the last rows)"
-    return table.only(~is_unfilled, f"{rows_left_out} left out {reason}: {join_counts(counts)}")
+    note = (
+        f"{plural(is_unfilled.sum(), 'row')} left out as unfilled (stimuli and response are 0 "
+        f"in the last rows): {join_counts(counts)}"
+    )
+    return table.only(~is_unfilled, note)
 
 
 def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
@@ -153,13 +152,15 @@ def nameless_doubts(subject: Column) -> list[str]:
     for code, text in enumerate(subject.texts):
         name = text.partition(CONDITION_SEPARATOR)[0]
         if name and name.lower() in MISSING_WORDS:
-            rows = plural(int(np.count_nonzero(subject.codes == code)), "row")
-            finding = f"{rows} of subject {quoted(text)}, which may mean that the name is missing"
-            doubts.append(f"{finding}; if so, --exclude {text}")
+            rows = plural((subject.codes == code).sum(), "row")
+            doubts.append(
+                f"{rows} of subject {quoted(text)}, which may mean that the name is missing; if "
+                f"so, --exclude {text}"
+            )
     return doubts
 
 
-def taken_out_doubts(table: TextTable, names_not_read: Sequence[str]) -> list[str]:
+def taken_out_doubts(table: TextTable, names_not_read: Texts) -> list[str]:
     """A doubt for each column that is not read and says that some rows are no good trials."""
     doubts = []
     for name in names_not_read:
@@ -171,9 +172,9 @@ def taken_out_doubts(table: TextTable, names_not_read: Sequence[str]) -> list[st
         if not texts or not other_texts:
             continue
 
-        n_rows = int(column.map(texts.__contains__, np.bool_).sum())
+        n_rows = column.matches(texts).sum()
         marks = join_names(map(quoted, texts))
-        doubt = f"{plural(n_rows, 'row')} with {marks} in column {display_name(name)} are counted"
+        doubt = f"{plural(n_rows, 'row')} with {marks} in {column} are counted"
         if len(other_texts) == 1:
             doubt += f"; --where {display_name(name)}={other_texts[0]} leaves them out"
         doubts.append(doubt)
@@ -189,7 +190,4 @@ def _subjects(table: TextTable, options: ReadOptions) -> Column:
 
 def _is_zero(table: TextTable, columns: Sequence[Column]) -> BoolArray:
     """Whether the number in all of these columns is 0."""
-    is_zero = np.ones(len(table.rows), np.bool_)
-    for column in columns:
-        is_zero &= column.map(lambda text: number(text, table.decimal_comma) == 0, np.bool_)
-    return is_zero
+    return np.all([numbers(table, column) == 0 for column in columns], axis=0)

@@ -1,6 +1,6 @@
 """Units: a subject in one condition is analysed as a subject of its own, such as S01@left.
 
-`with_units` puts these names into the column of subjects. `with_conditions` gives the study its
+`unit_column` has these names in place of the subjects. `with_conditions` gives the study its
 conditions, or takes the names back if no subject has two levels. Where the levels are tasks,
 `options_by_task` has the options with which each task is read, and `study_of_tasks` makes one study
 of them.
@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import compress, product
-from operator import attrgetter
 
 import numpy as np
 
@@ -23,8 +22,8 @@ from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.study import Study, Subject, with_shared_scales
 from bayes_toe.data.study_files import common_notes, reading_of_all, together
-from bayes_toe.data.tasks import Task, tasks_named
-from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.tasks import tasks_named
+from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number
 from bayes_toe.errors import InputError
 
@@ -34,21 +33,15 @@ TASK = "task"
 _REPEATED = 10
 
 
-def with_units(
-    table: TextTable, columns: dict[str, Column], categorical: bool
-) -> dict[str, Column]:
-    """Columns by our names, in which the unit of a row, such as S01@left, replaces its subject.
+def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column:
+    """The column of the unit of each row, such as S01@left, from subjects and conditions.
 
-    Without a condition, the columns stay as they are. Numbers that are written differently are one
-    level. A name with the sign that joins subject and level is a problem of the table. A unit
-    without a subject has no name.
+    Numbers that are written differently are one level. A name with the sign that joins subject and
+    level is a problem of the table. A unit without a subject has no name.
     """
-    if "condition" not in columns:
-        return columns
-
     subject, condition = columns["subject"], columns["condition"]
     for column in (subject, condition):
-        is_joined = column.map(lambda text: CONDITION_SEPARATOR in text, np.bool_)
+        is_joined = column.map(lambda text: CONDITION_SEPARATOR in text)
         table.fault(
             column,
             is_joined,
@@ -65,8 +58,8 @@ def with_units(
     units = []
     for subject_code, level_code in pairs.tolist():
         name = subject.texts[subject_code]
-        units.append(f"{name}{CONDITION_SEPARATOR}{level_names[level_code]}" if name else "")
-    return {**columns, "subject": Column.from_texts(subject.name, units, unit_of_row.ravel())}
+        units.append(name and f"{name}{CONDITION_SEPARATOR}{level_names[level_code]}")
+    return Column.from_texts(subject.name, units, unit_of_row.ravel())
 
 
 def with_conditions(study: Study, options: ReadOptions) -> Study:
@@ -78,9 +71,9 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         If the options name a condition with one level in every subject or a reference that cannot
         be used, or if only some files have the column.
     """
-    has_options = options.reference is not None or options.categorical
     if study.conditions is not None:
         return study
+    has_options = options.reference is not None or options.categorical
     if "condition" not in study.reading.read:
         if options.condition is not None:
             raise InputError(
@@ -133,21 +126,21 @@ def options_by_task(table: TextTable, options: ReadOptions) -> list[ReadOptions]
         tasks = tasks_named(column.texts)
         if len(tasks) == len(column.texts) or len({*tasks.values()}) > 1:
             return [options.of_task(task, {column.name: text}) for text, task in tasks.items()]
-    options.require_one_task()
+    replace(options, condition=None)  # refuses codes of two tasks
     return [options]
 
 
 def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     """One study, in which a unit is a subject's answers to one task, if there are several."""
-    by_task = dict[Task, list[Study]]()
-    for study in studies:
-        by_task.setdefault(study.task, []).append(study)
-    if len(by_task) == 1 or any("condition" in study.reading.read for study in studies):
+    tasks = dict.fromkeys(study.task for study in studies)
+    if len(tasks) == 1 or any("condition" in study.reading.read for study in studies):
         return together(studies)  # one task, or conditions that are no tasks
 
-    by_level = {task.short_name: together(of_task) for task, of_task in by_task.items()}
+    by_level = {}
+    for task in tasks:
+        by_level[task.short_name] = together([study for study in studies if study.task == task])
     order, _ = _level_order([*by_level], options)
-    units = list[Subject]()
+    units = []
     for level in order:
         for subject in by_level[level]:
             unit_name = f"{subject.name}{CONDITION_SEPARATOR}{level}"
@@ -157,8 +150,8 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     conditions = Conditions(options.condition or TASK, tuple(order))
     return Study(
         with_shared_scales(units),  # which also brings the units of a subject together
-        " and ".join(dict.fromkeys(map(attrgetter("source"), joined))),
-        all(map(attrgetter("synthetic"), joined)),
+        " and ".join(dict.fromkeys(study.source for study in joined)),
+        all(study.synthetic for study in joined),
         (*common_notes(joined), f"condition {conditions.about}"),
         reading_of_all(joined),
         conditions=conditions,
@@ -231,17 +224,19 @@ def pooled_conditions(
 
     None of them follows from the stimuli and answers, or has about as many texts as trials.
     """
-    difference = keys[1] - keys[0]
-    is_scored = difference != 0.0
-    outcomes = np.column_stack([subject, answer, np.sign(difference)])
-    pairs = np.column_stack([subject, answer, *keys])
-    names = list[str]()
+    direction = np.sign(keys[1] - keys[0])
+    is_scored = direction != 0.0
+    names = []
     for column in columns:
         n_levels = _n_distinct(subject, column.codes)
-        is_varied = _n_distinct(subject) < n_levels <= 0.5 * len(subject)
-        scored_levels = column.codes[is_scored]
-        follows = any(_follows(scored_levels, rows[is_scored]) for rows in (outcomes, pairs))
-        if is_varied and not follows:
+        follows = False
+        for stimuli in ([direction], keys):
+            # Levels are the same in all rows with the same values, and not by chance.
+            rows = np.column_stack([subject, answer, *stimuli])[is_scored]
+            n_groups = _n_distinct(rows)
+            has_one_level = _n_distinct(rows, column.codes[is_scored]) == n_groups
+            follows |= has_one_level and len(rows) - n_groups >= _REPEATED
+        if _n_distinct(subject) < n_levels <= 0.5 * len(subject) and not follows:
             names.append(column.name)
     return names
 
@@ -249,9 +244,3 @@ def pooled_conditions(
 def _n_distinct(*columns: FloatArray | IntArray) -> int:
     """How many rows of these columns differ."""
     return len(np.unique(np.column_stack(columns), axis=0))
-
-
-def _follows(levels: IntArray, rows: FloatArray) -> bool:
-    """Whether levels are the same in all rows with the same values, and not by chance."""
-    n_groups = _n_distinct(rows)
-    return len(rows) - n_groups >= _REPEATED and _n_distinct(rows, levels) == n_groups

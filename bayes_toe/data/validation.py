@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, StrPath
-from bayes_toe.data.messages import display_name, join_names, quoted
+from bayes_toe.data.messages import Texts, display_name, join_names, quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.text_table import Column, TextTable, repeated_columns
 
@@ -27,7 +27,7 @@ MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null"})
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 # '5.0' is how pandas writes a 5 beside missing cells; '5.000' may be a German five thousand, so it
 # is not read at all.
-_COUNT = re.compile(r"\+?0*(\d{1,16})(?:\.(?!000$)0*)?", re.ASCII)
+_COUNT = r"\+?0*([0-9]{1,16})(?:\.(?!000$)0*)?"
 # Spaces, apostrophes and narrow spaces between groups of three digits.
 _SPACES = "['\u2019 \u00a0\u2009\u202f]"
 _GROUPED_BY_SPACE = re.compile(rf"[+-]?\d{{1,3}}(?:{_SPACES}\d{{3}})+(?![\d' ])")
@@ -89,9 +89,10 @@ def ambiguous_number(columns: Sequence[Column], sign: str) -> str:
 
 def whole_number(text: str, decimal_comma: bool = False) -> int:
     """The whole number that a cell holds, -1 if it holds none."""
-    match = _COUNT.fullmatch(text.replace(",", ".") if decimal_comma else text)
-    value = -1 if match is None else int(match[1])
-    return value if value <= LARGEST_COUNT else -1
+    match = re.fullmatch(_COUNT, text.replace(",", ".") if decimal_comma else text)
+    if match is None or int(match[1]) > LARGEST_COUNT:
+        return -1
+    return int(match[1])
 
 
 def is_formula(text: str) -> bool:
@@ -115,7 +116,7 @@ def bare_names(table: TextTable, column: Column) -> Column:
 
 def numbers(table: TextTable, column: Column) -> FloatArray:
     """The finite number of every row, NaN where the cell holds none."""
-    return column.map(lambda text: number(text, table.decimal_comma), np.float64)
+    return column.map(lambda text: number(text, table.decimal_comma), float)
 
 
 def column_counts(table: TextTable, column: Column) -> IntArray:
@@ -137,13 +138,14 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     The shares are percentages where one of them is larger than 1. All are rounded to the decimals
     of the most precise one.
     """
-    shares = column.map(lambda text: number(text.rstrip(" %"), table.decimal_comma), np.float64)
+    shares = column.map(lambda text: number(text.rstrip(" %"), table.decimal_comma), float)
     has_percent_sign = any("%" in text for text in column.texts)
     whole = 100.0 if has_percent_sign or (shares > 1.0).any() else 1.0
 
     finite = shares[np.isfinite(shares)]
-    decimals = (d for d in range(16) if (finite.round(d) == finite).all())
-    n_decimals = next(decimals, 16)
+    n_decimals = 0
+    while n_decimals < 16 and (finite.round(n_decimals) != finite).any():
+        n_decimals += 1
 
     largest_error = 0.5 * 10.0**-n_decimals / whole * n
     exact_counts = shares / whole * n
@@ -154,14 +156,15 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
 
     # A number of trials that cannot be read has a problem of its own.
     is_count = (n <= 0) | (is_precise & is_near & (counts >= 0) & (counts <= n))
-    rule = "a share that makes a whole number of"
-    table.fault(column, ~is_count, lambda index: f"{rule} {n[index]} trials")
+    table.fault(
+        column, ~is_count, lambda index: f"a share that makes a whole number of {n[index]} trials"
+    )
     return np.where(is_count & (n > 0), counts, 0.0).astype(np.int64)
 
 
 def empty(column: Column) -> BoolArray:
     """Whether the cell of each row is empty."""
-    return column.map(lambda text: text == "", np.bool_)
+    return column.matches([""])
 
 
 def require_numbers(
@@ -192,10 +195,9 @@ def require_texts(
     table.fault(column, blank if rows is None else blank & rows, "a text that is not empty")
     if once:
         first = np.unique(column.codes, return_index=True)[1][column.codes]
-        again = (np.arange(len(first)) > first) & ~blank
         table.fault(
             column,
-            again,
+            (np.arange(len(first)) > first) & ~blank,
             lambda index: f"each name once, and row {table.rows[first[index]]} has it",
         )
 
@@ -205,11 +207,11 @@ def require_texts(
 
 def read_numbers(
     source: StrPath | TextTable,
-    names: Sequence[str],
+    names: Texts,
     key: str | None = None,
     *,
-    optional: Sequence[str] = (),
-    counts: Sequence[str] = (),
+    optional: Texts = (),
+    counts: Texts = (),
     gaps: bool = False,
 ) -> tuple[list[str], dict[str, FloatArray]]:
     """Columns of finite numbers by name, and one of distinct texts if `key` names it.
@@ -224,8 +226,12 @@ def read_numbers(
     required = names if key is None else (key, *names)
     table = _with_columns(source, required, optional)
     if not names and len(table.columns) < 2:
-        rule = f"{', '.join(required)} and some of {', '.join(optional)}"
-        table.require([f"found {join_names(map(quoted, table.names))}, allowed: {rule}"])
+        table.require(
+            [
+                f"found {join_names(map(quoted, table.names))}, allowed: {', '.join(required)} and "
+                f"some of {', '.join(optional)}"
+            ]
+        )
 
     if key is not None:
         require_texts(table, table.columns[key], once=True)
@@ -248,13 +254,10 @@ def read_numbers(
     table.problems.refuse()
     if key is None:
         return [], columns
-    texts = bare_names(table, table.columns[key])
-    return texts.map(str, object).tolist(), columns
+    return bare_names(table, table.columns[key]).map(str, object).tolist(), columns
 
 
-def _with_columns(
-    source: StrPath | TextTable, required: Sequence[str], optional: Sequence[str]
-) -> TextTable:
+def _with_columns(source: StrPath | TextTable, required: Texts, optional: Texts) -> TextTable:
     """The table with columns of these names, each of them once."""
     names = (*required, *optional)
     table = source if isinstance(source, TextTable) else read_table(source, lambda _: {*names})
@@ -262,8 +265,10 @@ def _with_columns(
     other_names = join_names(map(quoted, table.names))
     for name in required:
         if name not in table.names:
-            finding = f"missing, found {other_names}, allowed: a column of this name"
-            problems.append(f"column {display_name(name)}: {finding}")
+            problems.append(
+                f"column {display_name(name)}: missing, found {other_names}, allowed: a column of "
+                "this name"
+            )
     table.require(problems)
     columns = {name: column for name, column in table.columns.items() if name in names}
     return replace(table, columns=columns)
