@@ -1,4 +1,4 @@
-"""Check whether posteriors and evidences of the paper's model are calibrated.
+"""Are posteriors and evidences of the paper's model calibrated? Observers from the prior.
 
 The steps are those of `bayes-toe sample` and `evidence`, on data from known observers.
 
@@ -10,39 +10,40 @@ Evidence: data sets from the predictive update (H1) or from free frequencies (H0
 probability one half. Where everything is right, of the data sets with posterior probability P(H1 |
 data) near p a share p came from H1.
 
-Example: python scripts/calibration.py -o calibration --studies 1000 --data-sets 2000 --seed 1
-Exit code 3 where something is not calibrated.
+Writes calibration.csv and calibration.md; exit code 3 where something is not calibrated.
+
+Example: python scripts/calibration.py -o docs --studies 1000 --data-sets 500 --seed 1 --overwrite
 """
 
-import argparse
-import platform
 import sys
+from argparse import Namespace
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Template
 from reference.calibration_statistics import (
-    MARGIN,
-    POINTS,
-    band,
-    ecdf_difference,
+    LEAST_P,
+    judge_probabilities,
+    judge_ranks,
     log_score,
     place,
-    rank_verdict,
-    reliability,
+)
+from reference.pages import (
+    judgement_lines,
+    judgement_tables,
+    page_parser,
+    versions,
+    write_page,
 )
 from scipy import stats
 
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import subject_evidence
 from bayes_toe.classical.fit import SubjectFit, subject_fit
-from bayes_toe.cli.terminal import number
-from bayes_toe.data.tables import write_table
-from bayes_toe.data.whole_files import require_folder, whole_folder
 from bayes_toe.design.simulate import PaperObserver, simulate_trials
 from bayes_toe.design.study_design import PAPER_BATCHES, reference_design
 from bayes_toe.inference.draws import Draws
@@ -55,7 +56,6 @@ from bayes_toe.inference.subject import (
     fitted_result,
     subject_draws,
 )
-from bayes_toe.libraries import library_versions
 from bayes_toe.model.paper_equations import NATURAL, Natural, variance_ratio
 from bayes_toe.model.paper_model import PAPER_MODEL, PaperPosterior, paper_posterior
 from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
@@ -70,63 +70,24 @@ HELD_OUT = {"q(1.15, 1.55)": (1.15, 1.55), "q(1.66, 1.36)": (1.66, 1.36)}
 RANKED = (*NATURAL, "gamma", "log_likelihood", *HELD_OUT)
 #: Effective draws asked for: four for each one that is used.
 DRAWS = 1000
-#: Probability of any false alarm among all ranked quantities of all designs.
-FALSE_ALARM = 0.01
+#: Refits of the bootstrap of Appendix C.
+REPLICATES = 200
 #: Smallest eigenvalue of a correlation matrix that still counts as invertible.
 SINGULAR = 1e-10
-
-#: What the columns of the evidence table are.
-_METHODS = {
-    "h1": "importance sampling",
-    "h1_laplace": "Laplace approximation in scores of the prior",
-    "h1_bootstrap": "covariance of bootstrap refits (Appendix C)",
-    "h0": "exact",
-    "h0_laplace": "Laplace estimator of frequencies (Appendix C)",
+#: Estimators of the log Bayes factor H1 - H0; the first is the default.
+DEFAULT, LAPLACE, APPENDIX_C = "importance sampling", "Laplace", "Appendix C"
+ESTIMATORS = (DEFAULT, LAPLACE, APPENDIX_C)
+#: Columns of the page, with their titles, for each part.
+COLUMNS = {
+    "rank": {"design": "design", "what": "quantity", "data_sets": "studies"}
+    | {"largest_difference": "largest difference", "at": "at", "p_value": "p"}
+    | {"calibrated": "uniform"},
+    "probability": {"design": "design", "what": "estimator", "data_sets": "data sets"}
+    | {"missing_h1": "none, H1", "missing_h0": "none, H0", "ece": "ECE", "floor": "floor"}
+    | {"p_value": "p", "log_score_bits": "log score", "default_bits": "default's"}
+    | {"largest_shift": "largest shift", "calibrated": "calibrated"},
 }
-#: By estimator of the log Bayes factor H1 - H0, its two columns; the first is the default.
-ESTIMATORS = {
-    "importance sampling": ("h1", "h0"),
-    "Laplace": ("h1_laplace", "h0"),
-    "bootstrap covariance": ("h1_bootstrap", "h0"),
-    "H0 by Laplace": ("h1", "h0_laplace"),
-    "Appendix C": ("h1_bootstrap", "h0_laplace"),
-}
-DEFAULT = next(iter(ESTIMATORS))
-SCORES = ("error", "floor", "p_value", "brier", "log_score", "unsure")
-EVIDENCE_COLUMNS = (
-    *("design", "batches", "estimator", "data_sets", "missing_h1", "missing_h0"),
-    *("log_score_default", "median_shift", "largest_shift", *SCORES, "verdict"),
-)
-PRODUCTS = (
-    "calibration.md",
-    "calibration.csv",
-    "calibration_ranks.csv",
-    "calibration_ranks.png",
-    "evidence_calibration.csv",
-    "evidence_data_sets.csv",
-)
 Row = dict[str, Any]
-
-
-class Calibration(NamedTuple):
-    """A row a study and a data set, and verdicts by design and quantity or estimator."""
-
-    ranks: pd.DataFrame
-    data_sets: pd.DataFrame
-    rank_verdicts: pd.DataFrame
-    evidence_verdicts: pd.DataFrame
-
-    def failures(self) -> list[str]:
-        """Problems, a line each: ranks outside their band, evidences not calibrated."""
-        lines = []
-        for row in self.rank_verdicts.itertuples():
-            if row.verdict != "inside":
-                quantity = f"{row.quantity} outside their band (p = {row.p_value:.2g})"
-                lines.append(f"{row.design} design: ranks of {quantity}")
-        for row in self.evidence_verdicts.itertuples():
-            if row.estimator == DEFAULT and row.verdict != "calibrated":
-                lines.append(f"{row.design} design: probabilities of H1 are not calibrated")
-        return lines
 
 
 # --- One subject ---------------------------------------------------------------------------------
@@ -145,11 +106,11 @@ def analyse(
     request: AnalysisRequest,
     settings: Settings,
     truth: Prior | None = None,
-) -> tuple[Row, Row]:
+) -> Row:
     """Simulate a subject from H1 or H0 and analyse it as the commands would, with their streams.
 
-    Its rows of ranks and of data sets, or empty ones. Observers come from the prior of the
-    analysis, or from another one that is the truth.
+    The places of the true values among the draws, and the log Bayes factors, where these are asked
+    for. Observers come from the prior of the analysis, or from another one that is the truth.
     """
     pairs, seed = reference_design(batches=DESIGNS[design]), settings.seed
     rng = generator(seed, name, "observer")
@@ -164,29 +125,27 @@ def analyse(
         counts = rng.binomial(pairs.n_trials, rng.uniform(size=pairs.n_pairs))
         subject = pairs.answered(counts, name)
 
-    posterior = paper_posterior(subject, settings.prior)
-    result = fitted_result(posterior, seed, request)
-    ranks: Row = {}
+    result = fitted_result(paper_posterior(subject, settings.prior), seed, request)
+    row: Row = {"design": design, "subject": name}
     if request.chains is not None:
         study = bt.Study((subject,), "calibration", synthetic=True)
         draws = Draws(subjects_tree(study, [subject_draws(result)], settings, {}, {}))
-        true_values = ranked_quantities(drawn.for_subject(subject), true_point)
-        ranks = {"design": design, "subject": name, **ranks_of(draws, true_values)}
-    factors: Row = {}
+        row |= places(draws, ranked_quantities(drawn.for_subject(subject), true_point))
     if request.evidence_draws:
-        replicates = subject_fit(subject, settings.prior, seed=seed, replicates=1000)
-        evidences = {"h1_bootstrap": appendix_c_evidence(replicates, settings.prior)}
-        row = subject_evidence(result)
-        for column in ("h1", "h1_laplace", "h0", "h0_laplace"):
-            evidences[column] = getattr(row, f"log_evidence_{column}")
-        values = pd.Series(evidences, dtype=float)
-        factors = {"design": design, "data_set": name, "from": origin}
-        factors |= {key: values[h1] - values[h0] for key, (h1, h0) in ESTIMATORS.items()}
-    return ranks, factors
+        evidence = subject_evidence(result)
+        fit = subject_fit(subject, settings.prior, seed=seed, replicates=REPLICATES)
+        appendix_c = appendix_c_evidence(fit, settings.prior) - evidence.log_evidence_h0_laplace
+        row |= {
+            "origin": origin,
+            DEFAULT: evidence.log_evidence_h1 - evidence.log_evidence_h0,
+            LAPLACE: evidence.log_evidence_h1_laplace - evidence.log_evidence_h0,
+            APPENDIX_C: appendix_c,
+        }
+    return row
 
 
-def ranks_of(draws: Draws, true_values: dict[str, np.ndarray]) -> Row:
-    """The true parameters, and the place of each true value among the draws, in 0..1."""
+def places(draws: Draws, true_values: dict[str, np.ndarray]) -> Row:
+    """The place of each true value among the draws, in 0..1, and what did not converge."""
     (name,) = draws.names
     rng = generator(draws.seed, name, "rank")
     # Of each walker its last draw: walkers of a converged sample move every few steps, so these are
@@ -194,10 +153,10 @@ def ranks_of(draws: Draws, true_values: dict[str, np.ndarray]) -> Row:
     last = np.flatnonzero(np.diff(draws.group("posterior")["walker"].values, append=-1))
     points = draws.points(name)[:, last].reshape(-1, len(NATURAL))
     values = ranked_quantities(draws.posterior(name), points)
-    row: Row = {f"true_{key}": true_values[key].item() for key in NATURAL}
+    row: Row = {"shortfall": draws.not_converged.get(name, "")}
     for key in RANKED:
         row[key] = place(true_values[key].item(), values[key], rng)
-    return row | {"shortfall": draws.not_converged.get(name, "")}
+    return row
 
 
 def ranked_quantities(posterior: PaperPosterior, x: np.ndarray) -> dict[str, np.ndarray]:
@@ -242,199 +201,111 @@ def appendix_c_evidence(fit: SubjectFit, prior: Prior) -> float:
 # --- All subjects --------------------------------------------------------------------------------
 
 
-def calibrate(*, studies: int, data_sets: int, seed: int, workers: int | None) -> Calibration:
-    """Simulate data of known origin, and judge whether posteriors and evidences are calibrated.
+def analysed(options: Namespace, seed: int) -> pd.DataFrame:
+    """A row for each subject.
 
     In each design, so many studies for the ranks and data sets for the evidence; those from H1 are
     the same, as far as these go.
     """
-    if studies < 0 or data_sets < 0 or studies + data_sets == 0:
-        raise bt.InputError(
-            f"studies={studies} and data_sets={data_sets} must not be negative, nor both 0"
-        )
     settings = calibration_settings(seed)
     jobs = []
     for design in DESIGNS:
-        n_h1 = int((generator(seed, design, "hypothesis").uniform(size=data_sets) < 0.5).sum())
-        for origin, n_subjects in (("H1", max(studies, n_h1)), ("H0", data_sets - n_h1)):
-            for i in range(n_subjects):
+        is_h1 = generator(seed, design, "hypothesis").uniform(size=options.data_sets) < 0.5
+        n_evidences = {"H1": int(is_h1.sum()), "H0": int((~is_h1).sum())}
+        n_studies = {"H1": options.studies, "H0": 0}
+        for origin in ("H1", "H0"):
+            for i in range(max(n_studies[origin], n_evidences[origin])):
+                sampler = settings.sampler if i < n_studies[origin] else None
+                request = AnalysisRequest(sampler, EVIDENCE_DRAWS * (i < n_evidences[origin]))
                 name = f"{design}-{origin.lower()}-{i + 1:04d}"
-                is_study, is_data_set = origin == "H1" and i < studies, origin == "H0" or i < n_h1
-                sampler = settings.sampler if is_study else None
-                request = AnalysisRequest(sampler, EVIDENCE_DRAWS * is_data_set)
                 jobs.append(partial(analyse, design, name, origin, request, settings))
-    rows = run_in_order(jobs, workers, None, [job.args[1:2] for job in jobs])
-    ranks = pd.DataFrame([row for row, _ in rows if row])
-    return judged(ranks, pd.DataFrame([row for _, row in rows if row]), seed)
+
+    names = [(name,) for _, name, *_ in (job.args for job in jobs)]
+    progress = print if options.progress else None
+    return pd.DataFrame(run_in_order(jobs, options.workers, progress, names))
 
 
-def judged(ranks: pd.DataFrame, data_sets: pd.DataFrame, seed: int) -> Calibration:
-    """All verdicts."""
-    rank_verdicts = pd.DataFrame(judged_ranks(ranks) if len(ranks) else ())
-    evidence_verdicts = pd.DataFrame(judged_evidences(data_sets, seed) if len(data_sets) else ())
-    return Calibration(ranks, data_sets, rank_verdicts, evidence_verdicts)
-
-
-def judged_ranks(ranks: pd.DataFrame) -> Iterator[Row]:
-    """Verdicts on the ranks of each quantity in each design, by a least p-value (Bonferroni)."""
-    threshold = FALSE_ALARM / (len(RANKED) * ranks["design"].nunique())
-    for design, group in ranks.groupby("design", sort=False):
+def judged_ranks(rows: pd.DataFrame) -> Iterator[Row]:
+    """Whether the ranks of each quantity are uniform in each design."""
+    for design, group in rows.groupby("design", sort=False):
         for quantity in RANKED:
-            verdict = rank_verdict(group[quantity])
+            ranks = group[quantity].dropna()
             yield {
+                "part": "rank",
                 "design": design,
-                "batches": DESIGNS[design],
-                "quantity": quantity,
-                "studies": len(group),
-                "not_converged": int((group["shortfall"] != "").sum()),  # ranked like the others
-                **verdict,
-                "threshold": threshold,
-                "verdict": "inside" if verdict["p_value"] >= threshold else "outside",
+                "what": quantity,
+                "data_sets": len(ranks),
+                **judge_ranks(ranks),
             }
 
 
-def judged_evidences(data_sets: pd.DataFrame, seed: int) -> Iterator[Row]:
-    """Verdicts on the probabilities P(H1 | data) of each estimator in each design; nats."""
-    for design, group in data_sets.groupby("design", sort=False):
+def judged_probabilities(rows: pd.DataFrame, seed: int) -> Iterator[Row]:
+    """Whether the probabilities P(H1 | data) of each estimator are calibrated in each design."""
+    for design, group in rows.dropna(subset="origin").groupby("design", sort=False):
         for estimator in ESTIMATORS:
-            missing = group["from"][group[estimator].isna()]
-            row = dict.fromkeys(EVIDENCE_COLUMNS, np.nan)
-            row |= {"design": design, "batches": DESIGNS[design], "estimator": estimator}
-            row |= {"data_sets": len(group), "verdict": "not calibrated"}
-            row["missing_h1"], row["missing_h0"] = (missing == "H1").sum(), (missing == "H0").sum()
-            known = group.drop(missing.index)
-            if len(known):
-                rng = generator(seed, design, estimator, "reliability")
-                result = reliability(known[estimator], known["from"] == "H1", rng)
-                row |= {name: getattr(result, name) for name in SCORES}
-                if result.calibrated:
-                    row["verdict"] = "calibrated"
-            both = known.dropna(subset=DEFAULT)
-            if len(both):
-                shifts = (both[estimator] - both[DEFAULT]).to_numpy()
-                row["log_score_default"] = log_score(both[DEFAULT], both["from"] == "H1")
-                row["median_shift"] = np.median(shifts)
-                row["largest_shift"] = shifts[np.abs(shifts).argmax()]
+            is_missing = group[estimator].isna()
+            row = {"part": "probability", "design": design, "what": estimator}
+            row["data_sets"] = len(group)
+            for origin in ("H1", "H0"):
+                row[f"missing_{origin.lower()}"] = (is_missing & (group["origin"] == origin)).sum()
+            known = group[~is_missing]
+            is_h1 = known["origin"] == "H1"
+            rng = generator(seed, design, estimator, "reliability")
+            row |= judge_probabilities(known[estimator], is_h1, rng)
+            shifts = (known[estimator] - known[DEFAULT]).to_numpy()
+            row["default_bits"] = log_score(known[DEFAULT], is_h1)
+            row["largest_shift"] = shifts[np.abs(shifts).argmax()]
             yield row
 
 
-# --- Files ---------------------------------------------------------------------------------------
+def judged(rows: pd.DataFrame, seed: int) -> pd.DataFrame:
+    """All judgements."""
+    return pd.DataFrame([*judged_ranks(rows), *judged_probabilities(rows, seed)])
 
 
-def verdict_lines(found: Calibration) -> list[str]:
-    """The verdict in a few lines, with what did not converge and what was not reported."""
-    lines = [f"NOT calibrated: {failure}" for failure in found.failures()]
-    if len(found.ranks):
-        n_inside = (found.rank_verdicts["verdict"] == "inside").sum()
-        lines.append(
-            f"The ranks of {n_inside} of {len(found.rank_verdicts)} rows are inside their bands. "
-            "In a correct analysis, all rows are inside with a probability of "
-            f"{100 * (1 - FALSE_ALARM):g} %."
-        )
-    for row in found.evidence_verdicts.itertuples():
-        if row.estimator == DEFAULT:
-            lines.append(
-                f"In the {row.design} design, the probabilities of H1 are "
-                f"{row.verdict.replace('not', 'NOT')}. The calibration error is {row.error:.4f}, "
-                f"and the limit is {row.floor + MARGIN:.4f}."
-            )
-    if len(found.ranks):
-        missed = found.ranks["subject"][found.ranks["shortfall"] != ""]
-        line = f"All {len(found.ranks)} analyses converged."
-        if len(missed):
-            line = f"These analyses did not converge: {', '.join(missed)}."
-        lines.append(line)
-    if len(found.data_sets):
-        withheld = found.data_sets["data_set"][found.data_sets[DEFAULT].isna()]
-        if len(withheld):
-            lines.append(f"The default estimator reports no evidence for {', '.join(withheld)}.")
-    return lines
+def conclusion(table: pd.DataFrame) -> list[str]:
+    """What holds for the draws and for the default estimator."""
+    return judgement_lines(table[~table["what"].isin((LAPLACE, APPENDIX_C))])
 
 
-def draw_ranks(found: Calibration) -> Any:
-    """Distribution functions of ranks minus the uniform one, with the band of each design."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.0, 3.7), layout="constrained")
-    axes = figure.subplots(2, len(RANKED) // 2, sharex=True, sharey=True).ravel()
-    for ax, quantity in zip(axes, RANKED, strict=True):
-        for design, group in found.ranks.groupby("design", sort=False):
-            limits = band(len(group), 1.0 - found.rank_verdicts["threshold"].iloc[0])
-            lower, upper = limits.lower / len(group), limits.upper / len(group)
-            ax.fill_between(POINTS, lower - POINTS, upper - POINTS, color="0.9")
-            ax.plot(POINTS, ecdf_difference(group[quantity]), label=f"{design} design")
-        ax.set_title(quantity.replace("_", " "), fontsize="small")
-    figure.supxlabel("rank of the true value", fontsize="small")
-    figure.supylabel("ECDF difference", fontsize="small")
-    figure.legend(handles=axes[0].lines, loc="outside upper right", ncols=2, fontsize="small")
-    return figure
-
-
-def write_calibration(found: Calibration, options: argparse.Namespace) -> None:
-    """Write tables, the figure and calibration.md into the folder."""
-    tables = {
-        "calibration": found.rank_verdicts,
-        "calibration_ranks": found.ranks,
-        "evidence_calibration": found.evidence_verdicts,
-        "evidence_data_sets": found.data_sets,
-    }
-    folder = Path(__file__).parent
-    environment = Environment(
-        loader=FileSystemLoader(folder), undefined=StrictUndefined, trim_blocks=True
-    )
-    environment.filters.update(number=number)
-    page = environment.get_template("calibration.md").render(
-        ranks=list(found.rank_verdicts.itertuples()),
-        evidence=list(found.evidence_verdicts.itertuples()),
-        plan=options,
-        verdict=verdict_lines(found),
+def table_and_page(options: Namespace, seed: int) -> tuple[pd.DataFrame, str]:
+    """All judgements, and the page."""
+    rows = analysed(options, seed)
+    table = judged(rows, seed)
+    known = rows.dropna(subset="origin")
+    is_unsure = known[DEFAULT].abs() < np.log(0.98 / 0.02)
+    template = Template(Path(__file__).with_suffix(".md").read_text("utf-8"), trim_blocks=True)
+    page = template.render(
+        conclusion=conclusion(table),
+        not_converged=rows.loc[rows["shortfall"].fillna("") != "", "subject"].tolist(),
         designs=" and ".join(f"{n} times in the design *{name}*" for name, n in DESIGNS.items()),
         draws=DRAWS,
-        about={name: [_METHODS[side] for side in sides] for name, sides in ESTIMATORS.items()},
-        default=DEFAULT,
-        false_alarm=f"{FALSE_ALARM:g}",
-        margin=f"{MARGIN:g}",
-        python=platform.python_version(),
-        versions=", ".join(map(" ".join, library_versions().items())),
+        replicates=REPLICATES,
+        least_p=LEAST_P,
+        unsure=is_unsure.groupby(known["design"], sort=False).mean().to_dict(),
+        tables=judgement_tables(table, COLUMNS),
+        options=options,
+        seed=seed,
+        versions=versions(),
     )
-    with whole_folder(options.output, PRODUCTS, overwrite=options.overwrite) as target:
-        (target / "calibration.md").write_text(page + "\n", encoding="utf-8")
-        for stem, table in tables.items():
-            if len(table):
-                write_table(table, target / f"{stem}.csv")
-        if len(found.ranks):
-            bt.plots.save_figure(draw_ranks(found), target / "calibration_ranks.png")
+    return table, f"{page}\n"
 
 
 def main() -> int:
-    """Run the calibration and write its folder."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("-o", "--output", default="calibration", help="folder")
+    """Simulate, analyse, judge, write."""
+    parser = page_parser(__doc__)
     parser.add_argument("--studies", type=int, default=1000, help="a design, for the ranks")
-    parser.add_argument("--data-sets", type=int, default=2000, help="a design, for the evidence")
+    parser.add_argument("--data-sets", type=int, default=500, help="a design, for the evidence")
     parser.add_argument("--seed", type=int, help="without it fresh entropy, printed")
-    parser.add_argument("--workers", type=int, help="processes; by default one per processor")
-    parser.add_argument("--overwrite", action="store_true")
+    parser.add_argument("--progress", action="store_true", help="print the names of done subjects")
     options = parser.parse_args()
-    try:
-        options.seed = root_seed(options.seed)
-        # Before the work, not after it.
-        require_folder(options.output, PRODUCTS, overwrite=options.overwrite)
-        found = calibrate(
-            studies=options.studies,
-            data_sets=options.data_sets,
-            seed=options.seed,
-            workers=options.workers,
-        )
-        write_calibration(found, options)
-    except bt.BayesToeError as error:
-        print(error, file=sys.stderr)
-        return 2
-    print("\n".join(verdict_lines(found)))
-    print(f"seed {options.seed}; results in {options.output}")
-    return 3 if found.failures() else 0
+    if min(options.studies, options.data_sets) < 1:
+        parser.error("--studies and --data-sets must be at least 1")
+    seed = root_seed(options.seed)
+    table = write_page(options, "calibration", partial(table_and_page, options, seed))
+    print(*conclusion(table), f"seed {seed}", sep="\n")
+    is_default = ~table["what"].isin((LAPLACE, APPENDIX_C))
+    return 0 if table.loc[is_default, "calibrated"].all() else 3
 
 
 if __name__ == "__main__":

@@ -11,41 +11,52 @@ Example: python scripts/order_calibration.py -o docs --observers 500 --seed 1 --
 
 import sys
 from argparse import Namespace
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 import pandas as pd
 from order_effect import DESIGNS, Design, has_effect
-from reference.calibration_statistics import place, rank_verdict, reliability
-from reference.pages import markdown, page_parser, versions, write_page
+from reference.calibration_statistics import LEAST_P, judge_probabilities, judge_ranks, place
+from reference.pages import (
+    judgement_lines,
+    judgement_tables,
+    page_parser,
+    versions,
+    write_page,
+)
 from reference.tempering import Observer, answer_probabilities
 from scipy.stats import norm
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import QUESTIONS
+from bayes_toe.data.study import pooled
 from bayes_toe.data.tasks import THREE_ANSWERS
+from bayes_toe.errors import NumericalError
 from bayes_toe.inference.order_evidence import (
     EVERY_MODEL,
     HAS_CONTRACTION,
     HAS_ERROR,
     OrderEvidence,
+    evidences_of,
     order_evidence,
 )
+from bayes_toe.model.condition_model import ConditionModels
 from bayes_toe.model.observer import JND_OVER_NOISE
 from bayes_toe.workers import run_in_order
 
 #: Prior probabilities of the models, as the page of the model states them.
 PROBABILITIES = {"none": 1 / 2, "constant error": 1 / 6, "contraction": 1 / 6, "both": 1 / 6}
-#: The designs of the test of words, and two with three answers.
-ALL_DESIGNS = (
-    *DESIGNS,
-    Design("three answers 640", THREE_ANSWERS, DESIGNS[4].pairs, 40, 0),
-    Design("three answers 192", THREE_ANSWERS, DESIGNS[4].pairs, 12, 0),
-)
-#: A p-value below this is not chance; there are 27 of probabilities and 27 of ranks.
-LEAST_P = 0.001
+#: By name, the designs of the test of words, two with three answers, and two of an observer who
+#: does two tasks; each has a part for each task.
+ALL_DESIGNS = {design.name: (design,) for design in DESIGNS}
+ALL_DESIGNS |= {
+    "three answers 640": (replace(DESIGNS[4], task=THREE_ANSWERS),),
+    "three answers 192": (replace(DESIGNS[5], task=THREE_ANSWERS),),
+    "two tasks 645": (replace(DESIGNS[2], trials=25), replace(DESIGNS[0], trials=32)),
+    "two tasks 204": (replace(DESIGNS[3], trials=8), replace(DESIGNS[1], trials=10)),
+}
 RANKED = ("constant_error", "contraction", "jnd")
 _DRAWS = 100  # among which a true value is ranked
 _CHUNK = 40  # observers of a job
@@ -61,9 +72,10 @@ COLUMNS = {
 }
 PAGE = """# Calibration of the four models
 
-For each of eight designs, we draw {observers} observers from the prior. For each observer, we first draw one of the four
+For each of {designs} designs, we draw {observers} observers from the prior. For each observer, we first draw one of the four
 models and then its parameters. Separate code (`scripts/reference/tempering.py`) simulates the responses. `bayes-toe
-run` analyses these responses.
+run` analyses these responses. In the two designs with two tasks, an observer responds to the 13 pairs of 'same or different' and
+to the ten pairs of 'which is stronger'. `bayes-toe contrast` analyses both tasks as one observer.
 
 {conclusion}
 
@@ -75,7 +87,7 @@ above 0 by chance. The column *floor* has the mean ECE of correct probabilities.
 correct probabilities have an ECE at least as large as the observed ECE. A row is calibrated if p is at least
 {least_p:g}. The log score is in bits, and a lower score is better.
 
-{probabilities}
+{probability}
 
 ## Ranks
 
@@ -84,7 +96,7 @@ true constant error or contraction among {draws} draws of the models that have t
 {draws} draws of all models. The p-value tests the largest difference between the distribution of the ranks and the
 uniform distribution. Ranks count as uniform if p is at least {least_p:g}.
 
-{ranks}
+{rank}
 
 `python scripts/order_calibration.py -o docs --observers {observers} --seed {seed} --overwrite` writes this page and
 [{table}]({table}). The versions were bayes_toe {version}, Python {python} and numpy {numpy}.
@@ -93,31 +105,46 @@ uniform distribution. Ranks count as uniform if p is at least {least_p:g}.
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """An observer: responses, and the true value of each quantity."""
+    """An observer: responses to each task, and the true value of each quantity."""
 
-    subject: bt.Subject
+    units: list[bt.Subject]
     truth: dict[str, float]
 
 
-def simulate(design: Design, name: str, seed: list[int]) -> Simulated:
+def simulate(parts: Sequence[Design], name: str, seed: list[int]) -> Simulated:
     """An observer from the prior."""
     rng = np.random.default_rng(seed)
-    s1, s2 = np.array(design.pairs).T
-    n_trials = np.full(len(s1), design.trials)
-    asked = bt.Subject(name, s1, s2, n_trials, n_trials, task=design.task)
+    asked = []
+    for part in parts:
+        s1, s2 = np.array(part.pairs).T
+        n_trials = np.full(len(s1), part.trials)
+        asked.append(bt.Subject(name, s1, s2, n_trials, n_trials, task=part.task))
+    # The first task has all parameters; the scales are those of all trials.
+    everything = pooled([replace(part, task=asked[0].task) for part in asked])
     model = str(rng.choice(list(PROBABILITIES), p=list(PROBABILITIES.values())))
-    observer = Observer(asked, model)
+    observer = Observer(everything, model)
     values = observer.natural(rng.standard_normal((1, len(observer.parameters))))
-    yes, _ = answer_probabilities(asked, observer.sbar, values)
     truth = {"jnd": JND_OVER_NOISE * values["sigma_d"].item()}
     if "c" in values:
         truth["constant_error"] = values["c"].item()
     if "p" in values:
         truth["contraction"] = values["p"].item()
-    n_yes, n_second = rng.binomial(asked.n_trials, yes[0]), None
-    if design.task == THREE_ANSWERS:
-        n_second = rng.binomial(asked.n_trials - n_yes, share_of_second(asked, observer, values))
-    return Simulated(replace(asked, n_yes=n_yes, n_second=n_second), truth)
+    return Simulated([respond(part, observer, values, rng) for part in asked], truth)
+
+
+def respond(
+    asked: bt.Subject,
+    observer: Observer,
+    values: Mapping[str, np.ndarray],
+    rng: np.random.Generator,
+) -> bt.Subject:
+    """The responses of an observer to the trials of a task."""
+    yes, _ = answer_probabilities(asked, observer.sbar, values)
+    n_yes = rng.binomial(asked.n_trials, yes[0])
+    if asked.task != THREE_ANSWERS:
+        return replace(asked, n_yes=n_yes)
+    n_second = rng.binomial(asked.n_trials - n_yes, share_of_second(asked, observer, values))
+    return replace(asked, n_yes=n_yes, n_second=n_second)
 
 
 def share_of_second(
@@ -134,23 +161,35 @@ def share_of_second(
     return second / (second + opposite)
 
 
-def answered(design: Design, numbers: range, seed: int) -> list[dict[str, object]]:
+def answered(design: str, numbers: range, seed: int) -> list[dict[str, object]]:
     """A row for each of some observers: effects, log odds of the questions, ranks."""
-    at = ALL_DESIGNS.index(design)
-    made = [simulate(design, f"{design.name} {i}", [seed, at, i]) for i in numbers]
-    evidences = order_evidence([observer.subject for observer in made], seed)
+    at = list(ALL_DESIGNS).index(design)
+    made = [simulate(ALL_DESIGNS[design], f"{design} {i}", [seed, at, i]) for i in numbers]
+    if len(ALL_DESIGNS[design]) == 1:
+        evidences = order_evidence([observer.units[0] for observer in made], seed)
+    else:
+        evidences = [two_task_evidence(observer.units, seed) for observer in made]
     return [
         row(design, observer, evidence, np.random.default_rng([seed, at, i, 1]))
         for i, observer, evidence in zip(numbers, made, evidences, strict=True)
     ]
 
 
+def two_task_evidence(units: Sequence[bt.Subject], seed: int) -> OrderEvidence:
+    """The evidences of the four models, if one observer does both tasks."""
+    models = ConditionModels(tuple(units), np.zeros((len(units), 0)))
+    (evidence,) = evidences_of(models.without_differences, [models.subject], seed, models.prior)
+    if isinstance(evidence, NumericalError):
+        raise evidence
+    return evidence
+
+
 def row(
-    design: Design, observer: Simulated, evidence: OrderEvidence, rng: np.random.Generator
+    design: str, observer: Simulated, evidence: OrderEvidence, rng: np.random.Generator
 ) -> dict[str, object]:
     """The true effects, log odds of the three questions, and the rank of every true value."""
     entries: dict[str, object] = {
-        "design": design.name,
+        "design": design,
         "c": observer.truth.get("constant_error", 0.0),
         "p": observer.truth.get("contraction", 0.0),
     }
@@ -174,17 +213,12 @@ def judged_probabilities(table: pd.DataFrame, seed: int) -> Iterator[dict[str, o
         for question in QUESTIONS:
             log_odds = group[f"log_odds_{question}"].to_numpy(np.float64)
             is_there = has_effect(group, question).to_numpy()
-            result = reliability(log_odds, is_there, np.random.default_rng(seed))
             yield {
                 "design": design,
                 "what": question,
                 "observers": len(group),
                 "with_effect": int(is_there.sum()),
-                "ece": result.error,
-                "floor": result.floor,
-                "p_value": result.p_value,
-                "log_score_bits": result.log_score / np.log(2.0),
-                "calibrated": result.p_value >= LEAST_P,
+                **judge_probabilities(log_odds, is_there, np.random.default_rng(seed)),
             }
 
 
@@ -196,52 +230,27 @@ def judged_ranks(table: pd.DataFrame) -> Iterator[dict[str, object]]:
             ranks = group[f"rank_{quantity}"].dropna()
             if ranks.empty:  # few observers, and none has the effect
                 continue
-            verdict = rank_verdict(ranks)
             yield {
                 "design": design,
                 "what": quantity,
                 "observers": len(ranks),
-                **verdict,
-                "calibrated": verdict["p_value"] >= LEAST_P,
+                **judge_ranks(ranks),
             }
 
 
 def page(table: pd.DataFrame, observers: int, seed: int) -> str:
     """The judgements as Markdown."""
-    shown = table.convert_dtypes().assign(
-        what=table["what"].str.replace("_", " ").replace("jnd", "JND"),
-        calibrated=table["calibrated"].map({True: "yes", False: "**no**"}),
-    )
-    tables = {}
-    for part, columns in COLUMNS.items():
-        rows = shown.loc[shown["part"] == part, list(columns)]
-        tables[part] = markdown(rows.rename(columns=columns))
     return PAGE.format(
+        designs=len(ALL_DESIGNS),
         observers=observers,
         seed=seed,
         table="calibration_order.csv",
-        conclusion="\n".join(f"* {line}" for line in conclusion(table)),
+        conclusion="\n".join(f"* {line}" for line in judgement_lines(table)),
         draws=_DRAWS,
         least_p=LEAST_P,
-        probabilities=tables["probability"],
-        ranks=tables["rank"],
+        **judgement_tables(table, COLUMNS),
         **versions(),
     )
-
-
-def conclusion(table: pd.DataFrame) -> list[str]:
-    """How many rows are as they should be, and which are not."""
-    lines = []
-    for part in ("probability", "rank"):
-        rows = table[table["part"] == part]
-        bad = rows[~rows["calibrated"].astype(bool)]
-        title = {"probability": "Probabilities", "rank": "Ranks"}[part]
-        line = f"In the table *{title}*, {len(rows) - len(bad)} of {len(rows)} rows are calibrated."
-        if len(bad):
-            names = (bad["design"] + " " + bad["what"].str.replace("_", " ")).tolist()
-            line += f" These rows are not calibrated: {', '.join(names)}."
-        lines.append(line)
-    return lines
 
 
 def judged(options: Namespace) -> tuple[pd.DataFrame, str]:
@@ -251,7 +260,7 @@ def judged(options: Namespace) -> tuple[pd.DataFrame, str]:
         for start in range(0, options.observers, _CHUNK):
             numbers = range(start, min(start + _CHUNK, options.observers))
             jobs.append(partial(answered, design, numbers, options.seed))
-            names.append((f"{design.name} {start}",))
+            names.append((f"{design} {start}",))
     parts = run_in_order(jobs, options.workers, None, names)
     observers = pd.DataFrame([entries for rows in parts for entries in rows])
 
@@ -270,7 +279,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     table = write_page(options, "calibration_order", partial(judged, options))
-    print("\n".join(conclusion(table)))
+    print("\n".join(judgement_lines(table)))
     return 0 if table["calibrated"].astype(bool).all() else 3
 
 

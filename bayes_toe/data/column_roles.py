@@ -380,7 +380,7 @@ def columns_to_read(
 def _role_problems(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator[str]:
     """Problems of two columns for the subject or the answers, and of a column with two meanings."""
     answers = [role for role in ("response", *_COUNTS) if role in roles_read]
-    if len(answers) > 2 or (len(answers) == 2 and "response" in answers):
+    if len(answers) > 2 or answers in (["response", "n_equal"], ["response", "n_second"]):
         first, *other_columns = [display_name(options.name(role)) for role in answers]
         yield (
             f"column {first}: found together with {' and '.join(other_columns)}, allowed: "

@@ -57,6 +57,7 @@ from bayes_toe.data.tasks import (
     THREE_ANSWERS,
     WHICH_STRONGER,
     Task,
+    are_trials,
     task_counted,
     task_of,
     tasks_named,
@@ -69,7 +70,13 @@ from bayes_toe.data.text_table import (
     TextTable,
 )
 from bayes_toe.data.trial_order import answers_in_order
-from bayes_toe.data.trial_rows import nameless_doubts, taken_out_doubts, trial_rows
+from bayes_toe.data.trial_rows import (
+    frequency_column,
+    nameless_doubts,
+    taken_out_doubts,
+    trial_rows,
+    with_row_for_each_trial,
+)
 from bayes_toe.data.units import (
     follows_from_pairs,
     options_by_task,
@@ -402,7 +409,12 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     roles_read, problems, remedies = columns_to_read(table.names, options, _order_columns(table))
     table.require(problems, remedies)
     table = trial_rows(table, options, roles_read)
+    frequency = frequency_column(table, options, roles_read)
+    if frequency is not None:
+        table = with_row_for_each_trial(table, frequency)
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
+    if frequency is not None:
+        columns["n_trials"] = table.columns[frequency.name]
     columns |= _marks(table)
     if options.subject_from is not None:
         subject = subject_in(path, options.subject_from)
@@ -471,7 +483,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
     """
     k, n = counts["n_yes"], counts["n_trials"]
     parts = rows.subject.rows_by_text(np.flatnonzero(n > 0))
-    is_trials = task_counted(rows.columns) is None
+    is_trials = are_trials(rows.columns)
     missing, doubts = list[str](), list[str]()
     subjects = []
     unit = rows.options.stimulus_unit
@@ -490,7 +502,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
     doubts += rows.rounding
     if task == THREE_ANSWERS:
         doubts += _rare_answer_doubts(counts)
-    if not is_trials:
+    if task_counted(rows.columns) is not None:
         merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
         if any(merged.values()):
             merged_rows = plural(sum(merged.values()), "repeated row")
@@ -584,7 +596,8 @@ def _trial_study(rows: _Rows) -> Study:
             remedies,
         )
 
-    notes = rows.layout("trial", answers.note)
+    form = "trial" if are_trials(rows.columns) else "frequency"
+    notes = rows.layout(form, answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable
     causes = missed_texts + missed_signs
     notes += _dropped_note(rows, unanswered, "without a response", causes)

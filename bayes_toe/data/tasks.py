@@ -174,6 +174,11 @@ def task_counted(columns: Container[Any]) -> Task | None:
     return task_with(answer for answer in THREE_ANSWERS.answers if f"n_{answer}" in columns)
 
 
+def are_trials(columns: Container[Any]) -> bool:
+    """Whether each row of a table with these columns is a trial."""
+    return task_counted(columns) is None and "n_trials" not in columns
+
+
 def task_with(answers: Iterable[str]) -> Task | None:
     """The first task that has these answers; None where there is no answer, or no such task.
 

@@ -95,7 +95,7 @@ class Column:
         """Whether each row has one of these texts."""
         return self.map(texts.__contains__)
 
-    def only(self, rows: BoolArray) -> Column:
+    def only(self, rows: BoolArray | IndexArray) -> Column:
         """The column of these rows, without the texts that only others have."""
         codes = self.codes[rows]
         is_used = np.bincount(codes, minlength=len(self.texts)) > 0
@@ -240,8 +240,8 @@ class TextTable:
             return ","
         return {";": ".", "\t": ",", " ": ","}.get(self.delimiter, "")
 
-    def only(self, kept: BoolArray, *notes: str) -> TextTable:
-        """The table of these rows, with more notes."""
+    def only(self, kept: BoolArray | IndexArray, *notes: str) -> TextTable:
+        """The table of these rows, with more notes; a row may come more than once."""
         columns = {name: column.only(kept) for name, column in self.columns.items()}
         all_notes = (*self.notes, *notes)
         return replace(self, rows=self.rows[kept], columns=columns, notes=all_notes)

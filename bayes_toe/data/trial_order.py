@@ -13,7 +13,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers, Counts
 from bayes_toe.data.messages import TWICE, display_name, join_counts, join_names, plural
-from bayes_toe.data.tasks import task_counted
+from bayes_toe.data.tasks import are_trials
 from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
 
@@ -37,7 +37,7 @@ def answers_in_order(
     cannot be read. `parts` has the rows with answers of every subject. `counts` are the answers of
     each row by their names in :class:`Answers`; n_trials is 0 where nobody answered a trial.
     """
-    is_trials = task_counted(columns) is None
+    is_trials = are_trials(columns)
     pairs = np.column_stack(keys)
     subject = columns["subject"]
     runs = {name: _ranked(table, columns[name]) for name in filter(columns.__contains__, _RUNS)}

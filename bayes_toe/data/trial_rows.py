@@ -1,6 +1,7 @@
 """Rows of a table that are trials: those that options choose, without practice and unfilled rows.
 
-What is left out is counted in the notes of the table.
+What is left out is counted in the notes of the table. `frequency_column` finds the
+column of a table of frequencies, and `with_row_for_each_trial` makes trials of it.
 """
 
 from __future__ import annotations
@@ -13,17 +14,27 @@ from bayes_toe.arrays import BoolArray, IntArray
 from bayes_toe.data.column_roles import (
     is_no_response,
     is_response_sign,
+    looks_like,
     practice_texts,
     taken_out_texts,
 )
 from bayes_toe.data.messages import Texts, display_name, join_counts, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import CONDITION_SEPARATOR, MISSING_WORDS, number, numbers
+from bayes_toe.data.validation import (
+    CONDITION_SEPARATOR,
+    MISSING_WORDS,
+    column_counts,
+    number,
+    numbers,
+    whole_number,
+)
 from bayes_toe.errors import InputError
 
 #: How probable a run of equal pairs of zeros is at most, if it is left out as unfilled.
 _RUN_BY_CHANCE = 1e-4
+#: How many trials a table of frequencies may have.
+_MOST_TRIALS = 10_000_000
 
 
 def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
@@ -43,6 +54,73 @@ def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> Tex
         if answer in roles_read:
             table = _without_unfilled(table, options, answer)
     return table
+
+
+def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) -> Column | None:
+    """The column that says for how many trials each row stands; None where rows are trials.
+
+    It has a name such as `Freq`, or options name it.
+
+    Raises
+    ------
+    InputError
+        If a column `n_trials` stands beside responses to single trials.
+    """
+    answer_roles = {"response", "correct"}.intersection(roles_read)
+    if not answer_roles:
+        return None
+    if "n_trials" in options.columns:
+        return table.columns[options.name("n_trials")]
+
+    names = [name for name in table.names if name and looks_like(name, "frequency")]
+    names_read = [options.name(role) for role in roles_read if role != "n_trials"]
+    answers = [options.name(role) for role in answer_roles]
+    if len(names) == 1 and names[0] in table.columns and names[0] not in names_read:
+        column = table.columns[names[0]]
+        # A further column may split the trials of a pair, as a day does, or describe them.
+        for key_names in (names_read, [*table.columns]):
+            key = [name for name in key_names if name != column.name and name in table.columns]
+            if _are_frequencies(table, column, key, answers):
+                return column
+    if "n_trials" in roles_read:
+        table.require(
+            [
+                f"column {display_name('n_trials')}: found beside responses, allowed: one row for "
+                "each response of a subject to a pair"
+            ]
+        )
+    return None
+
+
+def _are_frequencies(table: TextTable, column: Column, key: Texts, answers: Texts) -> bool:
+    """Whether a column can have the number of trials with each key.
+
+    A pair has one row for each response, which is no chance in five pairs or most rows.
+    """
+    counts = column.map(whole_number, np.int64)
+    if counts.min(initial=0) < 0 or counts.max(initial=0) < 2:
+        return False
+    pair = [table.columns[name].codes for name in key if name not in answers]
+    row = [*pair, *(table.columns[name].codes for name in answers)]
+    n_alike = np.unique(np.column_stack(row), axis=0, return_counts=True)[1]
+    n_responses = np.unique(np.column_stack(pair), axis=0, return_counts=True)[1]
+    n_shared = n_responses[n_responses > 1]
+    has_shared = len(n_shared) >= 5 or n_shared.sum() > 0.5 * len(counts)
+    return bool(n_alike.max() == 1 and has_shared)
+
+
+def with_row_for_each_trial(table: TextTable, frequency: Column) -> TextTable:
+    """The table with as many equal rows as a column says, for each of its rows."""
+    counts = column_counts(table, frequency)
+    table.problems.refuse()
+    n_trials = int(counts.sum())
+    if n_trials > _MOST_TRIALS:
+        raise InputError(
+            f"{table.source}: {frequency}: found {n_trials:,} trials, allowed: at most "
+            f"{_MOST_TRIALS:,}; or counts, such as n_equal and n_trials"
+        )
+    rows = np.repeat(np.arange(len(counts)), counts)
+    return table.only(rows, f"{frequency} read as the number of trials of each row")
 
 
 def _chosen_rows(table: TextTable, options: ReadOptions) -> TextTable:

@@ -30,9 +30,9 @@ POINTS = np.arange(1, 100) / 100.0
 _HALVINGS = 60
 _SMALLEST = -700.0  # log of the smallest tail probability that is looked at
 
+#: A p-value below this is not chance.
+LEAST_P = 0.001
 BINS = 10
-#: Excess of the calibration error over its floor that still counts as calibrated.
-MARGIN = 0.02
 _SIMULATIONS = 2000
 
 
@@ -64,15 +64,6 @@ class Band:
         return float(min(1.0, inside[0] * np.exp(-total)))
 
 
-def band(size: int, level: float) -> Band:
-    """The narrowest band in which `size` uniform numbers stay with probability `level` or more."""
-    low, high = _SMALLEST, 0.0  # of log t; the probability falls as t grows
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _cut(size, middle).probability >= level else (low, middle)
-    return _cut(size, low)
-
-
 def place(truth: float, among: FloatArray, rng: np.random.Generator) -> float:
     """The place of the truth among draws, in 0..1.
 
@@ -94,11 +85,6 @@ def counts_below(values: npt.ArrayLike) -> IntArray:
     return np.searchsorted(u, POINTS, side="right").astype(np.int64)
 
 
-def ecdf_difference(values: npt.ArrayLike) -> FloatArray:
-    """Share of the values at or below each of :data:`POINTS`, minus the uniform one, (points,)."""
-    return counts_below(values) / np.size(values) - POINTS
-
-
 def uniformity(values: npt.ArrayLike) -> float:
     """P-value of the largest deviation of these values from uniform numbers."""
     counts, size = counts_below(values), int(np.size(values))
@@ -110,14 +96,16 @@ def uniformity(values: npt.ArrayLike) -> float:
     return max(0.0, 1.0 - _cut(size, min(0.0, rarest + 1e-9)).probability)
 
 
-def rank_verdict(values: npt.ArrayLike) -> dict[str, float]:
-    """Largest difference of ranks from uniform numbers, the point where it is, and its p-value."""
-    difference = ecdf_difference(values)
+def judge_ranks(values: npt.ArrayLike) -> dict[str, float | bool]:
+    """Largest difference of ranks from uniform numbers, where it is, and whether it is chance."""
+    difference = counts_below(values) / np.size(values) - POINTS
     farthest = int(np.abs(difference).argmax())
+    p_value = uniformity(values)
     return {
         "largest_difference": float(difference[farthest]),
         "at": float(POINTS[farthest]),
-        "p_value": uniformity(values),
+        "p_value": p_value,
+        "calibrated": p_value >= LEAST_P,
     }
 
 
@@ -134,61 +122,39 @@ def _cut(size: int, log_tail: float) -> Band:
 # --- probabilities --------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Reliability:
-    """How good stated probabilities are."""
-
-    count: int
-    # expected calibration error: mean over statements of |observed - stated| of their bin
-    error: float
-    floor: float  # its mean for right probabilities
-    p_value: float  # share of simulations of right probabilities with an error as large
-    brier: float  # mean square of probability minus truth
-    # mean of minus the log probability given to what was true, nats; infinite where that was 0
-    log_score: float
-    unsure: float  # share of statements between 0.02 and 0.98: the others hardly test anything
-
-    @property
-    def calibrated(self) -> bool:
-        """Whether the error is at most its floor and a margin of 0.02."""
-        return self.error <= self.floor + MARGIN
-
-
-def reliability(
+def judge_probabilities(
     log_odds: npt.ArrayLike, true: npt.ArrayLike, rng: np.random.Generator
-) -> Reliability:
-    """Judge probabilities, as natural log odds, against the truth, shape (statements,) each."""
-    odds, p, y, member = _statements(log_odds, true)
-    simulated = (rng.uniform(size=(100, len(p))) < p for _ in range(_SIMULATIONS // 100))
-    error, *right = (
-        np.abs((answers - p) @ member).sum(axis=1) / len(p) for answers in (y[None], *simulated)
-    )
-    floor = np.concatenate(right)
-    return Reliability(
-        count=len(p),
-        error=float(error[0]),
-        floor=float(floor.mean()),
-        p_value=float((1 + (floor >= error[0]).sum()) / (1 + _SIMULATIONS)),
-        brier=float(np.mean(np.square(p - y))),
-        log_score=log_score(odds, y),
-        unsure=float(np.mean((p > 0.02) & (p < 0.98))),
-    )
+) -> dict[str, float | bool]:
+    """Judge probabilities, as natural log odds, against the truth, shape (statements,) each.
 
-
-def log_score(log_odds: npt.ArrayLike, true: npt.ArrayLike) -> float:
-    """Mean of minus the log probability given to what was true, nats."""
-    odds, _, y, _ = _statements(log_odds, true)
-    return float(-np.mean(log_expit(np.where(y, odds, -odds))))
-
-
-def _statements(
-    log_odds: npt.ArrayLike, true: npt.ArrayLike
-) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-    """Log odds, probabilities and truth, (statements,) each, and their bins, (statements, bins)."""
+    The error of calibration, its mean for right probabilities, the share of simulations of right
+    probabilities with an error as large, and the log score in bits.
+    """
     odds, y = np.asarray(log_odds, np.float64), np.asarray(true, np.bool_)
     if odds.shape != y.shape or odds.ndim != 1 or len(odds) == 0 or np.isnan(odds).any():
         raise InputError(
             "log odds and truth must have one common length of at least 1, without NaN"
         )
     p = expit(odds)
-    return odds, p, y, np.eye(BINS)[np.minimum((p * BINS).astype(np.int64), BINS - 1)]
+    member = np.eye(BINS)[np.minimum((p * BINS).astype(np.int64), BINS - 1)]
+
+    def error(answers: BoolArray) -> FloatArray:
+        return np.abs((answers - p) @ member).sum(axis=1) / len(p)
+
+    observed = error(y[None])[0]
+    right = [error(rng.uniform(size=(100, len(p))) < p) for _ in range(_SIMULATIONS // 100)]
+    floor = np.concatenate(right)
+    p_value = float((1 + (floor >= observed).sum()) / (1 + _SIMULATIONS))
+    return {
+        "ece": float(observed),
+        "floor": float(floor.mean()),
+        "p_value": p_value,
+        "log_score_bits": log_score(odds, y),
+        "calibrated": p_value >= LEAST_P,
+    }
+
+
+def log_score(log_odds: npt.ArrayLike, true: npt.ArrayLike) -> float:
+    """Mean of minus the log probability given to what was true, bits; infinite where it was 0."""
+    odds = np.where(true, log_odds, np.negative(log_odds))
+    return float(-np.mean(log_expit(odds)) / np.log(2.0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import sys
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,35 @@ def markdown(table: pd.DataFrame) -> str:
     for row in texts.fillna("-").itertuples(index=False):
         lines.append("| " + " | ".join(map(str, row)) + " |")
     return "\n".join(lines)
+
+
+def judgement_tables(
+    table: pd.DataFrame, columns: Mapping[str, Mapping[str, str]]
+) -> dict[str, str]:
+    """The rows of each part of a table of judgements in Markdown; `columns` has their titles."""
+    shown = table.convert_dtypes().assign(
+        what=table["what"].str.replace("_", " ").replace("jnd", "JND"),
+        calibrated=table["calibrated"].map({True: "yes", False: "**no**"}),
+    )
+    tables = {}
+    for part, titles in columns.items():
+        rows = shown.loc[shown["part"] == part, list(titles)]
+        tables[part] = markdown(rows.rename(columns=titles))
+    return tables
+
+
+def judgement_lines(table: pd.DataFrame) -> list[str]:
+    """How many rows of each part are calibrated, and which are not."""
+    lines = []
+    for part, title in {"probability": "Probabilities", "rank": "Ranks"}.items():
+        rows = table[table["part"] == part]
+        bad = rows[~rows["calibrated"].astype(bool)]
+        line = f"In the table *{title}*, {len(rows) - len(bad)} of {len(rows)} rows are calibrated."
+        if len(bad):
+            names = (bad["design"] + " " + bad["what"].str.replace("_", " ")).tolist()
+            line += f" These rows are not calibrated: {', '.join(names)}."
+        lines.append(line)
+    return lines
 
 
 def page_parser(description: str) -> ArgumentParser:

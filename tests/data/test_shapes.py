@@ -57,6 +57,9 @@ COUNTS = (
 )
 PROPORTIONS = COUNTS.assign(n_second=(COUNTS.n_second / COUNTS.n_trials).round(3))
 
+FREQUENCIES = IN_LOGS.value_counts(sort=False).reset_index(name="Freq")
+IN_ROOMS = IN_LOGS.assign(room=["A", "B"] * 40).value_counts(sort=False).reset_index(name="n")
+
 
 def counts_by_pair(study):
     """Counts of the first and the second subject by pair, above the lowest level, to 0.01."""
@@ -229,6 +232,20 @@ ROW_NAMES = IN_LOGS.set_axis(range(1, 81)).to_csv().removeprefix(",")
 
 #: Name, content, options, and the trials that are meant where these are not all.
 READ = {
+    "frequencies.csv": (csv(FREQUENCIES), {}),
+    "no_trials_without_frequency.csv": (
+        csv(pd.concat([FREQUENCIES, FREQUENCIES[:1].assign(response="first", s2=2.0, Freq=0)])),
+        {},
+    ),
+    "frequencies_in_rooms.csv": (csv(IN_ROOMS), {}),
+    "frequencies_by_another_name.csv": (
+        csv(labelled(FREQUENCIES, Freq="weight")), {"columns": {"n_trials": "weight"}},
+    ),
+    "frequencies_by_our_name.csv": (csv(labelled(FREQUENCIES, Freq="n_trials")), {}),
+    "counter.csv": (csv(IN_LOGS.assign(n=np.arange(80) % 20)), {}),
+    "jitter_and_counter.csv": (
+        csv(IN_LOGS.assign(count=np.arange(80) % 20, rt=np.arange(80) / 7.0)), {},
+    ),
     "comma.csv": (csv(IN_LOGS), {}),
     "tab.tsv": (csv(IN_LOGS, sep="\t"), {}),
     "bar.txt": (csv(IN_LOGS, sep="|"), {}),
@@ -368,6 +385,19 @@ NOTES = {
 
 #: Name, content, and parts of what is said, with the option that helps.
 REFUSED = {
+    "responses_and_trials.csv": (
+        csv(IN_LOGS.assign(n_trials=40)),
+        ["column n_trials: found beside responses, allowed: one row for each response of a"],
+    ),
+    "most_trials.csv": (
+        csv(FREQUENCIES.assign(Freq=10**6)),
+        ["column Freq: found 37,000,000 trials, allowed: at most 10,000,000"],
+    ),
+    "half_trials.csv": (
+        csv(FREQUENCIES.assign(Freq=0.5)),
+        ["column Freq: found '0.5' in 37 rows", "a whole number from 0 to 10^12"],
+        {"columns": {"n_trials": "Freq"}},
+    ),
     "no_names.csv": (csv(IN_LOGS, header=False), ["no_names.csv: has no header: row 1 holds 'P0"]),
     "row_names_of_a_part.csv": (
         IN_LOGS.set_axis(range(3, 83)).to_csv().removeprefix(",").encode(),

@@ -6,7 +6,7 @@ import calibration
 import numpy as np
 import pandas as pd
 import pytest
-from calibration import DRAWS, PRODUCTS, analyse, calibrate, calibration_settings, judged
+from calibration import DRAWS, RANKED, analyse, calibration_settings, judged_ranks
 
 import bayes_toe as bt
 from bayes_toe.inference.sampling import SamplerSettings
@@ -22,16 +22,15 @@ def ranks_under(prior, studies=STUDIES):
     request = AnalysisRequest(SamplerSettings(draws=DRAWS))
     rows = []
     for i in range(studies):
-        ranks, factors = analyse("sparse", f"test-{i}", "H1", request, settings, bt.Prior())
-        assert not factors
-        assert not ranks["shortfall"]
-        rows.append(ranks)
-    return judged(pd.DataFrame(rows), pd.DataFrame(), 7).rank_verdicts.set_index("quantity")
+        row = analyse("sparse", f"test-{i}", "H1", request, settings, bt.Prior())
+        assert not row["shortfall"]
+        rows.append(row)
+    return pd.DataFrame(judged_ranks(pd.DataFrame(rows))).set_index("what")
 
 
 @pytest.mark.slow
 def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
-    assert (ranks_under(bt.Prior()).verdict == "inside").all()
+    assert ranks_under(bt.Prior()).calibrated.all()
     right = PosteriorArray.densities
 
     def with_jacobian(self, u):
@@ -43,25 +42,27 @@ def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
     with monkeypatch.context() as wrong:
         wrong.setattr(PosteriorArray, "densities", with_jacobian)
         jacobian = ranks_under(bt.Prior())
-    assert jacobian.verdict["sigma_p"] == "outside"
+    assert not jacobian.calibrated["sigma_p"]
     assert jacobian.largest_difference["sigma_p"] > 0  # draws too large: the truth ranks low
     prior = ranks_under(bt.Prior(mu1_sd=3.0, sigma_p_scale=0.3), FEWER)
-    assert prior.verdict["sigma_p"] == "outside"
+    assert not prior.calibrated["sigma_p"]
     assert prior.largest_difference["sigma_p"] < 0
 
 
 def test_the_script_writes_says_and_returns_what_was_found(tmp_path, monkeypatch, capsys):
-    table = calibrate(studies=1, data_sets=2, seed=3)
-    monkeypatch.setattr(calibration, "calibrate", lambda **_: table)
-    monkeypatch.setattr(sys, "argv", ["calibration.py", "-o", str(tmp_path), "--seed", "3"])
+    line = f"calibration.py -o {tmp_path} --studies 2 --data-sets 2 --seed 3"
+    monkeypatch.setattr(sys, "argv", line.split())
+    monkeypatch.setattr(calibration, "REPLICATES", 20)
     assert calibration.main() == 0
-    assert {path.name for path in tmp_path.iterdir()} == set(PRODUCTS)
-    assert len(pd.read_csv(tmp_path / "evidence_data_sets.csv")) == 4
-    assert calibration.main() == 2  # the folder is taken
-    table.rank_verdicts.loc[0, "verdict"] = "outside"
+    assert "*Ranks*, 16 of 16 rows are calibrated." in capsys.readouterr().out
+    table = pd.read_csv(tmp_path / "calibration.csv")
+    assert set(table.loc[table.part == "rank", "what"]) == set(RANKED)
+    assert "| Appendix C |" in (tmp_path / "calibration.md").read_text()
+    with pytest.raises(SystemExit, match="2"):
+        calibration.main()
+
+    wrong = table.assign(calibrated=table["what"] != "mu1")
+    monkeypatch.setattr(calibration, "table_and_page", lambda *_: (wrong, ""))
     monkeypatch.setattr(sys, "argv", [*sys.argv, "--overwrite"])
     assert calibration.main() == 3
-    message = capsys.readouterr().out
-    assert "The ranks of 16 of 16 rows are inside" in message
-    assert "NOT calibrated: paper design: ranks of mu1 outside their band" in message
-    assert "seed 3; results in" in message
+    assert "These rows are not calibrated: paper mu1, sparse mu1." in capsys.readouterr().out

@@ -48,7 +48,7 @@ def good(line, cwd):
 
 #: A script in a folder with a file `taken`, and a word of what it is refused with.
 REFUSED = """
-    calibration.py -o z --studies 0 --data-sets 0 | studies=0
+    calibration.py -o z --studies 0 | must be at least 1
     calibration.py -o taken | taken
     error_bars.py -o z --subjects nobody | nobody
     error_bars.py -o z --order --subjects nobody | nobody
