@@ -29,7 +29,7 @@ HIGHEST_COMPLEXITY = 15
 LIMITS = {
     "bayes_toe": {
         "files": 139,
-        "nodes": 222_900,
+        "nodes": 218_000,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.62,
@@ -40,7 +40,7 @@ LIMITS = {
     },
     "tests": {
         "files": 106,
-        "nodes": 130_600,
+        "nodes": 126_600,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.70,
@@ -49,7 +49,7 @@ LIMITS = {
         "filler names": 0.0,
         "import circles": 0,
     },
-    "scripts": {"nodes": 35_550},
+    "scripts": {"nodes": 34_500},
 }
 
 COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp

@@ -72,14 +72,12 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     if "n_trials" in options.columns:
         return table.columns[options.name("n_trials")]
 
-    names = [name for name in table.names if name and looks_like(name, "frequency")]
+    column = _column_by_name(table)
     names_read = [options.name(role) for role in roles_read if role != "n_trials"]
     answers = [options.name(role) for role in answer_roles]
-    if len(names) == 1 and names[0] in table.columns and names[0] not in names_read:
-        column = table.columns[names[0]]
+    if column is not None and column.name not in names_read:
         # A further column may split the trials of a pair, as a day does, or describe them.
-        for key_names in (names_read, [*table.columns]):
-            key = [name for name in key_names if name != column.name and name in table.columns]
+        for key in (names_read, [*table.columns]):
             if _are_frequencies(table, column, key, answers):
                 return column
     if "n_trials" in roles_read:
@@ -92,6 +90,12 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     return None
 
 
+def _column_by_name(table: TextTable) -> Column | None:
+    """The only column with a name such as `Freq`."""
+    names = [name for name in table.names if looks_like(name, "frequency")]
+    return table.columns.get(names[0]) if len(names) == 1 else None
+
+
 def _are_frequencies(table: TextTable, column: Column, key: Texts, answers: Texts) -> bool:
     """Whether a column can have the number of trials with each key.
 
@@ -100,10 +104,12 @@ def _are_frequencies(table: TextTable, column: Column, key: Texts, answers: Text
     counts = column.map(whole_number, np.int64)
     if counts.min(initial=0) < 0 or counts.max(initial=0) < 2:
         return False
-    pair = [table.columns[name].codes for name in key if name not in answers]
-    row = [*pair, *(table.columns[name].codes for name in answers)]
-    n_alike = np.unique(np.column_stack(row), axis=0, return_counts=True)[1]
-    n_responses = np.unique(np.column_stack(pair), axis=0, return_counts=True)[1]
+    codes = {name: table.columns[name].codes for name in table.columns if name in key}
+    codes.pop(column.name, None)
+    n_alike = np.unique(np.column_stack([*codes.values()]), axis=0, return_counts=True)[1]
+    for name in answers:
+        del codes[name]
+    n_responses = np.unique(np.column_stack([*codes.values()]), axis=0, return_counts=True)[1]
     n_shared = n_responses[n_responses > 1]
     has_shared = len(n_shared) >= 5 or n_shared.sum() > 0.5 * len(counts)
     return bool(n_alike.max() == 1 and has_shared)
