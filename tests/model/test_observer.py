@@ -293,3 +293,27 @@ def test_other_pairs_keep_the_scales(posterior):
     part = posterior.for_subject(some_pairs(posterior.subject, slice(3)))
     of_part, of_all = (target.log_answers(x).yes[:, :3] for target in (part, posterior))
     assert of_part == pytest.approx(of_all, rel=1e-13)
+
+
+# --- Two samplers ---------------------------------------------------------------------------------
+
+
+def test_emcee_and_importance_sampling_agree(subject):
+    draws = bt.sample(bt.Study([subject]), model="both", draws=2000, seed=3, workers=1)
+    assert not draws.not_converged
+
+    weighted = order_evidence([subject], 3)[0].draws[-1]
+    weights = np.exp(weighted.log_weights - weighted.log_weights.max())
+    weights /= weights.sum()
+    effective = 1.0 / np.square(weights).sum()
+    assert effective > 250
+
+    posterior = draws.posterior(subject.name)
+    values = posterior.quantities(weighted.x)
+    for name in posterior.names.natural:
+        for p in (0.05, 0.5, 0.95):
+            # The share of weight below emcee's quantile, at 4.5 standard errors.
+            quantile = np.quantile(draws.values(subject.name, name), p)
+            share = weights[values[name] <= quantile].sum()
+            error = np.sqrt(p * (1.0 - p) * (1.0 / effective + 1.0 / 2000.0))
+            assert abs(share - p) < 4.5 * error, (name, p)
