@@ -127,8 +127,9 @@ def shift_by_sample(subject, size, seed):
 # --- Scaling: a call in a process of its own -----------------------------------------------------
 
 PROGRAM = """
-import json, resource, time
+import json, re, time
 from dataclasses import replace
+from pathlib import Path
 import bayes_toe as bt
 factor, subjects = {trials} // 100, []
 for one in bt.simulate({subjects}, batches=100, task="2afc", seed=1).study:
@@ -143,8 +144,9 @@ bt.{call}
 elapsed = time.perf_counter() - start
 if not isinstance(workers, int):
     workers.shutdown()
-memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-print(json.dumps(dict(elapsed=elapsed, megabytes=memory)))
+# The peak of getrusage would be that of the process that started this one.
+peak = re.search("VmHWM: *([0-9]+)", Path("/proc/self/status").read_text().replace("\t", ""))
+print(json.dumps(dict(elapsed=elapsed, megabytes=int(peak[1]) / 1024)))
 """
 CALLS = {
     "run": "run(study, draws=1000, seed=1, workers=workers)",
