@@ -22,11 +22,27 @@ from bayes_toe.data.column_roles import (
     VOCABULARY,
     is_missed_flag,
     is_no_response,
+    named_places,
     without_accents,
 )
-from bayes_toe.data.messages import Texts, display_name, join_names, join_words, plural, quoted
+from bayes_toe.data.messages import (
+    MAX_LINES,
+    Texts,
+    display_name,
+    join_names,
+    join_words,
+    plural,
+    quoted,
+)
 from bayes_toe.data.options import ReadOptions
-from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, Task, task_with, tasks_named
+from bayes_toe.data.tasks import (
+    SAME_DIFFERENT,
+    THREE_ANSWERS,
+    WHICH_STRONGER,
+    Task,
+    task_with,
+    tasks_named,
+)
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import MISSING_WORDS, number
 from bayes_toe.errors import InputError, Remedy, with_remedies
@@ -53,6 +69,9 @@ _CODE_MEANINGS = {
     "second_code": "'the second was stronger' (2AFC)",
     "comparison_code": "'the comparison was stronger' (2AFC)",
 }
+
+#: Share of the trials that a mistake has at most, and that missed trials have at most.
+_RARE, _MANY = 0.05, 0.2
 
 _ALL_WORDS = (*_WORDS.values(), *VOCABULARY["stimuli"].values())
 #: What is wrong with a column, empty if nothing is, and options to type.
@@ -153,17 +172,24 @@ def _words_by_answer(column: Column) -> dict[str, str]:
 
 
 def _english(word: str) -> str:
-    """The word of a task that a word of another language stands for; else the word itself.
+    """The word of a task that a word of another language, or several words, stand for.
+
+    Without one it is the word itself.
 
     Examples
     --------
     >>> _english("deuxi\u00e8me"), _english("j")
     ('second', 'j')
+    >>> _english("interval 1"), _english("second heavier"), _english("second lighter")
+    ('first', 'second', 'second lighter')
     """
     plain = without_accents(word)
     for english, translations in VOCABULARY["responses"].items():
         if plain in translations:
             return english
+    _, places, other_words = named_places(word)
+    if len(places) == 1 and other_words and other_words <= {*VOCABULARY["words"]["answer"]}:
+        return places[0]
     return word
 
 
@@ -324,26 +350,76 @@ def _unknown_texts(
 ) -> Question:
     """The problem of several codes of which one is known; what to type for texts of no answer.
 
-    One text beside both answers has no problem of its own: it may be a missed trial.
+    One text beside both answers has no problem of its own: it may be a missed trial, or 'equal'.
     """
     unknown = column.only(answer == _UNKNOWN)
-    answers = {_YES, _NO, _THIRD} & {*answer.tolist()}
-    if len(answers) == len(names) and len(unknown.texts) == 1:
-        trials = plural(len(unknown.codes), "trial")
-        return "", [Remedy("missed", unknown.texts[0], f"if nobody responded in these {trials}")]
-    if len(answers) == len(names) or len(unknown.texts) < 2 or codes.count(None) != 1:
+    if not unknown.texts:
         return "", []
-    other = names[codes.index(None)]
+    n_answered = np.count_nonzero(answer != _MISSING)
+    counts = np.bincount(unknown.codes)
+    commonest = unknown.texts[int(counts.argmax())]
+    n_usual = np.count_nonzero(counts > _RARE * n_answered)  # too many trials for a mistake
+    answers = sorted({_YES, _NO, _THIRD} & {*answer.tolist()})
+    three_answers = _three_answers(column, unknown, codes, names, difference)
+
+    if len(answers) == len(names):
+        if len(unknown.texts) > 1:
+            return "", []
+        remedies = three_answers
+        if counts[0] < _MANY * n_answered:
+            trials = plural(len(unknown.codes), "trial")
+            meaning = f"only if nobody responded in these {trials}, which are then left out"
+            missed = Remedy("missed", commonest, meaning)
+            remedies.insert(len(remedies) if n_usual else 0, missed)
+        return "", remedies
+
+    if codes.count(None) == len(codes) and n_usual and answers:
+        # With a code for the answer that is known, the next question is about the others.
+        known = column.only(answer == answers[0]).texts[0]
+        name = names[answers[0]]
+        return "", [Remedy(f"{name}_code", known, f"if {known} is '{name}'")]
+    if len(unknown.texts) < 2 or codes.count(None) != 1:
+        return "", []
+
     shares = join_names(unknown.counts(unknown.texts), 4)
     if not answers:
         return f"the codes are {shares}. None of them is the code that was given.", []
-    commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
+    other = names[codes.index(None)]
     remedies = [Remedy(f"{other}_code", commonest, f"if {commonest} is '{other}'")]
-    second, _ = _commonest_with(column, unknown.texts, difference)
-    if other == "different" and len(unknown.texts) == 2 and second:
-        meaning = f"if {second} is 'second' of three answers"
-        remedies.insert(0, Remedy("second_code", second, meaning))
+    if n_usual > 1:
+        remedies = three_answers + remedies
+    elif len(unknown.texts) == 2:
+        remedies += three_answers
     return f"the other codes are {shares}. Which of them is '{other}'?", remedies
+
+
+def _three_answers(
+    column: Column,
+    unknown: Column,
+    codes: Sequence[str | None],
+    names: Texts,
+    difference: FloatArray,
+) -> list[Remedy]:
+    """Options to type if texts that are not known stand for one or two of three answers."""
+    words = _words_by_answer(column)
+    answer, trend, candidates = "equal", -abs(difference), unknown.texts
+    if codes[0] is not None and "different" not in words and names == SAME_DIFFERENT.answers:
+        answer, trend = "second", difference
+        candidates = [*unknown.texts, *filter(None, codes[1:])]
+    elif names != WHICH_STRONGER.answers:
+        return []
+    code = words.get(answer) or _commonest_with(column, candidates, trend)[0] or candidates[0]
+    meaning = f"if {code} is '{answer}' of three answers"
+    if answer == "second" and codes[1] is None:
+        return [Remedy("second_code", code, meaning)]
+    equal, second = code, codes[0]
+    if answer == "second":
+        equal, second = str(codes[0]), code
+        meaning = f"in place of --different-code, {meaning}"
+    remedies = [Remedy("equal_code", equal, meaning)]
+    if second is not None:
+        remedies.append(Remedy("second_code", second, "", MAX_LINES, step=1))  # goes with it
+    return remedies
 
 
 def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray]) -> list[Remedy]:

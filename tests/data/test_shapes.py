@@ -25,7 +25,7 @@ from scipy.io import savemat
 
 import bayes_toe as bt
 from bayes_toe.data.messages import display_name
-from bayes_toe.errors import Remedy
+from bayes_toe.errors import Remedy, with_remedies
 
 GRAMS = (740, 905, 1105, 1350)
 MATLAB_CLASSES = {"subject": "char", "response": "char"}
@@ -56,6 +56,14 @@ COUNTS = (
     .set_axis(["subject", "s1", "s2", "n_second", "n_trials"], axis=1)
 )
 PROPORTIONS = COUNTS.assign(n_second=(COUNTS.n_second / COUNTS.n_trials).round(3))
+
+THREE = IN_LOGS.assign(response=TRIALS.response.where(TRIALS.s1 != TRIALS.s2, "same"))
+THREE_COUNTS = (
+    THREE.groupby(["subject", "s1", "s2"])
+    .response.value_counts()
+    .unstack(fill_value=0)
+    .reset_index()
+)
 
 FREQUENCIES = IN_LOGS.value_counts(sort=False).reset_index(name="Freq")
 IN_ROOMS = IN_LOGS.assign(room=["A", "B"] * 40).value_counts(sort=False).reset_index(name="n")
@@ -268,6 +276,8 @@ READ = {
     "french.csv": (csv(answered(IN_LOGS, "première", "deuxième", "réponse")), {}),
     "participant.csv": (csv(labelled(IN_LOGS, subject="Participant ID", response="choice")), {}),
     "true_false.csv": (csv(answered(IN_LOGS, False, True)), {"second_code": "True"}),
+    "interval.csv": (csv(answered(IN_LOGS, "interval 1", "Interval 2")), {}),
+    "heavier.csv": (csv(answered(IN_LOGS, "first heavier", "second was heavier")), {}),
     "trials.json": (json.dumps(RECORDS).encode(), {}),
     "by_person.json": (json.dumps(BY_PERSON).encode(), {}),
     "in_a_key.json": (json.dumps({"trials": RECORDS, "version": 2}).encode(), {}),
@@ -418,7 +428,7 @@ REFUSED = {
     ),
     "third_code.csv": (
         csv(with_rows(answered(IN_LOGS, 37, 39), [["P03", 0, 0.3, 0]] * 3)),
-        ["--missed 0", "if nobody responded in these 3 trials"],
+        ["type:  --missed 0", "only if nobody responded in these 3 trials, which are then"],
         {"second_code": "39", "first_code": "37"},
     ),
     "missing_cell.txt": (
@@ -565,6 +575,38 @@ def test_a_shape_that_needs_a_word_is_refused_with_it(name, tmp_path):
     result = check(tmp_path, name, content, *(options or [{}]))
     assert result.returncode == 2
     assert all(part in result.stderr for part in parts), result.stderr
+
+
+#: Codes of 'first', 'same' and 'second', the options that are given, and the first advice.
+THREE_ANSWERS = """
+    0 | 1 | 2 | second_code=2 | --equal-code 1 --second-code 2
+    0 | 1 | 2 | second_code=2 first_code=0 | --equal-code 1 --second-code 2
+    0 | 1 | 2 | first_code=0 | --equal-code 1
+    0 | 1 | 2 | equal_code=1 | --second-code 2
+    0 | 1 | 2 | equal_code=1 different_code=0 | --equal-code 1 --second-code 2
+    0 | 1 | 2 | equal_code=1 different_code=2 | --equal-code 1 --second-code 2
+    0 | 1 | 2 |  | --equal-code 1 --second-code 2
+    left | same | right |  | --equal-code same --second-code right
+    left | same | right | second_code=right | --equal-code same --second-code right
+    first | tie | second |  | --equal-code tie --second-code second
+    first | tie | second | second_code=second | --equal-code tie --second-code second
+    first | tie | later |  | --first-code first --equal-code tie
+"""
+
+
+@pytest.mark.parametrize("first, same, second, given, advice", text_table(THREE_ANSWERS))
+def test_a_frequent_third_answer_is_no_missed_trial(first, same, second, given, advice):
+    table = THREE.replace({"response": {"first": first, "same": same, "second": second}})
+    options = dict(pair.split("=") for pair in given.split())
+    with pytest.raises(bt.InputError) as caught:
+        bt.read_study(table, bt.ReadOptions(**options))
+    chosen, _ = caught.value.choices[0]
+    assert " ".join(remedy.typed for remedy in chosen) == advice
+    assert "missed" not in {remedy.option for remedy in caught.value.remedies}
+    if len(chosen) > 1:
+        options.pop("different_code", None)
+    study = bt.read_study(table, with_remedies(bt.ReadOptions(**options), chosen))
+    assert study.frame().equals(bt.read_study(THREE).frame())
 
 
 def test_a_sheet_is_one_of_an_excel_file(tmp_path):
