@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from itertools import chain, permutations
+from itertools import chain, compress, permutations
 from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -38,7 +38,6 @@ from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     THREE_ANSWERS,
-    WHICH_STRONGER,
     Task,
     task_with,
     tasks_named,
@@ -117,14 +116,19 @@ def responses(
             trends["comparison_code"] = np.where(order.is_first, difference, -difference)
         problem, remedies = _unknown_meaning(column, table.columns.get("task"), trends)
     if not problem:
-        problem, remedies = _unknown_texts(column, answer, codes, names, difference)
+        problem, remedies = _unknown_texts(column, answer, codes, names)
+    is_unknown = answer == _UNKNOWN
+    may_be_three = task != THREE_ANSWERS and not has_scores
+    may_be_three &= {*_tasks_in(table.columns.get("task")).values()} <= {THREE_ANSWERS}
+    if may_be_three and is_unknown.any():
+        remedies = _three_answers(column, options, difference) + remedies
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
     else:
         rule = _allowed_texts(options.codes(task), words, names)
         if not has_scores:
             rule += f"; other codes by {', '.join(f'--{name}-code' for name in names)}"
-        table.fault(column, answer == _UNKNOWN, rule)
+        table.fault(column, is_unknown, rule)
         table.problems.remedies += remedies
     texts = [_as_answered(column, answer == i, name) for i, name in enumerate(names)]
     note = f"responses {' / '.join(texts)}"
@@ -346,80 +350,52 @@ def _unknown_texts(
     answer: IntArray,
     codes: Sequence[str | None],
     names: Texts,
-    difference: FloatArray,
 ) -> Question:
     """The problem of several codes of which one is known; what to type for texts of no answer.
 
     One text beside both answers has no problem of its own: it may be a missed trial, or 'equal'.
     """
     unknown = column.only(answer == _UNKNOWN)
-    if not unknown.texts:
-        return "", []
-    n_answered = np.count_nonzero(answer != _MISSING)
-    counts = np.bincount(unknown.codes)
-    commonest = unknown.texts[int(counts.argmax())]
-    n_usual = np.count_nonzero(counts > _RARE * n_answered)  # too many trials for a mistake
-    answers = sorted({_YES, _NO, _THIRD} & {*answer.tolist()})
-    three_answers = _three_answers(column, unknown, codes, names, difference)
-
-    if len(answers) == len(names):
-        if len(unknown.texts) > 1:
+    answers = {_YES, _NO, _THIRD} & {*answer.tolist()}
+    n_unknown = len(unknown.codes)
+    if len(answers) == len(names) and len(unknown.texts) == 1:
+        if n_unknown > _MANY * np.count_nonzero(answer != _MISSING):
             return "", []
-        remedies = three_answers
-        if counts[0] < _MANY * n_answered:
-            trials = plural(len(unknown.codes), "trial")
-            meaning = f"only if nobody responded in these {trials}, which are then left out"
-            missed = Remedy("missed", commonest, meaning)
-            remedies.insert(len(remedies) if n_usual else 0, missed)
-        return "", remedies
-
-    if codes.count(None) == len(codes) and n_usual and answers:
-        # With a code for the answer that is known, the next question is about the others.
-        known = column.only(answer == answers[0]).texts[0]
-        name = names[answers[0]]
-        return "", [Remedy(f"{name}_code", known, f"if {known} is '{name}'")]
-    if len(unknown.texts) < 2 or codes.count(None) != 1:
+        meaning = f"only if nobody responded in these {plural(n_unknown, 'trial')}; it drops them"
+        return "", [Remedy("missed", unknown.texts[0], meaning)]
+    if len(answers) == len(names) or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
-
+    other = names[codes.index(None)]
     shares = join_names(unknown.counts(unknown.texts), 4)
     if not answers:
         return f"the codes are {shares}. None of them is the code that was given.", []
-    other = names[codes.index(None)]
+    commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
     remedies = [Remedy(f"{other}_code", commonest, f"if {commonest} is '{other}'")]
-    if n_usual > 1:
-        remedies = three_answers + remedies
-    elif len(unknown.texts) == 2:
-        remedies += three_answers
     return f"the other codes are {shares}. Which of them is '{other}'?", remedies
 
 
-def _three_answers(
-    column: Column,
-    unknown: Column,
-    codes: Sequence[str | None],
-    names: Texts,
-    difference: FloatArray,
-) -> list[Remedy]:
-    """Options to type if texts that are not known stand for one or two of three answers."""
+def _three_answers(column: Column, options: ReadOptions, difference: FloatArray) -> list[Remedy]:
+    """Options to type if three frequent texts are the codes of three answers."""
     words = _words_by_answer(column)
-    answer, trend, candidates = "equal", -abs(difference), unknown.texts
-    if codes[0] is not None and "different" not in words and names == SAME_DIFFERENT.answers:
-        answer, trend = "second", difference
-        candidates = [*unknown.texts, *filter(None, codes[1:])]
-    elif names != WHICH_STRONGER.answers:
+    is_frequent = np.bincount(column.codes) > _RARE * np.count_nonzero(~column.matches([""]))
+    texts = [_plain(text) for text in compress(column.texts, is_frequent) if text]
+    if len(texts) != 3 or "different" in words:
         return []
-    code = words.get(answer) or _commonest_with(column, candidates, trend)[0] or candidates[0]
-    meaning = f"if {code} is '{answer}' of three answers"
-    if answer == "second" and codes[1] is None:
-        return [Remedy("second_code", code, meaning)]
-    equal, second = code, codes[0]
-    if answer == "second":
-        equal, second = str(codes[0]), code
-        meaning = f"in place of --different-code, {meaning}"
-    remedies = [Remedy("equal_code", equal, meaning)]
-    if second is not None:
-        remedies.append(Remedy("second_code", second, "", MAX_LINES, step=1))  # goes with it
-    return remedies
+    codes = {**words, **options.code_by_answer}
+    replaced = codes.pop("different", None)
+    for answer, trend in (("equal", -abs(difference)), ("second", difference)):
+        if answer not in codes:
+            others = [text for text in texts if text not in codes.values()]
+            codes[answer] = _commonest_with(column, others, trend)[0] or others[0]
+    equal, second = codes["equal"], codes["second"]
+    meaning = f"if {equal} is 'equal' and {second} is 'second' of three answers"
+    if replaced is not None:
+        meaning += ", in place of --different-code"
+    # The second one is typed with the first one only.
+    return [
+        Remedy("equal_code", equal, meaning),
+        Remedy("second_code", second, "", MAX_LINES, step=1),
+    ]
 
 
 def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray]) -> list[Remedy]:
@@ -432,8 +408,6 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
         code, correlation = _commonest_with(column, texts, trend)
         code = code or likely
         meaning = _CODE_MEANINGS[option]
-        if len(plain) == 3 and option == "equal_code":  # perhaps 'first', 'equal' and 'second'
-            meaning, correlation = "'equal'", np.inf
         remedy = Remedy(option, code, f"if {code} is {meaning}")
         by_correlation.append((correlation, remedy))
     by_correlation.sort(key=itemgetter(0), reverse=True)

@@ -428,7 +428,7 @@ REFUSED = {
     ),
     "third_code.csv": (
         csv(with_rows(answered(IN_LOGS, 37, 39), [["P03", 0, 0.3, 0]] * 3)),
-        ["type:  --missed 0", "only if nobody responded in these 3 trials, which are then"],
+        ["type:  --missed 0", "only if nobody responded in these 3 trials; it drops them"],
         {"second_code": "39", "first_code": "37"},
     ),
     "missing_cell.txt": (
@@ -475,6 +475,9 @@ REFUSED = {
     "percent.csv": (
         csv(labelled(COUNTS, n_second="percent second").drop(columns="n_trials")),
         ["there is no column n_trials", "--columns n_trials=NAME"],
+    ),
+    "two_of_three_counts.csv": (
+        csv(labelled(THREE_COUNTS, same="tie")), ["no column n_equal", "--columns n_equal=NAME"],
     ),
     "proportion_of_others.csv": (
         csv(labelled(PROPORTIONS.assign(n_trials=7), n_second="p_second")),
@@ -581,8 +584,8 @@ def test_a_shape_that_needs_a_word_is_refused_with_it(name, tmp_path):
 THREE_ANSWERS = """
     0 | 1 | 2 | second_code=2 | --equal-code 1 --second-code 2
     0 | 1 | 2 | second_code=2 first_code=0 | --equal-code 1 --second-code 2
-    0 | 1 | 2 | first_code=0 | --equal-code 1
-    0 | 1 | 2 | equal_code=1 | --second-code 2
+    0 | 1 | 2 | first_code=0 | --equal-code 1 --second-code 2
+    0 | 1 | 2 | equal_code=1 | --equal-code 1 --second-code 2
     0 | 1 | 2 | equal_code=1 different_code=0 | --equal-code 1 --second-code 2
     0 | 1 | 2 | equal_code=1 different_code=2 | --equal-code 1 --second-code 2
     0 | 1 | 2 |  | --equal-code 1 --second-code 2
@@ -590,7 +593,7 @@ THREE_ANSWERS = """
     left | same | right | second_code=right | --equal-code same --second-code right
     first | tie | second |  | --equal-code tie --second-code second
     first | tie | second | second_code=second | --equal-code tie --second-code second
-    first | tie | later |  | --first-code first --equal-code tie
+    first | tie | later |  | --equal-code tie --second-code later
 """
 
 
@@ -607,6 +610,15 @@ def test_a_frequent_third_answer_is_no_missed_trial(first, same, second, given, 
         options.pop("different_code", None)
     study = bt.read_study(table, with_remedies(bt.ReadOptions(**options), chosen))
     assert study.frame().equals(bt.read_study(THREE).frame())
+
+
+def test_counts_of_three_answers_are_known_by_their_names():
+    expected = bt.read_study(THREE).frame()
+    options = bt.ReadOptions(columns={"n_equal": "tie"})
+    assert bt.read_study(THREE_COUNTS).frame().equals(expected)
+    assert bt.read_study(labelled(THREE_COUNTS, same="tie"), options).frame().equals(expected)
+    with pytest.raises(bt.InputError, match="no column s1, no column s2 and no column response"):
+        bt.read_study(labelled(IN_LOGS, s1="first", s2="second", response="same"))
 
 
 def test_a_sheet_is_one_of_an_excel_file(tmp_path):
