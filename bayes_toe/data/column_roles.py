@@ -363,7 +363,7 @@ def columns_to_read(
 
     finding, unit = _unit_by_name(names, options)
     if finding:
-        return roles_read, [*problems, finding], _unit_remedies(unit)
+        return roles_read, [*problems, finding], unit_remedies(unit)
 
     required = _required(names, roles_read, options)
     problems += repeated_columns(names, required)
@@ -497,7 +497,7 @@ def _order_remedies(orders: Texts) -> Iterator[Remedy]:
     yield Remedy("standard_first", "", "if the standard was always first")
 
 
-def _unit_remedies(unit: str) -> list[Remedy]:
+def unit_remedies(unit: str) -> list[Remedy]:
     """Options to type if the name of a column tells its unit."""
     choices = ("dB", "dB-power", "ln") if unit == "dB" else (unit, "ln")
     remedies = []
@@ -509,7 +509,7 @@ def _unit_remedies(unit: str) -> list[Remedy]:
 
 def intensity_remedies(stimuli: FloatArray) -> list[Remedy]:
     """Options to type if stimuli are no natural logs; intensities are positive."""
-    remedies = _unit_remedies(ANY_UNIT)
+    remedies = unit_remedies(ANY_UNIT)
     return remedies if (stimuli > 0.0).all() else remedies[1:]
 
 

@@ -244,7 +244,10 @@ class ReadOptions:
             if role not in COLUMNS or not name:
                 pair = quoted(f"{role}={name}")
                 columns = ", ".join(COLUMNS)
-                yield f"--columns: found {pair}, allowed: OURS=NAME with OURS one of {columns}"
+                yield (
+                    f"--columns: found {pair}, allowed: OURS=NAME with OURS one of {columns}; "
+                    "proportions are n_equal or n_second, too"
+                )
 
         for role in self.ignore:
             if role not in _MAY_BE_IGNORED:

@@ -42,7 +42,7 @@ from bayes_toe.data.tasks import (
     task_with,
     tasks_named,
 )
-from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.text_table import CELL, Column, TextTable
 from bayes_toe.data.validation import MISSING_WORDS, number
 from bayes_toe.errors import InputError, Remedy, with_remedies
 
@@ -319,7 +319,12 @@ def _unknown_meaning(
     problem = f"the codes are {join_names(shares, 4)}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares[0]}. The program does not know what it means."
-    remedies = []
+    remedies = list[Remedy]()
+    if column.name == CELL and len(texts) > 3 and all(text[0].isdecimal() for text in texts):
+        for answer in ("second", "equal"):
+            meaning = f"if they count '{answer}' or are its proportions"
+            remedies.append(Remedy("columns", ((f"n_{answer}", CELL),), meaning))
+        return f"found numbers: {join_names(shares, 4)}. What do they count?", remedies
     answers = {*chain.from_iterable(task.answers for task in tasks_by_text.values())}
     for remedy in _code_remedies(column, texts, trends):
         answer = "equal" if remedy.option == "equal_code" else "second"

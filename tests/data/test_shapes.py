@@ -185,6 +185,10 @@ WIDE = (
     )
     .reset_index()
 )
+WIDE_COUNTS = pd.DataFrame(
+    {"subject": ["P03", "P12"], "740_905": [31, 29], "905_740": [9, 4], "905_1105": [28, 33],
+     "1105_905": [11, 12], "n": 40}
+)  # fmt: skip
 NO_RESPONSES = "NA|n/a||none|null|-99|999|.|timeout|no response"
 PRACTICE = [["P03", 0, 0.3, "second"]] * 8
 
@@ -309,6 +313,15 @@ READ = {
     "grams.csv": (csv(IN_GRAMS), WEIGHTS),
     "grams_by_unit.csv": (csv(labelled(IN_GRAMS, w1="i1", w2="i2")), {"unit": "g"}),
     "decibel.csv": (csv(DECIBEL), {"unit": "dB", "columns": {"s1": "s1_dB", "s2": "s2_dB"}}),
+    "units_in_cells.csv": (
+        csv(IN_GRAMS.assign(w1=TRIALS.w1.map("{} g".format), w2=TRIALS.w2.map("{}g".format))),
+        {"unit": "g", "columns": {"i1": "w1", "i2": "w2"}},
+    ),
+    "percent_in_cells.csv": (
+        csv(labelled(IN_GRAMS.assign(w1=TRIALS.w1.map("{:.1f}%".format),
+                                     w2=TRIALS.w2.map("{:.1f}%".format)), w1="i1", w2="i2")),
+        {"unit": "%"},
+    ),
     "decadic.csv": (
         csv(IN_LOGS.assign(s1=np.log10(TRIALS.w1), s2=np.log10(TRIALS.w2))), {"unit": "log10"},
     ),
@@ -459,6 +472,15 @@ REFUSED = {
         ["column s1_dB seems to be in dB", "--unit dB ", "--unit dB-power"],
         {"columns": {"s1": "s1_dB", "s2": "s2_dB"}},
     ),
+    "units_in_cells.csv": (
+        csv(IN_LOGS.assign(s1=TRIALS.w1.map("{}%".format), s2=TRIALS.w2.map("{} %".format))),
+        ["error: units_in_cells.csv: the stimuli have the unit '%'.\ntype:  --unit %  if"],
+    ),
+    "another_unit.csv": (
+        csv(IN_LOGS.assign(s1=TRIALS.w1.map("{} dB".format), s2=TRIALS.w2.map("{} dB".format))),
+        ["the stimuli have the unit 'dB'.\n", "--unit dB ", "--unit dB-power"],
+        {"unit": "g"},
+    ),
     "decibel_as_intensity.csv": (
         csv(DECIBEL),
         ["column s1_dB seems to be in dB"],
@@ -488,6 +510,16 @@ REFUSED = {
         ["column n_second: found '0.5' in 31 rows", "a share that makes a whole number of 40"],
     ),
     "wide.csv": (csv(pd.DataFrame({"subject": ["P03"], "740_905": [3]})), ["no column s1"]),
+    "wide_counts.csv": (
+        csv(WIDE_COUNTS),
+        ["error: wide_counts.csv: column cell: found numbers: '", ". What do they count?\ntype:  ",
+         "type:  --columns n_second=cell  if", " --columns n_equal=cell   if"],
+        {"wide": "{first}_{second}", "unit": "g"},
+    ),
+    "wide_counts_alone.csv": (
+        csv(WIDE_COUNTS.drop(columns="n")), ["--columns n_second=cell --columns n_trials=NAME  if"],
+        {"wide": "{first}_{second}", "unit": "g"},
+    ),
     "wide_by_another_name.csv": (
         csv(WIDE),
         ["found 0 columns with names or cells as --wide has it"],
@@ -619,6 +651,22 @@ def test_counts_of_three_answers_are_known_by_their_names():
     assert bt.read_study(labelled(THREE_COUNTS, same="tie"), options).frame().equals(expected)
     with pytest.raises(bt.InputError, match="no column s1, no column s2 and no column response"):
         bt.read_study(labelled(IN_LOGS, s1="first", s2="second", response="same"))
+
+
+def test_counts_and_proportions_of_wide_tables():
+    names = {"wide": "{first}_{second}", "unit": "g", "columns": {"n_second": "cell"}}
+    of_counts = bt.read_study(WIDE_COUNTS, bt.ReadOptions(**names))
+    cells = WIDE_COUNTS.drop(columns=["subject", "n"])
+    assert of_counts.frame().n_second.sum() == cells.sum().sum()
+    for shares in (cells / 40, (cells / 40).map("{:.1%}".format)):
+        of_shares = bt.read_study(
+            WIDE_COUNTS[["subject", "n"]].join(shares), bt.ReadOptions(**names)
+        )
+        assert of_shares.frame().equals(of_counts.frame())
+    with pytest.raises(
+        bt.InputError, match=r"'p_second=cell'.*; proportions are n_equal or n_second"
+    ):
+        bt.ReadOptions(columns={"p_second": "cell"})
 
 
 def test_a_sheet_is_one_of_an_excel_file(tmp_path):
