@@ -227,7 +227,7 @@ def _without_unit(
 ) -> Sequence[Column]:
     """Stimuli without the unit that stands behind every number; the options must give the unit."""
     texts = "\n".join(chain.from_iterable(column.texts for column in columns))
-    signs = {*re.findall(r"(?m)\d *(%|[^\W\d_]*)$", texts)}
+    signs = {*re.findall(r"(?m)\d *(%|[^\W\d_]{0,16})$", texts)}
     sign = signs.pop() if len(signs) == 1 else ""
     if not sign:
         return columns

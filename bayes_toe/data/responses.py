@@ -117,18 +117,14 @@ def responses(
         problem, remedies = _unknown_meaning(column, table.columns.get("task"), trends)
     if not problem:
         problem, remedies = _unknown_texts(column, answer, codes, names)
-    is_unknown = answer == _UNKNOWN
-    may_be_three = task != THREE_ANSWERS and not has_scores
-    may_be_three &= {*_tasks_in(table.columns.get("task")).values()} <= {THREE_ANSWERS}
-    if may_be_three and is_unknown.any():
-        remedies = _three_answers(column, options, difference) + remedies
+    remedies = _three_answers(column, answer, names, options, difference) + remedies
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
     else:
         rule = _allowed_texts(options.codes(task), words, names)
         if not has_scores:
             rule += f"; other codes by {', '.join(f'--{name}-code' for name in names)}"
-        table.fault(column, is_unknown, rule)
+        table.fault(column, answer == _UNKNOWN, rule)
         table.problems.remedies += remedies
     texts = [_as_answered(column, answer == i, name) for i, name in enumerate(names)]
     note = f"responses {' / '.join(texts)}"
@@ -305,32 +301,39 @@ def _unknown_meaning(
     """
     tasks_by_text = _tasks_in(task_column)
     texts = list(filter(None, column.texts))
+    shares = column.counts(texts)
     words_by_answer = _words_by_answer(column)
     if words_by_answer and task_with(words_by_answer) is None:
         words = join_words(list(map(quoted, words_by_answer.values())))
         return _two_tasks(f"found {words}, words of two tasks", tasks_by_text)
     if not words_by_answer and len({*tasks_by_text.values()}) > 1:
         tasks = join_words(list(map(quoted, tasks_by_text)))
-        shares = column.counts(texts)
         return _two_tasks(f"found {join_names(shares, 4)} of the tasks {tasks}", tasks_by_text)
     if words_by_answer or not texts:
         return "", []
-    shares = column.counts(texts)
     problem = f"the codes are {join_names(shares, 4)}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares[0]}. The program does not know what it means."
-    remedies = list[Remedy]()
-    if column.name == CELL and len(texts) > 3 and all(text[0].isdecimal() for text in texts):
-        for answer in ("second", "equal"):
-            meaning = f"if they count '{answer}' or are its proportions"
-            remedies.append(Remedy("columns", ((f"n_{answer}", CELL),), meaning))
-        return f"found numbers: {join_names(shares, 4)}. What do they count?", remedies
+    counts = _count_remedies(column, texts)
+    if counts:
+        return f"found numbers: {join_names(shares, 4)}. What do they count?", counts
+    remedies = []
     answers = {*chain.from_iterable(task.answers for task in tasks_by_text.values())}
     for remedy in _code_remedies(column, texts, trends):
         answer = "equal" if remedy.option == "equal_code" else "second"
         if not answers or answer in answers:
             remedies.append(remedy)
     return problem, remedies
+
+
+def _count_remedies(column: Column, texts: Texts) -> list[Remedy]:
+    """Options to type if the cells of a wide table are counts or proportions."""
+    remedies = list[Remedy]()
+    if column.name == CELL and len(texts) > 3 and all(text[0].isdecimal() for text in texts):
+        for answer in ("second", "equal"):
+            meaning = f"if they count '{answer}' or are its proportions"
+            remedies.append(Remedy("columns", ((f"n_{answer}", CELL),), meaning))
+    return remedies
 
 
 def _two_tasks(finding: str, tasks_by_text: Mapping[str, Task]) -> Question:
@@ -362,13 +365,12 @@ def _unknown_texts(
     """
     unknown = column.only(answer == _UNKNOWN)
     answers = {_YES, _NO, _THIRD} & {*answer.tolist()}
-    n_unknown = len(unknown.codes)
-    if len(answers) == len(names) and len(unknown.texts) == 1:
-        if n_unknown > _MANY * np.count_nonzero(answer != _MISSING):
-            return "", []
+    is_complete = len(answers) == len(names)
+    n_unknown, n_answered = len(unknown.codes), np.count_nonzero(answer != _MISSING)
+    if is_complete and len(unknown.texts) == 1 and n_unknown < _MANY * n_answered:
         meaning = f"only if nobody responded in these {plural(n_unknown, 'trial')}; it drops them"
         return "", [Remedy("missed", unknown.texts[0], meaning)]
-    if len(answers) == len(names) or len(unknown.texts) < 2 or codes.count(None) != 1:
+    if is_complete or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
     other = names[codes.index(None)]
     shares = join_names(unknown.counts(unknown.texts), 4)
@@ -379,12 +381,15 @@ def _unknown_texts(
     return f"the other codes are {shares}. Which of them is '{other}'?", remedies
 
 
-def _three_answers(column: Column, options: ReadOptions, difference: FloatArray) -> list[Remedy]:
-    """Options to type if three frequent texts are the codes of three answers."""
+def _three_answers(
+    column: Column, answers: IntArray, names: Texts, options: ReadOptions, difference: FloatArray
+) -> list[Remedy]:
+    """Options to type if three frequent texts, not all known, are those of three answers."""
     words = _words_by_answer(column)
-    is_frequent = np.bincount(column.codes) > _RARE * np.count_nonzero(~column.matches([""]))
+    is_two_answers = len(names) == 2 and options.correct is None and "different" not in words
+    is_frequent = np.bincount(column.codes) > _RARE * np.count_nonzero(answers != _MISSING)
     texts = [_plain(text) for text in compress(column.texts, is_frequent) if text]
-    if len(texts) != 3 or "different" in words:
+    if len(texts) != 3 or not is_two_answers or _UNKNOWN not in answers:
         return []
     codes = {**words, **options.code_by_answer}
     replaced = codes.pop("different", None)
@@ -405,8 +410,7 @@ def _three_answers(column: Column, options: ReadOptions, difference: FloatArray)
 
 def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray]) -> list[Remedy]:
     """Options to type if these codes tell no task, the likeliest first."""
-    plain = dict.fromkeys(map(_plain, texts))
-    by_word = {text.lower(): text for text in plain}
+    by_word = {text.lower(): text for text in map(_plain, texts)}
     likely = [*filter(None, map(by_word.get, ("1", "true", "yes"))), texts[0]][0]
     by_correlation = []
     for option, trend in trends.items():

@@ -185,10 +185,8 @@ WIDE = (
     )
     .reset_index()
 )
-WIDE_COUNTS = pd.DataFrame(
-    {"subject": ["P03", "P12"], "740_905": [31, 29], "905_740": [9, 4], "905_1105": [28, 33],
-     "1105_905": [11, 12], "n": 40}
-)  # fmt: skip
+WIDE_COUNTS = "subject,740_905,905_740,905_1105,1105_905,n\nP03,31,9,28,11,40\nP12,28,4,34,12,40\n"
+IN_SHARES = WIDE_COUNTS.replace(",40", ",100").replace("31,9", "31%,9.0%")
 NO_RESPONSES = "NA|n/a||none|null|-99|999|.|timeout|no response"
 PRACTICE = [["P03", 0, 0.3, "second"]] * 8
 
@@ -316,11 +314,6 @@ READ = {
     "units_in_cells.csv": (
         csv(IN_GRAMS.assign(w1=TRIALS.w1.map("{} g".format), w2=TRIALS.w2.map("{}g".format))),
         {"unit": "g", "columns": {"i1": "w1", "i2": "w2"}},
-    ),
-    "percent_in_cells.csv": (
-        csv(labelled(IN_GRAMS.assign(w1=TRIALS.w1.map("{:.1f}%".format),
-                                     w2=TRIALS.w2.map("{:.1f}%".format)), w1="i1", w2="i2")),
-        {"unit": "%"},
     ),
     "decadic.csv": (
         csv(IN_LOGS.assign(s1=np.log10(TRIALS.w1), s2=np.log10(TRIALS.w2))), {"unit": "log10"},
@@ -472,12 +465,12 @@ REFUSED = {
         ["column s1_dB seems to be in dB", "--unit dB ", "--unit dB-power"],
         {"columns": {"s1": "s1_dB", "s2": "s2_dB"}},
     ),
-    "units_in_cells.csv": (
-        csv(IN_LOGS.assign(s1=TRIALS.w1.map("{}%".format), s2=TRIALS.w2.map("{} %".format))),
-        ["error: units_in_cells.csv: the stimuli have the unit '%'.\ntype:  --unit %  if"],
+    "percent_in_cells.csv": (
+        b"subject,s1,s2,response\na,7.0%,5 %,first\na,5%,7%,second\n",
+        ["error: percent_in_cells.csv: the stimuli have the unit '%'.\ntype:  --unit %  if"],
     ),
     "another_unit.csv": (
-        csv(IN_LOGS.assign(s1=TRIALS.w1.map("{} dB".format), s2=TRIALS.w2.map("{} dB".format))),
+        b"subject,s1,s2,response\na,70 dB,55 dB,first\n",
         ["the stimuli have the unit 'dB'.\n", "--unit dB ", "--unit dB-power"],
         {"unit": "g"},
     ),
@@ -511,14 +504,18 @@ REFUSED = {
     ),
     "wide.csv": (csv(pd.DataFrame({"subject": ["P03"], "740_905": [3]})), ["no column s1"]),
     "wide_counts.csv": (
-        csv(WIDE_COUNTS),
-        ["error: wide_counts.csv: column cell: found numbers: '", ". What do they count?\ntype:  ",
-         "type:  --columns n_second=cell  if", " --columns n_equal=cell   if"],
+        WIDE_COUNTS.encode(),
+        ["do they count?\ntype:  --columns n_second=cell  if", "--columns n_equal=cell   if"],
         {"wide": "{first}_{second}", "unit": "g"},
     ),
     "wide_counts_alone.csv": (
-        csv(WIDE_COUNTS.drop(columns="n")), ["--columns n_second=cell --columns n_trials=NAME  if"],
+        WIDE_COUNTS.replace(",n", "").replace(",40", "").encode(),
+        ["--columns n_second=cell --columns n_trials=NAME  if"],
         {"wide": "{first}_{second}", "unit": "g"},
+    ),
+    "proportions_by_another_name.csv": (
+        b"", ["p_second=cell', allowed", "; proportions are n_equal or n_second, too"],
+        {"columns": {"p_second": "cell"}},
     ),
     "wide_by_another_name.csv": (
         csv(WIDE),
@@ -629,10 +626,10 @@ THREE_ANSWERS = """
 """
 
 
-@pytest.mark.parametrize("first, same, second, given, advice", text_table(THREE_ANSWERS))
-def test_a_frequent_third_answer_is_no_missed_trial(first, same, second, given, advice):
-    table = THREE.replace({"response": {"first": first, "same": same, "second": second}})
-    options = dict(pair.split("=") for pair in given.split())
+@pytest.mark.parametrize("first, equal, second, codes, advice", text_table(THREE_ANSWERS))
+def test_a_frequent_third_answer_is_no_missed_trial(first, equal, second, codes, advice):
+    table = THREE.replace({"response": {"first": first, "same": equal, "second": second}})
+    options = dict(pair.split("=") for pair in codes.split())
     with pytest.raises(bt.InputError) as caught:
         bt.read_study(table, bt.ReadOptions(**options))
     chosen, _ = caught.value.choices[0]
@@ -653,20 +650,11 @@ def test_counts_of_three_answers_are_known_by_their_names():
         bt.read_study(labelled(IN_LOGS, s1="first", s2="second", response="same"))
 
 
-def test_counts_and_proportions_of_wide_tables():
-    names = {"wide": "{first}_{second}", "unit": "g", "columns": {"n_second": "cell"}}
-    of_counts = bt.read_study(WIDE_COUNTS, bt.ReadOptions(**names))
-    cells = WIDE_COUNTS.drop(columns=["subject", "n"])
-    assert of_counts.frame().n_second.sum() == cells.sum().sum()
-    for shares in (cells / 40, (cells / 40).map("{:.1%}".format)):
-        of_shares = bt.read_study(
-            WIDE_COUNTS[["subject", "n"]].join(shares), bt.ReadOptions(**names)
-        )
-        assert of_shares.frame().equals(of_counts.frame())
-    with pytest.raises(
-        bt.InputError, match=r"'p_second=cell'.*; proportions are n_equal or n_second"
-    ):
-        bt.ReadOptions(columns={"p_second": "cell"})
+@pytest.mark.parametrize("text, n_second", [(WIDE_COUNTS, 157), (IN_SHARES, 157)])
+def test_counts_and_proportions_of_wide_tables(text, n_second):
+    options = bt.ReadOptions(wide="{first}_{second}", unit="g", columns={"n_second": "cell"})
+    study = bt.read_study(pd.read_csv(io.StringIO(text)), options)
+    assert study.frame().n_second.sum() == n_second
 
 
 def test_a_sheet_is_one_of_an_excel_file(tmp_path):
