@@ -175,6 +175,9 @@ def with_next_questions(
             break
         try:
             options = with_remedies(options, chosen)
+        except InputError:
+            break  # they stand in place of an option that is given
+        try:
             read(options)
             break
         except InputError as next_error:

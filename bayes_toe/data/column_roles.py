@@ -242,8 +242,9 @@ _UNIT_MEANINGS = {
 }
 _COUNTS = ("n_equal", "n_second", "n_trials")
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
+_ALL_COUNTS = ("n_first", *_COUNTS)
 _STIMULI = ("s1", "s2", "i1", "i2")
-_REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_COUNTS)
+_REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_ALL_COUNTS)
 
 
 def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
@@ -290,14 +291,18 @@ def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
 
 def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     """The file's names for the responses, or for counts, if they are other names than ours."""
-    present = {role for role in (*_COUNTS, "response") if options.name(role) in names}
-    counts = _likely(names, options, _COUNTS)
+    present = {role for role in (*_ALL_COUNTS, "response") if options.name(role) in names}
+    counts = _likely(names, options, _ALL_COUNTS)
     response = _likely(names, options, ("response",))
 
     answer_roles = present | counts.keys()
-    may_be_counts = not response
-    if "n_trials" in answer_roles:
-        may_be_counts = len(answer_roles) == 2
+    # 'first' and 'second' may also be the stimuli.
+    has_stimuli = {*map(options.name, options.stimuli)} <= {*names}
+    may_be_counts = not response and (has_stimuli or "n_first" not in counts)
+    if {*_THREE_COUNTS} <= answer_roles:
+        counts.pop("n_trials", None)
+    elif "n_trials" in answer_roles:
+        may_be_counts = len(answer_roles - {"n_first"}) == 2
 
     if may_be_counts and "response" not in present:
         return counts
@@ -358,7 +363,7 @@ def columns_to_read(
 
     finding, unit = _unit_by_name(names, options)
     if finding:
-        return roles_read, [*problems, finding], _unit_remedies(unit)
+        return roles_read, [*problems, finding], unit_remedies(unit)
 
     required = _required(names, roles_read, options)
     problems += repeated_columns(names, required)
@@ -458,7 +463,8 @@ def _answer_roles(names: Texts, options: ReadOptions) -> list[str]:
     counts = [role for role in _COUNTS if options.name(role) in names]
     if options.name("response") in names or not counts:
         return ["response", *counts]
-    if {*map(options.name, _THREE_COUNTS)} <= {*names}:
+    n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)
+    if n_of_three == 3 or (n_of_three == 2 and "n_trials" not in counts):
         return [*_THREE_COUNTS]
     if counts == ["n_trials"]:
         return ["n_equal", "n_trials"]
@@ -491,7 +497,7 @@ def _order_remedies(orders: Texts) -> Iterator[Remedy]:
     yield Remedy("standard_first", "", "if the standard was always first")
 
 
-def _unit_remedies(unit: str) -> list[Remedy]:
+def unit_remedies(unit: str) -> list[Remedy]:
     """Options to type if the name of a column tells its unit."""
     choices = ("dB", "dB-power", "ln") if unit == "dB" else (unit, "ln")
     remedies = []
@@ -503,7 +509,7 @@ def _unit_remedies(unit: str) -> list[Remedy]:
 
 def intensity_remedies(stimuli: FloatArray) -> list[Remedy]:
     """Options to type if stimuli are no natural logs; intensities are positive."""
-    remedies = _unit_remedies(ANY_UNIT)
+    remedies = unit_remedies(ANY_UNIT)
     return remedies if (stimuli > 0.0).all() else remedies[1:]
 
 

@@ -16,7 +16,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import filterfalse
+from itertools import chain, filterfalse
 
 import numpy as np
 
@@ -28,6 +28,8 @@ from bayes_toe.data.column_roles import (
     intensity_remedies,
     is_no_response,
     named_places,
+    unit_in,
+    unit_remedies,
 )
 from bayes_toe.data.messages import Texts, display_name, join_names, join_words, quoted
 from bayes_toe.data.options import ReadOptions
@@ -203,6 +205,7 @@ def stimulus_logs(
     InputError
         If nothing shows whether a sign, as in '1.050', is decimal.
     """
+    columns = _without_unit(table, columns, options)
     if options.decimal is None and table.grouping_sign:
         _require_decimal_sign(table, columns, options)
     logs = []
@@ -217,6 +220,26 @@ def stimulus_logs(
             values = [math.log(value) - origin if value > 0 else math.nan for value in values]
         logs.append(np.array(values)[column.codes] * LOG_UNITS.get(options.unit or "ln", 1.0))
     return logs
+
+
+def _without_unit(
+    table: TextTable, columns: Sequence[Column], options: ReadOptions
+) -> Sequence[Column]:
+    """Stimuli without the unit that stands behind every number; the options must give the unit."""
+    texts = "\n".join(chain.from_iterable(column.texts for column in columns))
+    signs = {*re.findall(r"(?m)\d *(%|[^\W\d_]{0,16})$", texts)}
+    sign = signs.pop() if len(signs) == 1 else ""
+    if not sign:
+        return columns
+    remedies = unit_remedies(unit_in(f"1 {sign}") or sign)[:-1]
+    if options.unit not in [remedy.value for remedy in remedies]:
+        table.problems.ask(f"the stimuli have the unit {quoted(sign)}.", remedies)
+        table.problems.refuse()
+    without_unit = []
+    for column in columns:
+        numbers = [text.removesuffix(sign) for text in column.texts]
+        without_unit.append(Column.from_texts(column.name, numbers, column.codes))
+    return without_unit
 
 
 def _require_decimal_sign(

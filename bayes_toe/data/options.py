@@ -56,6 +56,7 @@ class ReadOptions:
         is the unit of raw intensities in i1 and i2, or in s1 and s2 if these are there alone; REF
         is then 1 where no other one is given.
         Screens and figures show stimuli in this unit, and their differences in dB or per cent.
+        The unit may also stand in each cell, such as "7.0%".
     equal_code, different_code, second_code, first_code : str, optional
         The text that stands for this answer. The options also decide the task: with 'equal' and
         'second' or 'first', it has three answers. Other texts for the answer are then refused.
@@ -244,7 +245,10 @@ class ReadOptions:
             if role not in COLUMNS or not name:
                 pair = quoted(f"{role}={name}")
                 columns = ", ".join(COLUMNS)
-                yield f"--columns: found {pair}, allowed: OURS=NAME with OURS one of {columns}"
+                yield (
+                    f"--columns: found {pair}, allowed: OURS=NAME with OURS one of {columns}; "
+                    "proportions are n_equal or n_second, too"
+                )
 
         for role in self.ignore:
             if role not in _MAY_BE_IGNORED:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from itertools import chain, permutations
+from itertools import chain, compress, permutations
 from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -22,12 +22,27 @@ from bayes_toe.data.column_roles import (
     VOCABULARY,
     is_missed_flag,
     is_no_response,
+    named_places,
     without_accents,
 )
-from bayes_toe.data.messages import Texts, display_name, join_names, join_words, plural, quoted
+from bayes_toe.data.messages import (
+    MAX_LINES,
+    Texts,
+    display_name,
+    join_names,
+    join_words,
+    plural,
+    quoted,
+)
 from bayes_toe.data.options import ReadOptions
-from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, Task, task_with, tasks_named
-from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.tasks import (
+    SAME_DIFFERENT,
+    THREE_ANSWERS,
+    Task,
+    task_with,
+    tasks_named,
+)
+from bayes_toe.data.text_table import CELL, Column, TextTable
 from bayes_toe.data.validation import MISSING_WORDS, number
 from bayes_toe.errors import InputError, Remedy, with_remedies
 
@@ -53,6 +68,9 @@ _CODE_MEANINGS = {
     "second_code": "'the second was stronger' (2AFC)",
     "comparison_code": "'the comparison was stronger' (2AFC)",
 }
+
+#: Share of the trials that a mistake has at most, and that missed trials have at most.
+_RARE, _MANY = 0.05, 0.2
 
 _ALL_WORDS = (*_WORDS.values(), *VOCABULARY["stimuli"].values())
 #: What is wrong with a column, empty if nothing is, and options to type.
@@ -98,7 +116,8 @@ def responses(
             trends["comparison_code"] = np.where(order.is_first, difference, -difference)
         problem, remedies = _unknown_meaning(column, table.columns.get("task"), trends)
     if not problem:
-        problem, remedies = _unknown_texts(column, answer, codes, names, difference)
+        problem, remedies = _unknown_texts(column, answer, codes, names)
+    remedies = _three_answers(column, answer, names, options, difference) + remedies
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
     else:
@@ -153,17 +172,24 @@ def _words_by_answer(column: Column) -> dict[str, str]:
 
 
 def _english(word: str) -> str:
-    """The word of a task that a word of another language stands for; else the word itself.
+    """The word of a task that a word of another language, or several words, stand for.
+
+    Without one it is the word itself.
 
     Examples
     --------
     >>> _english("deuxi\u00e8me"), _english("j")
     ('second', 'j')
+    >>> _english("interval 1"), _english("second heavier"), _english("second lighter")
+    ('first', 'second', 'second lighter')
     """
     plain = without_accents(word)
     for english, translations in VOCABULARY["responses"].items():
         if plain in translations:
             return english
+    _, places, other_words = named_places(word)
+    if len(places) == 1 and other_words and other_words <= {*VOCABULARY["words"]["answer"]}:
+        return places[0]
     return word
 
 
@@ -275,20 +301,22 @@ def _unknown_meaning(
     """
     tasks_by_text = _tasks_in(task_column)
     texts = list(filter(None, column.texts))
+    shares = column.counts(texts)
     words_by_answer = _words_by_answer(column)
     if words_by_answer and task_with(words_by_answer) is None:
         words = join_words(list(map(quoted, words_by_answer.values())))
         return _two_tasks(f"found {words}, words of two tasks", tasks_by_text)
     if not words_by_answer and len({*tasks_by_text.values()}) > 1:
         tasks = join_words(list(map(quoted, tasks_by_text)))
-        shares = column.counts(texts)
         return _two_tasks(f"found {join_names(shares, 4)} of the tasks {tasks}", tasks_by_text)
     if words_by_answer or not texts:
         return "", []
-    shares = column.counts(texts)
     problem = f"the codes are {join_names(shares, 4)}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares[0]}. The program does not know what it means."
+    counts = _count_remedies(column, texts)
+    if counts:
+        return f"found numbers: {join_names(shares, 4)}. What do they count?", counts
     remedies = []
     answers = {*chain.from_iterable(task.answers for task in tasks_by_text.values())}
     for remedy in _code_remedies(column, texts, trends):
@@ -296,6 +324,16 @@ def _unknown_meaning(
         if not answers or answer in answers:
             remedies.append(remedy)
     return problem, remedies
+
+
+def _count_remedies(column: Column, texts: Texts) -> list[Remedy]:
+    """Options to type if the cells of a wide table are counts or proportions."""
+    remedies = list[Remedy]()
+    if column.name == CELL and len(texts) > 3 and all(text[0].isdecimal() for text in texts):
+        for answer in ("second", "equal"):
+            meaning = f"if they count '{answer}' or are its proportions"
+            remedies.append(Remedy("columns", ((f"n_{answer}", CELL),), meaning))
+    return remedies
 
 
 def _two_tasks(finding: str, tasks_by_text: Mapping[str, Task]) -> Question:
@@ -320,18 +358,19 @@ def _unknown_texts(
     answer: IntArray,
     codes: Sequence[str | None],
     names: Texts,
-    difference: FloatArray,
 ) -> Question:
     """The problem of several codes of which one is known; what to type for texts of no answer.
 
-    One text beside both answers has no problem of its own: it may be a missed trial.
+    One text beside both answers has no problem of its own: it may be a missed trial, or 'equal'.
     """
     unknown = column.only(answer == _UNKNOWN)
     answers = {_YES, _NO, _THIRD} & {*answer.tolist()}
-    if len(answers) == len(names) and len(unknown.texts) == 1:
-        trials = plural(len(unknown.codes), "trial")
-        return "", [Remedy("missed", unknown.texts[0], f"if nobody responded in these {trials}")]
-    if len(answers) == len(names) or len(unknown.texts) < 2 or codes.count(None) != 1:
+    is_complete = len(answers) == len(names)
+    n_unknown, n_answered = len(unknown.codes), np.count_nonzero(answer != _MISSING)
+    if is_complete and len(unknown.texts) == 1 and n_unknown < _MANY * n_answered:
+        meaning = f"only if nobody responded in these {plural(n_unknown, 'trial')}; it drops them"
+        return "", [Remedy("missed", unknown.texts[0], meaning)]
+    if is_complete or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
     other = names[codes.index(None)]
     shares = join_names(unknown.counts(unknown.texts), 4)
@@ -339,25 +378,45 @@ def _unknown_texts(
         return f"the codes are {shares}. None of them is the code that was given.", []
     commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
     remedies = [Remedy(f"{other}_code", commonest, f"if {commonest} is '{other}'")]
-    second, _ = _commonest_with(column, unknown.texts, difference)
-    if other == "different" and len(unknown.texts) == 2 and second:
-        meaning = f"if {second} is 'second' of three answers"
-        remedies.insert(0, Remedy("second_code", second, meaning))
     return f"the other codes are {shares}. Which of them is '{other}'?", remedies
+
+
+def _three_answers(
+    column: Column, answers: IntArray, names: Texts, options: ReadOptions, difference: FloatArray
+) -> list[Remedy]:
+    """Options to type if three frequent texts, not all known, are those of three answers."""
+    words = _words_by_answer(column)
+    is_two_answers = len(names) == 2 and options.correct is None and "different" not in words
+    is_frequent = np.bincount(column.codes) > _RARE * np.count_nonzero(answers != _MISSING)
+    texts = [_plain(text) for text in compress(column.texts, is_frequent) if text]
+    if len(texts) != 3 or not is_two_answers or _UNKNOWN not in answers:
+        return []
+    codes = {**words, **options.code_by_answer}
+    replaced = codes.pop("different", None)
+    for answer, trend in (("equal", -abs(difference)), ("second", difference)):
+        if answer not in codes:
+            others = [text for text in texts if text not in codes.values()]
+            codes[answer] = _commonest_with(column, others, trend)[0] or others[0]
+    equal, second = codes["equal"], codes["second"]
+    meaning = f"if {equal} is 'equal' and {second} is 'second' of three answers"
+    if replaced is not None:
+        meaning += ", in place of --different-code"
+    # The second one is typed with the first one only.
+    return [
+        Remedy("equal_code", equal, meaning),
+        Remedy("second_code", second, "", MAX_LINES, step=1),
+    ]
 
 
 def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray]) -> list[Remedy]:
     """Options to type if these codes tell no task, the likeliest first."""
-    plain = dict.fromkeys(map(_plain, texts))
-    by_word = {text.lower(): text for text in plain}
+    by_word = {text.lower(): text for text in map(_plain, texts)}
     likely = [*filter(None, map(by_word.get, ("1", "true", "yes"))), texts[0]][0]
     by_correlation = []
     for option, trend in trends.items():
         code, correlation = _commonest_with(column, texts, trend)
         code = code or likely
         meaning = _CODE_MEANINGS[option]
-        if len(plain) == 3 and option == "equal_code":  # perhaps 'first', 'equal' and 'second'
-            meaning, correlation = "'equal'", np.inf
         remedy = Remedy(option, code, f"if {code} is {meaning}")
         by_correlation.append((correlation, remedy))
     by_correlation.sort(key=itemgetter(0), reverse=True)

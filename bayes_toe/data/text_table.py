@@ -179,7 +179,8 @@ class Problems:
     def ask(self, question: str, remedies: Iterable[Remedy]) -> None:
         """Add a problem of the whole table, with options that solve it."""
         index = sum(row == _HEAD_ROW for row, _ in self._shown)
-        self.remedies += [remedy._replace(question=index) for remedy in remedies]
+        for remedy in remedies:
+            self.remedies.append(remedy._replace(question=max(index, remedy.question)))
         self.add([(_HEAD_ROW, question)])
 
     def refuse(self) -> None:

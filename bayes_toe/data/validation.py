@@ -127,7 +127,9 @@ def column_counts(table: TextTable, column: Column) -> IntArray:
 
 
 def has_shares(table: TextTable, column: Column) -> bool:
-    """Whether a column has numbers from 0 to 1 only, and some between them."""
+    """Whether a column has numbers from 0 to 1 only and some between them, or signs of per cent."""
+    if any("%" in text for text in column.texts):
+        return True
     shares = numbers(table, column)
     return bool(((shares >= 0.0) & (shares <= 1.0)).all() and (shares % 1.0 > 0.0).any())
 

@@ -475,7 +475,7 @@ def test_minus_one_beside_two_named_codes_is_a_missed_trial():
 def test_another_third_code_is_asked_for_and_may_be_declared():
     codes = {"second_code": "39", "first_code": "37"}
     text = THREE_CODES.format("0")
-    assert typed_remedies(text, **codes) == ["--missed 0"]
+    assert typed_remedies(text, **codes) == ["--equal-code 0", "--second-code 39"]  # a half
     study = read(text, missed="0", **codes)
     assert content(study) == BOTH_ORDERS
     assert "2 trials without a response dropped ('0' in column response): a 2" in study.notes

@@ -25,7 +25,7 @@ from scipy.io import savemat
 
 import bayes_toe as bt
 from bayes_toe.data.messages import display_name
-from bayes_toe.errors import Remedy
+from bayes_toe.errors import Remedy, with_remedies
 
 GRAMS = (740, 905, 1105, 1350)
 MATLAB_CLASSES = {"subject": "char", "response": "char"}
@@ -56,6 +56,9 @@ COUNTS = (
     .set_axis(["subject", "s1", "s2", "n_second", "n_trials"], axis=1)
 )
 PROPORTIONS = COUNTS.assign(n_second=(COUNTS.n_second / COUNTS.n_trials).round(3))
+
+THREE = IN_LOGS.assign(response=TRIALS.response.where(TRIALS.s1 != TRIALS.s2, "same"))
+THREE_COUNTS = "subject,s1,s2,first,same,second\na,0,0.3,1,2,5\na,0.3,0,4,2,1\n"
 
 FREQUENCIES = IN_LOGS.value_counts(sort=False).reset_index(name="Freq")
 IN_ROOMS = IN_LOGS.assign(room=["A", "B"] * 40).value_counts(sort=False).reset_index(name="n")
@@ -177,6 +180,8 @@ WIDE = (
     )
     .reset_index()
 )
+WIDE_COUNTS = "subject,740_905,905_740,905_1105,1105_905,n\nP03,31,9,28,11,40\nP12,28,4,34,12,40\n"
+IN_SHARES = WIDE_COUNTS.replace(",40", ",100").replace("31,9", "31%,9.0%")
 NO_RESPONSES = "NA|n/a||none|null|-99|999|.|timeout|no response"
 PRACTICE = [["P03", 0, 0.3, "second"]] * 8
 
@@ -268,6 +273,8 @@ READ = {
     "french.csv": (csv(answered(IN_LOGS, "première", "deuxième", "réponse")), {}),
     "participant.csv": (csv(labelled(IN_LOGS, subject="Participant ID", response="choice")), {}),
     "true_false.csv": (csv(answered(IN_LOGS, False, True)), {"second_code": "True"}),
+    "interval.csv": (csv(answered(IN_LOGS, "interval 1", "Interval 2")), {}),
+    "heavier.csv": (csv(answered(IN_LOGS, "first heavier", "second was heavier")), {}),
     "trials.json": (json.dumps(RECORDS).encode(), {}),
     "by_person.json": (json.dumps(BY_PERSON).encode(), {}),
     "in_a_key.json": (json.dumps({"trials": RECORDS, "version": 2}).encode(), {}),
@@ -299,6 +306,10 @@ READ = {
     "grams.csv": (csv(IN_GRAMS), WEIGHTS),
     "grams_by_unit.csv": (csv(labelled(IN_GRAMS, w1="i1", w2="i2")), {"unit": "g"}),
     "decibel.csv": (csv(DECIBEL), {"unit": "dB", "columns": {"s1": "s1_dB", "s2": "s2_dB"}}),
+    "units_in_cells.csv": (
+        csv(IN_GRAMS.assign(w1=TRIALS.w1.map("{} g".format), w2=TRIALS.w2.map("{}g".format))),
+        {"unit": "g", "columns": {"i1": "w1", "i2": "w2"}},
+    ),
     "decadic.csv": (
         csv(IN_LOGS.assign(s1=np.log10(TRIALS.w1), s2=np.log10(TRIALS.w2))), {"unit": "log10"},
     ),
@@ -418,7 +429,7 @@ REFUSED = {
     ),
     "third_code.csv": (
         csv(with_rows(answered(IN_LOGS, 37, 39), [["P03", 0, 0.3, 0]] * 3)),
-        ["--missed 0", "if nobody responded in these 3 trials"],
+        ["type:  --missed 0", "only if nobody responded in these 3 trials; it drops them"],
         {"second_code": "39", "first_code": "37"},
     ),
     "missing_cell.txt": (
@@ -449,6 +460,15 @@ REFUSED = {
         ["column s1_dB seems to be in dB", "--unit dB ", "--unit dB-power"],
         {"columns": {"s1": "s1_dB", "s2": "s2_dB"}},
     ),
+    "percent_in_cells.csv": (
+        b"subject,s1,s2,response\na,7.0%,5 %,first\na,5%,7%,second\n",
+        ["error: percent_in_cells.csv: the stimuli have the unit '%'.\ntype:  --unit %  if"],
+    ),
+    "another_unit.csv": (
+        b"subject,s1,s2,response\na,70 dB,55 dB,first\n",
+        ["the stimuli have the unit 'dB'.\n", "--unit dB ", "--unit dB-power"],
+        {"unit": "g"},
+    ),
     "decibel_as_intensity.csv": (
         csv(DECIBEL),
         ["column s1_dB seems to be in dB"],
@@ -466,6 +486,9 @@ REFUSED = {
         csv(labelled(COUNTS, n_second="percent second").drop(columns="n_trials")),
         ["there is no column n_trials", "--columns n_trials=NAME"],
     ),
+    "two_of_three_counts.csv": (
+        THREE_COUNTS.replace("same", "tie").encode(), ["type:  --columns n_equal=NAME"],
+    ),
     "proportion_of_others.csv": (
         csv(labelled(PROPORTIONS.assign(n_trials=7), n_second="p_second")),
         ["column p_second: found '0.", "a share that makes a whole number of 7 trials"],
@@ -475,6 +498,20 @@ REFUSED = {
         ["column n_second: found '0.5' in 31 rows", "a share that makes a whole number of 40"],
     ),
     "wide.csv": (csv(pd.DataFrame({"subject": ["P03"], "740_905": [3]})), ["no column s1"]),
+    "wide_counts.csv": (
+        WIDE_COUNTS.encode(),
+        ["do they count?\ntype:  --columns n_second=cell  if", "--columns n_equal=cell   if"],
+        {"wide": "{first}_{second}", "unit": "g"},
+    ),
+    "wide_counts_alone.csv": (
+        WIDE_COUNTS.replace(",n", "").replace(",40", "").encode(),
+        ["--columns n_second=cell --columns n_trials=NAME  if"],
+        {"wide": "{first}_{second}", "unit": "g"},
+    ),
+    "proportions_by_another_name.csv": (
+        b"", ["p_second=cell', allowed", "; proportions are n_equal or n_second, too"],
+        {"columns": {"p_second": "cell"}},
+    ),
     "wide_by_another_name.csv": (
         csv(WIDE),
         ["found 0 columns with names or cells as --wide has it"],
@@ -565,6 +602,50 @@ def test_a_shape_that_needs_a_word_is_refused_with_it(name, tmp_path):
     result = check(tmp_path, name, content, *(options or [{}]))
     assert result.returncode == 2
     assert all(part in result.stderr for part in parts), result.stderr
+
+
+#: Codes of 'first', 'same' and 'second', the options that are given, and the first advice.
+THREE_ANSWERS = """
+    0 | 1 | 2 | second_code=2 | --equal-code 1 --second-code 2
+    0 | 1 | 2 | second_code=2 first_code=0 | --equal-code 1 --second-code 2
+    0 | 1 | 2 | first_code=0 | --equal-code 1 --second-code 2
+    0 | 1 | 2 | equal_code=1 | --equal-code 1 --second-code 2
+    0 | 1 | 2 | equal_code=1 different_code=0 | --equal-code 1 --second-code 2
+    0 | 1 | 2 | equal_code=1 different_code=2 | --equal-code 1 --second-code 2
+    0 | 1 | 2 |  | --equal-code 1 --second-code 2
+    left | same | right |  | --equal-code same --second-code right
+    left | same | right | second_code=right | --equal-code same --second-code right
+    first | tie | second |  | --equal-code tie --second-code second
+    first | tie | second | second_code=second | --equal-code tie --second-code second
+    first | tie | later |  | --equal-code tie --second-code later
+"""
+
+
+@pytest.mark.parametrize("first, equal, second, codes, advice", text_table(THREE_ANSWERS))
+def test_a_frequent_third_answer_is_no_missed_trial(first, equal, second, codes, advice):
+    table = THREE.replace({"response": {"first": first, "same": equal, "second": second}})
+    options = dict(pair.split("=") for pair in codes.split())
+    with pytest.raises(bt.InputError) as caught:
+        bt.read_study(table, bt.ReadOptions(**options))
+    chosen, _ = caught.value.choices[0]
+    assert " ".join(remedy.typed for remedy in chosen) == advice
+    assert "missed" not in {remedy.option for remedy in caught.value.remedies}
+    if len(chosen) > 1:
+        options.pop("different_code", None)
+    study = bt.read_study(table, with_remedies(bt.ReadOptions(**options), chosen))
+    assert study.frame().equals(bt.read_study(THREE).frame())
+
+
+def test_counts_of_three_answers_are_known_by_their_names():
+    study = bt.read_study(pd.read_csv(io.StringIO(THREE_COUNTS)))
+    assert study["a"].n_first.tolist() == [1, 4]
+
+
+@pytest.mark.parametrize("text", [WIDE_COUNTS, IN_SHARES])
+def test_counts_and_proportions_of_wide_tables(text):
+    options = bt.ReadOptions(wide="{first}_{second}", unit="g", columns={"n_second": "cell"})
+    study = bt.read_study(pd.read_csv(io.StringIO(text)), options)
+    assert study.frame().n_second.sum() == 157
 
 
 def test_a_sheet_is_one_of_an_excel_file(tmp_path):
