@@ -599,6 +599,11 @@ def _trial_study(rows: _Rows) -> Study:
     form = "trial" if are_trials(rows.columns) else "frequency"
     notes = rows.layout(form, answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable
+    is_no_trial = unanswered & np.logical_and(*map(empty, rows.key_columns))
+    if is_no_trial.any():
+        blank = plural(is_no_trial.sum(), "row")
+        notes.append(f"{blank} without stimuli and response left out")
+    unanswered &= ~is_no_trial
     causes = missed_texts + missed_signs
     notes += _dropped_note(rows, unanswered, "without a response", causes)
     equal_stimuli = "with equal stimuli, of which no answer is right,"

@@ -25,12 +25,23 @@ from bayes_toe.data.messages import (
     TWICE,
     display_name,
     join_counts,
+    join_names,
     join_words,
     plural,
 )
 from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.study import Study, Subject, pooled
 from bayes_toe.errors import InputError
+
+#: The counts of rows, trials and responses in a note.
+_COUNT = re.compile(
+    r"^[\d,]+(?= (?:repeated )?(?:row|trial|subject))"
+    r"|(?<= )[\d,]+(?=(?: of [\d,]+)? trials answered| '(?:first|equal|second)')"
+    r"|(?<=(?:econd|first|equal|erent|cond'|irst'|qual'|rent') \()[\d,]+(?=\)(?: /|$))"
+)
+#: A note that begins with one row, trial or subject; one with names at its end.
+_SINGULAR = re.compile(r"^(1 (?:repeated )?(?:row|trial|subject))\b")
+_NAMES = re.compile(r"^(\d.*: )([^:;]*)$")
 
 
 def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
@@ -98,7 +109,11 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
     if len(faulty) == 1:
         raise faulty[0]
     if faulty:
-        problems = [*_lines_once(chain.from_iterable(error.problems for error in faulty))]
+        problems = []
+        lines = chain.from_iterable(error.problems for error in faulty)
+        for alike in _alike(line.partition(": ")[::2] for line in lines):
+            several = f"{len(alike)} files, such as " if len(alike) > 1 else ""
+            problems.append(several + ": ".join(alike[0]))
         if len(problems) > MAX_LINES:
             problems[MAX_LINES:] = ["... and more problems"]
         raise InputError(problems, faulty[0].remedies)
@@ -116,23 +131,18 @@ def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
     return f"{folder.relative_to(os.path.commonpath(folders)).as_posix()}/"
 
 
-def _lines_once(lines: Iterable[str]) -> Iterator[str]:
-    """The first of lines `FILE: TEXT` of several files that differ in numbers or in order only.
+def _alike(lines: Iterable[tuple[Any, str]]) -> list[list[tuple[Any, str]]]:
+    """Lines of several files in groups: those of a group differ in numbers or in order only.
 
-    It says how many files there are of the kind.
+    Lines of one file stay apart.
     """
-    n_of_kind = Counter[tuple[str, str]]()
-    alike = defaultdict[tuple[str, int], list[str]](list)
-    for line in lines:
-        file, _, text = line.partition(": ")
-        kind = "".join(sorted(re.sub(r"[\d,]", "", text)))
-        n_of_kind[file, kind] += 1  # lines of one file stay apart
-        alike[kind, n_of_kind[file, kind]].append(line)
-    for similar_lines in alike.values():
-        if len(similar_lines) == 1:
-            yield similar_lines[0]
-        else:
-            yield f"{len(similar_lines)} files, such as {similar_lines[0]}"
+    n_of_kind = Counter[tuple[Any, str]]()
+    alike = defaultdict[tuple[str, int], list[tuple[Any, str]]](list)
+    for file, text in lines:
+        kind = "".join(sorted(re.sub(r"[\d,]", "", _without_names(text))))
+        n_of_kind[file, kind] += 1
+        alike[kind, n_of_kind[file, kind]].append((file, text))
+    return [*alike.values()]
 
 
 def together(studies: Sequence[Study]) -> Study:
@@ -181,14 +191,36 @@ def reading_of_all(studies: Sequence[Study]) -> Reading:
 
 
 def common_notes(studies: Sequence[Study]) -> list[str]:
-    """The notes that all files share, then those of some files, each kind of them once."""
-    common = [*studies[0].notes]
-    for study in studies:
-        common = list(filter(study.notes.__contains__, common))
-    own_notes = []
-    for study in studies:
-        own_notes += [f"{study.source}: {note}" for note in study.notes if note not in common]
-    return [*common, *_lines_once(own_notes)]
+    """The notes of all files, each kind of them once: how the files are written comes first.
+
+    Counts are those of all files.
+    """
+    lines = list[tuple[int, str]]()
+    for i, study in enumerate(studies):
+        lines += [(i, note) for note in study.notes]
+    notes = []
+    for alike in _alike(lines):
+        n_files = len(alike)
+        i, note = alike[0]
+        texts = [_without_names(text) for _, text in alike]
+        if n_files == 1:
+            note = f"{studies[i].source}: {note}"
+        elif len({_COUNT.sub("", text) for text in texts}) > 1:
+            note = f"{n_files} files, such as {studies[i].source}: {note}"
+        else:
+            counts = [_COUNT.findall(text.replace(",", "")) for text in texts]
+            totals = iter(np.array(counts, np.int64).sum(axis=0).tolist())
+            note = _COUNT.sub(lambda _: f"{next(totals):,}", texts[0])  # noqa: B023
+            note += join_names(names[2] for _, text in alike if (names := _NAMES.match(text)))
+            if n_files < len(studies):
+                note = f"{n_files} of {len(studies)} files: {note}"
+        notes.append(note)
+    return notes
+
+
+def _without_names(note: str) -> str:
+    """A note without the names at its end, in the plural if it begins with a count."""
+    return _NAMES.sub(r"\1", _SINGULAR.sub(r"\1s", note))
 
 
 def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:

@@ -679,6 +679,23 @@ def write_folder(folder, *names):
         (folder / "data" / name).write_bytes(csv(IN_LOGS, sep="\t"))
 
 
+def test_counts_in_notes_are_those_of_all_files(tmp_path):
+    rows = [["P03", "", "", ""], ["P03", 0, 0.3, ""]]
+    table = with_rows(IN_LOGS[:40], rows).assign(part=["main"] * 37 + ["practice"] * 5)
+    for name, part in (("anna", table), ("ben", table[1:])):
+        (tmp_path / f"{name}.csv").write_bytes(csv(part.assign(subject=name)))
+    screen = " ".join(inside("check", "anna.csv", "ben.csv", cwd=tmp_path).stdout.split())
+    study = bt.read_study([tmp_path / "anna.csv", tmp_path / "ben.csv"])
+    assert study.notes[1].startswith("10 rows left out as practice (column part: 'practice')")
+    assert study.notes[2:] == (
+        "anna.csv: 1 row without stimuli and response left out",
+        "2 trials without a response dropped: anna 1, ben 1",
+    )
+    assert f"Read as {study.notes[0]}" in screen
+    counts = map(int, re.findall(r"' \((\d+)\)", study.notes[0]))
+    assert sum(counts) == study["anna"].total_trials + study["ben"].total_trials == 70
+
+
 def test_a_folder_stands_for_its_tables(tmp_path):
     write_folder(tmp_path, "1.csv", "2.CSV", "~$1.csv", ".3.csv", "1.log")
     study = bt.read_study(tmp_path / "data")
