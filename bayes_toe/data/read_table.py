@@ -384,7 +384,7 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
     text, label = decoded(source, data, encoding)
     records = []
     n_fields = 0
-    for record in _json_records(source, _parse_json(source, text), {}):
+    for record in _json_records(source, _with_info(_parse_json(source, text)), {}):
         n_fields += len(record)
         require_size(source, len(record), n_fields)
         records.append(record)
@@ -434,6 +434,26 @@ def _parse_json(source: str, text: str) -> object:
         ) from None
 
 
+def _with_info(value: Any) -> Any:
+    """A record with the single values of its parts, as of `info` beside `trials`.
+
+    It stays as it is where a name would be there twice.
+    """
+    if not isinstance(value, dict):
+        return value
+    record = {}
+    names = [*value]
+    for key, item in value.items():
+        part = _with_info(item)
+        is_info = isinstance(part, dict) and not any(
+            isinstance(cell, list | dict) for cell in part.values()
+        )
+        if is_info:
+            names += part
+        record |= part if is_info else {key: part}
+    return record if len({*names}) == len(names) else value
+
+
 def _json_records(
     source: str, value: object, shared: dict[str, object]
 ) -> Iterator[dict[str, object]]:
@@ -471,11 +491,14 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
 
     A single value stands in every row.
     """
-    records = list(_json_records(source, matlab_values(source, data), {}))
-    no_columns = [name for name, value in records[0].items() if isinstance(value, list)]
+    records = list(_json_records(source, _with_info(matlab_values(source, data)), {}))
+    no_columns = [name for name, value in records[0].items() if isinstance(value, list | dict)]
     if len(records) == 1 and (no_columns or not records[0]):
         finding = join_names(map(display_name, no_columns)) or "nothing"
-        raise InputError(f"{source}: found {finding}, no columns of one length, allowed: {SAVED}")
+        raise InputError(
+            f"{source}: found {finding}, no columns of one length, allowed: {SAVED}; or, in "
+            "Python, a pandas data frame that has the columns"
+        )
     return _table_of_records(source, "MATLAB", "variables", records, choice)
 
 
