@@ -423,7 +423,9 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
                 f"{table.source}: found no subject in its name, allowed: a file named as "
                 f"--subject-from {options.subject_from}"
             )
-        columns["subject"] = Column("subject", [subject], np.zeros(len(table.rows), np.int64))
+        columns["subject"] = Column(
+            "name of the file", [subject], np.zeros(len(table.rows), np.int64)
+        )
     else:
         columns["subject"] = bare_names(table, columns["subject"])
     if "condition" in columns:
