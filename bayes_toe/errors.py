@@ -151,7 +151,7 @@ class InputError(BayesToeError, ValueError):
             if remedy is not first_of[remedy.question]:
                 answers = {**first_of, remedy.question: remedy}.values()
                 typed_together = [other for other in answers if other.step <= remedy.step]
-                choices.append((typed_together, [*filter(None, [remedy.meaning])]))
+                choices.append((typed_together, [remedy.meaning]))
         options = [f"--{remedy.option} " for remedy in chosen]
         meanings = []
         for remedy in chosen:

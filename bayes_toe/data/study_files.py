@@ -127,8 +127,8 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
         lines = chain.from_iterable(error.problems for error in faulty)
         for alike in _alike(line.partition(": ")[::2] for line in lines):
             several = f"{len(alike)} files, such as " if len(alike) > 1 else ""
-            problems.append(several + ": ".join(alike[0]))
-        if len(problems) > MAX_LINES:
+            problems.append(several + ": ".join(filter(None, alike[0])))
+        if len(faulty) > 1 and len(problems) > MAX_LINES:
             problems[MAX_LINES:] = ["... and more problems"]
         raise InputError(problems, remedies)
     return studies
