@@ -60,6 +60,8 @@ _NOT_COMPUTED = (
 _ERROR = rb'\1 t="e"><v>a formula without a value</v></c>'
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm")
 _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
+#: Parts of a record that are no single values.
+_NESTED = (list, dict)
 #: Suffixes of tables. A file that is named and has another suffix is read as a text.
 TABLE_SUFFIXES = (
     *_TEXT_SUFFIXES,
@@ -441,17 +443,15 @@ def _with_info(value: Any) -> Any:
     """
     if not isinstance(value, dict):
         return value
-    record = {}
-    names = [*value]
+    record = dict[str, Any]()
+    n_names = 0
     for key, item in value.items():
         part = _with_info(item)
-        is_info = isinstance(part, dict) and not any(
-            isinstance(cell, list | dict) for cell in part.values()
-        )
-        if is_info:
-            names += part
-        record |= part if is_info else {key: part}
-    return record if len({*names}) == len(names) else value
+        if not isinstance(part, dict) or any(isinstance(cell, _NESTED) for cell in part.values()):
+            part = {key: part}
+        n_names += len(part)
+        record |= part
+    return record if len(record) == n_names else value
 
 
 def _json_records(
@@ -492,7 +492,7 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     A single value stands in every row.
     """
     records = list(_json_records(source, _with_info(matlab_values(source, data)), {}))
-    no_columns = [name for name, value in records[0].items() if isinstance(value, list | dict)]
+    no_columns = [name for name, value in records[0].items() if isinstance(value, _NESTED)]
     if len(records) == 1 and (no_columns or not records[0]):
         finding = join_names(map(display_name, no_columns)) or "nothing"
         raise InputError(
