@@ -136,7 +136,7 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
 
 def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     """A remedy for each part of the names of files and folders by which they differ."""
-    by_subjects = {}
+    by_subjects = dict[tuple[str, ...], Remedy]()
     for pattern in _SUBJECT_PLACES:
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len({*subjects}) > 1:
