@@ -123,13 +123,13 @@ class InputError(BayesToeError, ValueError):
             numbered.append(remedy if remedy.question >= 0 else remedy._replace(question=last))
         self.remedies = tuple(numbered)
         use = []
-        for chosen, meaning in self.choices:
-            use.append(f"use {python_options(chosen)} {meaning}".rstrip())
+        for chosen, meanings in self.choices:
+            use.append(f"use {python_options(chosen)} {', '.join(meanings)}".rstrip())
         super().__init__("\n".join([*self.problems, *use]))
 
     @property
-    def choices(self) -> list[tuple[list[Remedy], str]]:
-        """Remedies that are typed together, and when they are right.
+    def choices(self) -> list[tuple[list[Remedy], list[str]]]:
+        """Remedies that are typed together, and when each of them is right.
 
         The first choice answers every question by its first remedy. Each other remedy is a choice
         with the first answers to all questions that do not follow from the answer it replaces.
@@ -151,8 +151,13 @@ class InputError(BayesToeError, ValueError):
             if remedy is not first_of[remedy.question]:
                 answers = {**first_of, remedy.question: remedy}.values()
                 typed_together = [other for other in answers if other.step <= remedy.step]
-                choices.append((typed_together, remedy.meaning))
-        meanings = ", ".join(remedy.meaning for remedy in chosen if remedy.meaning)
+                choices.append((typed_together, [remedy.meaning]))
+        options = [f"--{remedy.option} " for remedy in chosen]
+        meanings = []
+        for remedy in chosen:
+            # What to add is no news where it is added.
+            if remedy.meaning and not any(option in remedy.meaning for option in options):
+                meanings.append(remedy.meaning)
         return [(chosen, meanings), *choices] if chosen else []
 
     def __reduce__(self) -> tuple[Any, ...]:

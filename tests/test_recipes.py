@@ -107,7 +107,7 @@ RECIPES = {
         {f"bids/sub-{name}/beh/sub-{name}_task-same_events.tsv": EVENTS for name in ("01", "02")},
         [
             "2 subjects, 2 trials",
-            "2 files, such as sub-01_task-same_events.tsv: 1 trial without a response dropped",
+            "2 trials without a response dropped: 01 1, 02 1",
         ],
     ),
     "MATLAB": ({}, ["2 subjects, 8 trials", "MATLAB"]),

@@ -316,13 +316,13 @@ def print_error(error: BayesToeError, command: str) -> None:
     choices = []
     if isinstance(error, InputError):
         problems = "\n".join(error.problems)
-        for chosen, meaning in error.choices:
-            choices.append((" ".join(remedy.typed for remedy in chosen), meaning))
+        for chosen, meanings in error.choices:
+            choices.append((" ".join(remedy.typed for remedy in chosen), meanings))
     elif isinstance(error, OutputExistsError):
         problems = error.problem
-        choices = [("--overwrite", "to replace it"), ("-o NAME", "to write elsewhere")]
+        choices = [("--overwrite", ["to replace it"]), ("-o NAME", ["to write elsewhere"])]
     if problems == NO_FILE:
-        choices = [(f"bayes-toe {command} {study}", "") for study in ("STUDY.csv", "--example")]
+        choices = [(f"bayes-toe {command} {study}", []) for study in ("STUDY.csv", "--example")]
 
     stored = describe_stored()
     if stored:
@@ -332,8 +332,11 @@ def print_error(error: BayesToeError, command: str) -> None:
         print_labelled("error:", visible(problem))
     width = min(max((len(typed) for typed, _ in choices), default=0), 40)
     label = "type:"
-    for typed, meaning in choices:
-        print_labelled(label, visible(f"{typed:<{width}}  {meaning}".rstrip()))
+    for typed, meanings in choices:
+        beside, *below = meanings if len(meanings) == 1 else ["", *meanings]
+        print_labelled(label, visible(f"{typed:<{width}}  {beside}".rstrip()))
+        for meaning in below:
+            print_labelled("", visible(f"    {meaning}"))
         label = ""
 
 

@@ -399,12 +399,8 @@ def _role_problems(names: Texts, roles_read: Texts, options: ReadOptions) -> Ite
             roles = " and as ".join(role for role in roles_read if options.name(role) == name)
             yield f"column {display_name(name)}: found as {roles}, allowed: one meaning per column"
 
-    subject = options.name("subject")
-    if options.subject_from is not None and subject in names:
-        yield (
-            f"column {display_name(subject)}: found together with --subject-from, allowed: one of "
-            "them"
-        )
+    if options.subject_from is not None and "subject" in options.columns:
+        yield "--columns subject: found together with --subject-from, allowed: one of them"
 
 
 def _unit_by_name(names: Texts, options: ReadOptions) -> tuple[str, str]:

@@ -76,9 +76,9 @@ class ReadOptions:
         Columns of the file to the exact text that a row must have there to be read, for files in
         which not every row is a trial.
     subject_from : str, optional
-        For files without a column of subjects: how they are named, with {} where the subject stands
-        and * for any other text, such as "sub-{}_*.tsv"; with / the last folders are looked at,
-        too.
+        How files are named that tell their subject, with {} where the subject stands and * for any
+        other text, such as "sub-{}_*.tsv"; with / the last folders are looked at, too. A column of
+        subjects is then ignored.
     condition : str, optional
         The column of a condition that differs within subjects; by default one that is called
         condition, where there is one.

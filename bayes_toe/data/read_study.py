@@ -423,7 +423,9 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
                 f"{table.source}: found no subject in its name, allowed: a file named as "
                 f"--subject-from {options.subject_from}"
             )
-        columns["subject"] = Column("subject", [subject], np.zeros(len(table.rows), np.int64))
+        columns["subject"] = Column(
+            "name of the file", [subject], np.zeros(len(table.rows), np.int64)
+        )
     else:
         columns["subject"] = bare_names(table, columns["subject"])
     if "condition" in columns:
@@ -599,6 +601,11 @@ def _trial_study(rows: _Rows) -> Study:
     form = "trial" if are_trials(rows.columns) else "frequency"
     notes = rows.layout(form, answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable
+    is_no_trial = unanswered & np.logical_and(*map(empty, rows.key_columns))
+    if is_no_trial.any():
+        blank = plural(is_no_trial.sum(), "row")
+        notes.append(f"{blank} without stimuli and response left out")
+    unanswered &= ~is_no_trial
     causes = missed_texts + missed_signs
     notes += _dropped_note(rows, unanswered, "without a response", causes)
     equal_stimuli = "with equal stimuli, of which no answer is right,"

@@ -60,6 +60,8 @@ _NOT_COMPUTED = (
 _ERROR = rb'\1 t="e"><v>a formula without a value</v></c>'
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm")
 _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
+#: Parts of a record that are no single values.
+_NESTED = (list, dict)
 #: Suffixes of tables. A file that is named and has another suffix is read as a text.
 TABLE_SUFFIXES = (
     *_TEXT_SUFFIXES,
@@ -384,7 +386,7 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
     text, label = decoded(source, data, encoding)
     records = []
     n_fields = 0
-    for record in _json_records(source, _parse_json(source, text), {}):
+    for record in _json_records(source, _with_info(_parse_json(source, text)), {}):
         n_fields += len(record)
         require_size(source, len(record), n_fields)
         records.append(record)
@@ -434,6 +436,24 @@ def _parse_json(source: str, text: str) -> object:
         ) from None
 
 
+def _with_info(value: Any) -> Any:
+    """A record with the single values of its parts, as of `info` beside `trials`.
+
+    It stays as it is where a name would be there twice.
+    """
+    if not isinstance(value, dict):
+        return value
+    record = dict[str, Any]()
+    n_names = 0
+    for key, item in value.items():
+        part = _with_info(item)
+        if not isinstance(part, dict) or any(isinstance(cell, _NESTED) for cell in part.values()):
+            part = {key: part}
+        n_names += len(part)
+        record |= part
+    return record if len(record) == n_names else value
+
+
 def _json_records(
     source: str, value: object, shared: dict[str, object]
 ) -> Iterator[dict[str, object]]:
@@ -471,11 +491,14 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
 
     A single value stands in every row.
     """
-    records = list(_json_records(source, matlab_values(source, data), {}))
-    no_columns = [name for name, value in records[0].items() if isinstance(value, list)]
+    records = list(_json_records(source, _with_info(matlab_values(source, data)), {}))
+    no_columns = [name for name, value in records[0].items() if isinstance(value, _NESTED)]
     if len(records) == 1 and (no_columns or not records[0]):
         finding = join_names(map(display_name, no_columns)) or "nothing"
-        raise InputError(f"{source}: found {finding}, no columns of one length, allowed: {SAVED}")
+        raise InputError(
+            f"{source}: found {finding}, no columns of one length, allowed: {SAVED}; or, in "
+            "Python, a pandas data frame that has the columns"
+        )
     return _table_of_records(source, "MATLAB", "variables", records, choice)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -24,13 +25,30 @@ from bayes_toe.data.messages import (
     MAX_LINES,
     TWICE,
     display_name,
+    format_path,
     join_counts,
+    join_names,
     join_words,
     plural,
 )
+from bayes_toe.data.options import subject_in
 from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.study import Study, Subject, pooled
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, Remedy
+
+#: Where the tables of a folder are: those of BIDS, else those in it, else those in subfolders.
+_IN_FOLDER = ("sub-*/**/*_events.tsv", "*", "*/*", "*/*/*")
+#: Where the name of a file or of its folder may have the subject.
+_SUBJECT_PLACES = ("{}.*", "{}_*", "{}/*", "{}/*/*")
+#: The counts of rows, trials and responses in a note.
+_COUNT = re.compile(
+    r"^[\d,]+(?= (?:repeated )?(?:row|trial|subject))"
+    r"|(?<= )[\d,]+(?=(?: of [\d,]+)? trials answered| '(?:first|equal|second)')"
+    r"|(?<=(?:econd|first|equal|erent|cond'|irst'|qual'|rent') \()[\d,]+(?=\)(?: /|$))"
+)
+#: A note that begins with one row, trial or subject; one with names at its end.
+_SINGULAR = re.compile(r"^(1 (?:repeated )?(?:row|trial|subject))\b")
+_NAMES = re.compile(r"^(\d.*: )([^:;]*)$")
 
 
 def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
@@ -48,25 +66,30 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
         if not isinstance(path, StrPath) or not os.path.isdir(path):
             files.append(path)
             continue
-        tables = sorted(Path(path).glob("sub-*/**/*_events.tsv"))  # BIDS
-        if not tables:
-            tables = sorted(filter(_is_table, Path(path).glob("*")))
+        for pattern in _IN_FOLDER:
+            found = [file.relative_to(path) for file in Path(path).glob(pattern)]
+            tables = sorted(filter(_is_table, found))
+            if tables:
+                break
         counts = Counter(file.suffix.lower() for file in tables)
         finding = join_words([plural(n, f"{suffix} file") for suffix, n in counts.items()])
         if len(counts) != 1:
             commonest = max(counts, key=counts.__getitem__, default=".csv")
+            example = f"{shlex.quote(format_path(Path(path)))}/{pattern if tables else '*'}"
             raise InputError(
                 f"{display_name(str(path))}: found {finding or 'no table'}, allowed: tables of one "
-                f"suffix, such as {display_name(f'{path}/*{commonest}')}"
+                f"suffix, such as {example}{commonest}"
             )
-        files += tables
-        notes.append(f"folder {display_name(str(path))}: {finding} read")
+        files += [Path(path, file) for file in tables]
+        place = " in subfolders" if "/" in pattern else ""
+        notes.append(f"folder {display_name(str(path))}: {finding}{place} read")
     return files, notes
 
 
 def _is_table(file: Path) -> bool:
-    """Whether a file of a folder may be a table, and not the mark of an open one: ~$a.xlsx."""
-    return file.suffix.lower() in TABLE_SUFFIXES and not file.name.startswith((".", "~$"))
+    """Whether a file of a folder may be a table: not hidden, and not the mark ~$a.xlsx of one."""
+    is_hidden = any(part.startswith((".", "~$")) for part in file.parts)
+    return file.suffix.lower() in TABLE_SUFFIXES and not is_hidden
 
 
 # --- A study in several files ---------------------------------------------------------------------
@@ -95,14 +118,31 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
         except InputError as error:
             problems = [folder + problem for problem in error.problems]
             faulty.append(InputError(problems, error.remedies))
-    if len(faulty) == 1:
-        raise faulty[0]
     if faulty:
-        problems = [*_lines_once(chain.from_iterable(error.problems for error in faulty))]
-        if len(problems) > MAX_LINES:
+        remedies = list[Remedy]()
+        for remedy in faulty[0].remedies:
+            is_name = remedy.option == "subject_from"
+            remedies += (is_name and _subject_remedies(paths, remedy)) or [remedy]
+        problems = []
+        lines = chain.from_iterable(error.problems for error in faulty)
+        for alike in _alike(line.partition(": ")[::2] for line in lines):
+            several = f"{len(alike)} files, such as " if len(alike) > 1 else ""
+            problems.append(several + ": ".join(filter(None, alike[0])))
+        if len(faulty) > 1 and len(problems) > MAX_LINES:
             problems[MAX_LINES:] = ["... and more problems"]
-        raise InputError(problems, faulty[0].remedies)
+        raise InputError(problems, remedies)
     return studies
+
+
+def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
+    """A remedy for each part of the names of files and folders by which they differ."""
+    by_subjects = dict[tuple[str, ...], Remedy]()
+    for pattern in _SUBJECT_PLACES:
+        subjects = tuple(subject_in(path, pattern) or "" for path in paths)
+        if all(subjects) and len({*subjects}) > 1:
+            meaning = f"if the subjects are {join_names(dict.fromkeys(subjects), 3)}"
+            by_subjects.setdefault(subjects, remedy._replace(value=pattern, meaning=meaning))
+    return [*by_subjects.values()]
 
 
 def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
@@ -116,23 +156,18 @@ def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
     return f"{folder.relative_to(os.path.commonpath(folders)).as_posix()}/"
 
 
-def _lines_once(lines: Iterable[str]) -> Iterator[str]:
-    """The first of lines `FILE: TEXT` of several files that differ in numbers or in order only.
+def _alike(lines: Iterable[tuple[Any, str]]) -> list[list[tuple[Any, str]]]:
+    """Lines of several files in groups: those of a group differ in numbers or in order only.
 
-    It says how many files there are of the kind.
+    Lines of one file stay apart.
     """
-    n_of_kind = Counter[tuple[str, str]]()
-    alike = defaultdict[tuple[str, int], list[str]](list)
-    for line in lines:
-        file, _, text = line.partition(": ")
-        kind = "".join(sorted(re.sub(r"[\d,]", "", text)))
-        n_of_kind[file, kind] += 1  # lines of one file stay apart
-        alike[kind, n_of_kind[file, kind]].append(line)
-    for similar_lines in alike.values():
-        if len(similar_lines) == 1:
-            yield similar_lines[0]
-        else:
-            yield f"{len(similar_lines)} files, such as {similar_lines[0]}"
+    n_of_kind = Counter[tuple[Any, str]]()
+    alike = defaultdict[tuple[str, int], list[tuple[Any, str]]](list)
+    for file, text in lines:
+        kind = "".join(sorted(re.sub(r"[\d,]", "", _without_names(text))))
+        n_of_kind[file, kind] += 1
+        alike[kind, n_of_kind[file, kind]].append((file, text))
+    return [*alike.values()]
 
 
 def together(studies: Sequence[Study]) -> Study:
@@ -165,6 +200,12 @@ def together(studies: Sequence[Study]) -> Study:
     if n_files:
         subjects_in_words = plural(len(n_files), "subject")
         notes.append(f"{subjects_in_words} in several files, put together: {join_counts(n_files)}")
+    if len({study.source for study in studies if len(subjects) == 1}) > 1:
+        place = "/*" * first.source.count("/") or ".*"
+        doubts.append(
+            f"all {len(studies)} files are of one subject, {display_name(subjects[0].name)}. If "
+            f"they are of several, --subject-from '{{}}{place}' tells them from each other"
+        )
     reading = replace(reading, doubts=tuple(doubts))
     source = f"{len(studies)} files, {first.source} to {studies[-1].source}"
     is_synthetic = all(study.synthetic for study in studies)
@@ -181,14 +222,36 @@ def reading_of_all(studies: Sequence[Study]) -> Reading:
 
 
 def common_notes(studies: Sequence[Study]) -> list[str]:
-    """The notes that all files share, then those of some files, each kind of them once."""
-    common = [*studies[0].notes]
-    for study in studies:
-        common = list(filter(study.notes.__contains__, common))
-    own_notes = []
-    for study in studies:
-        own_notes += [f"{study.source}: {note}" for note in study.notes if note not in common]
-    return [*common, *_lines_once(own_notes)]
+    """The notes of all files, each kind of them once: how the files are written comes first.
+
+    Counts are those of all files.
+    """
+    lines = list[tuple[int, str]]()
+    for i, study in enumerate(studies):
+        lines += [(i, note) for note in study.notes]
+    notes = []
+    for alike in _alike(lines):
+        n_files = len(alike)
+        i, note = alike[0]
+        texts = [_without_names(text) for _, text in alike]
+        if n_files == 1:
+            note = f"{studies[i].source}: {note}"
+        elif len({_COUNT.sub("", text) for text in texts}) > 1:
+            note = f"{n_files} files, such as {studies[i].source}: {note}"
+        else:
+            counts = [_COUNT.findall(text.replace(",", "")) for text in texts]
+            totals = iter(np.array(counts, np.int64).sum(axis=0).tolist())
+            note = _COUNT.sub(lambda _: f"{next(totals):,}", texts[0])  # noqa: B023
+            note += join_names(names[2] for _, text in alike if (names := _NAMES.match(text)))
+            if n_files < len(studies):
+                note = f"{n_files} of {len(studies)} files: {note}"
+        notes.append(note)
+    return notes
+
+
+def _without_names(note: str) -> str:
+    """A note without the names at its end, in the plural if it begins with a count."""
+    return _NAMES.sub(r"\1", _SINGULAR.sub(r"\1s", note))
 
 
 def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:

@@ -188,10 +188,13 @@ def test_what_was_detected_and_merged_is_noted(data, options, notes):
 def test_rows_without_a_response_are_dropped_and_counted(text):
     study = read(f"{TRIALS}a,0,0,equal\na,,x,{text}\nb,0,0,{text}\n,,,{text}\na,0,0,{text}\n")
     assert content(study) == EQUAL
-    dropped = "3 trials without a response dropped: a 2, b 1"
-    if text.strip():  # without any text, the row without a subject is blank
-        dropped = "4 trials without a response dropped: a 2, b 1, (no subject) 1"
-    assert study.notes[1:] == (dropped, "1 subject without any response left out: b")
+    notes = (
+        "1 row without stimuli and response left out",
+        "3 trials without a response dropped: a 2, b 1",
+        "1 subject without any response left out: b",
+    )
+    # Without any text, the reader of the file leaves out the blank row.
+    assert study.notes[1:] == notes[not text.strip() :]
 
 
 def test_subject_names_stay_as_they_are():

@@ -162,6 +162,8 @@ GERMAN = pd.DataFrame(
 GERMAN_PAIR = {"s1": "Reiz 1", "s2": "Reiz 2"}
 WEIGHTS = {"intensity": 1000.0, "columns": {"i1": "w1", "i2": "w2"}}
 LISTS = IN_LOGS.to_dict(orient="list")
+P03 = IN_LOGS[:40]
+NESTED = {"info": {"subject": "P03"}, "trials": P03[["s1", "s2", "response"]].to_dict("list")}
 RECORDS = json.loads(IN_LOGS.to_json(orient="records"))
 BY_PERSON = [
     {"subject": name, "trials": json.loads(part.to_json(orient="records"))}
@@ -293,6 +295,8 @@ READ = {
     ),
     "vectors.mat": (matlab(LISTS), {}),
     "struct.mat": (matlab({"data": LISTS}), {}),
+    "nested.mat": (matlab({"data": NESTED}), {}, P03),
+    "nested.json": (json.dumps(NESTED).encode(), {}, P03),
     "vectors_73.mat": (matlab_73(LISTS), {}),
     "struct_array_73.mat": (matlab_73(LISTS, is_struct=True), {}),
     "counts.csv": (csv(COUNTS), {}),
@@ -540,6 +544,9 @@ REFUSED = {
     "matrix.mat": (
         matlab({"data": TRIALS[["s1", "s2"]].to_numpy()}), ["found data, no columns of one length"],
     ),
+    "several_structs.mat": (
+        matlab({"a": LISTS, "b": LISTS}), ["found a, b, no columns of one length", "data frame"],
+    ),
     "two_tasks.csv": (
         csv(with_rows(IN_LOGS, [["P03", 0, 0, "different"]])), ["words of two tasks"],
     ),
@@ -757,7 +764,25 @@ def test_a_changed_table_is_read_as_it_stands_or_refused(tmp_path):
 def write_folder(folder, *names):
     (folder / "data").mkdir()
     for name in names:
+        (folder / "data" / name).parent.mkdir(exist_ok=True)
         (folder / "data" / name).write_bytes(csv(IN_LOGS, sep="\t"))
+
+
+def test_counts_in_notes_are_those_of_all_files(tmp_path):
+    rows = [["P03", "", "", ""], ["P03", 0, 0.3, ""]]
+    table = with_rows(IN_LOGS[:40], rows).assign(part=["main"] * 37 + ["practice"] * 5)
+    for name, part in (("anna", table), ("ben", table[1:])):
+        (tmp_path / f"{name}.csv").write_bytes(csv(part.assign(subject=name)))
+    screen = " ".join(inside("check", "anna.csv", "ben.csv", cwd=tmp_path).stdout.split())
+    study = bt.read_study([tmp_path / "anna.csv", tmp_path / "ben.csv"])
+    assert study.notes[1].startswith("10 rows left out as practice (column part: 'practice')")
+    assert study.notes[2:] == (
+        "anna.csv: 1 row without stimuli and response left out",
+        "2 trials without a response dropped: anna 1, ben 1",
+    )
+    assert f"Read as {study.notes[0]}" in screen
+    counts = map(int, re.findall(r"' \((\d+)\)", study.notes[0]))
+    assert sum(counts) == study["anna"].total_trials + study["ben"].total_trials == 70
 
 
 def test_a_folder_stands_for_its_tables(tmp_path):
@@ -769,9 +794,37 @@ def test_a_folder_stands_for_its_tables(tmp_path):
     assert "this command reads that file and must not replace it" in refused(line, cwd=tmp_path)
 
 
+#: Files, of which none tells its subject or all have subject '1'; what `check` says; subjects.
+SUBJECTS_BY_NAME = """
+    VP1/data.csv VP2/data.csv | --subject-from '{}/*' if the subjects are VP1, VP2 | VP1 VP2
+    A/s1/d.csv B/s2/d.csv | --subject-from '{}/*/*' if the subjects are A, B | A B
+    A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
+    1: A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
+    1: A/d.csv B/d.csv | of one subject, 1. If they are of several, --subject-from '{}/*' | A B
+"""
+
+
+@pytest.mark.parametrize("names, part, subjects", text_table(SUBJECTS_BY_NAME))
+def test_subjects_have_the_names_of_files_or_folders(names, part, subjects, tmp_path):
+    table = IN_LOGS.drop(columns="subject")
+    subject, _, files = names.rpartition(": ")
+    if subject:
+        table["subject"] = subject
+    for name in files.split():
+        path = tmp_path / "data" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(csv(table))
+    result = inside("check", "data", cwd=tmp_path)
+    assert part in " ".join((result.stdout + result.stderr).split())
+    pattern = re.search(r"'(\{\}.*)'", part)[1]
+    study = bt.read_study(tmp_path / "data", bt.ReadOptions(subject_from=pattern))
+    assert study.names == tuple(subjects.split())
+
+
 @pytest.mark.parametrize(
     "names, problem",
     [
+        (["A/a.csv", "B/b.tsv"], "allowed: tables of one suffix, such as data/*/*.csv"),
         ([], "data: found no table, allowed: tables of one suffix, such as data/*.csv"),
         (["a.csv", "b.tsv", "c.tsv"], "data: found 1 .csv file and 2 .tsv files, allowed: "
          "tables of one suffix, such as data/*.tsv"),
