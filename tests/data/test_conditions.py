@@ -253,7 +253,7 @@ def test_tasks_are_conditions_by_files_of_one_task_each():
         (CODES, {}, "found '0' (2), '1' (3) of the tasks 'same/different' and '2afc'"),
         (CODES, {"condition": "task", "second_code": "1"}, "use ReadOptions(equal_code='1')"),
         (CODES, {"condition": "hand", "second_code": "1", "equal_code": "1"}, "different texts"),
-        (TASKS.replace("same/different", "2afc"), {"condition": "task"}, "words of two tasks"),
+        (TASKS.replace("same/different", "2afc"), {}, "row 2, column response: found 'different'"),
         (ROWS, {"condition": "task"}, "found the task 'same/different' alone"),
     ],
 )
