@@ -84,7 +84,7 @@ def responses(
     """
     difference = keys[1] - keys[0]
     has_scores = options.correct is not None
-    task_told = options.task or _only_task(column, table.columns.get("task"))
+    task_told = _task_told(column, table.columns.get("task"), options)
     task = task_told or task_with(_words_by_answer(column)) or SAME_DIFFERENT
     names, words = task.answers, tuple(_WORDS[answer] for answer in task.answers)
     if has_scores:
@@ -143,15 +143,15 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
             )
 
 
-def _only_task(column: Column, task_column: Column | None) -> Task | None:
-    """The one task that a column names in all rows, if a word of the responses is of it."""
-    tasks_by_text = _tasks_in(task_column)
-    tasks = {*tasks_by_text.values()}
-    if task_column is not None and len(tasks) == 1 and len(tasks_by_text) == len(task_column.texts):
-        (task,) = tasks
-        if not _words_by_answer(column).keys().isdisjoint(task.answers):
-            return task
-    return None
+def _task_told(column: Column, task_column: Column | None, options: ReadOptions) -> Task | None:
+    """The task of the options; else the one that all rows name, if a response is a word of it."""
+    if options.task is not None or task_column is None:
+        return options.task
+    tasks = set(map(_tasks_in(task_column).get, task_column.texts))
+    task = tasks.pop() if len(tasks) == 1 else None
+    if task is None or _words_by_answer(column).keys().isdisjoint(task.answers):
+        return None
+    return task
 
 
 def _words_by_answer(column: Column) -> dict[str, str]:

@@ -9,7 +9,7 @@ of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import compress, filterfalse, product
@@ -132,32 +132,29 @@ def studies_by_task(
             replace(options, condition=None)  # refuses codes of two tasks
         return [read(options)]
     except InputError as error:
-        names = [options.condition] if options.condition else names_like(table.names, "task")
-        for groups in filter(None, map(table.columns.get, names)):
-            try:
-                studies = _studies_by_group(groups, options, read)
-            except InputError:  # of a group that names its task
-                if options.condition:
-                    raise
-                continue
-            if len({study.task for study in studies.values()}) > 1:
-                if options.condition:
-                    return [*studies.values()]
-                raise InputError(error.problems, task_remedies(studies, groups.name)) from None
-        raise
+        if options.condition is None:
+            remedies = _task_remedies(table, options, read) or error.remedies
+            raise InputError(error.problems, remedies) from None
+        studies = {} if column is None else _studies_by_group(column, options, read)
+        if not studies:
+            raise
+        return [*studies.values()]
 
 
 def _studies_by_group(
     column: Column, options: ReadOptions, read: Callable[[ReadOptions], Study]
 ) -> dict[str, Study]:
-    """The studies of the rows with each text in a column that names a task, or answers tell one."""
+    """The studies of the rows with each text in a column that names a task, or answers tell one.
+
+    There is none if the studies are of one task.
+    """
     studies = {}
     texts = column.texts[:_MOST_GROUPS]
     for text in filterfalse(practice_texts(column.name, texts).__contains__, texts):
         rows = {column.name: text}
-        task = task_named(text)
-        if task is not None:
-            studies[text] = read(options.of_task(task, rows))
+        named_task = task_named(text)
+        if named_task is not None:
+            studies[text] = read(options.of_task(named_task, rows))
             continue
         by_task = {}
         for task in (SAME_DIFFERENT, WHICH_STRONGER):
@@ -166,16 +163,23 @@ def _studies_by_group(
                 by_task[study.task] = study
         if len(by_task) == 1:
             (studies[text],) = by_task.values()
-    return studies
+    return studies if len({study.task for study in studies.values()}) > 1 else {}
 
 
-def task_remedies(studies: Mapping[str, Study], name: str) -> list[Remedy]:
-    """What chooses one of several tasks, by the texts of a column, and what compares them."""
-    remedies = []
-    for text, study in studies.items():
-        meaning = f"for the task {study.task.name!r}"
-        remedies.append(Remedy("where", ((name, text),), meaning))
-    return [*remedies, Remedy("condition", name, "if check or contrast reads all tasks")]
+def _task_remedies(
+    table: TextTable, options: ReadOptions, read: Callable[[ReadOptions], Study]
+) -> list[Remedy]:
+    """What chooses one of several tasks, and what compares them; empty where no column does."""
+    for column in filter(None, map(table.columns.get, names_like(table.names, "task"))):
+        remedies = []
+        with suppress(InputError):
+            for text, study in _studies_by_group(column, options, read).items():
+                meaning = f"for the task {study.task.name!r}"
+                remedies.append(Remedy("where", ((column.name, text),), meaning))
+        if remedies:
+            meaning = "for contrast, which compares the tasks"
+            return [*remedies, Remedy("condition", column.name, meaning)]
+    return []
 
 
 def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:

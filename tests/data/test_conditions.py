@@ -11,6 +11,7 @@ from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.study import common_scales
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.errors import option_values
 
 ROWS = """\
 subject,s1,s2,response,condition,isi
@@ -244,6 +245,32 @@ def test_tasks_are_conditions_by_files_of_one_task_each():
     frame = pd.read_csv(StringIO(TASKS))
     files = [rows.drop(columns="task") for _, rows in frame.groupby("task")]
     assert bt.read_study(files, bt.ReadOptions(condition="task")).names == UNITS
+
+
+#: Groups with names that tell no task: answers do, or the counts that are there.
+GROUPS = TASKS.replace("same/different", "B").replace("2afc", "A")
+COUNTS_OF_GROUPS = """\
+subject,s1,s2,n_second,n_equal,n_trials,task
+a,0.0,0.3,7,,9,A
+a,0.3,0.0,,4,9,B
+b,0.0,0.3,2,,9,A
+"""
+
+
+@pytest.mark.parametrize("text", [GROUPS, COUNTS_OF_GROUPS])
+def test_answers_tell_the_task_of_each_group(read, text):
+    assert read(text, condition="task").names == UNITS
+    with pytest.raises(bt.InputError) as caught:
+        read(text)
+    names = [read(text, **option_values(chosen)).names for chosen, _ in caught.value.choices]
+    assert sorted(names) == [("a",), ("a", "b"), UNITS]
+    assert read(text, condition="task", where={"task": "B"}).names == ("a",)
+
+
+def test_a_word_of_another_task_is_named_with_its_row(read):
+    stray = TASKS.replace("0.3,second", "0.3,equal", 1).replace(",task", ",experiment")
+    with pytest.raises(bt.InputError, match="row 4, column response: found 'equal', allowed: sec"):
+        read(stray, condition="experiment")
 
 
 @pytest.mark.parametrize(
