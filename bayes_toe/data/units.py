@@ -163,7 +163,14 @@ def _studies_by_group(
                 by_task[study.task] = study
         if len(by_task) == 1:
             (studies[text],) = by_task.values()
-    return studies if len({study.task for study in studies.values()}) > 1 else {}
+    if len({study.task for study in studies.values()}) < 2:
+        return {}
+    left_out = [quoted(text) for text in column.texts if text not in studies]
+    if left_out:
+        note = f"{column}: rows with {join_names(left_out)} left out, which tell no task"
+        text, study = studies.popitem()
+        studies[text] = replace(study, notes=(*study.notes, note))
+    return studies
 
 
 def _task_remedies(

@@ -237,7 +237,8 @@ def test_tasks_are_conditions_by_a_column(read):
 
 def test_the_column_of_tasks_may_have_another_name(read):
     renamed = TASKS.replace(",task", ",question")
-    study = read(renamed, condition="question", reference="same/different")
+    study = read(renamed + "b,0,1,7,rating\n", condition="question", reference="same/different")
+    assert "study.csv: column question: rows with 'rating' left out" in str(study.notes)
     assert study.conditions == Conditions("question", ("same/different", "2AFC"))
 
 
