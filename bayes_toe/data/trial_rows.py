@@ -60,7 +60,7 @@ def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> Tex
 
 def without_other_columns(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadOptions]:
     """The table and the options without columns that are empty in all rows that are chosen."""
-    if not options.where or not table.columns.keys() >= options.where.keys():
+    if not (len(table.rows) and options.where and table.columns.keys() >= options.where.keys()):
         return table, options
     chosen = _chosen_rows(table, options)
     empty = [name for name, column in chosen.columns.items() if column.texts == [""]]
