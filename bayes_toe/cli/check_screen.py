@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import chain
 
 import bayes_toe as bt
@@ -28,6 +29,22 @@ FindingsBySubject = Mapping[str, list[Finding]]
 
 def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool) -> None:
     """Everything that `check` prints."""
+    findings = list[Finding]()
+    for part in study.by_task:
+        if part.task != study.task:
+            out.line()
+            part = replace(part, notes=())
+        findings += _print_task(out, part, prior, shows_prior=shows_prior)
+    lines, commands = answer_of_check(study, findings, _by_subject(findings))
+    out.answer(lines)
+    for command in commands:
+        out.lines(command_lines(command, "  "))
+
+
+def _print_task(
+    out: Terminal, study: Study, prior: Prior, *, shows_prior: bool
+) -> tuple[Finding, ...]:
+    """What `check` prints of one task; its findings."""
     findings = bt.check(study, prior)
     by_subject = _by_subject(findings)
     out.line(describe_study(study))
@@ -44,11 +61,7 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool)
     notes = [finding.message for finding in of_study if finding.code in NOTES]
     texts = [f"{capitalized(note.rstrip('.'))}." for note in (*study.notes[1:], *notes)]
     out.notes((("", text, "") for text in texts), "-")
-
-    lines, commands = answer_of_check(study, findings, by_subject)
-    out.answer(lines)
-    for command in commands:
-        out.lines(command_lines(command, "  "))
+    return findings
 
 
 def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) -> None:
@@ -89,7 +102,7 @@ def answer_of_check(
     options = []
     for of_subject in by_subject.values():
         options += [finding.option for finding in of_subject if finding.option][:1]
-    run = typed_command("run")
+    run = typed_command("run" if len(study.by_task) == 1 else "contrast")
     if not options:
         decision = "No subject needs a decision. Type:"
         if by_subject:

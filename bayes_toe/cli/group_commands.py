@@ -108,7 +108,8 @@ def contrast(
 
     figure_file = picture_beside(output)
     keep = context.prepare(output, figure_file)
-    read, prior = context.read_and_describe(study)
+    read, prior = context.read(study, several_tasks=True)
+    context.introduce(read, prior)
     n_subjects = len({subject.subject_name for subject in read})
     answers_file = output.with_name(f"{output.stem}_one_observer{output.suffix}")
     has_tasks = len(read.by_task) > 1

@@ -81,12 +81,15 @@ class RunContext:
 
     # --- what is read -----------------------------------------------------------------------------
 
-    def read(self, file: StudyFile) -> tuple[Study, Prior]:
+    def read(self, file: StudyFile, *, several_tasks: bool = False) -> tuple[Study, Prior]:
         """The study and the prior; the prior is read first, because it is the shorter file."""
         from bayes_toe.model.prior_file import preset_or_file, prior_for
 
         preset = preset_or_file(self.prior)
         study = file.read()
+        if len(study.by_task) > 1 and not several_tasks:
+            # Without the condition, the refusal has the rows of each task to type.
+            replace(file, reading={**file.reading, "condition": None}).read()
         return study, prior_for(study, preset)
 
     def read_and_describe(self, file: StudyFile) -> tuple[Study, Prior]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
@@ -76,11 +77,12 @@ from bayes_toe.data.trial_rows import (
     taken_out_doubts,
     trial_rows,
     with_row_for_each_trial,
+    without_other_columns,
 )
 from bayes_toe.data.units import (
     follows_from_pairs,
-    options_by_task,
     pooled_conditions,
+    studies_by_task,
     study_of_tasks,
     unit_column,
     with_conditions,
@@ -120,7 +122,7 @@ _TRUE_PARAMETERS = {
 Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 
 #: Columns that tell something of the whole file.
-_MARKS = ("synthetic", "task")
+_MARKS = ("synthetic",)
 
 
 def read_study(
@@ -221,12 +223,14 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
         encoding=options.encoding,
         sheet=options.sheet,
     )
-    studies = []
-    for options_of_part in options_by_task(table, options):
-        rows = _rows(table, path, options_of_part)
+
+    def read_rows(of_rows: ReadOptions) -> Study:
+        unread = replace(table, problems=deepcopy(table.problems))
+        rows = _rows(unread, path, of_rows)
         task = task_counted(rows.columns)
-        studies.append(_trial_study(rows) if task is None else _count_study(rows, task))
-    return studies
+        return _trial_study(rows) if task is None else _count_study(rows, task)
+
+    return studies_by_task(table, options, read_rows)
 
 
 def example_study(task: Task | str = WHICH_STRONGER) -> Study:
@@ -405,6 +409,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     if options.wide is not None:
         table = with_pairs(table, options)
     _require_header(table, options)
+    table, options = without_other_columns(table, options)
     options = with_likely_columns(table.names, options)
     roles_read, problems, remedies = columns_to_read(table.names, options, _order_columns(table))
     table.require(problems, remedies)
@@ -461,8 +466,10 @@ def _order_columns(table: TextTable) -> list[str]:
 def _marks(table: TextTable) -> Columns:
     """The columns that tell something of the whole file."""
     columns = {mark: table.columns[mark] for mark in _MARKS if mark in table.columns}
-    if "task" in columns and not tasks_named(columns["task"].texts):
-        del columns["task"]  # another kind of task, such as the name of a part of the experiment
+    for name in names_like(table.names, "task"):
+        # Another kind of task, such as the name of a part of the experiment, tells nothing.
+        if name in table.columns and tasks_named(table.columns[name].texts):
+            columns["task"] = table.columns[name]
     return columns
 
 
@@ -580,7 +587,8 @@ def _trial_study(rows: _Rows) -> Study:
     column, missed_texts = blank_missed(rows.columns[responses_or_scores], rows.options)
     if rows.options.has_standard and "response" in rows.columns:
         column = rows.order.by_interval(table, column, rows.options)
-    answers = responses(table, column, rows.options, rows.keys, rows.order)
+    with_marks = replace(table, columns={**table.columns, **rows.columns})
+    answers = responses(with_marks, column, rows.options, rows.keys, rows.order)
     answers, missed_signs = without_missed(answers, column, rows.signs, rows.options.missed)
 
     # Rows without an answer, such as instruction screens, may hold anything else.

@@ -102,14 +102,15 @@ def responses(
     """
     difference = keys[1] - keys[0]
     has_scores = options.correct is not None
-    task = options.task or task_with(_words_by_answer(column)) or SAME_DIFFERENT
+    task_told = _task_told(column, table.columns.get("task"), options)
+    task = task_told or task_with(_words_by_answer(column)) or SAME_DIFFERENT
     names, words = task.answers, tuple(_WORDS[answer] for answer in task.answers)
     if has_scores:
         names, words = ("right", "wrong"), _RIGHT_WRONG
     codes = _all_codes(column, options.codes(task))
     answer = column.map(lambda text: _answer(text, codes, words), np.int64)
     problem, remedies = "", list[Remedy]()
-    if options.task is None and options.comparison_code is None:
+    if task_told is None and options.comparison_code is None:
         # What makes an answer likelier, by the option that names its code.
         trends = {"equal_code": -abs(difference), "second_code": difference}
         if options.has_standard:
@@ -156,9 +157,20 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
     for text, other_task in _tasks_in(column).items():
         if other_task != task:
             raise InputError(
-                f"{table.source}: column task: found {quoted(text)}, allowed: {task.name!r}, which "
-                "the answers are of; --where task=TEXT chooses rows"
+                f"{table.source}: {column}: found {quoted(text)}, allowed: {task.name!r}, which "
+                "the answers are of; --where COLUMN=TEXT chooses rows"
             )
+
+
+def _task_told(column: Column, task_column: Column | None, options: ReadOptions) -> Task | None:
+    """The task of the options; else the one that all rows name, if a response is a word of it."""
+    if options.task is not None or task_column is None:
+        return options.task
+    tasks = set(map(_tasks_in(task_column).get, task_column.texts))
+    task = tasks.pop() if len(tasks) == 1 else None
+    if task is None or _words_by_answer(column).keys().isdisjoint(task.answers):
+        return None
+    return task
 
 
 def _words_by_answer(column: Column) -> dict[str, str]:
@@ -305,10 +317,10 @@ def _unknown_meaning(
     words_by_answer = _words_by_answer(column)
     if words_by_answer and task_with(words_by_answer) is None:
         words = join_words(list(map(quoted, words_by_answer.values())))
-        return _two_tasks(f"found {words}, words of two tasks", tasks_by_text)
+        return _two_tasks(f"found {words}, words of two tasks", task_column)
     if not words_by_answer and len({*tasks_by_text.values()}) > 1:
         tasks = join_words(list(map(quoted, tasks_by_text)))
-        return _two_tasks(f"found {join_names(shares, 4)} of the tasks {tasks}", tasks_by_text)
+        return _two_tasks(f"found {join_names(shares, 4)} of the tasks {tasks}", task_column)
     if words_by_answer or not texts:
         return "", []
     problem = f"the codes are {join_names(shares, 4)}. The program does not know what they mean."
@@ -336,15 +348,16 @@ def _count_remedies(column: Column, texts: Texts) -> list[Remedy]:
     return remedies
 
 
-def _two_tasks(finding: str, tasks_by_text: Mapping[str, Task]) -> Question:
+def _two_tasks(finding: str, task_column: Column | None) -> Question:
     """The problem of a column with responses to two tasks, with what chooses one of them."""
     problem = (
         f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
         "contrast compares the tasks that --condition COLUMN names"
     )
     remedies = []
-    for text, task in tasks_by_text.items():
-        remedies.append(Remedy("where", (("task", text),), f"for the task {task.name!r}"))
+    for text, task in _tasks_in(task_column).items():
+        name = "" if task_column is None else task_column.name
+        remedies.append(Remedy("where", ((name, text),), f"for the task {task.name!r}"))
     return problem, remedies
 
 

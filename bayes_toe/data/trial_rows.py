@@ -7,6 +7,8 @@ column of a table of frequencies, and `with_row_for_each_trial` makes trials of 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import filterfalse
 
 import numpy as np
 
@@ -54,6 +56,17 @@ def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> Tex
         if answer in roles_read:
             table = _without_unfilled(table, options, answer)
     return table
+
+
+def without_other_columns(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadOptions]:
+    """The table and the options without columns that are empty in all rows that are chosen."""
+    if not (len(table.rows) and options.where and table.columns.keys() >= options.where.keys()):
+        return table, options
+    chosen = _chosen_rows(table, options)
+    empty = [name for name, column in chosen.columns.items() if column.texts == [""]]
+    columns = {ours: name for ours, name in options.columns.items() if name not in empty}
+    names = [*filterfalse(empty.__contains__, table.names)]
+    return replace(table, names=names), replace(options, columns=columns)
 
 
 def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) -> Column | None:

@@ -9,28 +9,32 @@ of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from itertools import compress, product
+from itertools import compress, filterfalse, product
 
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.data.column_roles import names_like, practice_texts
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words, levels
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.study import Study, Subject, with_shared_scales
 from bayes_toe.data.study_files import common_notes, reading_of_all, together
-from bayes_toe.data.tasks import tasks_named
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, task_named, tasks_named
 from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, Remedy
 
 #: The condition whose levels are tasks.
 TASK = "task"
 #: From so many trials with a repeated pair on, it is no chance that each pair keeps its level.
 _REPEATED = 10
+#: How many texts of a column may be groups of tasks.
+_MOST_GROUPS = 8
 
 
 def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column:
@@ -75,7 +79,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         return study
     has_options = options.reference is not None or options.categorical
     if "condition" not in study.reading.read:
-        if options.condition is not None:
+        if options.condition is not None and options.condition not in options.where:
             raise InputError(
                 f"{study.source}: --condition {options.condition}: found the task "
                 f"{study.task.name!r} alone, allowed: two tasks or more"
@@ -105,29 +109,84 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     return replace(study, subjects=with_shared_scales(units), conditions=conditions, notes=notes)
 
 
-def options_by_task(table: TextTable, options: ReadOptions) -> list[ReadOptions]:
-    """The options with which each task of a table is read, where tasks are the condition.
+def studies_by_task(
+    table: TextTable, options: ReadOptions, read: Callable[[ReadOptions], Study]
+) -> list[Study]:
+    """The study in a table; a study for each task, where tasks are the condition.
 
-    A column has the name of the task of each row. Without a column `task`, `--condition task` means
-    that each file has one task. Otherwise the options stay as they are.
+    A column has the group of each row, and its name or its answers tell the task. Without a column
+    `task`, `--condition task` means that each file has one task.
 
     Raises
     ------
     InputError
         If tasks are not the condition, and the codes of responses are of two tasks.
     """
-    if options.condition is None:
-        return [options]
-    column = table.columns.get(options.condition)
-    if column is None and options.condition == TASK:
-        return [options.without_condition]
+    column = table.columns.get(options.condition or "")
+    if options.condition in options.where or (column is None and options.condition == TASK):
+        return [read(options.without_condition)]
+    if column is not None and len({*tasks_named(column.texts).values()}) > 1:
+        return [*_studies_by_group(column, options, read).values()]
+    try:
+        if options.condition:
+            replace(options, condition=None)  # refuses codes of two tasks
+        return [read(options)]
+    except InputError as error:
+        if options.condition is None:
+            remedies = _task_remedies(table, options, read) or error.remedies
+            raise InputError(error.problems, remedies) from None
+        studies = {} if column is None else _studies_by_group(column, options, read)
+        if not studies:
+            raise
+        return [*studies.values()]
 
-    if column is not None:
-        tasks = tasks_named(column.texts)
-        if len(tasks) == len(column.texts) or len({*tasks.values()}) > 1:
-            return [options.of_task(task, {column.name: text}) for text, task in tasks.items()]
-    replace(options, condition=None)  # refuses codes of two tasks
-    return [options]
+
+def _studies_by_group(
+    column: Column, options: ReadOptions, read: Callable[[ReadOptions], Study]
+) -> dict[str, Study]:
+    """The studies of the rows with each text in a column that names a task, or answers tell one.
+
+    There is none if the studies are of one task.
+    """
+    studies = {}
+    texts = column.texts[:_MOST_GROUPS]
+    for text in filterfalse(practice_texts(column.name, texts).__contains__, texts):
+        rows = {column.name: text}
+        named_task = task_named(text)
+        if named_task is not None:
+            studies[text] = read(options.of_task(named_task, rows))
+            continue
+        by_task = {}
+        for task in (SAME_DIFFERENT, WHICH_STRONGER):
+            with suppress(InputError):
+                study = read(options.of_task(task, rows))
+                by_task[study.task] = study
+        if len(by_task) == 1:
+            (studies[text],) = by_task.values()
+    if len({study.task for study in studies.values()}) < 2:
+        return {}
+    left_out = [quoted(text) for text in column.texts if text not in studies]
+    if left_out:
+        note = f"{column}: rows with {join_names(left_out)} left out, which tell no task"
+        text, study = studies.popitem()
+        studies[text] = replace(study, notes=(*study.notes, note))
+    return studies
+
+
+def _task_remedies(
+    table: TextTable, options: ReadOptions, read: Callable[[ReadOptions], Study]
+) -> list[Remedy]:
+    """What chooses one of several tasks, and what compares them; empty where no column does."""
+    for column in filter(None, map(table.columns.get, names_like(table.names, "task"))):
+        remedies = []
+        with suppress(InputError):
+            for text, study in _studies_by_group(column, options, read).items():
+                meaning = f"for the task {study.task.name!r}"
+                remedies.append(Remedy("where", ((column.name, text),), meaning))
+        if remedies:
+            meaning = "for contrast, which compares the tasks"
+            return [*remedies, Remedy("condition", column.name, meaning)]
+    return []
 
 
 def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good
+from commands import good, refused
 from legible import words_of
 from numpy.random import default_rng
 from populations import made_result, two_conditions
@@ -181,6 +181,8 @@ def test_tasks_agree_but_for_what_differs(tmp_path):
         pairs = {"s1": np.repeat(FIRST, 60), "s2": np.repeat(SECOND, 60)}
         frames.append(pd.DataFrame({"subject": "A", **pairs, "response": response, "task": task}))
     pd.concat(frames).to_csv(tmp_path / "study.csv", index=False)
+    assert "bayes-toe contrast" in good("check study.csv --condition task", cwd=tmp_path)
+    assert "--where task=2afc" in refused("run study.csv --condition task", cwd=tmp_path)
     screen = good("contrast study.csv --condition task --seed 1", cwd=tmp_path)
     assert "same/different - 2AFC" in screen
     assert "This does not test whether one observer fits." in screen

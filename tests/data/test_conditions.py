@@ -11,6 +11,7 @@ from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.study import common_scales
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.errors import option_values
 
 ROWS = """\
 subject,s1,s2,response,condition,isi
@@ -236,7 +237,8 @@ def test_tasks_are_conditions_by_a_column(read):
 
 def test_the_column_of_tasks_may_have_another_name(read):
     renamed = TASKS.replace(",task", ",question")
-    study = read(renamed, condition="question", reference="same/different")
+    study = read(renamed + "b,0,1,7,rating\n", condition="question", reference="same/different")
+    assert "study.csv: column question: rows with 'rating' left out" in str(study.notes)
     assert study.conditions == Conditions("question", ("same/different", "2AFC"))
 
 
@@ -246,6 +248,32 @@ def test_tasks_are_conditions_by_files_of_one_task_each():
     assert bt.read_study(files, bt.ReadOptions(condition="task")).names == UNITS
 
 
+#: Groups with names that tell no task: answers do, or the counts that are there.
+GROUPS = TASKS.replace("same/different", "B").replace("2afc", "A")
+COUNTS_OF_GROUPS = """\
+subject,s1,s2,n_second,n_equal,n_trials,task
+a,0.0,0.3,7,,9,A
+a,0.3,0.0,,4,9,B
+b,0.0,0.3,2,,9,A
+"""
+
+
+@pytest.mark.parametrize("text", [GROUPS, COUNTS_OF_GROUPS])
+def test_answers_tell_the_task_of_each_group(read, text):
+    assert read(text, condition="task").names == UNITS
+    with pytest.raises(bt.InputError) as caught:
+        read(text)
+    names = [read(text, **option_values(chosen)).names for chosen, _ in caught.value.choices]
+    assert sorted(names) == [("a",), ("a", "b"), UNITS]
+    assert read(text, condition="task", where={"task": "B"}).names == ("a",)
+
+
+def test_a_word_of_another_task_is_named_with_its_row(read):
+    stray = TASKS.replace("0.3,second", "0.3,equal", 1).replace(",task", ",experiment")
+    with pytest.raises(bt.InputError, match="row 4, column response: found 'equal', allowed: sec"):
+        read(stray, condition="experiment")
+
+
 @pytest.mark.parametrize(
     "text, options, message",
     [
@@ -253,7 +281,7 @@ def test_tasks_are_conditions_by_files_of_one_task_each():
         (CODES, {}, "found '0' (2), '1' (3) of the tasks 'same/different' and '2afc'"),
         (CODES, {"condition": "task", "second_code": "1"}, "use ReadOptions(equal_code='1')"),
         (CODES, {"condition": "hand", "second_code": "1", "equal_code": "1"}, "different texts"),
-        (TASKS.replace("same/different", "2afc"), {"condition": "task"}, "words of two tasks"),
+        (TASKS.replace("same/different", "2afc"), {}, "row 2, column response: found 'different'"),
         (ROWS, {"condition": "task"}, "found the task 'same/different' alone"),
     ],
 )

@@ -644,9 +644,6 @@ REFUSED_FILES = {
     "subject,s1,s2,response,n_equal\n": (
         f"row 1, column response: found together with n_equal, {ALONE}"
     ),
-    "subject,s1,s2,response,n_equal\n": (
-        f"row 1, column response: found together with n_equal, {ALONE}"
-    ),
     "subject,s1,s2,s1,response\na,0,0,0,equal\n": (
         "row 1, column s1: found 2 columns of this name, allowed: one"
     ),
