@@ -28,8 +28,8 @@ HIGHEST_COMPLEXITY = 15
 #: 1000 nodes 4 comprehensions and 2 conditional expressions, 20 nested comprehensions, no others.
 LIMITS = {
     "bayes_toe": {
-        "files": 139,
-        "nodes": 218_000,
+        "files": 137,
+        "nodes": 218_200,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.62,
@@ -39,8 +39,8 @@ LIMITS = {
         "import circles": 0,
     },
     "tests": {
-        "files": 106,
-        "nodes": 126_600,
+        "files": 104,
+        "nodes": 128_000,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.70,

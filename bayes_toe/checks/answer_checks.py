@@ -149,7 +149,7 @@ def check_answers(study: Study) -> tuple[Finding, ...]:
     require_study(study)
     alternatives = compare_alternatives(study)
     other_task = _other_task(study, alternatives)
-    findings = list[Finding]()
+    findings = []
     for subject in study:
         if subject.name in other_task:
             findings.append(other_task[subject.name])

@@ -340,7 +340,7 @@ def _unknown_meaning(
 
 def _count_remedies(column: Column, texts: Texts) -> list[Remedy]:
     """Options to type if the cells of a wide table are counts or proportions."""
-    remedies = list[Remedy]()
+    remedies = []
     if column.name == CELL and len(texts) > 3 and all(text[0].isdecimal() for text in texts):
         for answer in ("second", "equal"):
             meaning = f"if they count '{answer}' or are its proportions"

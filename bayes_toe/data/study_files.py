@@ -44,7 +44,7 @@ _SUBJECT_PLACES = ("{}.*", "{}_*", "{}/*", "{}/*/*")
 _COUNT = re.compile(
     r"^[\d,]+(?= (?:repeated )?(?:row|trial|subject))"
     r"|(?<= )[\d,]+(?=(?: of [\d,]+)? trials answered| '(?:first|equal|second)')"
-    r"|(?<=(?:econd|first|equal|erent|cond'|irst'|qual'|rent') \()[\d,]+(?=\)(?: /|$))"
+    r"|(?<=\()[\d,]+(?=\)(?: /|$))"
 )
 #: A note that begins with one row, trial or subject; one with names at its end.
 _SINGULAR = re.compile(r"^(1 (?:repeated )?(?:row|trial|subject))\b")
@@ -119,19 +119,25 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
             problems = [folder + problem for problem in error.problems]
             faulty.append(InputError(problems, error.remedies))
     if faulty:
-        remedies = list[Remedy]()
-        for remedy in faulty[0].remedies:
-            is_name = remedy.option == "subject_from"
-            remedies += (is_name and _subject_remedies(paths, remedy)) or [remedy]
-        problems = []
-        lines = chain.from_iterable(error.problems for error in faulty)
-        for alike in _alike(line.partition(": ")[::2] for line in lines):
-            several = f"{len(alike)} files, such as " if len(alike) > 1 else ""
-            problems.append(several + ": ".join(filter(None, alike[0])))
-        if len(faulty) > 1 and len(problems) > MAX_LINES:
-            problems[MAX_LINES:] = ["... and more problems"]
-        raise InputError(problems, remedies)
+        raise _refusal(paths, faulty)
     return studies
+
+
+def _refusal(paths: Sequence[Any], faulty: Sequence[InputError]) -> InputError:
+    """One refusal for several faulty files: problems that are alike are one line."""
+    problems = []
+    lines = chain.from_iterable(error.problems for error in faulty)
+    for alike in _alike(line.partition(": ")[::2] for line in lines):
+        several = f"{len(alike)} files, such as " if len(alike) > 1 else ""
+        problems.append(several + ": ".join(filter(None, alike[0])))
+    if len(faulty) > 1 and len(problems) > MAX_LINES:
+        problems[MAX_LINES:] = ["... and more problems"]
+
+    remedies = list[Remedy]()
+    for remedy in faulty[0].remedies:
+        is_name = remedy.option == "subject_from"
+        remedies += (is_name and _subject_remedies(paths, remedy)) or [remedy]
+    return InputError(problems, remedies)
 
 
 def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
@@ -226,7 +232,7 @@ def common_notes(studies: Sequence[Study]) -> list[str]:
 
     Counts are those of all files.
     """
-    lines = list[tuple[int, str]]()
+    lines = []
     for i, study in enumerate(studies):
         lines += [(i, note) for note in study.notes]
     notes = []

@@ -128,7 +128,7 @@ class OptimalDesign:
             f"{level} {name} ({percent:.0f} %)"
             for level, percent in zip(levels, 100 * share[frequent], strict=True)
         )
-        lines = list[str]()
+        lines = []
         if self.name == OPTIMISED:
             lines.append(
                 f"Most trials have these first stimuli: {firsts}. Only first stimuli far apart "

@@ -497,7 +497,7 @@ def subject_rows(study: Study) -> SubjectRows:
         first_row.append(len(units))
         units += subject_units
         unit_scales += [scales._replace(sbar=_mean_first(subject_units))] * len(subject_units)
-    differences = dict[str, FloatArray]()
+    differences = {}
     if study.conditions is not None:
         levels = [study.conditions.levels.index(unit.condition) for unit in units]
         differences = dict.fromkeys(DIFFERING, study.conditions.design()[levels])

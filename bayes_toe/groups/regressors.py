@@ -105,7 +105,7 @@ def regressors(
     reasons = join_names(f"{quoted(name)} ({reason})" for name, reason in incomplete.items())
     complete = tuple(name for name in subjects if name not in incomplete)
     _require_subjects(complete, len(covariates), reasons)
-    columns = list[Regressor]()
+    columns = []
     parts = [np.empty((len(complete), 0))]
     for name, by_subject in covariates.items():
         values = [by_subject[subject] for subject in complete]

@@ -185,7 +185,7 @@ def evidences_of(
         generators += [generator(seed, subject.name, "order evidence")] * _N_MODELS
     _, draws = fitted_draws(array, mixtures, generators, families, precision)
 
-    results = list[OrderEvidence | NumericalError]()
+    results = []
     for i, subject in enumerate(subjects):
         models = slice(_N_MODELS * i, _N_MODELS * (i + 1))
         evidence = OrderEvidence.from_draws(

@@ -222,7 +222,7 @@ def summary_rows(
     by_name |= convergence_of(missing)
 
     errors = errors_of(values)
-    rows = list[SummaryRow]()
+    rows = []
     for name, draws in values.items():
         moments = draws.mean(), draws.std(ddof=1)
         quantiles = np.quantile(draws, list(QUANTILES.values())).tolist()

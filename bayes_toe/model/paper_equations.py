@@ -24,8 +24,6 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.errors import NumericalError
 
 LN2 = float(np.log(2.0))
-#: Largest contraction towards the prior mean that gamma < 1 allows: 1 - 1/(golden ratio).
-MAX_PULL = (3.0 - 5.0**0.5) / 2.0
 #: The four natural parameters.
 NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
 

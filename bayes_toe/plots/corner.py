@@ -215,7 +215,7 @@ def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -
 
 def shown_unit(unit: StimulusUnit, columns: Iterable[NamedArrays]) -> StimulusUnit:
     """The unit in which axes show draws of quantities, in natural logs."""
-    ends = list[float]()
+    ends = []
     for quantities_of_subject in columns:
         for name, values in quantities_of_subject.items():
             if _is_difference(name, unit):

@@ -23,11 +23,14 @@ from scipy.special import erfinv, log_ndtr, ndtr, ndtri
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
-from bayes_toe.model.paper_equations import MAX_PULL, Natural
+from bayes_toe.model.paper_equations import Natural
 
 #: Standard deviation of mu1, whose mean is 0, and scale of sigma_p.
 MU1_SD, SIGMA_P_SCALE = 10.0, 1.0
 _LN2 = float(np.log(2.0))
+
+#: Largest contraction towards the prior mean that gamma < 1 allows: 1 - 1/(golden ratio).
+MAX_PULL = (3.0 - 5.0**0.5) / 2.0
 
 
 class Counts(NamedTuple):
