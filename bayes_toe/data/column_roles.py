@@ -295,6 +295,8 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     counts = _likely(names, options, _ALL_COUNTS)
     response = _likely(names, options, ("response",))
 
+    if "n_trials" in present and len(present) == 2:
+        return {}  # the file has what it counts
     answer_roles = present | counts.keys()
     # 'first' and 'second' may also be the stimuli.
     has_stimuli = {*map(options.name, options.stimuli)} <= {*names}

@@ -76,7 +76,7 @@ class ReadOptions:
         Columns of the file to the exact text that a row must have there to be read, for files in
         which not every row is a trial.
     subject_from : str, optional
-        How files are named that tell their subject, with {} where the subject stands and * for any
+        The pattern of file names with the subject, with {} where the subject stands and * for any
         other text, such as "sub-{}_*.tsv"; with / the last folders are looked at, too. A column of
         subjects is then ignored.
     condition : str, optional

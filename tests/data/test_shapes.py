@@ -509,7 +509,7 @@ REFUSED = {
     ),
     "wide_counts_alone.csv": (
         WIDE_COUNTS.replace(",n", "").replace(",40", "").encode(),
-        ["--columns n_second=cell --columns n_trials=NAME  if"],
+        ["--columns n_second=cell --columns n_trials=NAME", "if they count 'second'"],
         {"wide": "{first}_{second}", "unit": "g"},
     ),
     "proportions_by_another_name.csv": (
