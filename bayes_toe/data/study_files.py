@@ -24,6 +24,7 @@ from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import (
     MAX_LINES,
     TWICE,
+    Texts,
     display_name,
     format_path,
     join_counts,
@@ -245,14 +246,19 @@ def common_notes(studies: Sequence[Study]) -> list[str]:
         elif len({_COUNT.sub("", text) for text in texts}) > 1:
             note = f"{n_files} files, such as {studies[i].source}: {note}"
         else:
-            counts = [_COUNT.findall(text.replace(",", "")) for text in texts]
-            totals = iter(np.array(counts, np.int64).sum(axis=0).tolist())
-            note = _COUNT.sub(lambda _: f"{next(totals):,}", texts[0])  # noqa: B023
-            note += join_names(names[2] for _, text in alike if (names := _NAMES.match(text)))
+            endings = filter(None, (_NAMES.match(text) for _, text in alike))
+            note = _summed(texts) + join_names(ending[2] for ending in endings)
             if n_files < len(studies):
                 note = f"{n_files} of {len(studies)} files: {note}"
         notes.append(note)
     return notes
+
+
+def _summed(notes: Texts) -> str:
+    """One note in the place of several that differ in their counts only."""
+    counts = [_COUNT.findall(note.replace(",", "")) for note in notes]
+    totals = iter(np.array(counts, int).sum(axis=0))
+    return _COUNT.sub(lambda _: f"{next(totals):,}", notes[0])
 
 
 def _without_names(note: str) -> str:
