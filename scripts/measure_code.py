@@ -29,7 +29,7 @@ HIGHEST_COMPLEXITY = 15
 LIMITS = {
     "bayes_toe": {
         "files": 137,
-        "nodes": 218_200,
+        "nodes": 218_240,
         "long lines": 0,
         "complex functions": 0,
         "comprehensions": 3.62,

@@ -267,7 +267,8 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     _, index = np.unique(answers.keys, axis=0, return_inverse=True)
     right = subject.task.right(subject.s2 - subject.s1)
     n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
-    agreement = np.maximum(_agreement(k, n), _agreement(n_right, n[right != 0].sum()))
+    of_right = _agreement(np.array(n_right), np.array(n[right != 0].sum()))
+    agreement = np.maximum(_agreement(k, n), of_right)
     return -np.log(agreement)[index.ravel()]
 
 

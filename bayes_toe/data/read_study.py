@@ -611,7 +611,7 @@ def _trial_study(rows: _Rows) -> Study:
     unanswered = ~answers.is_answered & ~answers.is_unscorable
     is_no_trial = unanswered & np.logical_and(*map(empty, rows.key_columns))
     if is_no_trial.any():
-        blank = plural(is_no_trial.sum(), "row")
+        blank = plural(int(is_no_trial.sum()), "row")
         notes.append(f"{blank} without stimuli and response left out")
     unanswered &= ~is_no_trial
     causes = missed_texts + missed_signs

@@ -188,7 +188,7 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
         if np.isin(n_marked * (np.bincount(subject) - n_marked), 0).all():
             continue
 
-        rows = plural(is_marked.sum(), "row")
+        rows = plural(int(is_marked.sum()), "row")
         marks = join_names(map(quoted, practice))
         note = f"{rows} left out as practice ({column}: {marks}); --ignore practice reads them"
         table = table.only(~is_marked, note)
@@ -269,7 +269,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Texts) -> list[str]:
         if not texts or not other_texts:
             continue
 
-        n_rows = column.matches(texts).sum()
+        n_rows = int(column.matches(texts).sum())
         marks = join_names(map(quoted, texts))
         doubt = f"{plural(n_rows, 'row')} with {marks} in {column} are counted"
         if len(other_texts) == 1:

@@ -342,7 +342,7 @@ def best_design(
     fixed = np.zeros(plane.n_pairs, np.int64)
     if goal.keep is not None:
         fixed[[plane.pairs.index(pair) for pair in goal.keep.pairs]] = goal.keep.n_trials
-    n_left, n_kept = trials - fixed.sum(), (fixed > 0).sum()
+    n_left, n_kept = trials - int(fixed.sum()), int((fixed > 0).sum())
     if n_left < _FEWEST:
         part = f", {fixed.sum()} of which --keep has taken" if n_kept else ""
         raise InputError(f"--trials {trials}{part}: allowed is at least {_FEWEST} to distribute")

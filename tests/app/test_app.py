@@ -639,7 +639,7 @@ STANDARD_UM = rows(
 CORRECT = rows("subject,s1,s2,acc", lambda a, b, second: f"1,{a},{b},{int(second == (b > a))}")
 OWN_FILE = rows("s1,s2,response", lambda a, b, second: f"{a},{b},{WORDS[second]}")
 PAIRS = "subject,hand,100_112,112_100\nA,left,second,first\nA,right,second,second\n"
-COUNTS = "subject,s1,s2,same,n,part\n1,0,0,40,50,x\n1,0,.3,20,50,x\n1,.3,0,9,50,y\n"
+COUNTS = "subject,s1,s2,alike,n,part\n1,0,0,40,50,x\n1,0,.3,20,50,x\n1,.3,0,9,50,y\n"
 BLOCKS = rows(
     "subject,block,condition,s1,s2,response",
     lambda a, b, second: f"1,1,left,{a},{b},{WORDS[second]}\n1,2,right,{a},{b},{WORDS[not second]}",
@@ -678,9 +678,13 @@ CASES = {
     ),
     "counts": (
         {"x.csv": COUNTS},
-        {"#responses-kind": "n_equal", "[data-role=n_equal]": "same", "[data-role=n_trials]": "n"}
+        {
+            "#responses-kind": "n_equal",
+            "[data-role=n_equal]": "alike",
+            "[data-role=n_trials]": "n",
+        }
         | {"#where-column": "part", "#where-text": "x"},
-        "--columns n_equal=same,n_trials=n --where part=x",
+        "--columns n_equal=alike,n_trials=n --where part=x",
     ),
     "pairs in names of columns": (
         {"x.csv": PAIRS},
