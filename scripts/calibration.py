@@ -263,9 +263,9 @@ def judged(rows: pd.DataFrame, seed: int) -> pd.DataFrame:
     return pd.DataFrame([*judged_ranks(rows), *judged_probabilities(rows, seed)])
 
 
-def conclusion(table: pd.DataFrame) -> list[str]:
-    """What holds for the draws and for the default estimator."""
-    return judgement_lines(table[~table["what"].isin((LAPLACE, APPENDIX_C))])
+def of_defaults(table: pd.DataFrame) -> pd.DataFrame:
+    """The judgements of the draws and of the default estimator."""
+    return table[~table["what"].isin((LAPLACE, APPENDIX_C))]
 
 
 def table_and_page(options: Namespace, seed: int) -> tuple[pd.DataFrame, str]:
@@ -276,7 +276,7 @@ def table_and_page(options: Namespace, seed: int) -> tuple[pd.DataFrame, str]:
     is_unsure = known[DEFAULT].abs() < np.log(0.98 / 0.02)
     template = Template(Path(__file__).with_suffix(".md").read_text("utf-8"), trim_blocks=True)
     page = template.render(
-        conclusion=conclusion(table),
+        conclusion=judgement_lines(of_defaults(table)),
         not_converged=rows.loc[rows["shortfall"].fillna("") != "", "subject"].tolist(),
         designs=" and ".join(f"{n} times in the design *{name}*" for name, n in DESIGNS.items()),
         draws=DRAWS,
@@ -303,9 +303,9 @@ def main() -> int:
         parser.error("--studies and --data-sets must be at least 1")
     seed = root_seed(options.seed)
     table = write_page(options, "calibration", partial(table_and_page, options, seed))
-    print(*conclusion(table), f"seed {seed}", sep="\n")
-    is_default = ~table["what"].isin((LAPLACE, APPENDIX_C))
-    return 0 if table.loc[is_default, "calibrated"].all() else 3
+    decisive = of_defaults(table)
+    print(*judgement_lines(decisive), f"seed {seed}", sep="\n")
+    return 0 if decisive["calibrated"].all() else 3
 
 
 if __name__ == "__main__":

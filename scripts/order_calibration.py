@@ -30,6 +30,7 @@ from reference.tempering import Observer, answer_probabilities
 from scipy.stats import norm
 
 import bayes_toe as bt
+from bayes_toe.answers.contrast import one_observer
 from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.data.study import pooled
 from bayes_toe.data.tasks import THREE_ANSWERS
@@ -39,11 +40,9 @@ from bayes_toe.inference.order_evidence import (
     HAS_CONTRACTION,
     HAS_ERROR,
     OrderEvidence,
-    evidences_of,
     order_evidence,
 )
-from bayes_toe.model.condition_model import ConditionModels
-from bayes_toe.model.observer import JND_OVER_NOISE
+from bayes_toe.model.observer import DEFAULT_PRIOR, JND_OVER_NOISE
 from bayes_toe.workers import run_in_order
 
 #: Prior probabilities of the models, as the page of the model states them.
@@ -168,20 +167,16 @@ def answered(design: str, numbers: range, seed: int) -> list[dict[str, object]]:
     if len(ALL_DESIGNS[design]) == 1:
         evidences = order_evidence([observer.units[0] for observer in made], seed)
     else:
-        evidences = [two_task_evidence(observer.units, seed) for observer in made]
+        evidences = []
+        for observer in made:
+            evidence = one_observer(observer.units, DEFAULT_PRIOR, seed)
+            if isinstance(evidence, NumericalError):
+                raise evidence
+            evidences.append(evidence)
     return [
         row(design, observer, evidence, np.random.default_rng([seed, at, i, 1]))
         for i, observer, evidence in zip(numbers, made, evidences, strict=True)
     ]
-
-
-def two_task_evidence(units: Sequence[bt.Subject], seed: int) -> OrderEvidence:
-    """The evidences of the four models, if one observer does both tasks."""
-    models = ConditionModels(tuple(units), np.zeros((len(units), 0)))
-    (evidence,) = evidences_of(models.without_differences, [models.subject], seed, models.prior)
-    if isinstance(evidence, NumericalError):
-        raise evidence
-    return evidence
 
 
 def row(

@@ -8,7 +8,7 @@ the weight 1/3. The size of a difference is the average over the sets in which t
 weighted by their evidence.
 
 The conditions may be tasks. Then one observer does all tasks, and :func:`one_observer` has the
-answer of all responses of a subject together.
+evidences of all responses of a subject together.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.inference.engine import Precision, fitted_draws, mixture_of_maxima
 from bayes_toe.inference.maxima import ascend_from
 from bayes_toe.inference.model_set import ModelSet
-from bayes_toe.inference.order_evidence import evidences_of
+from bayes_toe.inference.order_evidence import OrderEvidence, evidences_of
 from bayes_toe.inference.searches import observer_maxima
 from bayes_toe.model.condition_model import ConditionModels
 from bayes_toe.model.models import OrderModel
@@ -380,31 +380,29 @@ def _contrasts(
     for units in subjects:
         answer = None
         if len({unit.task for unit in units}) > 1:
-            answer = one_observer(units, prior, seed)
-        if isinstance(answer, NumericalError):
-            results.append(answer)
-        else:
-            rows = subject_contrast(units, conditions, prior, seed)
-            results.append(SubjectContrasts(rows, answer))
+            evidence = one_observer(units, prior, seed)
+            if isinstance(evidence, NumericalError):
+                results.append(evidence)
+                continue
+            # One task may tell what another one cannot.
+            identification = min(map(identify, units), key=lambda of_unit: len(of_unit.reasons))
+            answer = order_effect(evidence, identification)
+        rows = subject_contrast(units, conditions, prior, seed)
+        results.append(SubjectContrasts(rows, answer))
     return results
 
 
 def one_observer(
     units: Sequence[Subject], prior: ObserverPrior, seed: int
-) -> OrderEffect | NumericalError:
-    """The order effect of a subject, if one observer does the tasks of all units.
+) -> OrderEvidence | NumericalError:
+    """The evidences of a subject's four models, if one observer does the tasks of all units.
 
     An error if an evidence is not finite.
     """
     # Without columns in the design nothing differs between the units.
     models = ConditionModels(tuple(units), np.zeros((len(units), 0)), prior)
     (evidence,) = evidences_of(models.without_differences, [models.subject], seed, prior)
-    if isinstance(evidence, NumericalError):
-        return evidence
-
-    # One task may tell what another one cannot.
-    identification = min(map(identify, units), key=lambda of_unit: len(of_unit.reasons))
-    return order_effect(evidence, identification)
+    return evidence
 
 
 def subject_contrast(

@@ -16,7 +16,7 @@ from bayes_toe.arrays import BoolArray, IntArray
 from bayes_toe.data.column_roles import (
     is_no_response,
     is_response_sign,
-    looks_like,
+    names_like,
     practice_texts,
     taken_out_texts,
 )
@@ -87,45 +87,48 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
 
     column = _column_by_name(table)
     names_read = [options.name(role) for role in roles_read if role != "n_trials"]
-    answers = [options.name(role) for role in answer_roles]
+    answers = [*map(options.name, answer_roles)]
     if column is not None and column.name not in names_read:
         # A further column may split the trials of a pair, as a day does, or describe them.
-        for key in (names_read, [*table.columns]):
-            if _are_frequencies(table, column, key, answers):
-                return column
+        all_others = [name for name in table.columns if name != column.name]
+        if any(_are_unique(table, key, answers) for key in (names_read, all_others)):
+            return column
     if "n_trials" in roles_read:
         table.require(
             [
-                f"column {display_name('n_trials')}: found beside responses, allowed: one row for "
-                "each response of a subject to a pair"
+                "column n_trials: found beside responses, allowed: one row for each response of a "
+                "subject to a pair"
             ]
         )
     return None
 
 
 def _column_by_name(table: TextTable) -> Column | None:
-    """The only column with a name such as `Freq`."""
-    names = [name for name in table.names if looks_like(name, "frequency")]
-    return table.columns.get(names[0]) if len(names) == 1 else None
+    """The only column with a name such as `Freq`, if it has whole numbers, not all 0 or 1."""
+    names = names_like(table.names, "frequency")
+    if len(names) != 1 or names[0] not in table.columns:
+        return None
+    column = table.columns[names[0]]
+    counts = column.map(whole_number, np.int64)
+    return column if counts.min(initial=0) >= 0 and counts.max(initial=0) > 1 else None
 
 
-def _are_frequencies(table: TextTable, column: Column, key: Texts, answers: Texts) -> bool:
-    """Whether a column can have the number of trials with each key.
+def _are_unique(table: TextTable, key: Texts, answers: Texts) -> bool:
+    """Whether a row stands for all trials with its texts in these columns, of pair and answer.
 
     A pair has one row for each response, which is no chance in five pairs or most rows.
     """
-    counts = column.map(whole_number, np.int64)
-    if counts.min(initial=0) < 0 or counts.max(initial=0) < 2:
-        return False
-    codes = {name: table.columns[name].codes for name in table.columns if name in key}
-    codes.pop(column.name, None)
-    n_alike = np.unique(np.column_stack([*codes.values()]), axis=0, return_counts=True)[1]
-    for name in answers:
-        del codes[name]
-    n_responses = np.unique(np.column_stack([*codes.values()]), axis=0, return_counts=True)[1]
+    n_alike = _numbers_of_rows(table, key)
+    n_responses = _numbers_of_rows(table, [name for name in key if name not in answers])
     n_shared = n_responses[n_responses > 1]
-    has_shared = len(n_shared) >= 5 or n_shared.sum() > 0.5 * len(counts)
+    has_shared = len(n_shared) >= 5 or n_shared.sum() > 0.5 * len(table.rows)
     return bool(n_alike.max() == 1 and has_shared)
+
+
+def _numbers_of_rows(table: TextTable, names: Texts) -> IntArray:
+    """How many rows have each combination of texts in these columns."""
+    codes = np.column_stack([table.columns[name].codes for name in names])
+    return np.unique(codes, axis=0, return_counts=True)[1]
 
 
 def with_row_for_each_trial(table: TextTable, frequency: Column) -> TextTable:

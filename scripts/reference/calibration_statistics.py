@@ -27,7 +27,6 @@ from bayes_toe.errors import InputError, NumericalError
 
 #: Points at which the distribution function of ranks is looked at, 1/100 to 99/100.
 POINTS = np.arange(1, 100) / 100.0
-_HALVINGS = 60
 _SMALLEST = -700.0  # log of the smallest tail probability that is looked at
 
 #: A p-value below this is not chance.
