@@ -299,9 +299,7 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
 
 def _group_draws(posterior: GroupPosterior, x: FloatArray, n_divergent: int) -> GroupDraws:
     """The parameters of the draws x, (draws, chains, coordinates)."""
-    n_draws, n_chains, n_coordinates = x.shape
-    parts = posterior.points(x.swapaxes(0, 1).reshape(-1, n_coordinates))
-    mean, sd, effects, subjects = (
-        part.reshape(n_chains, n_draws, *part.shape[1:]) for part in parts
-    )
+    # All chains at once would need many times the memory of the draws.
+    by_chain = [posterior.points(x[:, chain]) for chain in range(x.shape[1])]
+    mean, sd, effects, subjects = map(np.stack, zip(*by_chain, strict=True))
     return GroupDraws(mean, sd, effects, subjects, n_divergent)
