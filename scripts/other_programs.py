@@ -167,7 +167,7 @@ def run_nautilus(log_likelihood, k, size, seed):
     """The same by nautilus."""
     import nautilus
 
-    options = {"n_live": size, "vectorized": True, "seed": seed}
+    options = {"n_live": size, "n_networks": 1, "vectorized": True, "seed": seed}
     sampler = nautilus.Sampler(ndtri, log_likelihood, n_dim=k, **options)
     sampler.run(n_eff=2 * size, n_like_max=MOST_CALLS)
     require_end(sampler.n_like)
@@ -262,5 +262,5 @@ for target, by_scores in (("H1", h1_by_scores), ("four models", order_by_scores)
     METHODS[target] |= {
         "tempering": ("bayes_toe", partial(by_scores, estimate_by_tempering), 1),
         "dynesty": ("dynesty", partial(by_scores, run_dynesty), 50),
-        "nautilus": ("nautilus-sampler", partial(by_scores, run_nautilus), 500),
+        "nautilus": ("nautilus-sampler", partial(by_scores, run_nautilus), 300),
     }

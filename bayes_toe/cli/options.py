@@ -113,7 +113,7 @@ FIRST_EXAMPLE = "2afc"
 #: The options for files in another layout, with the type, the sign and the help of their values.
 LAYOUT_OPTIONS = {
     "intensity": (Number, "REF", "Intensities: s = ln(i / REF)."),
-    "unit": (Text, "UNIT", "Unit: dB, dB-power, ln, g, ..."),
+    "unit": (Text, "UNIT", "Unit: dB, cents, ln, g, Hz, ..."),
     "equal_code": (Text, "CODE", "The code for 'equal'."),
     "different_code": (Text, "CODE", "The code for 'different'."),
     "second_code": (Text, "CODE", "The code for 'second'."),

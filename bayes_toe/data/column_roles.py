@@ -195,6 +195,8 @@ def unit_in(name: str) -> str:
     --------
     >>> unit_in("level1 (dB SPL)"), unit_in("dB2"), unit_in("log10_s1"), unit_in("feedback")
     ('dB', 'dB', 'log10', '')
+    >>> unit_in("pitch1_cents"), unit_in("semitone2"), unit_in("percent")
+    ('cents', 'semitones', '')
     >>> unit_in("amp1_\u00b5m"), unit_in("hz1"), unit_in("force_1 [N]"), unit_in("s1")
     ('\u00b5m', 'Hz', 'N', '')
     """
@@ -203,9 +205,9 @@ def unit_in(name: str) -> str:
 
     if "decadic" in words:
         return "log10"
-    for section, unit in (("decibel", "dB"), ("logarithm", "")):
-        if not {*words}.isdisjoint(VOCABULARY["units"][section]):
-            return unit
+    for unit, names in VOCABULARY["units"]["logarithms"].items():
+        if not {*words}.isdisjoint(names):
+            return str(unit)
 
     last_letters = re.findall(r"(?<=[\W_])[^\W\d_](?=[\W_]*[12]?$|\W)", plain)
     for unit in VOCABULARY["units"]["intensity"]:
@@ -237,7 +239,10 @@ _UNIT_MEANINGS = {
     "dB": "20 dB are a factor of ten",
     "dB-power": "10 dB are a factor of ten",
     "log10": "they are decadic logs",
-    "ln": "they are natural logs all the same",
+    "octaves": "an octave is a factor of two",
+    "semitones": "12 semitones are a factor of two",
+    "cents": "1200 cents are a factor of two",
+    "ln": "the numbers are natural logs",
     ANY_UNIT: "they are intensities; better with the name of their unit, such as Hz",
 }
 _COUNTS = ("n_equal", "n_second", "n_trials")

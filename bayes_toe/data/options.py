@@ -52,7 +52,8 @@ class ReadOptions:
         unit of the columns.
     unit : str, optional
         Of the stimuli: "ln" (natural logs, the default), "log10", "dB" (20 per factor of ten of
-        the amplitude) or "dB-power" (10 per factor of ten). Any other text, such as "g" or "Hz",
+        the amplitude), "dB-power" (10 per factor of ten), "octaves", "semitones" or "cents". Other
+        names of logarithms, such as "dB SPL", are refused. Any other text, such as "g" or "Hz",
         is the unit of raw intensities in i1 and i2, or in s1 and s2 if these are there alone; REF
         is then 1 where no other one is given.
         Screens and figures show stimuli in this unit, and their differences in dB or per cent.

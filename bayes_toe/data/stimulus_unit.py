@@ -8,6 +8,7 @@ Differences above 1,000 %, a factor of 11, are shown as natural logs, x, in both
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +25,14 @@ LOG_UNITS = {
     "log10": math.log(10.0),
     "dB": math.log(10.0) / 20.0,
     "dB-power": math.log(10.0) / 10.0,
+    "octaves": math.log(2.0),
+    "semitones": math.log(2.0) / 12.0,
+    "cents": math.log(2.0) / 1200.0,
 }
+#: Names of logarithms, such as 'dB SPL', that no unit has.
+_LOGARITHM = re.compile(
+    "(db|de[cz]ibel|log|oct|halbt).*|l[ng]|st|phons?|cents?|semitones?", re.IGNORECASE
+)
 #: A unit of intensities to type where theirs is not known.
 ANY_UNIT = "a.u."
 #: No two natural logs of a pair differ by more (a factor of 20), and none is so large and whole.
@@ -134,10 +142,11 @@ class StimulusUnit:
 
     def __post_init__(self) -> None:
         is_text = self.name.isprintable() and not _NOT_ALLOWED.intersection(self.name)
-        if not is_text or len(self.name) > _LONGEST:
+        is_unknown_logarithm = self.name not in LOG_UNITS and _LOGARITHM.fullmatch(self.name)
+        if not is_text or is_unknown_logarithm or len(self.name) > _LONGEST:
             raise InputError(
-                f"--unit: found {quoted(self.name)}, allowed: ln, log10, dB, dB-power, or a unit "
-                f"of at most {_LONGEST} letters, such as g"
+                f"--unit: found {quoted(self.name)}, allowed: a logarithm ({', '.join(LOG_UNITS)}),"
+                f" or a unit of intensity of at most {_LONGEST} letters, such as g"
             )
         if not math.isfinite(self.log_reference):
             raise InputError("the reference of the unit of the stimuli is not a finite number")

@@ -317,6 +317,10 @@ READ = {
     "decadic.csv": (
         csv(IN_LOGS.assign(s1=np.log10(TRIALS.w1), s2=np.log10(TRIALS.w2))), {"unit": "log10"},
     ),
+    "cents.csv": (
+        csv(IN_LOGS.assign(s1=1200 * np.log2(TRIALS.w1), s2=1200 * np.log2(TRIALS.w2))),
+        {"unit": "cents"},
+    ),
     "wide.csv": (csv(WIDE), {"wide": "{first}_{second}", "unit": "g"}),
     "pair_in_a_cell.csv": (
         csv(PAIRS[["subject", "pair", "response"]]), {"wide": "{first}_{second}", "unit": "g"},
@@ -463,6 +467,10 @@ REFUSED = {
         csv(DECIBEL),
         ["column s1_dB seems to be in dB", "--unit dB ", "--unit dB-power"],
         {"columns": {"s1": "s1_dB", "s2": "s2_dB"}},
+    ),
+    "semitones.csv": (
+        b"subject,semitone1,semitone2,response\na,63,61,first\na,61,63,second\n",
+        ["column semitone1 seems to be in semitones", "--unit semitones", "a factor of two"],
     ),
     "percent_in_cells.csv": (
         b"subject,s1,s2,response\na,7.0%,5 %,first\na,5%,7%,second\n",
