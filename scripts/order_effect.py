@@ -57,6 +57,12 @@ class Design:
     trials: int
     observers: int  # of each combination of effects
 
+    def asked(self, name: str) -> Subject:
+        """A subject who was asked all trials; the responses say nothing yet."""
+        s1, s2 = np.array(self.pairs).T
+        n_trials = np.full(len(s1), self.trials)
+        return Subject(name, s1, s2, n_trials, n_trials, task=self.task)
+
 
 DESIGNS = (
     Design("2AFC 650", WHICH_STRONGER, _NEIGHBOURS, 65, 72),
@@ -82,9 +88,7 @@ def simulate(
 ) -> tuple[Subject, Truth]:
     """Answers of one observer; the constant error in D gets a random sign."""
     rng = np.random.default_rng(seed)
-    s1, s2 = np.array(design.pairs).T
-    n_trials = np.full(len(s1), design.trials)
-    asked = Subject(name, s1, s2, np.zeros(len(s1), int), n_trials, task=design.task)
+    asked = design.asked(name)
     scales = asked.scales
     s1, s2 = asked.s1, asked.s2
     step, spread = scales.step, scales.spread

@@ -144,13 +144,19 @@ def _student(x: FloatArray) -> FloatArray:
     return np.asarray(-np.sign(x) * stdtrit(3.0, ndtr(-np.abs(x))))
 
 
+def shifted_difference(
+    subject: Subject, sbar: float, values: Parameters
+) -> tuple[FloatArray, FloatArray]:
+    """The numerator of z, (..., pairs), and m, (pairs,)."""
+    shift = values.get("p", 0.0) * (subject.s1 - sbar) - values.get("c", 0.0)
+    return subject.s2 - subject.s1 + shift, 0.5 * (subject.s1 + subject.s2) - sbar
+
+
 def answer_probabilities(
     subject: Subject, sbar: float, values: Parameters
 ) -> tuple[FloatArray, FloatArray]:
     """Probability of the answer that the task counts and of the other one, (..., pairs) each."""
-    first, middle = subject.s1 - sbar, 0.5 * (subject.s1 + subject.s2) - sbar
-    shift = values.get("p", 0.0) * first - values.get("c", 0.0)
-    numerator = subject.s2 - subject.s1 + shift
+    numerator, middle = shifted_difference(subject, sbar, values)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         # In logs, because far out the noise, the distance and the criterion leave the floats.
         log_noise = np.log(values["sigma_d"]) + values["b"] * middle
