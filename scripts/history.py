@@ -2,10 +2,9 @@
 
     python scripts/history.py -o docs --observers 10 --trials 400 --seed 1
 
-It writes history_recovery.csv.
-Observers say which of two stimuli was stronger: neighbours of six levels in both orders, two
-sessions, noise of one step, 4 % lapses. They differ in contraction, in what they carry over, and in
-how often they repeat or alternate the response of the trial before.
+It writes history_recovery.csv. Observers say which of two stimuli was stronger: neighbours of six
+levels in both orders, two sessions, noise of one step, 4 % lapses. They differ in contraction, in
+what they carry over, and in how often they repeat or alternate the response of the trial before.
 """
 
 from __future__ import annotations
