@@ -11,6 +11,7 @@ session.csv, which `bayes-toe run` reads.
 """
 
 import argparse
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -48,12 +49,10 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--simulate", action="store_true")
     asked = parser.parse_args()
-    pairs = [(a, b) for a in LEVELS for b in LEVELS]
-    session = (
-        bt.design.Adaptive.resume(asked.file)
-        if asked.file.exists()
-        else bt.design.Adaptive(pairs, seed=1)
-    )
+    if asked.file.exists():
+        session = bt.design.Adaptive.resume(asked.file)
+    else:
+        session = bt.design.Adaptive(list(product(LEVELS, repeat=2)), seed=1)
     rng = np.random.default_rng(session.trials)
     while session.trials < asked.trials:
         pair = session.next()
@@ -61,11 +60,8 @@ def main() -> None:
         session.answer(pair, simulated(pair, rng) if asked.simulate else ask())
         session.save(asked.file)
     frame = pd.DataFrame(session.answers, columns=["s1", "s2", "response"])
-    frame = frame.assign(
-        subject=asked.subject,
-        trial=np.arange(1, len(frame) + 1),
-        response=np.where(frame.response, "equal", "different"),
-    )
+    frame["response"] = frame["response"].map({True: "equal", False: "different"})
+    frame = frame.assign(subject=asked.subject, trial=np.arange(len(frame)) + 1)
     frame.to_csv(asked.file.with_suffix(".csv"), index=False)
     print(", ".join(f"P({name}) = {p:.3f}" for name, p in session.probabilities.items()))
     if any(first != second for first, second, _ in session.answers):

@@ -1,24 +1,26 @@
 """How often each alarm is raised: in sound studies, for faults, and for observers of ten kinds.
 
-    python scripts/alarms.py -o docs --seed 2611
+    python scripts/alarms.py -o docs --observers 100 --kinds 120 --faults 10 --seed 2612
 
-It writes alarms.md. Sound observers follow the four models: 10 to 28 neighbouring pairs, 12 or 40
-trials each in five blocks, noise of .6, 1.8 or 4 steps of a pair, constant errors of up to 2.5
-steps, contractions of -.4 to .65, lapses of up to 8 %. The observers of the ten kinds answer in
-studies of 12, whose limits are those of a user's study.
+It writes alarms.md. Of each design there are so many sound --observers, and --faults observers with
+each fault; there are --kinds observers of each kind and task. Sound observers follow the four
+models: 10 to 28 neighbouring pairs, 12 or 40 trials each in five blocks, noise of .6, 1.8 or 4
+steps of a pair, constant errors of up to 2.5 steps, contractions of -.4 to .65, lapses of up to
+8 %. The observers of the ten kinds answer in studies of 12, whose limits are those of a user's
+study.
 """
 
 from __future__ import annotations
 
-import argparse
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from reference.pages import markdown
+from reference.pages import markdown, number_parser
 from scipy.stats import binom
 
 from bayes_toe.answers.order_effect import OrderEffect, answer_evidence
@@ -29,7 +31,7 @@ from bayes_toe.checks.answer_checks import has_other_task, subject_findings
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
-from bayes_toe.design.observers import Observer, parameter_names
+from bayes_toe.design.observers import Observer, make_observer
 from bayes_toe.inference.order_evidence import Precision, order_evidence
 
 STEP = 0.25
@@ -45,13 +47,13 @@ KINDS = (
 )
 #: Constant error in steps and contraction of the observers of a kind, which take turns.
 EFFECTS = ((0.0, 0.0), (0.0, 0.0), (0.6, 0.0), (0.0, 0.3), (0.0, 0.65), (0.0, -0.4))
-FAULTS = ("guesses", "swapped keys", "one swapped block", "other task", "repeated trials")
-ALARM_OF_FAULT = {
+#: By fault its alarm.
+FAULTS = {
     "guesses": "independent_answers",
     "swapped keys": "reversed_answers",
     "one swapped block": "swapped_blocks",
-    "repeated trials": "repeated_trials",
     "other task": "another_task",
+    "repeated trials": "repeated_trials",
 }
 #: Names of the alarms of the page, and how they act.
 ALARMS = {
@@ -66,6 +68,8 @@ ALARMS = {
     "history_p": ("depends on the previous trial", "marks the subject"),
     "moving_criterion_p": ("the criterion wanders", "marks the subject"),
 }
+#: The alarm of a study whose subjects do another task, by the task that is stated.
+TASK_ALARMS = {WHICH_STRONGER: "other_task", SAME_DIFFERENT: "like_2afc"}
 P_VALUES = ("fit_p", "history_p", "moving_criterion_p")
 _SHORT_NAMES = {
     "time": "blocks, drift",
@@ -86,16 +90,13 @@ def pairs(task: Task, n_levels: int) -> FloatArray:
     """Neighbouring levels in both orders, of 'same or different' the equal pairs too."""
     levels = STEP * np.arange(n_levels)
     low, high = levels[:-1], levels[1:]
-    rows = [np.column_stack([low, high]), np.column_stack([high, low])]
-    if task == SAME_DIFFERENT:
-        rows.append(np.column_stack([levels, levels]))
-    return np.concatenate(rows)
+    equal = levels if task == SAME_DIFFERENT else levels[:0]
+    return np.column_stack([np.r_[low, high, equal], np.r_[high, low, equal]])
 
 
-def sound_parameters(task: Task, noise: float, rng: Rng) -> dict[str, Any]:
+def sound_observer(name: str, task: Task, noise: float, rng: Rng) -> Observer:
     """An observer of one of the four models."""
-    values: dict[str, Any] = dict.fromkeys(parameter_names(task), 0.0)
-    values["noise"] = noise * STEP * np.exp(rng.normal(0.0, 0.25))
+    values = {"noise": noise * STEP * np.exp(rng.normal(0.0, 0.25))}
     values["lapse_rate"] = rng.choice([0.0, 0.03, 0.08])
     values["noise_slope"] = rng.choice([0.0, 0.15]) * rng.normal()
     if rng.random() < 0.5:
@@ -104,20 +105,23 @@ def sound_parameters(task: Task, noise: float, rng: Rng) -> dict[str, Any]:
         values["contraction"] = rng.choice([-0.4, 0.15, 0.3, 0.65])
     if task == SAME_DIFFERENT:
         values["q0"] = rng.uniform(0.7, 0.97)
-    return values
+    return make_observer(name, "sound", values, task)
 
 
-def kind_parameters(kind: str, task: Task, effects: tuple[float, float], rng: Rng) -> Any:
+def kind_observer(
+    name: str, kind: str, task: Task, effects: tuple[float, float], rng: Rng
+) -> Observer:
     """An observer of one of the ten kinds, with a constant error in steps and a contraction."""
-    values: dict[str, Any] = dict.fromkeys(parameter_names(task), 0.0)
-    values["noise"] = 0.8 * STEP * np.exp(rng.normal(0.0, 0.2))
-    values["lapse_rate"] = 0.08 if kind == "lapses of 8 %" else 0.02
-    values["noise_slope"] = 0.55 if kind == "noise by intensity" else 0.0
-    values["constant_error"] = effects[0] * STEP * rng.choice([-1.0, 1.0])
-    values["contraction"] = effects[1]
+    values = {
+        "noise": 0.8 * STEP * np.exp(rng.normal(0.0, 0.2)),
+        "lapse_rate": 0.08 if kind == "lapses of 8 %" else 0.02,
+        "noise_slope": 0.55 if kind == "noise by intensity" else 0.0,
+        "constant_error": effects[0] * STEP * rng.choice([-1.0, 1.0]),
+        "contraction": effects[1],
+    }
     if task == SAME_DIFFERENT:
         values["q0"] = 0.85
-    return values
+    return make_observer(name, kind, values, task)
 
 
 def shifts(kind: str, pair: IntArray, keys: FloatArray, rng: Rng) -> FloatArray:
@@ -139,42 +143,38 @@ def shifts(kind: str, pair: IntArray, keys: FloatArray, rng: Rng) -> FloatArray:
     return np.zeros(n_trials)
 
 
-def learning_p(
-    task: Task, parameters: dict[str, Any], keys: FloatArray, sbar: float
-) -> list[float]:
+def learning_p(observer: Observer, keys: FloatArray, sbar: float) -> list[float]:
     """P(yes) of every trial of an observer whose noise falls over the trials."""
+    noises = np.linspace(1.6, 0.6, len(keys)) * observer.parameters["noise"]
     p_yes = []
-    for factor, (s1, s2) in zip(np.linspace(1.6, 0.6, len(keys)), keys, strict=True):
-        noise = float(factor * parameters["noise"])
-        observer = Observer("observer", "learning", parameters | {"noise": noise}, task)
-        p_yes.append(float(observer.p_yes(s1, s2, sbar)))
+    for noise, (s1, s2) in zip(noises.tolist(), keys, strict=True):
+        now = replace(observer, parameters={**observer.parameters, "noise": noise})
+        p_yes.append(float(now.p_yes(s1, s2, sbar)))
     return p_yes
 
 
-def simulate(
-    kind: str, task: Task, parameters: dict[str, Any], n_levels: int, repeats: int, rng: Rng
-) -> Subject:
-    """The trials of one observer, in random order and five blocks."""
-    distinct = pairs(task, n_levels)
+def simulate(observer: Observer, kind: str, n_levels: int, repeats: int, rng: Rng) -> Subject:
+    """The trials of one observer of a kind or with a fault, in random order and five blocks."""
+    distinct = pairs(observer.task, n_levels)
     pair = rng.permutation(np.repeat(np.arange(len(distinct)), repeats))
     n_trials = len(pair)
     keys = distinct[pair]
-    noise = parameters["noise"]
+    s1, s2 = keys.T
+    noise = observer.parameters["noise"]
     shift = noise * shifts(kind, pair, keys, rng)
-    observer = Observer("observer", kind, parameters, task)
 
     uniform = rng.random(n_trials)
-    sbar = float(keys[:, 0].mean())
-    is_yes = uniform < observer.p_yes(keys[:, 0], keys[:, 1] + shift, sbar)
+    sbar = float(s1.mean())
+    is_yes = uniform < observer.p_yes(s1, s2 + shift, sbar)
     if kind == "learning":
-        is_yes = uniform < learning_p(task, parameters, keys, sbar)
+        is_yes = uniform < learning_p(observer, keys, sbar)
     if kind == "lapses to one response":
         is_yes |= rng.random(n_trials) < 0.08
     if kind == "previous response":
-        above = observer.p_yes(keys[:, 0], keys[:, 1] + 0.3 * noise, sbar)
-        below = observer.p_yes(keys[:, 0], keys[:, 1] - 0.3 * noise, sbar)
+        after_no = observer.p_yes(s1, s2 - 0.3 * noise, sbar)
+        after_yes = observer.p_yes(s1, s2 + 0.3 * noise, sbar)
         for trial in range(1, n_trials):
-            p_yes = above if is_yes[trial - 1] else below
+            p_yes = after_yes if is_yes[trial - 1] else after_no
             is_yes[trial] = uniform[trial] < p_yes[trial]
 
     block = np.arange(n_trials) * N_BLOCKS // n_trials
@@ -196,20 +196,18 @@ def simulate(
         has_trial_rows=True,
         place=np.arange(n_trials),
     )
-    return Subject.from_answers("observer", answers, task)
+    return Subject.from_answers(observer.name, answers, observer.task)
 
 
 def sound_observers(task: Task, n_observers: int, seed: int, kind: str = "sound") -> list[Subject]:
     """Observers of the four models, so many of each design; or with a fault, in easy tasks."""
     subjects = []
-    for i, (n_levels, repeats, noise) in enumerate(DESIGNS):
-        if kind != "sound" and noise > 1.0:
-            continue
-        for j in range(n_observers):
+    for (i, design), j in product(enumerate(DESIGNS), range(n_observers)):
+        n_levels, repeats, noise = design
+        if kind == "sound" or noise < 1.0:
             rng = np.random.default_rng([seed, TASKS.index(task), len(kind), i, j])
-            parameters = sound_parameters(task, noise, rng)
-            subject = simulate(kind, task, parameters, n_levels, repeats, rng)
-            subjects.append(replace(subject, name=f"{kind} {i} {j}"))
+            observer = sound_observer(f"{kind} {i} {j}", task, noise, rng)
+            subjects.append(simulate(observer, kind, n_levels, repeats, rng))
     return subjects
 
 
@@ -218,10 +216,9 @@ def kind_observers(kind: str, task: Task, n_observers: int, seed: int) -> list[S
     subjects = []
     for i in range(n_observers):
         rng = np.random.default_rng([seed, TASKS.index(task), KINDS.index(kind), i])
-        parameters = kind_parameters(kind, task, EFFECTS[i % len(EFFECTS)], rng)
+        observer = kind_observer(f"{kind} {i}", kind, task, EFFECTS[i % len(EFFECTS)], rng)
         repeats = 40 if task == WHICH_STRONGER else 30
-        subject = simulate(kind, task, parameters, 6, repeats, rng)
-        subjects.append(replace(subject, name=f"{kind} {i}"))
+        subjects.append(simulate(observer, kind, 6, repeats, rng))
     return subjects
 
 
@@ -261,43 +258,37 @@ def find_faults(subjects: list[Subject]) -> list[Judged]:
 
 def judge(subjects: list[Subject], seed: int) -> list[Judged]:
     """What the program finds for observers of one task."""
-    answers = []
-    for evidence in order_evidence(subjects, seed, precision=_PRECISION):
-        answers.append(answer_evidence(evidence, seed))
-    found = zip(find_faults(subjects), answers, strict=True)
-    return [replace(observer, answer=answer) for observer, answer in found]
+    evidences = order_evidence(subjects, seed, precision=_PRECISION)
+    observers = zip(find_faults(subjects), evidences, strict=True)
+    return [replace(one, answer=answer_evidence(evidence, seed)) for one, evidence in observers]
 
 
 def study_rates(observers: list[Judged], task: Task) -> pd.DataFrame:
     """Share of studies in which an alarm is raised at all, %, by alarm and number of subjects."""
-    own = "other_task" if task == WHICH_STRONGER else "like_2afc"
     columns = {}
     for n_subjects in STUDIES:
-        codes = pd.Series([observer.alarms(n_subjects) for observer in observers])
-        shares = pd.Series(
-            {
-                code: codes.map(lambda of, code=code: code in of).mean()
-                for code in (*ALARMS, "another_task")
-            }
-        )
+        codes = [observer.alarms(n_subjects) for observer in observers]
+        shares = pd.Series(Counter(chain.from_iterable(codes))) / len(observers)
+        shares = shares.reindex([*ALARMS, "another_task"]).fillna(0.0)
         rates = 1.0 - (1.0 - shares) ** n_subjects
-        rates[own] = binom.sf(n_subjects // 2, n_subjects, shares["another_task"])
-        columns[f"{n_subjects}"] = 100.0 * rates
-    return pd.DataFrame(columns).drop({"other_task", "like_2afc", "another_task"} - {own})
+        rates[[*TASK_ALARMS.values()]] = np.nan
+        n_half = n_subjects // 2
+        rates[TASK_ALARMS[task]] = binom.sf(n_half, n_subjects, shares["another_task"])
+        columns[f"{n_subjects}"] = 100.0 * rates[[*ALARMS]]
+    return pd.DataFrame(columns)
 
 
 def found_faults(fault: str, n_observers: int, seed: int) -> dict[str, str]:
     """How many observers with a fault get its alarm in a study of 12, by task."""
     row = {"fault": fault}
-    for task in TASKS:
+    for task, other in zip(TASKS, reversed(TASKS), strict=True):
         if fault == "other task":
-            (made,) = (other for other in TASKS if other != task)
-            subjects = sound_observers(made, n_observers, seed, fault)
-            subjects = [replace(subject, task=task, answers=None) for subject in subjects]
+            simulated = sound_observers(other, n_observers, seed, fault)
+            subjects = [replace(subject, task=task, answers=None) for subject in simulated]
         else:
             subjects = sound_observers(task, n_observers, seed, fault)
-        found = [ALARM_OF_FAULT[fault] in one.alarms(12) for one in find_faults(subjects)]
-        row[task.name] = f"{sum(found)} of {len(found)}"
+        observers = find_faults(subjects)
+        row[task.name] = count([FAULTS[fault] in one.alarms(STUDY_OF_KINDS) for one in observers])
     return row
 
 
@@ -312,28 +303,29 @@ def kind_row(kind: str, task: Task, observers: list[Judged]) -> dict[str, str]:
     for code, name in _SHORT_NAMES.items():
         row[name] = f"{sum(code in codes for codes in alarms)}"
 
-    effects = np.resize(np.array(EFFECTS), (len(observers), 2))
+    answers = [observer.answer for observer in observers]
+    effects = np.resize(EFFECTS, (len(observers), 2))
     for true_sizes, question, symbol in zip(effects.T, _QUESTIONS, "cp", strict=True):
-        is_yes = np.array([one.answer.words[question] == "yes" for one in observers])
+        is_yes = np.array([answer.words[question] == "yes" for answer in answers])
         row[f"false {symbol}"] = count(is_yes[true_sizes == 0.0])
         row[f"found {symbol}"] = count(is_yes[true_sizes != 0.0])
-    sizes = [observer.answer.sizes["contraction_p"] for observer in observers]
-    low, high = np.array([(size.q025, size.q975) for size in sizes]).T
-    is_covered = (low <= effects[:, 1]) & (effects[:, 1] <= high)
-    row["p covered"] = count(is_covered[effects[:, 1] != 0.0])
+    low, _, high = np.array([answer.sizes["contraction_p"] for answer in answers]).T
+    p = effects[:, 1]
+    row["p covered"] = count(((low <= p) & (p <= high))[p != 0.0])
     return row
 
 
-def count(is_there: np.ndarray) -> str:
+def count(is_there: Sequence[bool]) -> str:
     """How many are there."""
-    return f"{is_there.sum()} of {len(is_there)}"
+    return f"{sum(is_there)} of {len(is_there)}"
 
 
 # --- The page ------------------------------------------------------------------------------------
 
 PAGE = """# Alarms: how often they are false, and what they find
 
-<!-- generated by {command} -->
+<!-- generated by scripts/alarms.py -o docs --observers {options.observers} \
+--kinds {options.kinds} --faults {options.faults} --seed {options.seed} -->
 
 A sound study has no fault. In such a study, an alarm that refuses responses should occur with a
 probability of at most 2 %. Any other alarm should occur with a probability of at most 5 %. So the
@@ -379,57 +371,41 @@ contraction too narrow.
 """
 
 
-def sound_table(rates: dict[Task, pd.DataFrame]) -> pd.DataFrame:
+def sound_table(rates: list[pd.DataFrame]) -> pd.DataFrame:
     """Rates of both tasks in per cent, an alarm a row."""
-    texts = []
-    for task in TASKS:
-        texts.append(rates[task].reindex(ALARMS).map("{:.1f}".format).replace("nan", "-"))
-    table = texts[0] + ", " + texts[1]
+    first, second = (table.map("{:.1f}".format).replace("nan", "-") for table in rates)
     names = pd.DataFrame(ALARMS, index=["alarm", "what it does"]).T
-    return names.join(table).rename(columns={"1": "1 subject"})
+    return names.join(first + ", " + second).rename(columns={"1": "1 subject"})
 
 
 def main() -> None:
-    """Simulate, print, and write the page."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--observers", type=int, default=400, help="sound ones of each design")
-    parser.add_argument("--kinds", type=int, default=120, help="observers of each kind and task")
-    parser.add_argument("--faults", type=int, default=30, help="observers of each fault and design")
-    parser.add_argument("--seed", type=int, default=2611)
-    parser.add_argument("-o", "--output", type=Path)
+    """Simulate, and write the page."""
+    parser = number_parser(__doc__, observers=100, kinds=120, faults=10, seed=2612)
+    parser.add_argument("-o", "--output", type=Path, default=Path())
     options = parser.parse_args()
+    seed = options.seed
 
-    rates = {}
+    rates = []
     for task in TASKS:
-        observers = judge(sound_observers(task, options.observers, options.seed), options.seed)
-        rates[task] = study_rates(observers, task)
-        print(task.name, rates[task].round(4).to_string(), sep="\n", flush=True)
-    faults = pd.DataFrame(
-        [found_faults(fault, options.faults, options.seed + 1) for fault in FAULTS]
-    )
-    print(faults.to_string(), flush=True)
-    rows = []
+        observers = judge(sound_observers(task, options.observers, seed), seed)
+        rates.append(study_rates(observers, task))
+    faults = [found_faults(fault, options.faults, seed + 1) for fault in FAULTS]
+    kinds = []
     for kind, task in product(KINDS, TASKS):
-        observers = judge(kind_observers(kind, task, options.kinds, options.seed + 2), options.seed)
-        rows.append(kind_row(kind, task, observers))
-        print(rows[-1], flush=True)
-    kinds = pd.DataFrame(rows)
+        observers = judge(kind_observers(kind, task, options.kinds, seed + 2), seed)
+        kinds.append(kind_row(kind, task, observers))
 
     n_sound = options.observers * len(DESIGNS)
-    numbers = f"--observers {options.observers} --kinds {options.kinds} --faults {options.faults}"
     page = PAGE.format(
-        command=f"scripts/alarms.py -o docs {numbers} --seed {options.seed}",
+        options=options,
         n_sound=f"{n_sound:,}",
         one=f"{100.0 * (1.0 - (1.0 - 1.0 / n_sound) ** 200):.1f}",
-        sound=markdown(sound_table(rates)),
-        faults=markdown(faults),
         n_kind=options.kinds,
-        kinds=markdown(kinds),
+        sound=markdown(sound_table(rates)),
+        faults=markdown(pd.DataFrame(faults)),
+        kinds=markdown(pd.DataFrame(kinds)),
     )
-    if options.output is not None:
-        (options.output / "alarms.md").write_text(page, encoding="utf-8")
+    (options.output / "alarms.md").write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

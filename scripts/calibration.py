@@ -2,13 +2,14 @@
 
 The steps are those of `bayes-toe sample` and `evidence`, on data from known observers.
 
-Posteriors (simulation-based calibration): a subject drawn from the prior answers the trials of a
-design, the answers are analysed, and the true value of each quantity is ranked among its stored
-draws. Where everything is right, from the trials to the file, ranks are uniform.
+Posteriors (simulation-based calibration), --studies a design: a subject drawn from the prior
+answers the trials of a design, the answers are analysed, and the true value of each quantity is
+ranked among its stored draws. Where everything is right, from the trials to the file, ranks are
+uniform.
 
-Evidence: data sets from the predictive update (H1) or from free frequencies (H0), each with
-probability one half. Where everything is right, of the data sets with posterior probability P(H1 |
-data) near p a share p came from H1.
+Evidence, --data-sets a design: data sets from the predictive update (H1) or from free frequencies
+(H0), each with probability one half. Where everything is right, of the data sets with posterior
+probability P(H1 | data) near p a share p came from H1.
 
 Writes calibration.csv and calibration.md; exit code 3 where something is not calibrated.
 
@@ -16,6 +17,7 @@ Example: python scripts/calibration.py -o docs --studies 1000 --data-sets 500 --
 """
 
 import sys
+import warnings
 from argparse import Namespace
 from collections.abc import Iterator
 from functools import partial
@@ -28,7 +30,7 @@ from jinja2 import Template
 from reference.calibration_statistics import (
     LEAST_P,
     judge_probabilities,
-    judge_ranks,
+    judged_ranks,
     log_score,
     place,
 )
@@ -36,6 +38,7 @@ from reference.pages import (
     judgement_lines,
     judgement_tables,
     page_parser,
+    print_judgements,
     versions,
     write_page,
 )
@@ -46,21 +49,12 @@ from bayes_toe.answers.evidence_table import subject_evidence
 from bayes_toe.classical.fit import SubjectFit, subject_fit
 from bayes_toe.design.simulate import PaperObserver, simulate_trials
 from bayes_toe.design.study_design import PAPER_BATCHES, reference_design
-from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.draws_file import subjects_tree
-from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import (
-    EVIDENCE_DRAWS,
-    AnalysisRequest,
-    Settings,
-    fitted_result,
-    subject_draws,
-)
+from bayes_toe.inference.subject import EVIDENCE_DRAWS, AnalysisRequest, fitted_result
 from bayes_toe.model.paper_equations import NATURAL, Natural, variance_ratio
-from bayes_toe.model.paper_model import PAPER_MODEL, PaperPosterior, paper_posterior
+from bayes_toe.model.paper_model import PaperPosterior, paper_posterior
 from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
 from bayes_toe.model.prior import Prior
-from bayes_toe.seeds import generator, root_seed
+from bayes_toe.seeds import generator
 from bayes_toe.workers import run_in_order
 
 #: Batches of the paper's 13 pairs that each design has.
@@ -90,73 +84,74 @@ COLUMNS = {
 Row = dict[str, Any]
 
 
+#: The default prior, with the scales of the design.
+PRIOR = DEFAULT_PRIOR.for_subjects(reference_design().unanswered)
+
+
 # --- One subject ---------------------------------------------------------------------------------
 
 
-def calibration_settings(seed: int, prior: Prior = DEFAULT_PRIOR) -> Settings:
-    """Settings of every analysis: the defaults, but for fewer draws."""
-    numbers = prior.for_subjects(reference_design().unanswered)
-    return Settings(seed, numbers, SamplerSettings(draws=DRAWS), PAPER_MODEL)
+def simulate_h1(
+    design: str, name: str, seed: int, truth: Prior = PRIOR
+) -> tuple[bt.Subject, PaperPosterior, np.ndarray]:
+    """A subject from a prior, the posterior that knows this prior, and the true point."""
+    pairs = reference_design(batches=DESIGNS[design])
+    drawn = paper_posterior(pairs.unanswered, truth)
+    true_point = drawn.sample_prior(generator(seed, name, "observer"), 1)
+    parameters = drawn.quantities(true_point[0])
+    observer = PaperObserver(name, Natural(*(parameters[key] for key in NATURAL)))
+    (trials,) = simulate_trials([observer], pairs, seed)
+    subject = bt.Subject.from_answers(name, trials.answers)
+    return subject, drawn.for_subject(subject), true_point
 
 
-def analyse(
-    design: str,
-    name: str,
-    origin: str,
-    request: AnalysisRequest,
-    settings: Settings,
-    truth: Prior | None = None,
+def simulate_h0(design: str, name: str, seed: int) -> bt.Subject:
+    """A subject with a uniformly distributed probability for each pair."""
+    pairs, rng = reference_design(batches=DESIGNS[design]), generator(seed, name, "observer")
+    counts = rng.binomial(pairs.n_trials, rng.uniform(size=pairs.n_pairs))
+    return pairs.answered(counts, name)
+
+
+def rank_truth(
+    design: str, name: str, seed: int, prior: Prior = PRIOR, truth: Prior = PRIOR
 ) -> Row:
-    """Simulate a subject from H1 or H0 and analyse it as the commands would, with their streams.
+    """The place of each true value among the draws of `sample`, in 0..1, and what did not converge.
 
-    The places of the true values among the draws, and the log Bayes factors, where these are asked
-    for. Observers come from the prior of the analysis, or from another one that is the truth.
+    The subject comes from the prior of the analysis, or from another one that is the truth.
     """
-    pairs, seed = reference_design(batches=DESIGNS[design]), settings.seed
-    rng = generator(seed, name, "observer")
-    if origin == "H1":
-        drawn = paper_posterior(pairs.unanswered, truth or settings.prior)
-        true_point = drawn.sample_prior(rng, 1)
-        true_parameters = drawn.quantities(true_point[0])
-        observer = PaperObserver(name, Natural(*(true_parameters[key] for key in NATURAL)))
-        (trials,) = simulate_trials([observer], pairs, seed)
-        subject = bt.Subject.from_answers(name, trials.answers)
-    else:
-        counts = rng.binomial(pairs.n_trials, rng.uniform(size=pairs.n_pairs))
-        subject = pairs.answered(counts, name)
-
-    result = fitted_result(paper_posterior(subject, settings.prior), seed, request)
-    row: Row = {"design": design, "subject": name}
-    if request.chains is not None:
-        study = bt.Study((subject,), "calibration", synthetic=True)
-        draws = Draws(subjects_tree(study, [subject_draws(result)], settings, {}, {}))
-        row |= places(draws, ranked_quantities(drawn.for_subject(subject), true_point))
-    if request.evidence_draws:
-        evidence = subject_evidence(result)
-        fit = subject_fit(subject, settings.prior, seed=seed, replicates=REPLICATES)
-        appendix_c = appendix_c_evidence(fit, settings.prior) - evidence.log_evidence_h0_laplace
-        row |= {
-            "origin": origin,
-            DEFAULT: evidence.log_evidence_h1 - evidence.log_evidence_h0,
-            LAPLACE: evidence.log_evidence_h1_laplace - evidence.log_evidence_h0,
-            APPENDIX_C: appendix_c,
-        }
-    return row
-
-
-def places(draws: Draws, true_values: dict[str, np.ndarray]) -> Row:
-    """The place of each true value among the draws, in 0..1, and what did not converge."""
-    (name,) = draws.names
-    rng = generator(draws.seed, name, "rank")
+    subject, drawn, true_point = simulate_h1(design, name, seed, truth)
+    with warnings.catch_warnings(action="ignore", category=bt.ConvergenceWarning):
+        draws = bt.sample(bt.Study([subject]), draws=DRAWS, seed=seed, prior=prior, workers=1)
     # Of each walker its last draw: walkers of a converged sample move every few steps, so these are
     # as good as independent.
     last = np.flatnonzero(np.diff(draws.group("posterior")["walker"].values, append=-1))
     points = draws.points(name)[:, last].reshape(-1, len(NATURAL))
     values = ranked_quantities(draws.posterior(name), points)
-    row: Row = {"shortfall": draws.not_converged.get(name, "")}
+
+    true_values = ranked_quantities(drawn, true_point)
+    rng = generator(seed, name, "rank")
+    row: Row = {"design": design, "subject": name, "shortfall": draws.not_converged.get(name, "")}
     for key in RANKED:
         row[key] = place(true_values[key].item(), values[key], rng)
     return row
+
+
+def estimate_evidence(design: str, name: str, origin: str, seed: int) -> Row:
+    """The log Bayes factors of a subject from H1 or H0, with the streams of `evidence`."""
+    if origin == "H1":
+        subject, *_ = simulate_h1(design, name, seed)
+    else:
+        subject = simulate_h0(design, name, seed)
+    request = AnalysisRequest(evidence_draws=EVIDENCE_DRAWS)
+    evidence = subject_evidence(fitted_result(paper_posterior(subject, PRIOR), seed, request))
+    fit = subject_fit(subject, PRIOR, seed=seed, replicates=REPLICATES)
+    return {
+        "design": design,
+        "origin": origin,
+        DEFAULT: evidence.log_evidence_h1 - evidence.log_evidence_h0,
+        LAPLACE: evidence.log_evidence_h1_laplace - evidence.log_evidence_h0,
+        APPENDIX_C: appendix_c_evidence(fit, PRIOR) - evidence.log_evidence_h0_laplace,
+    }
 
 
 def ranked_quantities(posterior: PaperPosterior, x: np.ndarray) -> dict[str, np.ndarray]:
@@ -201,66 +196,46 @@ def appendix_c_evidence(fit: SubjectFit, prior: Prior) -> float:
 # --- All subjects --------------------------------------------------------------------------------
 
 
-def analysed(options: Namespace, seed: int) -> pd.DataFrame:
-    """A row for each subject.
+def analysed(options: Namespace) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """A row for each study with its ranks, and one for each data set with its evidence.
 
-    In each design, so many studies for the ranks and data sets for the evidence; those from H1 are
-    the same, as far as these go.
+    In each design, data sets from H1 are the first studies again, as far as these go.
     """
-    settings = calibration_settings(seed)
-    jobs = []
+    seed, ranks, evidences = options.seed, [], []
     for design in DESIGNS:
+        for i in range(1, options.studies + 1):
+            ranks.append(partial(rank_truth, design, f"{design}-h1-{i:04d}", seed))
         is_h1 = generator(seed, design, "hypothesis").uniform(size=options.data_sets) < 0.5
-        n_evidences = {"H1": int(is_h1.sum()), "H0": int((~is_h1).sum())}
-        n_studies = {"H1": options.studies, "H0": 0}
-        for origin in ("H1", "H0"):
-            for i in range(max(n_studies[origin], n_evidences[origin])):
-                sampler = settings.sampler if i < n_studies[origin] else None
-                request = AnalysisRequest(sampler, EVIDENCE_DRAWS * (i < n_evidences[origin]))
-                name = f"{design}-{origin.lower()}-{i + 1:04d}"
-                jobs.append(partial(analyse, design, name, origin, request, settings))
+        for origin, size in (("H1", is_h1.sum()), ("H0", (~is_h1).sum())):
+            for i in range(1, size + 1):
+                name = f"{design}-{origin.lower()}-{i:04d}"
+                evidences.append(partial(estimate_evidence, design, name, origin, seed))
 
-    names = [(name,) for _, name, *_ in (job.args for job in jobs)]
-    progress = print if options.progress else None
-    return pd.DataFrame(run_in_order(jobs, options.workers, progress, names))
-
-
-def judged_ranks(rows: pd.DataFrame) -> Iterator[Row]:
-    """Whether the ranks of each quantity are uniform in each design."""
-    for design, group in rows.groupby("design", sort=False):
-        for quantity in RANKED:
-            ranks = group[quantity].dropna()
-            yield {
-                "part": "rank",
-                "design": design,
-                "what": quantity,
-                "data_sets": len(ranks),
-                **judge_ranks(ranks),
-            }
+    jobs = [*ranks, *evidences]
+    rows = run_in_order(jobs, options.workers, None, [()] * len(jobs))
+    return pd.DataFrame(rows[: len(ranks)]), pd.DataFrame(rows[len(ranks) :])
 
 
 def judged_probabilities(rows: pd.DataFrame, seed: int) -> Iterator[Row]:
     """Whether the probabilities P(H1 | data) of each estimator are calibrated in each design."""
-    for design, group in rows.dropna(subset="origin").groupby("design", sort=False):
+    for design, group in rows.groupby("design", sort=False):
         for estimator in ESTIMATORS:
-            is_missing = group[estimator].isna()
-            row = {"part": "probability", "design": design, "what": estimator}
-            row["data_sets"] = len(group)
-            for origin in ("H1", "H0"):
-                row[f"missing_{origin.lower()}"] = (is_missing & (group["origin"] == origin)).sum()
-            known = group[~is_missing]
+            n_missing = group[estimator].isna().groupby(group["origin"]).sum()
+            known = group.dropna(subset=estimator)
             is_h1 = known["origin"] == "H1"
             rng = generator(seed, design, estimator, "reliability")
-            row |= judge_probabilities(known[estimator], is_h1, rng)
-            shifts = (known[estimator] - known[DEFAULT]).to_numpy()
-            row["default_bits"] = log_score(known[DEFAULT], is_h1)
-            row["largest_shift"] = shifts[np.abs(shifts).argmax()]
-            yield row
-
-
-def judged(rows: pd.DataFrame, seed: int) -> pd.DataFrame:
-    """All judgements."""
-    return pd.DataFrame([*judged_ranks(rows), *judged_probabilities(rows, seed)])
+            shifts = known[estimator] - known[DEFAULT]
+            yield {
+                "part": "probability",
+                "design": design,
+                "what": estimator,
+                "data_sets": len(group),
+                "missing_h1": n_missing.get("H1", 0),
+                "missing_h0": n_missing.get("H0", 0),
+                **judge_probabilities(known[estimator], is_h1, rng),
+                "default_bits": log_score(known[DEFAULT], is_h1),
+                "largest_shift": shifts[shifts.abs().idxmax()],
+            }
 
 
 def of_defaults(table: pd.DataFrame) -> pd.DataFrame:
@@ -268,24 +243,23 @@ def of_defaults(table: pd.DataFrame) -> pd.DataFrame:
     return table[~table["what"].isin((LAPLACE, APPENDIX_C))]
 
 
-def table_and_page(options: Namespace, seed: int) -> tuple[pd.DataFrame, str]:
+def table_and_page(options: Namespace) -> tuple[pd.DataFrame, str]:
     """All judgements, and the page."""
-    rows = analysed(options, seed)
-    table = judged(rows, seed)
-    known = rows.dropna(subset="origin")
-    is_unsure = known[DEFAULT].abs() < np.log(0.98 / 0.02)
+    ranks, evidences = analysed(options)
+    probabilities = judged_probabilities(evidences, options.seed)
+    table = pd.DataFrame([*judged_ranks(ranks, RANKED), *probabilities])
+    is_unsure = evidences[DEFAULT].abs() < np.log(0.98 / 0.02)
     template = Template(Path(__file__).with_suffix(".md").read_text("utf-8"), trim_blocks=True)
     page = template.render(
         conclusion=judgement_lines(of_defaults(table)),
-        not_converged=rows.loc[rows["shortfall"].fillna("") != "", "subject"].tolist(),
+        not_converged=ranks.loc[ranks["shortfall"] != "", "subject"].tolist(),
         designs=" and ".join(f"{n} times in the design *{name}*" for name, n in DESIGNS.items()),
         draws=DRAWS,
         replicates=REPLICATES,
         least_p=LEAST_P,
-        unsure=is_unsure.groupby(known["design"], sort=False).mean().to_dict(),
+        unsure=is_unsure.groupby(evidences["design"], sort=False).mean().to_dict(),
         tables=judgement_tables(table, COLUMNS),
         options=options,
-        seed=seed,
         versions=versions(),
     )
     return table, f"{page}\n"
@@ -293,19 +267,12 @@ def table_and_page(options: Namespace, seed: int) -> tuple[pd.DataFrame, str]:
 
 def main() -> int:
     """Simulate, analyse, judge, write."""
-    parser = page_parser(__doc__)
-    parser.add_argument("--studies", type=int, default=1000, help="a design, for the ranks")
-    parser.add_argument("--data-sets", type=int, default=500, help="a design, for the evidence")
-    parser.add_argument("--seed", type=int, help="without it fresh entropy, printed")
-    parser.add_argument("--progress", action="store_true", help="print the names of done subjects")
+    parser = page_parser(__doc__, studies=1000, data_sets=500, seed=1)
     options = parser.parse_args()
     if min(options.studies, options.data_sets) < 1:
         parser.error("--studies and --data-sets must be at least 1")
-    seed = root_seed(options.seed)
-    table = write_page(options, "calibration", partial(table_and_page, options, seed))
-    decisive = of_defaults(table)
-    print(*judgement_lines(decisive), f"seed {seed}", sep="\n")
-    return 0 if decisive["calibrated"].all() else 3
+    table = write_page(options, "calibration", partial(table_and_page, options))
+    return print_judgements(of_defaults(table))
 
 
 if __name__ == "__main__":

@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import argparse
 import os
-import statistics
 import subprocess
 import sys
 from pathlib import Path
+
+import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 CALLS = {
@@ -41,21 +42,14 @@ print(time.process_time() - start)
 def processor_seconds(checkout: Path, verb: str, n_subjects: int) -> float:
     """Processor time of a verb of the package of a checkout, seconds."""
     program = PROGRAM.format(call=CALLS[verb], subjects=n_subjects)
-    variables = {
-        **os.environ,
-        "PYTHONPATH": str(checkout),
-        "OMP_NUM_THREADS": "1",
-        "OPENBLAS_NUM_THREADS": "1",
-    }
-    finished = subprocess.run(
+    one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    output = subprocess.check_output(
         [sys.executable, "-c", program],
         cwd=checkout,
-        env=variables,
-        capture_output=True,
+        env={**os.environ, "PYTHONPATH": str(checkout), **one_thread},
         text=True,
-        check=True,
     )
-    return float(finished.stdout.splitlines()[-1])
+    return float(output.splitlines()[-1])
 
 
 def main() -> None:
@@ -66,16 +60,16 @@ def main() -> None:
     parser.add_argument("--subjects", type=int, default=6)
     parser.add_argument("--verbs", nargs="+", choices=list(CALLS), default=list(CALLS))
     options = parser.parse_args()
-    other_checkout = options.other.resolve(strict=True)
+    checkouts = (ROOT, options.other.resolve(strict=True))
     print(f"{'verb':<11}{'this, s':>9}{'other, s':>10}  this / other")
     for verb in options.verbs:
-        this_times, other_times = [], []
+        times = []
         for _ in range(options.pairs):
-            this_times.append(processor_seconds(ROOT, verb, options.subjects))
-            other_times.append(processor_seconds(other_checkout, verb, options.subjects))
-        ratios = [this / other for this, other in zip(this_times, other_times, strict=True)]
-        medians = f"{statistics.median(this_times):9.2f}{statistics.median(other_times):10.2f}"
-        print(f"{verb:<11}{medians}  " + " ".join(f"{ratio:.2f}" for ratio in ratios), flush=True)
+            times.append([processor_seconds(path, verb, options.subjects) for path in checkouts])
+        this_times, other_times = np.transpose(times)
+        medians = f"{np.median(this_times):9.2f}{np.median(other_times):10.2f}"
+        ratios = np.array2string(this_times / other_times, precision=2)
+        print(f"{verb:<11}{medians}  {ratios}", flush=True)
 
 
 if __name__ == "__main__":

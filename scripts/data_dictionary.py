@@ -1,6 +1,6 @@
 """Bring docs/data_dictionary.md up to date.
 
-A row for every declared column, in the words of a docstring or a comment beside the field.
+A row for every declared column, in the words of a docstring.
 
 What no docstring says stands in the document alone. A column that is new and has no words is named:
 write its row there.
@@ -11,8 +11,8 @@ Example: python scripts/data_dictionary.py
 import inspect
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from bayes_toe.answers.contrast import CONTRAST_COLUMNS, Difference
 from bayes_toe.answers.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
@@ -31,28 +31,19 @@ SECTION = "\n## "
 _ROW = re.compile(r"^\| `([^`]+)` \| (.*) \|$", flags=re.MULTILINE)
 
 
-@dataclass(frozen=True)
-class File:
-    """Columns of a file, the records that explain them, and explanations that replace these."""
+class File(NamedTuple):
+    """Columns of a file, the records that explain them, and columns that the document explains."""
 
     columns: Sequence[str] = ()
     explained: Sequence[type] = ()
     better: Sequence[str] = ()
 
-    def told(self, column: str) -> str:
-        """What a docstring or else a comment says of a column, as it is read in a file.
-
-        Empty where nothing does.
-        """
+    def words(self, column: str) -> str:
+        """What a docstring says of a column, as it is read in a file; empty where none does."""
         if column in self.better:
             return ""
-        found = next(
-            filter(
-                None, (of(kind, column) for of in (explanation, comment) for kind in self.explained)
-            ),
-            "",
-        )
-        plain = " ".join(re.sub(r":\w+:`~?\.?([^`]+)`", r"`\1`", found).replace("|", r"\|").split())
+        text = "".join(explanation(kind, column) for kind in self.explained)
+        plain = " ".join(re.sub(r":\w+:`~?\.?([^`]+)`", r"`\1`", text).replace("|", r"\|").split())
         plain = re.sub(r"\bNone where\b", "empty where", plain)
         return plain[:1].upper() + plain[1:]
 
@@ -76,26 +67,13 @@ FILES = {
 
 
 def explanation(kind: type, name: str) -> str:
-    """What a docstring says of an attribute, or of a property.
-
-    Nothing where it says nothing of this one alone.
-    """
-    if isinstance(getattr(kind, name, None), property):
-        return inspect.getdoc(getattr(kind, name)) or ""
-    entry = re.search(
-        rf"^{name} : [^\n]*\n((?:    [^\n]*\n?)+)",
-        (inspect.getdoc(kind) or "") + "\n",
-        flags=re.MULTILINE,
-    )
+    """What a docstring says of an attribute, or of a property; nothing for other names."""
+    member = getattr(kind, name, None)
+    if isinstance(member, property):
+        return inspect.getdoc(member) or ""
+    pattern = rf"^{name} : [^\n]*\n((?:    [^\n]*\n?)+)"
+    entry = re.search(pattern, f"{inspect.getdoc(kind)}\n", flags=re.MULTILINE)
     return entry[1] if entry else ""
-
-
-def comment(kind: type, name: str) -> str:
-    """What stands beside a field, as a sentence."""
-    found = re.search(
-        rf"^    {name}: [^#\n]*  # (.*)$", inspect.getsource(kind), flags=re.MULTILINE
-    )
-    return f"{found[1]}." if found else ""
 
 
 def words(section: str) -> dict[str, str]:
@@ -106,23 +84,17 @@ def words(section: str) -> dict[str, str]:
 def updated(document: str) -> str:
     """The document with the rows that declarations and docstrings ask for."""
     head, *sections = document.split(SECTION)
-    for place, section in enumerate(sections):
+    for i, section in enumerate(sections):
         before, rule, _ = section.partition("|---|---|\n")
         name, stored = section.partition("\n")[0], words(section)
-        file = FILES.get(name, File())
-        said = {
-            column: file.told(column) or stored.get(column) for column in file.columns or stored
-        }
-        if None in said.values():
-            raise SystemExit(
-                f"{OUTPUT.name}: {name}: nothing says what these mean: "
-                f"{', '.join(key for key in said if said[key] is None)}"
-            )
-        sections[place] = (
-            before
-            + rule
-            + "".join(f"| `{column}` | {meaning} |\n" for column, meaning in said.items())
-        )
+        file = FILES.get(name, File(tuple(stored)))
+        rows = []
+        for column in file.columns:
+            meaning = file.words(column) or stored.get(column)
+            if meaning is None:
+                raise SystemExit(f"{OUTPUT.name}: {name}: nothing says what {column} means")
+            rows.append(f"| `{column}` | {meaning} |\n")
+        sections[i] = before + rule + "".join(rows)
     return SECTION.join([head, *sections])
 
 

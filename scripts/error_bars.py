@@ -29,6 +29,10 @@ from bayes_toe.workers import run_in_order
 BAND, PRECISE = (0.8, 1.25), 0.012
 #: Nats below the best model of a subject from which on a model is left out.
 FAR = 6.0
+#: What is estimated, by the stem of the files.
+EVIDENCES = {"error_bars": "the evidence", "error_bars_order": "the four models' evidences"}
+#: The worst value of each number that judges an estimate.
+QUALITIES = {"largest_pareto_k": "max", "least_effective_draws": "min"}
 #: Titles of the columns on the page.
 TITLES = {
     "withheld": "not reported",
@@ -46,8 +50,8 @@ We estimate each case with {seeds} seeds. The number z is the difference between
 the reported standard error. If the standard errors are right, the standard deviation of z is 1. Chance
 changes this standard deviation by about {precision:.0f} %, because the seeds are few. We accept values between {band[0]} and {band[1]}.
 {conclusion}
-{far}
-`python scripts/error_bars.py -o docs --seeds {seeds} {option}--overwrite` writes this page and [{table}]({table}). The references are in
+
+`python scripts/error_bars.py -o docs --seeds {seeds} {option}--overwrite` writes this page and [{stem}.csv]({stem}.csv). The references are in
 `tests/reference`. The versions were bayes_toe {version}, Python {python} and numpy {numpy}.
 
 {rows}
@@ -56,28 +60,23 @@ changes this standard deviation by about {precision:.0f} %, because the seeds ar
 
 def main() -> int:
     """Estimate, compare, write."""
-    parser = page_parser(__doc__)
-    parser.add_argument("--seeds", type=int, default=100)
+    parser = page_parser(__doc__, seeds=100)
     parser.add_argument("--subjects", nargs="+", metavar="NAME", help="by default all")
-    parser.add_argument(
-        "--order",
-        action="store_true",
-        help="the four models of the observer; writes error_bars_order.csv and .md",
-    )
+    parser.add_argument("--order", action="store_true", help="the four models of the observer")
     options = parser.parse_args()
     estimate, subjects, stem = paper_estimates, paper_subjects(), "error_bars"
     if options.order:
         estimate, subjects, stem = order_estimates, order_cases(), "error_bars_order"
     names = options.subjects or list(subjects)
-    for name in names:
-        if name not in subjects:
-            parser.error(f"--subjects: no subject named {name!r}; there are {'; '.join(subjects)}")
+    unknown = set(names) - subjects.keys()
+    if unknown:
+        parser.error(f"--subjects: no {'; '.join(unknown)}; there are {'; '.join(subjects)}")
 
     def work() -> tuple[pd.DataFrame, str]:
         jobs = [partial(estimate, subjects[name], options.seeds) for name in names]
         rows = run_in_order(jobs, options.workers, print, [(name,) for name in names])
-        table = judged(pd.DataFrame(chain.from_iterable(rows)), options.order)
-        return table, page(table, f"{stem}.csv", options.order)
+        table = judged(pd.DataFrame(chain.from_iterable(rows)))
+        return table, page(table, stem)
 
     return 0 if write_page(options, stem, work)["honest"].all() else 3
 
@@ -98,7 +97,7 @@ def paper_estimates(subject: bt.Subject, seeds: int) -> list[dict[str, object]]:
         rng = np.random.default_rng([seed, 7])
         evidence = importance_evidence(fit_posterior(posterior, rng).fresh(rng, 20_000))
         row = {"case": subject.name, "reference": reference, "value": evidence.value}
-        rows.append(row | {"se": evidence.se, "quality": evidence.pareto_k})
+        rows.append(row | {"se": evidence.se, "largest_pareto_k": evidence.pareto_k})
     return rows
 
 
@@ -112,14 +111,18 @@ def order_estimates(subject: bt.Subject, seeds: int) -> list[dict[str, object]]:
     rows = []
     for seed in range(seeds):
         (evidence,) = order_evidence([subject], seed)
-        for i in np.flatnonzero(is_used):
-            row = {"case": cases[i], "reference": known[i], "value": evidence.log_evidence[i]}
-            row |= {"se": evidence.standard_error[i], "quality": evidence.effective_draws[i]}
-            rows.append(row)
+        columns = {
+            "case": cases,
+            "reference": known,
+            "value": evidence.log_evidence,
+            "se": evidence.standard_error,
+            "least_effective_draws": evidence.effective_draws,
+        }
+        rows += pd.DataFrame(columns)[is_used].to_dict("records")
     return rows
 
 
-def judged(estimates: pd.DataFrame, is_order: bool) -> pd.DataFrame:
+def judged(estimates: pd.DataFrame) -> pd.DataFrame:
     """A row a case: how far the estimates are from the reference in standard errors."""
     errors = estimates["se"].astype(float)
     z = (estimates["value"].astype(float) - estimates["reference"]) / errors
@@ -132,43 +135,38 @@ def judged(estimates: pd.DataFrame, is_order: bool) -> pd.DataFrame:
         largest_z=("distance", "max"),
         median_se=("se", "median"),
         largest_se=("se", "max"),
+        **{name: (name, worst) for name, worst in QUALITIES.items() if name in estimates},
     )
     n_reported = table["withheld"]
-    table["withheld"] = table["seeds"] - n_reported
-    if is_order:
-        table["least_effective_draws"] = groups["quality"].min()
-    else:
-        table["largest_pareto_k"] = groups["quality"].max()
     table["honest"] = (n_reported == 0) | table["sd_z"].between(*BAND, inclusive="neither")
+    table["withheld"] = table["seeds"] - n_reported
     return table.reset_index()
 
 
-def page(table: pd.DataFrame, file: str, is_order: bool) -> str:
+def page(table: pd.DataFrame, stem: str) -> str:
     """The table as Markdown, what it shows, and single estimates that are far off."""
     bad, seeds = table.loc[~table["honest"], "case"], int(table["seeds"].iloc[0])
+    conclusion = "All cases lie in this range."
+    if not bad.empty:
+        conclusion = f"These cases lie outside this range: `{'`, `'.join(bad)}`."
     far = []
     for row in table[table["largest_z"] > 5.0].itertuples():
         nats = row.largest_z * row.median_se
         far.append(f"`{row.case}` ({row.largest_z:.1f} standard errors, about {nats:.2f} nat)")
-    far_line = ""
     if far:
-        far_line = (
-            "In these cases, the largest error of an estimate exceeds 5 standard errors without a "
-            f"warning: {'; '.join(far)}.\n"
+        conclusion += (
+            "\nIn these cases, the largest error of an estimate exceeds 5 standard errors without a "
+            f"warning: {'; '.join(far)}."
         )
-    conclusion = "All cases lie in this range."
-    if not bad.empty:
-        conclusion = f"These cases lie outside this range: `{'`, `'.join(bad)}`."
     shown = table.drop(columns=["seeds", "honest"]).round({"least_effective_draws": 0})
     return PAGE.format(
-        table=file,
-        evidences="the four models' evidences" if is_order else "the evidence",
-        option="--order " if is_order else "",
+        stem=stem,
+        evidences=EVIDENCES[stem],
+        option="--order " if "order" in stem else "",
         seeds=seeds,
         band=BAND,
         precision=100 / np.sqrt(2 * (seeds - 1)),
         conclusion=conclusion,
-        far=far_line,
         rows=markdown(shown.convert_dtypes().rename(columns=TITLES)),
         **versions(),
     )

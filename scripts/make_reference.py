@@ -2,12 +2,11 @@
 
 By default: H1 for the bundled study and the hard cases, into reference.json. With --order: the
 four models of the observer for the cases of scripts/reference/order_cases.py, into
-order_models.json. A case that is stored already, for the same counts and prior, stays.
+order_models.json. A case that is stored there already, for the same counts and prior, stays.
 
 Example: python scripts/make_reference.py -o tests/reference --order
 """
 
-import argparse
 import hashlib
 import json
 from itertools import product
@@ -16,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from reference.hard_cases import hard_cases
 from reference.order_cases import order_cases
+from reference.pages import number_parser
 from reference.paper_density import PaperScores
 from reference.tempering import (
     METHOD,
@@ -36,9 +36,7 @@ LEVELS = (0.05, 0.5, 0.95)
 
 def belongs(subject: bt.Subject, model: str | None) -> dict[str, str]:
     """Counts and prior of a stored case; by these a stale case is noticed."""
-    counts = np.column_stack(
-        (subject.s1, subject.s2, subject.n_yes.astype(float), subject.n_trials.astype(float))
-    )
+    counts = np.column_stack([subject.s1, subject.s2, subject.n_yes, subject.n_trials])
     return {
         "counts": hashlib.sha256(counts.tobytes()).hexdigest(),
         "prior": bt.Prior().describe() if model is None else describe_prior(),
@@ -62,23 +60,20 @@ def case(subject: bt.Subject, model: str | None) -> dict[str, object]:
 
 def weighted_moments(theta: FloatArray, weights: FloatArray) -> dict[str, object]:
     """Means, standard deviations and quantiles of parameters, (parameters, points)."""
-    shares = np.tile(weights / weights.sum(), (len(theta), 1))
-    means = (shares * theta).sum(axis=1)
-    variances = (shares * np.square(theta - means[:, None])).sum(axis=1)
-    options = {"axis": 1, "weights": shares, "method": "inverted_cdf"}
-    quantiles = np.quantile(theta, LEVELS, **options).T
+    options = {"axis": 1, "weights": weights}
+    means = np.average(theta, **options)
+    variances = np.average(np.square(theta - means[:, None]), **options)
+    quantiles = np.quantile(theta, LEVELS, method="inverted_cdf", **options)
     return {
         "means": means.tolist(),
         "sds": np.sqrt(variances).tolist(),
-        "quantiles": quantiles.tolist(),
+        "quantiles": quantiles.T.tolist(),
     }
 
 
 def main() -> None:
     """Compute what is missing, one case at a time; the file is whole after each."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = number_parser(__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("tests/reference"))
     parser.add_argument("--order", action="store_true", help="the four models of the observer")
     options = parser.parse_args()
@@ -90,19 +85,16 @@ def main() -> None:
         pairs = product(order_cases().values(), MODELS)
         cases = {f"{subject.name}: {model}": (subject, model) for subject, model in pairs}
 
-    stored = {"levels": LEVELS, "cases": {}}
-    if path.exists():
-        stored = json.loads(path.read_text(encoding="utf-8"))
+    stored = json.loads(path.read_text(encoding="utf-8"))
     for name, (subject, model) in cases.items():
         key = belongs(subject, model)
         if key.items() <= stored["cases"].get(name, {}).items():
             continue
-        made = stored["cases"][name] = {**key, **case(subject, model)}
+        new_case = stored["cases"][name] = {**key, **case(subject, model)}
         stored["versions"] = library_versions()
         with whole_file(path, overwrite=True) as target:
-            text = json.dumps(stored, indent=1, sort_keys=True)
-            target.write_text(text + "\n", encoding="utf-8")
-        print(name, made["log_evidence"], "+-", made["log_evidence_error"], flush=True)
+            target.write_text(json.dumps(stored, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        print(name, new_case["log_evidence"], "+-", new_case["log_evidence_error"], flush=True)
 
 
 if __name__ == "__main__":

@@ -11,30 +11,31 @@ Example: python scripts/order_calibration.py -o docs --observers 500 --seed 1 --
 
 import sys
 from argparse import Namespace
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 import pandas as pd
 from order_effect import DESIGNS, Design, has_effect
-from reference.calibration_statistics import LEAST_P, judge_probabilities, judge_ranks, place
+from reference.calibration_statistics import LEAST_P, judge_probabilities, judged_ranks, place
 from reference.pages import (
     judgement_lines,
     judgement_tables,
     page_parser,
+    print_judgements,
     versions,
     write_page,
 )
-from reference.tempering import Observer, answer_probabilities
-from scipy.stats import norm
+from reference.tempering import Observer, Parameters, answer_probabilities, shifted_difference
+from scipy.special import ndtr
 
 import bayes_toe as bt
 from bayes_toe.answers.contrast import one_observer
 from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.data.study import pooled
 from bayes_toe.data.tasks import THREE_ANSWERS
-from bayes_toe.errors import NumericalError
 from bayes_toe.inference.order_evidence import (
     EVERY_MODEL,
     HAS_CONTRACTION,
@@ -56,10 +57,11 @@ ALL_DESIGNS |= {
     "two tasks 645": (replace(DESIGNS[2], trials=25), replace(DESIGNS[0], trials=32)),
     "two tasks 204": (replace(DESIGNS[3], trials=8), replace(DESIGNS[1], trials=10)),
 }
-RANKED = ("constant_error", "contraction", "jnd")
+#: By ranked quantity, the models that its draws come from.
+RANKED = {"constant_error": HAS_ERROR, "contraction": HAS_CONTRACTION, "jnd": EVERY_MODEL}
 _DRAWS = 100  # among which a true value is ranked
 _CHUNK = 40  # observers of a job
-_SHARED = {"design": "design", "what": "question", "observers": "observers"}
+_SHARED = {"design": "design", "what": "question", "data_sets": "observers"}
 #: Columns of the page, with their titles, for each part.
 COLUMNS = {
     "probability": _SHARED
@@ -98,184 +100,124 @@ uniform distribution. Ranks count as uniform if p is at least {least_p:g}.
 {rank}
 
 `python scripts/order_calibration.py -o docs --observers {observers} --seed {seed} --overwrite` writes this page and
-[{table}]({table}). The versions were bayes_toe {version}, Python {python} and numpy {numpy}.
+[calibration_order.csv](calibration_order.csv). The versions were bayes_toe {version}, Python {python} and numpy {numpy}.
 """
 
 
-@dataclass(frozen=True, eq=False)
-class Simulated:
-    """An observer: responses to each task, and the true value of each quantity."""
-
-    units: list[bt.Subject]
-    truth: dict[str, float]
-
-
-def simulate(parts: Sequence[Design], name: str, seed: list[int]) -> Simulated:
-    """An observer from the prior."""
+def simulate(
+    parts: Sequence[Design], name: str, seed: list[int]
+) -> tuple[list[bt.Subject], dict[str, float]]:
+    """The responses of an observer from the prior to each task, and its true quantities."""
     rng = np.random.default_rng(seed)
-    asked = []
-    for part in parts:
-        s1, s2 = np.array(part.pairs).T
-        n_trials = np.full(len(s1), part.trials)
-        asked.append(bt.Subject(name, s1, s2, n_trials, n_trials, task=part.task))
+    asked = [part.asked(name) for part in parts]
     # The first task has all parameters; the scales are those of all trials.
     everything = pooled([replace(part, task=asked[0].task) for part in asked])
     model = str(rng.choice(list(PROBABILITIES), p=list(PROBABILITIES.values())))
     observer = Observer(everything, model)
     values = observer.natural(rng.standard_normal((1, len(observer.parameters))))
     truth = {"jnd": JND_OVER_NOISE * values["sigma_d"].item()}
-    if "c" in values:
-        truth["constant_error"] = values["c"].item()
-    if "p" in values:
-        truth["contraction"] = values["p"].item()
-    return Simulated([respond(part, observer, values, rng) for part in asked], truth)
+    for symbol, quantity in (("c", "constant_error"), ("p", "contraction")):
+        if symbol in values:
+            truth[quantity] = values[symbol].item()
+    return [respond(part, observer.sbar, values, rng) for part in asked], truth
 
 
 def respond(
-    asked: bt.Subject,
-    observer: Observer,
-    values: Mapping[str, np.ndarray],
-    rng: np.random.Generator,
+    asked: bt.Subject, sbar: float, values: Parameters, rng: np.random.Generator
 ) -> bt.Subject:
     """The responses of an observer to the trials of a task."""
-    yes, _ = answer_probabilities(asked, observer.sbar, values)
+    yes, _ = answer_probabilities(asked, sbar, values)
     n_yes = rng.binomial(asked.n_trials, yes[0])
     if asked.task != THREE_ANSWERS:
         return replace(asked, n_yes=n_yes)
-    n_second = rng.binomial(asked.n_trials - n_yes, share_of_second(asked, observer, values))
+    n_second = rng.binomial(asked.n_trials - n_yes, share_of_second(asked, sbar, values)[0])
     return replace(asked, n_yes=n_yes, n_second=n_second)
 
 
-def share_of_second(
-    asked: bt.Subject, observer: Observer, values: Mapping[str, np.ndarray]
-) -> np.ndarray:
-    """P('second') where the answer is not 'equal', of three answers, shape (pairs,)."""
-    value = {name: column.item() for name, column in values.items()}
-    first, middle = asked.s1 - observer.sbar, 0.5 * (asked.s1 + asked.s2) - observer.sbar
-    shift = value.get("p", 0.0) * first - value.get("c", 0.0)
-    z = (asked.s2 - asked.s1 + shift) / (value["sigma_d"] * np.exp(value["b"] * middle))
-    k = value["k"] * np.exp(value["g"] * middle)
-    guessed = value["lambda"] * norm.sf(k)
-    second, opposite = (guessed + (1.0 - value["lambda"]) * norm.sf(k - x) for x in (z, -z))
-    return second / (second + opposite)
+def share_of_second(asked: bt.Subject, sbar: float, values: Parameters) -> np.ndarray:
+    """P('second') where the answer is not 'equal', of three answers, shape (1, pairs)."""
+    numerator, middle = shifted_difference(asked, sbar, values)
+    z = numerator / (values["sigma_d"] * np.exp(values["b"] * middle))
+    k = values["k"] * np.exp(values["g"] * middle)
+    lapse = values["lambda"]
+    second = lapse * ndtr(-k) + (1.0 - lapse) * ndtr(z - k)
+    first = lapse * ndtr(-k) + (1.0 - lapse) * ndtr(-z - k)
+    return second / (second + first)
 
 
 def answered(design: str, numbers: range, seed: int) -> list[dict[str, object]]:
     """A row for each of some observers: effects, log odds of the questions, ranks."""
-    at = list(ALL_DESIGNS).index(design)
-    made = [simulate(ALL_DESIGNS[design], f"{design} {i}", [seed, at, i]) for i in numbers]
+    position = list(ALL_DESIGNS).index(design)
+    seeds = [[seed, position, i] for i in numbers]
+    observers = [simulate(ALL_DESIGNS[design], f"{design} {key[-1]}", key) for key in seeds]
     if len(ALL_DESIGNS[design]) == 1:
-        evidences = order_evidence([observer.units[0] for observer in made], seed)
+        evidences = order_evidence([units[0] for units, _ in observers], seed)
     else:
-        evidences = []
-        for observer in made:
-            evidence = one_observer(observer.units, DEFAULT_PRIOR, seed)
-            if isinstance(evidence, NumericalError):
-                raise evidence
-            evidences.append(evidence)
-    return [
-        row(design, observer, evidence, np.random.default_rng([seed, at, i, 1]))
-        for i, observer, evidence in zip(numbers, made, evidences, strict=True)
-    ]
+        evidences = [one_observer(units, DEFAULT_PRIOR, seed) for units, _ in observers]
+    rows = []
+    for key, (_, truth), evidence in zip(seeds, observers, evidences, strict=True):
+        rows.append({"design": design, **row(truth, evidence, np.random.default_rng([*key, 1]))})
+    return rows
 
 
 def row(
-    design: str, observer: Simulated, evidence: OrderEvidence, rng: np.random.Generator
+    truth: dict[str, float], evidence: OrderEvidence, rng: np.random.Generator
 ) -> dict[str, object]:
     """The true effects, log odds of the three questions, and the rank of every true value."""
-    entries: dict[str, object] = {
-        "design": design,
-        "c": observer.truth.get("constant_error", 0.0),
-        "p": observer.truth.get("contraction", 0.0),
-    }
+    entries = {"c": truth.get("constant_error", 0.0), "p": truth.get("contraction", 0.0)}
     for question, has in QUESTIONS.items():
         entries[f"log_odds_{question}"] = evidence.log_odds(has)
-    models = {"constant_error": HAS_ERROR, "contraction": HAS_CONTRACTION, "jnd": EVERY_MODEL}
-    for quantity, has in models.items():
-        entries[f"rank_{quantity}"] = np.nan
-        if quantity in observer.truth:
+    for quantity, has in RANKED.items():
+        entries[quantity] = np.nan
+        if quantity in truth:
             draws = evidence.averaged(has)
-            points = draws.resampled(rng, _DRAWS)
-            values = draws.posterior.quantities(points)[quantity]
-            entries[f"rank_{quantity}"] = place(observer.truth[quantity], values, rng)
+            values = draws.posterior.quantities(draws.resampled(rng, _DRAWS))[quantity]
+            entries[quantity] = place(truth[quantity], values, rng)
     return entries
 
 
-def judged_probabilities(table: pd.DataFrame, seed: int) -> Iterator[dict[str, object]]:
-    """Whether the probabilities of a question are calibrated, by design and of all together."""
-    groups = [*table.groupby("design", sort=False), ("all", table)]
-    for design, group in groups:
+def judged_probabilities(table: pd.DataFrame, seed: int) -> list[dict[str, object]]:
+    """Whether the probabilities of a question are calibrated, by design."""
+    rows = []
+    for design, group in table.groupby("design", sort=False):
         for question in QUESTIONS:
-            log_odds = group[f"log_odds_{question}"].to_numpy(np.float64)
-            is_there = has_effect(group, question).to_numpy()
-            yield {
-                "design": design,
-                "what": question,
-                "observers": len(group),
-                "with_effect": int(is_there.sum()),
-                **judge_probabilities(log_odds, is_there, np.random.default_rng(seed)),
-            }
+            is_there = has_effect(group, question)
+            row = {"part": "probability", "design": design, "what": question}
+            row |= {"data_sets": len(group), "with_effect": is_there.sum()}
+            rng = np.random.default_rng(seed)
+            rows.append(row | judge_probabilities(group[f"log_odds_{question}"], is_there, rng))
+    return rows
 
 
-def judged_ranks(table: pd.DataFrame) -> Iterator[dict[str, object]]:
-    """Whether the ranks of a quantity are uniform, by design and of all together."""
-    groups = [*table.groupby("design", sort=False), ("all", table)]
-    for design, group in groups:
-        for quantity in RANKED:
-            ranks = group[f"rank_{quantity}"].dropna()
-            if ranks.empty:  # few observers, and none has the effect
-                continue
-            yield {
-                "design": design,
-                "what": quantity,
-                "observers": len(ranks),
-                **judge_ranks(ranks),
-            }
-
-
-def page(table: pd.DataFrame, observers: int, seed: int) -> str:
-    """The judgements as Markdown."""
-    return PAGE.format(
+def judged(options: Namespace) -> tuple[pd.DataFrame, str]:
+    """The table of all judgements, and the page."""
+    jobs = []
+    for design in ALL_DESIGNS:
+        for start in range(0, options.observers, _CHUNK):
+            numbers = range(start, min(start + _CHUNK, options.observers))
+            jobs.append(partial(answered, design, numbers, options.seed))
+    parts = run_in_order(jobs, options.workers, None, [()] * len(jobs))
+    observers = pd.DataFrame(chain.from_iterable(parts))
+    observers = pd.concat([observers, observers.assign(design="all")])
+    probabilities = judged_probabilities(observers, options.seed)
+    table = pd.DataFrame([*probabilities, *judged_ranks(observers, tuple(RANKED))])
+    page = PAGE.format(
         designs=len(ALL_DESIGNS),
-        observers=observers,
-        seed=seed,
-        table="calibration_order.csv",
+        observers=options.observers,
+        seed=options.seed,
         conclusion="\n".join(f"* {line}" for line in judgement_lines(table)),
         draws=_DRAWS,
         least_p=LEAST_P,
         **judgement_tables(table, COLUMNS),
         **versions(),
     )
-
-
-def judged(options: Namespace) -> tuple[pd.DataFrame, str]:
-    """The table of all judgements, and the page."""
-    jobs, names = [], []
-    for design in ALL_DESIGNS:
-        for start in range(0, options.observers, _CHUNK):
-            numbers = range(start, min(start + _CHUNK, options.observers))
-            jobs.append(partial(answered, design, numbers, options.seed))
-            names.append((f"{design} {start}",))
-    parts = run_in_order(jobs, options.workers, None, names)
-    observers = pd.DataFrame([entries for rows in parts for entries in rows])
-
-    probabilities = pd.DataFrame(judged_probabilities(observers, options.seed))
-    ranks = pd.DataFrame(judged_ranks(observers))
-    table = pd.concat(
-        [probabilities.assign(part="probability"), ranks.assign(part="rank")], ignore_index=True
-    )
-    return table, page(table, options.observers, options.seed)
+    return table, page
 
 
 def main() -> int:
     """Simulate, answer, judge, write."""
-    parser = page_parser(__doc__)
-    parser.add_argument("--observers", type=int, default=500, help="of each design")
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    table = write_page(options, "calibration_order", partial(judged, options))
-    print("\n".join(judgement_lines(table)))
-    return 0 if table["calibrated"].astype(bool).all() else 3
+    options = page_parser(__doc__, observers=500, seed=1).parse_args()
+    return print_judgements(write_page(options, "calibration_order", partial(judged, options)))
 
 
 if __name__ == "__main__":

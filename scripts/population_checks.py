@@ -10,12 +10,12 @@ neighbours of six levels 0.25 apart, 40 or 200 trials a subject. The noise is 0.
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
+from reference.pages import number_parser
 from scipy.special import expit
 
 import bayes_toe as bt
@@ -24,7 +24,6 @@ from bayes_toe.design.study_design import StudyDesign
 STEP, N_SUBJECTS = 0.25, 10
 LEVELS = STEP * np.arange(6)
 S1, S2 = np.append(LEVELS[:-1], LEVELS[1:]), np.append(LEVELS[1:], LEVELS[:-1])
-SPREAD = float(np.append(S1, S2).std())
 LIMITS = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 
 
@@ -33,6 +32,7 @@ def simulated_study(
 ) -> bt.Study:
     """Ten subjects of a group with these means and SDs of c, in D, and of p."""
     rng = np.random.default_rng([4, seed])
+    design = StudyDesign(S1, S2, np.full(len(S1), n_trials // len(S1)), task="2afc")
     observers = {}
     for i in range(N_SUBJECTS):
         c, p = rng.normal(mean, sd)
@@ -42,9 +42,8 @@ def simulated_study(
             "contraction": p,
             "noise": 0.8 * STEP * np.exp(rng.normal(0.0, 0.35)),
             "lapse_rate": has_lapses * rng.beta(2, 14),
-            "noise_slope": has_slope * rng.normal(-0.1, 0.25) / SPREAD,
+            "noise_slope": has_slope * rng.normal(-0.1, 0.25) / S1.std(),
         }
-    design = StudyDesign(S1, S2, np.full(len(S1), n_trials // len(S1)), task="2afc")
     return bt.simulate(observers, design=design, task="2afc", seed=seed).study
 
 
@@ -66,10 +65,7 @@ def analysed_means(studies: range) -> Iterator[tuple[float, bool]]:
 
 def main() -> None:
     """Simulate studies, and count how often a mean is 0 where the Bayes factor says so."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--studies", type=int, default=80)
-    parser.add_argument("--first", type=int, default=0, help="number of the first study")
-    options = parser.parse_args()
+    options = number_parser(__doc__, studies=80, first=0).parse_args()
     means = analysed_means(range(options.first, options.first + options.studies))
     table = pd.DataFrame(means, columns=["probability", "zero"])
     groups = table.groupby(pd.cut(table["probability"], LIMITS), observed=True)

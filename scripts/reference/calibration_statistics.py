@@ -15,15 +15,14 @@ drawn anew from the stated probabilities themselves.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
-from scipy.special import expit, gammaln, log_expit
-from scipy.stats import binom
+import pandas as pd
+from scipy.special import expit, log_expit
+from scipy.stats import binom, poisson
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.errors import InputError, NumericalError
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
+from bayes_toe.errors import NumericalError
 
 #: Points at which the distribution function of ranks is looked at, 1/100 to 99/100.
 POINTS = np.arange(1, 100) / 100.0
@@ -35,35 +34,7 @@ BINS = 10
 _SIMULATIONS = 2000
 
 
-@dataclass(frozen=True, eq=False)
-class Band:
-    """Smallest and largest counts below each of :data:`POINTS` that lie inside, (points,) each."""
-
-    size: int
-    lower: IntArray
-    upper: IntArray
-
-    @property
-    def probability(self) -> float:
-        """Probability that the counts of `size` uniform numbers lie inside at all points.
-
-        They are Poisson steps given their total.
-        """
-        if np.any(self.lower > self.upper):
-            return 0.0
-        inside, start = np.ones(1), 0
-        steps = np.diff(POINTS, prepend=0.0, append=1.0) * self.size
-        for low, high, step in zip(
-            np.append(self.lower, self.size), np.append(self.upper, self.size), steps, strict=True
-        ):
-            k = np.arange(high - start + 1)
-            reached = np.convolve(inside, np.exp(k * np.log(step) - step - gammaln(k + 1.0)))
-            inside, start = reached[low - start : high - start + 1], low
-        total = self.size * np.log(self.size) - self.size - gammaln(self.size + 1.0)
-        return float(min(1.0, inside[0] * np.exp(-total)))
-
-
-def place(truth: float, among: FloatArray, rng: np.random.Generator) -> float:
+def place(truth: float, among: FloatArray, rng: Rng) -> float:
     """The place of the truth among draws, in 0..1.
 
     Ties are broken at random, and so is the position within the place.
@@ -78,10 +49,7 @@ def place(truth: float, among: FloatArray, rng: np.random.Generator) -> float:
 
 def counts_below(values: npt.ArrayLike) -> IntArray:
     """How many of the values, all in 0..1, lie at or below each of :data:`POINTS`."""
-    u = np.sort(np.asarray(values, np.float64))
-    if len(u) == 0 or not (u[0] >= 0.0 and u[-1] <= 1.0):
-        raise NumericalError("ranks must be numbers between 0 and 1")
-    return np.searchsorted(u, POINTS, side="right").astype(np.int64)
+    return np.searchsorted(np.sort(values), POINTS, side="right").astype(np.int64)
 
 
 def uniformity(values: npt.ArrayLike) -> float:
@@ -92,7 +60,26 @@ def uniformity(values: npt.ArrayLike) -> float:
     if rarest <= _SMALLEST:
         return 0.0
     # A hair more: the values themselves are then outside.
-    return max(0.0, 1.0 - _cut(size, min(0.0, rarest + 1e-9)).probability)
+    half = 0.5 * np.exp(min(0.0, rarest + 1e-9))
+    lower = binom.ppf(half, size, POINTS).astype(np.int64)
+    # The upper tail as a lower one: 1 - half would lose its digits.
+    upper = size - binom.ppf(half, size, 1.0 - POINTS).astype(np.int64)
+    return max(0.0, 1.0 - probability_inside(lower, upper, size))
+
+
+def probability_inside(lower: IntArray, upper: IntArray, size: int) -> float:
+    """Probability that the counts of so many uniform numbers lie inside at all points.
+
+    The limits are those of the counts below each of :data:`POINTS`. The counts are Poisson steps
+    given their total.
+    """
+    inside, start = np.ones(1), 0
+    steps = np.diff(POINTS, prepend=0.0, append=1.0) * size
+    for low, high, step in zip([*lower, size], [*upper, size], steps, strict=True):
+        rises = poisson.pmf(np.arange(high - start + 1), step)
+        inside = np.convolve(inside, rises)[low - start : high - start + 1]
+        start = low
+    return float(min(1.0, inside[0] / poisson.pmf(size, size)))
 
 
 def judge_ranks(values: npt.ArrayLike) -> dict[str, float | bool]:
@@ -108,21 +95,30 @@ def judge_ranks(values: npt.ArrayLike) -> dict[str, float | bool]:
     }
 
 
-def _cut(size: int, log_tail: float) -> Band:
-    """The band that leaves half of the tail probability on either side of every point."""
-    half = 0.5 * np.exp(log_tail)
-    lower = binom.ppf(half, size, POINTS)
-    upper = size - binom.ppf(
-        half, size, 1.0 - POINTS
-    )  # the upper tail as a lower one: 1 - half would lose its digits
-    return Band(size, lower.astype(np.int64), upper.astype(np.int64))
+def judged_ranks(table: pd.DataFrame, quantities: tuple[str, ...]) -> list[dict[str, object]]:
+    """Whether the ranks of each quantity are uniform in each design of a table."""
+    rows = list[dict[str, object]]()
+    for design, group in table.groupby("design", sort=False):
+        for quantity in quantities:
+            ranks = group[quantity].dropna()
+            if len(ranks):
+                rows.append(
+                    {
+                        "part": "rank",
+                        "design": design,
+                        "what": quantity,
+                        "data_sets": len(ranks),
+                        **judge_ranks(ranks),
+                    }
+                )
+    return rows
 
 
 # --- probabilities --------------------------------------------------------------------------------
 
 
 def judge_probabilities(
-    log_odds: npt.ArrayLike, true: npt.ArrayLike, rng: np.random.Generator
+    log_odds: npt.ArrayLike, true: npt.ArrayLike, rng: Rng
 ) -> dict[str, float | bool]:
     """Judge probabilities, as natural log odds, against the truth, shape (statements,) each.
 
@@ -130,10 +126,6 @@ def judge_probabilities(
     probabilities with an error as large, and the log score in bits.
     """
     odds, y = np.asarray(log_odds, np.float64), np.asarray(true, np.bool_)
-    if odds.shape != y.shape or odds.ndim != 1 or len(odds) == 0 or np.isnan(odds).any():
-        raise InputError(
-            "log odds and truth must have one common length of at least 1, without NaN"
-        )
     p = expit(odds)
     member = np.eye(BINS)[np.minimum((p * BINS).astype(np.int64), BINS - 1)]
 
@@ -141,8 +133,7 @@ def judge_probabilities(
         return np.abs((answers - p) @ member).sum(axis=1) / len(p)
 
     observed = error(y[None])[0]
-    right = [error(rng.uniform(size=(100, len(p))) < p) for _ in range(_SIMULATIONS // 100)]
-    floor = np.concatenate(right)
+    floor = error(rng.uniform(size=(_SIMULATIONS, len(p))) < p)
     p_value = float((1 + (floor >= observed).sum()) / (1 + _SIMULATIONS))
     return {
         "ece": float(observed),

@@ -21,8 +21,8 @@ from reference.tempering import answer_probabilities
 
 _LEVELS = 0.25 * np.arange(6)
 #: Every level before and after the next one, and the same with identical pairs.
-_NEIGHBOURS = [(a, b) for a, b in permutations(_LEVELS, 2) if abs(a - b) < 0.3]
-_WITH_IDENTICAL = [*_NEIGHBOURS, *zip(_LEVELS, _LEVELS, strict=True)]
+NEIGHBOURS = [(a, b) for a, b in permutations(_LEVELS, 2) if abs(a - b) < 0.3]
+WITH_IDENTICAL = [*NEIGHBOURS, *zip(_LEVELS, _LEVELS, strict=True)]
 #: First stimuli that spread ten times as far as the two of a pair are apart.
 _ROVED = [(base, base + shift) for base in np.linspace(-3.0, 3.0, 12) for shift in (-0.2, 0.2)]
 
@@ -39,15 +39,15 @@ def order_cases() -> dict[str, bt.Subject]:
         "same/different, always equal": hard["all equal"],
         "same/different, guesses": hard["guessing at 0.5"],
         "same/different, one trial a pair": hard["one batch"],
-        "same/different, lapses": _observer(SAME_DIFFERENT, _WITH_IDENTICAL, 40, lapse=0.3, c=0.2),
-        "same/different, repulsion": _observer(SAME_DIFFERENT, _WITH_IDENTICAL, 40, p=-0.5),
+        "same/different, lapses": _observer(SAME_DIFFERENT, WITH_IDENTICAL, 40, lapse=0.3, c=0.2),
+        "same/different, repulsion": _observer(SAME_DIFFERENT, WITH_IDENTICAL, 40, p=-0.5),
         "2AFC, simulated S01": stronger["S01"],
         "2AFC, simulated S07": stronger["S07"],
-        "2AFC, perfect": _observer(WHICH_STRONGER, _NEIGHBOURS, 40, sigma_d=1e-3),
-        "2AFC, always second": _observer(WHICH_STRONGER, _NEIGHBOURS, 40, c=-50.0),
-        "2AFC, two trials a pair": _observer(WHICH_STRONGER, _NEIGHBOURS, 2, c=0.2),
-        "2AFC, lapses": _observer(WHICH_STRONGER, _NEIGHBOURS, 65, lapse=0.3, c=0.25),
-        "2AFC, repulsion": _observer(WHICH_STRONGER, _NEIGHBOURS, 65, p=-0.5, c=0.25),
+        "2AFC, perfect": _observer(WHICH_STRONGER, NEIGHBOURS, 40, sigma_d=1e-3),
+        "2AFC, always second": _observer(WHICH_STRONGER, NEIGHBOURS, 40, c=-50.0),
+        "2AFC, two trials a pair": _observer(WHICH_STRONGER, NEIGHBOURS, 2, c=0.2),
+        "2AFC, lapses": _observer(WHICH_STRONGER, NEIGHBOURS, 65, lapse=0.3, c=0.25),
+        "2AFC, repulsion": _observer(WHICH_STRONGER, NEIGHBOURS, 65, p=-0.5, c=0.25),
         "2AFC, roved stimuli": _observer(WHICH_STRONGER, _ROVED, 30, p=0.03),
     }
     return {name: replace(case, name=name) for name, case in cases.items()}

@@ -66,9 +66,24 @@ def judgement_lines(table: pd.DataFrame) -> list[str]:
     return lines
 
 
-def page_parser(description: str) -> ArgumentParser:
-    """A parser with the options of all scripts that write a table and a page."""
+def print_judgements(table: pd.DataFrame) -> int:
+    """Print whether all rows are calibrated; exit code 3 where one is not."""
+    print(*judgement_lines(table), sep="\n")
+    return 0 if table["calibrated"].all() else 3
+
+
+def number_parser(description: str, **numbers: int) -> ArgumentParser:
+    """A parser with options that take whole numbers, by name their defaults."""
     parser = ArgumentParser(description=description, formatter_class=RawDescriptionHelpFormatter)
+    for name, default in numbers.items():
+        option = f"--{name.replace('_', '-')}"
+        parser.add_argument(option, type=int, default=default, help=f"by default {default}")
+    return parser
+
+
+def page_parser(description: str, **numbers: int) -> ArgumentParser:
+    """The same, with the options of all scripts that write a table and a page."""
+    parser = number_parser(description, **numbers)
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder")
     parser.add_argument("--workers", type=int, help="processes; by default one per processor")
     parser.add_argument("--overwrite", action="store_true")

@@ -4,8 +4,8 @@ The method shares nothing with the package's inference: every parameter is a fun
 normal score, the formulas stand as on paper, there is no search for a maximum and no fitted
 mixture. The likelihood is turned on in steps after which two thirds of the particles count. At
 every step the particles are weighted, resampled and moved by differences of two others (ter
-Braak's differential evolution) and along one score; the mean weights multiply to the evidence (Del
-Moral, Doucet and Jasra 2006). Importance sampling about the last particles then makes it precise.
+Braak's differential evolution) and along one score (Del Moral, Doucet and Jasra 2006). Importance
+sampling about the last particles gives the evidence.
 
     z = ((s2 - s1) - c + p (s1 - sbar)) / (sigma_d exp(b m)),   m = (s1 + s2)/2 - sbar
     which is stronger   P(second) = lambda/2 + (1 - lambda) Phi(z)
@@ -144,13 +144,19 @@ def _student(x: FloatArray) -> FloatArray:
     return np.asarray(-np.sign(x) * stdtrit(3.0, ndtr(-np.abs(x))))
 
 
+def shifted_difference(
+    subject: Subject, sbar: float, values: Parameters
+) -> tuple[FloatArray, FloatArray]:
+    """The numerator of z, (..., pairs), and m, (pairs,)."""
+    shift = values.get("p", 0.0) * (subject.s1 - sbar) - values.get("c", 0.0)
+    return subject.s2 - subject.s1 + shift, 0.5 * (subject.s1 + subject.s2) - sbar
+
+
 def answer_probabilities(
     subject: Subject, sbar: float, values: Parameters
 ) -> tuple[FloatArray, FloatArray]:
     """Probability of the answer that the task counts and of the other one, (..., pairs) each."""
-    first, middle = subject.s1 - sbar, 0.5 * (subject.s1 + subject.s2) - sbar
-    shift = values.get("p", 0.0) * first - values.get("c", 0.0)
-    numerator = subject.s2 - subject.s1 + shift
+    numerator, middle = shifted_difference(subject, sbar, values)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         # In logs, because far out the noise, the distance and the criterion leave the floats.
         log_noise = np.log(values["sigma_d"]) + values["b"] * middle
@@ -183,26 +189,13 @@ def _difference(log_a: FloatArray, log_b: FloatArray) -> FloatArray:
 
 def tempered(
     log_likelihood: LogLikelihood, k: int, rng: np.random.Generator, particles: int
-) -> tuple[FloatArray, float]:
-    """One run: particles of the posterior, (particles, k), and the log of the mean likelihood.
-
-    The mean is over k standard normal scores.
-
-    Examples
-    --------
-    The mean of this hill is (101)^(-1/2) exp(-50/101) in each direction:
-
-    >>> hill = lambda x: -50.0 * ((x - 1.0) ** 2).sum(axis=1)
-    >>> log_mean = tempered(hill, 2, np.random.default_rng(1), 4000)[1]
-    >>> bool(abs(log_mean + np.log(101) + 100 / 101) < 0.1)
-    True
-    """
+) -> FloatArray:
+    """One run: particles of the posterior of k standard normal scores, (particles, k)."""
     x = rng.standard_normal((particles, k))
-    value, power, total = log_likelihood(x), 0.0, 0.0
+    value, power = log_likelihood(x), 0.0
     while power < 1.0:
         step = _step(value, 1.0 - power)
         weights = step * value
-        total += float(logsumexp(weights)) - np.log(particles)
         power += step
         shares = np.exp(weights - logsumexp(weights))
         # Systematic resampling.
@@ -210,18 +203,28 @@ def tempered(
         chosen = np.searchsorted(np.cumsum(shares)[:-1], places)
         chosen = rng.permutation(chosen)
         x, value = _moved(log_likelihood, x[chosen], value[chosen], power, rng)
-    return x, total
+    return x
 
 
 def weighted_points(
-    log_likelihood: LogLikelihood, x: FloatArray, rng: np.random.Generator, size: int
+    log_likelihood: LogLikelihood, k: int, rng: np.random.Generator, particles: int, size: int
 ) -> tuple[FloatArray, FloatArray]:
     """Points about particles of the posterior, (size, k), and the logs of their weights, (size,).
 
     Half of the points have a Student-t kernel (4 degrees of freedom) about one of some particles,
     a quarter have one about the mean of all, a quarter are from the prior.
+
+    Examples
+    --------
+    The mean of this hill is (101)^(-1/2) exp(-50/101) in each direction:
+
+    >>> hill = lambda x: -50.0 * ((x - 1.0) ** 2).sum(axis=1)
+    >>> _, log_weights = weighted_points(hill, 2, np.random.default_rng(1), 400, 4000)
+    >>> bool(abs(log_mean(log_weights)[0] + np.log(101) + 100 / 101) < 0.1)
+    True
     """
-    k, centres = x.shape[1], x[rng.choice(len(x), _KERNELS, replace=False)]
+    x = tempered(log_likelihood, k, rng, particles)
+    centres = x[rng.choice(len(x), _KERNELS, replace=False)]
     factor = np.linalg.cholesky(np.cov(x.T).reshape(k, k) + 1e-9 * np.eye(k))
     whole: FloatArray = np.asarray(1.5 * factor, np.float64)
     narrow: FloatArray = np.asarray(_NARROW * factor, np.float64)
@@ -255,8 +258,7 @@ def estimate_by_tempering(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Points, the logs of their weights, and the log evidence, by a run of 4,000 points."""
     rng = np.random.default_rng(seed)
-    x, _ = tempered(log_likelihood, k, rng, 1000)
-    points, log_weights = weighted_points(log_likelihood, x, rng, 4000)
+    points, log_weights = weighted_points(log_likelihood, k, rng, 1000, 4000)
     return points, log_weights, log_mean(log_weights)[0]
 
 
@@ -336,13 +338,9 @@ def tempered_points(
     log_likelihood: LogLikelihood, k: int, *, runs: int = 6, particles: int = 1000, size: int
 ) -> tuple[FloatArray, FloatArray]:
     """Points of some runs, (runs, size, k), and the logs of their weights, (runs, size)."""
-    points, log_weights = [], []
-    for run in range(runs):
-        rng = np.random.default_rng([run, 2611])
-        x, _ = tempered(log_likelihood, k, rng, particles)
-        of_run = weighted_points(log_likelihood, x, rng, size)
-        points.append(of_run[0])
-        log_weights.append(of_run[1])
+    generators = [np.random.default_rng([run, 2611]) for run in range(runs)]
+    samples = [weighted_points(log_likelihood, k, rng, particles, size) for rng in generators]
+    points, log_weights = zip(*samples, strict=True)
     return np.stack(points), np.stack(log_weights)
 
 

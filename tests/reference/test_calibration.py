@@ -6,11 +6,10 @@ import calibration
 import numpy as np
 import pandas as pd
 import pytest
-from calibration import DRAWS, RANKED, analyse, calibration_settings, judged_ranks
+from calibration import RANKED, rank_truth
+from reference.calibration_statistics import judged_ranks
 
 import bayes_toe as bt
-from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import AnalysisRequest
 from bayes_toe.model.posterior_array import PosteriorArray
 
 STUDIES, FEWER = 8, 5  # the fewer are enough for a prior as wrong as the one below
@@ -18,14 +17,10 @@ STUDIES, FEWER = 8, 5  # the fewer are enough for a prior as wrong as the one be
 
 def ranks_under(prior, studies=STUDIES):
     """Verdicts where observers come from the default prior and are analysed under this one."""
-    settings = calibration_settings(7, prior)
-    request = AnalysisRequest(SamplerSettings(draws=DRAWS))
-    rows = []
-    for i in range(studies):
-        row = analyse("sparse", f"test-{i}", "H1", request, settings, bt.Prior())
-        assert not row["shortfall"]
-        rows.append(row)
-    return pd.DataFrame(judged_ranks(pd.DataFrame(rows))).set_index("what")
+    names = [f"test-{i}" for i in range(studies)]
+    rows = pd.DataFrame([rank_truth("sparse", name, 7, prior, bt.Prior()) for name in names])
+    assert not rows["shortfall"].any()
+    return pd.DataFrame(judged_ranks(rows, RANKED)).set_index("what")
 
 
 @pytest.mark.slow
@@ -36,6 +31,8 @@ def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
     def with_jacobian(self, u):
         """With that of (sigma_p^2, sigma_l^2), 2 sigma_p^3, in the place of (sigma_p, gamma)."""
         (log_prior, log_posterior), rows = right(self, u), self.likelihood.rows
+        if not hasattr(rows, "log_width"):  # a model that the responses are checked with
+            return log_prior, log_posterior
         log_sigma_p = rows.log_width(u) + rows.power * np.log1p(-rows.pull(u))
         return log_prior, log_posterior + 3.0 * log_sigma_p
 
