@@ -3,7 +3,10 @@
 import gc
 import importlib
 import os
+import re
+import shlex
 import signal
+import tempfile
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -63,6 +66,40 @@ BOTH_TASKS = pytest.mark.parametrize(
 def text_table(text):
     """The rows of a text, each with its cells between bars, as parameters of a test."""
     return [line.strip().split(" | ") for line in text.strip().splitlines()]
+
+
+def typed_options(line):
+    """The options of reading in a line as it is typed, such as `--unit g --columns i1=w1,i2=w2`."""
+    values = {}
+    for text in re.split("(?:^| )--", line)[1:]:
+        option, *words = shlex.split(text)
+        name, value = option.replace("-", "_"), " ".join(words)
+        if name in ("columns", "where"):
+            value = dict(pair.split("=") for pair in value.split(","))
+        if name == "intensity":
+            value = float(value)
+        if name in ("missed", "ignore"):
+            value = [*values.get(name, []), value]
+        values[name] = value or True
+    return bt.ReadOptions(**values)
+
+
+def read(text, typed=""):
+    """The study in a text or bytes, read with options as they are typed."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "study.csv")
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return bt.read_study(path, typed_options(typed))
+
+
+def answers_in_order(subject):
+    """The rows of a subject in their order: block, * where a session begins, pair, yes/trials."""
+    answers, rows = subject.answers, []
+    starts = np.where(answers.is_session_start, "*", "")
+    for i, (s1, s2) in enumerate(answers.keys.tolist()):
+        block = answers.blocks[answers.block[i]]
+        rows.append(f"block {block}{starts[i]} {s1} {s2} {answers.n_yes[i]}/{answers.n_trials[i]}")
+    return rows
 
 
 def columns(rows):
