@@ -65,7 +65,8 @@ BOTH_TASKS = pytest.mark.parametrize(
 
 def text_table(text):
     """The rows of a text, each with its cells between bars, as parameters of a test."""
-    return [line.strip().split(" | ") for line in text.strip().splitlines()]
+    cell_border = r"(?:^| )\|(?: |$)"
+    return [re.split(cell_border, line.strip()) for line in text.strip().splitlines()]
 
 
 def typed_options(line):
@@ -73,7 +74,7 @@ def typed_options(line):
     values = {}
     for text in re.split("(?:^| )--", line)[1:]:
         option, *words = shlex.split(text)
-        name, value = option.replace("-", "_"), " ".join(words)
+        name, value = option.replace("-", "_").removesuffix("_condition"), " ".join(words)
         if name in ("columns", "where"):
             value = dict(pair.split("=") for pair in value.split(","))
         if name == "intensity":
@@ -281,10 +282,7 @@ def order_answer(subject, words, **fields):
 
 def grouped_csv(path, study):
     """Write a study as counts."""
-    lines = ["subject,s1,s2,n_equal,n_trials"]
-    for subject in study:
-        lines += [f"{subject.name},{s1!r},{s2!r},{k},{n}" for s1, s2, k, n in counts(subject)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    study.frame().drop(columns="synthetic", errors="ignore").to_csv(path, index=False)
     return path
 
 

@@ -31,13 +31,13 @@ MATLAB_CLASSES = {"subject": "char", "response": "char"}
 def made_up_trials():
     """A table with all columns that a shape may need."""
     rng = default_rng(1)
-    first, second = (rng.choice(GRAMS, 80) for _ in range(2))
-    difference = np.log(second / first)
-    second_is_stronger = difference + rng.normal(0.05, 0.2, 80) > 0
-    table = pd.DataFrame({"subject": np.repeat(["P03", "P12"], 40), "w1": first, "w2": second})
-    table["s1"], table["s2"] = np.log(first / 1000).round(4), np.log(second / 1000).round(4)
-    table["response"] = np.where(second_is_stronger, "second", "first")
-    table["correct"] = np.where(difference != 0, second_is_stronger == (difference > 0), False)
+    table = pd.DataFrame({"subject": ["P03"] * 40 + ["P12"] * 40})
+    table["w1"], table["w2"] = (rng.choice(GRAMS, 80) for _ in range(2))
+    table["s1"], table["s2"] = (np.log(table[name] / 1000).round(4) for name in ("w1", "w2"))
+    difference = np.log(table.w2 / table.w1)
+    is_second = difference + rng.normal(0.05, 0.2, 80) > 0
+    table["response"] = np.where(is_second, "second", "first")
+    table["correct"] = is_second == (difference > 0)
     return table
 
 
@@ -127,9 +127,8 @@ def labelled(table, **names):
     return table.rename(columns=names)
 
 
-def answered(table, first, second, column="response"):
-    words = table.response.map({"first": first, "second": second})
-    return table.assign(response=words).rename(columns={"response": column})
+def answered(table, first, second):
+    return table.assign(response=table.response.map({"first": first, "second": second}))
 
 
 def with_rows(table, rows):
@@ -233,7 +232,7 @@ READ = {
     "last_comma.csv": IN_LOGS.assign(**{"": ""}),
     "quoted.csv": csv(IN_LOGS.assign(note="two\nlines"), quoting=1),
     f"german_windows.csv {GERMAN_PAIR}": csv(GERMAN, "cp1252", sep=";"),
-    "french.csv": answered(IN_LOGS, "première", "deuxième", "réponse"),
+    "french.csv": labelled(answered(IN_LOGS, "première", "deuxième"), response="réponse"),
     "participant.csv": labelled(IN_LOGS, subject="Participant ID", response="choice"),
     "true_false.csv --second-code True": answered(IN_LOGS, False, True),
     "interval.csv": answered(IN_LOGS, "interval 1", "Interval 2"),
@@ -735,29 +734,26 @@ def test_a_folder_stands_for_its_tables(tmp_path):
     assert "this command reads that file and must not replace it" in refused(line, cwd=tmp_path)
 
 
-#: Files, of which none tells its subject or all have subject '1'; what `check` says; subjects.
+#: A column that is 1 in all files, the files, what `check` says, and subjects.
 SUBJECTS_BY_NAME = """
-    VP1/data.csv VP2/data.csv | --subject-from '{}/*' if the subjects are VP1, VP2 | VP1 VP2
-    A/s1/d.csv B/s2/d.csv | --subject-from '{}/*/*' if the subjects are A, B | A B
-    A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
-    1: A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
-    1: A/d.csv B/d.csv | of one subject, 1. If they are of several, --subject-from '{}/*' | A B
+    | VP1/data.csv VP2/data.csv | --subject-from '{}/*' if the subjects are VP1, VP2 | VP1 VP2
+    | A/s1/d.csv B/s2/d.csv | --subject-from '{}/*/*' if the subjects are A, B | A B
+    | A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
+    subject | A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
+    subject | A/d.csv B/d.csv | one subject, 1. If they are of several, --subject-from '{}/*' | A B
 """
 
 
-@pytest.mark.parametrize("names, part, subjects", text_table(SUBJECTS_BY_NAME))
-def test_subjects_have_the_names_of_files_or_folders(names, part, subjects, tmp_path):
-    table = IN_LOGS.drop(columns="subject")
-    subject, _, files = names.rpartition(": ")
-    if subject:
-        table["subject"] = subject
-    for name in files.split():
-        write(tmp_path / "data" / name, table)
-    result = inside("check", "data", cwd=tmp_path)
+@pytest.mark.parametrize("column, files, part, subjects", text_table(SUBJECTS_BY_NAME))
+def test_subjects_have_the_names_of_files_or_folders(column, files, part, subjects, tmp_path):
+    table = IN_LOGS.drop(columns="subject").assign(**{column or "other": 1})
+    for file in files.split():
+        write(tmp_path / "data" / file, table)
+    result = inside("check data", cwd=tmp_path)
     assert part in " ".join((result.stdout + result.stderr).split())
-    pattern = re.search(r"'(\{\}.*)'", part)[1]
-    study = bt.read_study(tmp_path / "data", bt.ReadOptions(subject_from=pattern))
-    assert study.names == tuple(subjects.split())
+    pattern = re.search(r"--subject-from \S+", part)[0]
+    study = bt.read_study(tmp_path / "data", typed_options(pattern))
+    assert " ".join(study.names) == subjects
 
 
 #: Files of a folder, and what is asked.
