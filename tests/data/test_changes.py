@@ -64,12 +64,12 @@ def test_swapping_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
 
 
 def test_excluding_is_as_if_the_file_had_no_such_rows(study):
-    without = study.exclude("a", 2)
+    remaining = study.exclude("a", 2)
     is_excluded = (FRAME.subject == "a") & (FRAME.block == 2)
     expected = bt.read_study(FRAME[~is_excluded])
-    assert content(without) == content(expected)
-    assert without.frame().equals(expected.frame())
-    assert without.swap("a", 3).changes == ("--exclude a:2", "--swap a:3")
+    assert content(remaining) == content(expected)
+    assert remaining.frame().equals(expected.frame())
+    assert remaining.swap("a", 3).changes == ("--exclude a:2", "--swap a:3")
     for removed in (study.exclude("a"), study.exclude("a", [1, 2, 3])):
         assert content(removed) == {"b:1": answers_in_order(study["b:1"])}
     assert study.exclude("a").notes[-1] == "subject a: excluded"
