@@ -100,24 +100,25 @@ def test_what_does_not_differ_within_subjects_is_no_condition():
             read(text, options)
 
 
-#: Each pair of stimuli with the name of its order.
-PAIRS = [(0.0, 0.3, "up"), (0.3, 0.0, "down"), (0.0, 0.6, "up"), (0.6, 0.0, "down")]
+#: Trials of four pairs with {} in the place of the condition.
+FOUR_PAIRS = """\
+subject,s1,s2,response,condition
+a,0,0.3,equal,{}
+a,0.3,0,equal,{}
+a,0,0.6,equal,{}
+a,0.6,0,equal,{}
+"""
 
 
-@pytest.mark.parametrize(
-    "level, n_levels", [("{0}-{1}", 4), ("{2}", 2)], ids=["names of pairs", "names of orders"]
-)
-def test_levels_that_share_no_pair_are_no_condition_unless_asked_for(level, n_levels):
-    lines = ["subject,trial,s1,s2,response,condition"]
-    for trial, pair in enumerate(PAIRS * 4):
-        lines.append(f"a,{trial},{pair[0]},{pair[1]},equal,{level.format(*pair)}")
-    text = "\n".join(lines)
+@pytest.mark.parametrize("levels, n_levels", [("P1 P2 P3 P4", 4), ("up down up down", 2)])
+def test_levels_that_share_no_pair_are_no_condition_unless_asked_for(levels, n_levels):
+    header, *rows = FOUR_PAIRS.format(*levels.split()).splitlines()
+    text = "\n".join([header, *rows * 4])
     study = read(text)
     assert (study.names, study.conditions) == (("a",), None)
     assert "found no pair at two of its levels" in study.notes[-1]
     assert len(read(text, "--condition condition")) == n_levels
-
-    with_a_shared_pair = text + "\na,16,0.0,0.3,equal,other"
+    with_a_shared_pair = f"{text}\na,0,0.3,equal,other"
     assert read(with_a_shared_pair).conditions is not None
 
 

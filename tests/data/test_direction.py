@@ -39,8 +39,8 @@ IN_ORDER = pd.DataFrame(
 INTENDED = bt.read_study(IN_ORDER)
 
 
-NAMED = pd.Series(np.where(TRIALS.second_is_chosen == IS_FIRST, "comparison", "standard"))
-RESPONSES = {"second": WORDS, "comparison": NAMED}
+CHOSEN_STIMULI = pd.Series(np.where(TRIALS.second_is_chosen == IS_FIRST, "comparison", "standard"))
+RESPONSES = {"second": WORDS, "comparison": CHOSEN_STIMULI}
 
 
 def coded(codes):
@@ -224,10 +224,10 @@ def test_what_is_typed_for_codes_is_accepted(codes, intended, tmp_path):
     result = checked(tmp_path, table, options)
     for code, n in response.value_counts().items():
         assert f"'{code}' ({n})" in result.stderr
-    first, second, *others = typed_lines(result)
+    first, second, *more_lines = typed_lines(result)
     assert first == intended
     for option in ("--second-code", "--equal-code", "--comparison-code"):
-        assert option in f"{first} {second} {others}"
+        assert option in f"{first} {second} {more_lines}"
     for line in (first, second):
         assert checked(tmp_path, table, f"{options} {line}").returncode == 0
 
@@ -370,9 +370,9 @@ PSYCHOPY = """
 
 @pytest.mark.parametrize("names, expected", text_table(PSYCHOPY))
 def test_columns_of_psychopy_are_read_where_one_is_similar(names, expected):
-    response, *others = names.split()
+    response, *other_names = names.split()
     table = IN_ORDER.rename(columns={"response": response})
-    for name in others:
+    for name in other_names:
         table[name] = np.arange(len(table))
     study = bt.read_study(table)
     assert " ".join(study.reading.read) == f"subject s1 s2 {expected}"

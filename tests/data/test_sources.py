@@ -261,37 +261,6 @@ def test_only_columns_that_are_read_must_hold_texts(tmp_path):
     assert problem.endswith("of type list, allowed: text, numbers or truth values")
 
 
-def save_matlab(frame, path):
-    savemat(path, frame.to_dict("list"))
-
-
-def save_excel(frame, path):
-    frame.to_excel(path, index=False)
-
-
-@pytest.mark.parametrize(
-    "save, suffix, n_changes, places",
-    [
-        (save_matlab, "mat", 3, slice(128, 500)),
-        (save_excel, "xlsx", 20, slice(None)),
-    ],
-    ids=["MATLAB", "Excel"],
-)
-def test_a_file_with_changed_bytes_is_read_or_refused(tmp_path, save, suffix, n_changes, places):
-    stimuli = np.linspace(0.0, 1.0, 40)
-    frame = pd.DataFrame({"subject": "M1", "s1": stimuli, "s2": stimuli[::-1], "response": 1})
-    path = tmp_path / f"trials.{suffix}"
-    save(frame, path)
-    complete, rng = path.read_bytes(), random.Random(1)
-    for _ in range(8):
-        changed = bytearray(complete)
-        for position in rng.sample(range(len(complete))[places], n_changes):
-            changed[position] = rng.randrange(256)
-        path.write_bytes(changed)
-        with suppress(bt.InputError):
-            bt.read_study(path, bt.ReadOptions(equal_code="1"))
-
-
 def test_folders_and_files_that_are_too_large(tmp_path):
     with pytest.raises(IsADirectoryError):
         input_bytes(tmp_path)

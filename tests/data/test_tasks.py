@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 from commands import refused
 from conftest import counts, made_subject, read, text_table, typed_options
-from scipy.io import savemat
 from scipy.special import ndtr
 
 import bayes_toe as bt
@@ -40,16 +39,14 @@ def test_answers_second_and_first_are_read(text, options, expected):
         assert counts(study["a"]) == counts(made_subject(expected))
 
 
-def test_other_sources_tell_their_task_alike(tmp_path):
-    columns = {"s1": [0.0, 0.3, 0.0], "s2": [0.3, 0.0, 0.0], "hit": np.array([True, False, True])}
-    savemat(tmp_path / "trials.mat", {"subject": "M", **columns})
-    frame = pd.DataFrame({"subject": "M", **columns})
-    for source in (tmp_path / "trials.mat", frame):
-        study = bt.read_study(source, bt.ReadOptions(correct="hit"))
-        assert study.task == WHICH_STRONGER
-        assert counts(study["M"]) == [(0.0, 0.3, 1, 1), (0.3, 0.0, 1, 1)]
+def test_truth_values_say_which_answers_are_right():
+    frame = pd.DataFrame({"subject": "M", "s1": [0.0, 0.3, 0.0], "s2": [0.3, 0.0, 0.0]})
+    is_right = np.array([True, False, True])
+    study = bt.read_study(frame.assign(hit=is_right), bt.ReadOptions(correct="hit"))
+    assert study.task == WHICH_STRONGER
+    assert counts(study["M"]) == [(0.0, 0.3, 1, 1), (0.3, 0.0, 1, 1)]
 
-    # True and False in the column of responses name no task: the error says both options.
+    # In the column of responses they name no task: the error says both options.
     remedies = r"(?s)ReadOptions\(second_code='1'\) .*ReadOptions\(correct='response'\)"
     with pytest.raises(bt.InputError, match=remedies):
         bt.read_study(frame.assign(response=True))
