@@ -85,6 +85,12 @@ def typed_options(line):
     return bt.ReadOptions(**values)
 
 
+def typed_lines(stderr):
+    """The options of each line that a refusal says to type, without what they mean."""
+    _, _, lines = stderr.partition("type:  ")
+    return [line.strip().partition("  ")[0] for line in lines.splitlines()]
+
+
 def read(text, typed=""):
     """The study in a text or bytes, read with options as they are typed."""
     with tempfile.TemporaryDirectory() as folder:

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import inside
+from conftest import typed_lines
 from numpy.random import default_rng
 
 STANDARDS, RATIOS = (60.0, 100.0, 160.0), (0.75, 0.87, 1.15, 1.33)
@@ -84,15 +85,6 @@ def german_file(folder):
     return "studie.csv"
 
 
-def proposals(stderr):
-    """The options that a refusal says to type, without what they mean."""
-    lines = stderr.splitlines()
-    places = [i for i, line in enumerate(lines) if line.startswith("type:")]
-    if not places:
-        return []
-    return [line[7:].partition("  ")[0] for line in lines[places[0] :]]
-
-
 def first_hour(folder, name):
     """The refusals until `check` answers, and its answer."""
     words, refusals = ["check", name], []
@@ -102,7 +94,7 @@ def first_hour(folder, name):
             return refusals, finished.stdout
         refusals.append((shlex.join(words), finished.stderr))
         true_lines = []
-        for line in proposals(finished.stderr):
+        for line in typed_lines(finished.stderr):
             if not any(text in f"{line} " for text in NOT_TRUE):
                 true_lines.append(line)
         if not true_lines or len(refusals) > MOST_REFUSALS:

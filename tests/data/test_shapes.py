@@ -24,7 +24,6 @@ import bayes_toe as bt
 from bayes_toe.data.messages import display_name
 
 GRAMS = (740, 905, 1105, 1350)
-MATLAB_CLASSES = {"subject": "char", "response": "char"}
 
 
 def made_up_trials():
@@ -91,25 +90,28 @@ def matlab(variables):
     return data.getvalue()
 
 
-def matlab_73(columns, is_struct=False):
-    """Vectors, or fields of a struct, as MATLAB writes them into a file of version 7.3."""
+def matlab_cell(file, path, value):
+    """A reference to a text or a number, as MATLAB keeps them in cells and fields."""
+    kind = "double"
+    if isinstance(value, str):
+        value, kind = np.array([list(map(ord, value))], np.uint16).T, "char"
+    cell = file.create_dataset(path, data=value)
+    cell.attrs["MATLAB_class"] = np.bytes_(kind)
+    return cell.ref
+
+
+def matlab_73(columns, home=""):
+    """Vectors, or fields of a struct `home`, as MATLAB writes them into a file of version 7.3."""
     data = io.BytesIO()
     with h5py.File(data, "w", userblock_size=512) as file:
-        references = file.create_group("#refs#")
-        home = file.create_group("data") if is_struct else file
         for name, values in columns.items():
-            cells = np.empty((1, len(values)), h5py.ref_dtype)
-            for i, value in enumerate(values):
-                if name in MATLAB_CLASSES:
-                    value = np.array([list(map(ord, value))], np.uint16).T
-                cell = references.create_dataset(f"{name}{i}", data=value)
-                cell.attrs["MATLAB_class"] = np.bytes_(MATLAB_CLASSES.get(name, "double"))
-                cells[0, i] = cell.ref
-            if name in MATLAB_CLASSES or is_struct:
-                home.create_dataset(name, data=cells)
+            if home or isinstance(values[0], str):
+                cells = []
+                for i, value in enumerate(values):
+                    cells.append(matlab_cell(file, f"#refs#/{name}{i}", value))
+                file[f"{home}/{name}"] = np.array([cells], h5py.ref_dtype)
             else:
-                column = home.create_dataset(name, data=np.array([values]))
-                column.attrs["MATLAB_class"] = np.bytes_("double")
+                matlab_cell(file, name, [values])
     header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM"
     return header + data.getvalue()[128:]
 
@@ -252,7 +254,7 @@ READ = {
     "nested.mat": matlab({"data": NESTED}),
     "nested.json": NESTED,
     "vectors_73.mat": matlab_73(LISTS),
-    "struct_array_73.mat": matlab_73(LISTS, is_struct=True),
+    "struct_array_73.mat": matlab_73(LISTS, home="data"),
     "counts.csv": COUNTS,
     "other_counts.csv": labelled(COUNTS, n_second="second", n_trials="total"),
     "proportions.csv": PROPORTIONS,
