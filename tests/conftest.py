@@ -128,23 +128,20 @@ def five_pairs(task=SAME_DIFFERENT, *, name="S", factor=1.0, shift=0.0, n_times=
     return bt.Subject(name, *stimuli, n_times * n_yes, n_times * n_trials, task=task)
 
 
-def observer_counts(mu1, sigma_p, sigma_l, q0, n=50):
-    """Rounded expected counts in the paper's design."""
-    design = reference_design()
-    q = bt.model.equal_probability(design.s1, design.s2, mu1, sigma_p, sigma_l, q0)
-    return design.s1, design.s2, np.rint(n * q).astype(int), np.full(len(q), n)
-
-
 @pytest.fixture(scope="session")
 def small_study():
-    """Three ordinary observers of the paper's kinds A, B and C."""
+    """Three ordinary observers of the paper's kinds A, B and C: rounded expected counts of 50."""
     # mu1, sigma_p, sigma_l, q0
     kinds = {
         "A": (-0.7, 0.25, 0.17, 0.92),
         "B": (1.2, 0.25, 0.18, 0.9),
         "C": (0.25, 0.22, 0.15, 0.95),
     }
-    subjects = [bt.Subject(name, *observer_counts(*kind)) for name, kind in kinds.items()]
+    design, subjects = reference_design(), []
+    for name, parameters in kinds.items():
+        p_equal = bt.model.equal_probability(design.s1, design.s2, *parameters)
+        n_yes = np.rint(50 * p_equal).astype(int)
+        subjects.append(bt.Subject(name, design.s1, design.s2, n_yes, np.full(len(n_yes), 50)))
     return bt.Study(subjects, source="three kinds")
 
 

@@ -88,25 +88,19 @@ def german_file(folder):
 def first_hour(folder, name):
     """The refusals until `check` answers, and its answer."""
     words, refusals = ["check", name], []
-    while True:
+    while len(refusals) <= MOST_REFUSALS:
         finished = inside(*words, cwd=folder)
         if finished.returncode == 0:
             return refusals, finished.stdout
         refusals.append((shlex.join(words), finished.stderr))
-        true_lines = []
         for line in typed_lines(finished.stderr):
             if not any(text in f"{line} " for text in NOT_TRUE):
-                true_lines.append(line)
-        if not true_lines or len(refusals) > MOST_REFUSALS:
-            return refusals, ""
-        words += shlex.split(true_lines[0])
+                words += shlex.split(line)
+                break
+    return refusals, ""
 
 
-@pytest.mark.parametrize(
-    "write",
-    [psychopy_file, german_file],
-    ids=lambda write: write.__name__,
-)
+@pytest.mark.parametrize("write", [psychopy_file, german_file])
 def test_a_study_is_read_after_at_most_two_refusals(write, tmp_path):
     refusals, answer = first_hour(tmp_path, write(tmp_path))
     assert 1 <= len(refusals) <= MOST_REFUSALS, refusals

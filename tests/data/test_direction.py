@@ -333,16 +333,16 @@ CONDITIONS = {
     "right or wrong": (OUTCOME.map({True: "correct", False: "wrong"}), False),
     "side of the answer": (TRIALS.second_is_chosen.map({True: "left", False: "right"}), False),
     "name of the pair": (IN_ORDER.s1.astype(str) + "_" + IN_ORDER.s2.astype(str), False),
-    "a text for each trial": (pd.Series([f"t{i}" for i in range(len(TRIALS))]), False),
-    "blocks": (pd.Series(np.arange(len(TRIALS)) // 60 % 2), True),
-    "right or wrong in half": (OUTCOME.where(np.arange(len(TRIALS)) < 120, "none"), True),
+    "a text for each trial": (IN_ORDER.index.map("t{}".format), False),
+    "blocks": (IN_ORDER.index // 60 % 2, True),
+    "right or wrong in half": (OUTCOME.where(IN_ORDER.index < 120, "none"), True),
 }
 
 
 @pytest.mark.parametrize("name", CONDITIONS)
 def test_what_follows_from_stimuli_and_answers_is_offered_as_no_condition(name, tmp_path):
     column, is_offered = CONDITIONS[name]
-    result = checked(tmp_path, IN_ORDER.assign(feedback=column.to_numpy()))
+    result = checked(tmp_path, IN_ORDER.assign(feedback=column))
     assert ("--condition feedback" in result.stdout) == is_offered
 
 

@@ -151,6 +151,7 @@ GERMAN = pd.DataFrame(
 GERMAN_PAIR = "--columns 's1=Reiz 1,s2=Reiz 2'"
 LISTS = IN_LOGS.to_dict("list")
 P03 = IN_LOGS[:40]
+WITHOUT_SUBJECT = P03.drop(columns="subject")
 NESTED = {"info": {"subject": "P03"}, "trials": P03[["s1", "s2", "response"]].to_dict("list")}
 RECORDS = IN_LOGS.to_dict("records")
 BY_PERSON = []
@@ -294,12 +295,14 @@ READ = {
     "formats.xlsx": with_part(
         excel(T=IN_LOGS), b"</sheetData>", f"{FORMATTED_ROWS}</sheetData>".encode()
     ),
+    "7.csv --subject-from {}.*": WITHOUT_SUBJECT,
+    "7.txt --subject-from {}.*": WITHOUT_SUBJECT,
+    "7.xlsx --subject-from {}.*": excel(T=WITHOUT_SUBJECT),
     "more_columns.csv": IN_LOGS.assign(rt=0.5, confidence=3, index=range(80)),
 }
 #: What is read where these are not all trials.
 READ_IN_PART = {
-    "nested.mat": P03,
-    "nested.json": P03,
+    **dict.fromkeys(["nested.mat", "nested.json", "7.csv", "7.txt", "7.xlsx"], P03),
     "missed_trials.csv": UNEQUAL[IN_LOGS.columns],
 }
 #: What the notes say of some of these.
@@ -480,6 +483,9 @@ REFUSED = {
         "found a, b, no columns of one length",
         "data frame",
     ),
+    "7.csv": (WITHOUT_SUBJECT, "--subject-from '{}.*'"),
+    "7.txt": (WITHOUT_SUBJECT, "--subject-from '{}.*'"),
+    "7.xlsx": (excel(T=WITHOUT_SUBJECT), "--subject-from '{}.*'"),
     "two_tasks.csv": (with_rows(IN_LOGS, [["P03", 0, 0, "different"]]), "words of two tasks"),
 }
 
