@@ -3,7 +3,10 @@
 import gc
 import importlib
 import os
+import re
+import shlex
 import signal
+import tempfile
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -62,7 +65,48 @@ BOTH_TASKS = pytest.mark.parametrize(
 
 def text_table(text):
     """The rows of a text, each with its cells between bars, as parameters of a test."""
-    return [line.strip().split(" | ") for line in text.strip().splitlines()]
+    cell_border = r"(?:^| )\|(?: |$)"
+    return [re.split(cell_border, line.strip()) for line in text.strip().splitlines()]
+
+
+def typed_options(line):
+    """The options of reading in a line as it is typed, such as `--unit g --columns i1=w1,i2=w2`."""
+    values = {}
+    for text in re.split("(?:^| )--", line)[1:]:
+        option, *words = shlex.split(text)
+        name, value = option.replace("-", "_").removesuffix("_condition"), " ".join(words)
+        if name in ("columns", "where"):
+            value = dict(pair.split("=") for pair in value.split(","))
+        if name == "intensity":
+            value = float(value)
+        if name in ("missed", "ignore"):
+            value = [*values.get(name, []), value]
+        values[name] = value or True
+    return bt.ReadOptions(**values)
+
+
+def typed_lines(stderr):
+    """The options of each line that a refusal says to type, without what they mean."""
+    _, _, lines = stderr.partition("type:  ")
+    return [line.strip().partition("  ")[0] for line in lines.splitlines()]
+
+
+def read(text, typed=""):
+    """The study in a text or bytes, read with options as they are typed."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "study.csv")
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return bt.read_study(path, typed_options(typed))
+
+
+def answers_in_order(subject):
+    """The rows of a subject in their order: block, * where a session begins, pair, yes/trials."""
+    answers, rows = subject.answers, []
+    starts = np.where(answers.is_session_start, "*", "")
+    for i, (s1, s2) in enumerate(answers.keys.tolist()):
+        block = answers.blocks[answers.block[i]]
+        rows.append(f"block {block}{starts[i]} {s1} {s2} {answers.n_yes[i]}/{answers.n_trials[i]}")
+    return rows
 
 
 def columns(rows):
@@ -84,23 +128,20 @@ def five_pairs(task=SAME_DIFFERENT, *, name="S", factor=1.0, shift=0.0, n_times=
     return bt.Subject(name, *stimuli, n_times * n_yes, n_times * n_trials, task=task)
 
 
-def observer_counts(mu1, sigma_p, sigma_l, q0, n=50):
-    """Rounded expected counts in the paper's design."""
-    design = reference_design()
-    q = bt.model.equal_probability(design.s1, design.s2, mu1, sigma_p, sigma_l, q0)
-    return design.s1, design.s2, np.rint(n * q).astype(int), np.full(len(q), n)
-
-
 @pytest.fixture(scope="session")
 def small_study():
-    """Three ordinary observers of the paper's kinds A, B and C."""
+    """Three ordinary observers of the paper's kinds A, B and C: rounded expected counts of 50."""
     # mu1, sigma_p, sigma_l, q0
     kinds = {
         "A": (-0.7, 0.25, 0.17, 0.92),
         "B": (1.2, 0.25, 0.18, 0.9),
         "C": (0.25, 0.22, 0.15, 0.95),
     }
-    subjects = [bt.Subject(name, *observer_counts(*kind)) for name, kind in kinds.items()]
+    design, subjects = reference_design(), []
+    for name, parameters in kinds.items():
+        p_equal = bt.model.equal_probability(design.s1, design.s2, *parameters)
+        n_yes = np.rint(50 * p_equal).astype(int)
+        subjects.append(bt.Subject(name, design.s1, design.s2, n_yes, np.full(len(n_yes), 50)))
     return bt.Study(subjects, source="three kinds")
 
 
@@ -244,10 +285,7 @@ def order_answer(subject, words, **fields):
 
 def grouped_csv(path, study):
     """Write a study as counts."""
-    lines = ["subject,s1,s2,n_equal,n_trials"]
-    for subject in study:
-        lines += [f"{subject.name},{s1!r},{s2!r},{k},{n}" for s1, s2, k, n in counts(subject)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    study.frame().drop(columns="synthetic", errors="ignore").to_csv(path, index=False)
     return path
 
 

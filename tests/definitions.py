@@ -179,11 +179,20 @@ def criterion(peak):
     return sqrt(2) * mpmath.erfinv(peak)
 
 
+def decision_variable(values, sbar, s1, s2, expectation=0):
+    """The difference that an observer perceives, in units of the noise, and the mean intensity.
+
+    The trial before leaves an expectation.
+    """
+    middle = (s1 + s2) / 2 - sbar
+    attraction = values["contraction"] * (s1 - sbar - expectation)
+    shifted = s2 - s1 - values["constant_error"] + attraction
+    return shifted / (values["noise"] * exp(values["noise_slope"] * middle)), middle
+
+
 def three_answers(values, bare_k, sbar, s1, s2):
     """P of 'equal', 'second' and 'first': the areas between and beyond the criteria."""
-    middle = (s1 + s2) / 2 - sbar
-    shifted = s2 - s1 - values["constant_error"] + values["contraction"] * (s1 - sbar)
-    z = shifted / (values["noise"] * exp(values["noise_slope"] * middle))
+    z, middle = decision_variable(values, sbar, s1, s2)
     k, rate = bare_k * exp(values["criterion_slope"] * middle), values["lapse_rate"]
     equal, _ = observer_answers(values, bare_k, sbar, s1, s2)
     unequal = [rate * ncdf(-k) + (1 - rate) * ncdf(sign * z - k) for sign in (1, -1)]
@@ -196,10 +205,7 @@ def observer_answers(values, bare_k, sbar, s1, s2, expectation=0, response=0):
     `bare_k` is the criterion at the mean intensity. The trial before leaves an expectation, and its
     response times kappa.
     """
-    middle = (s1 + s2) / 2 - sbar
-    attraction = values["contraction"] * (s1 - sbar - expectation)
-    shifted = s2 - s1 - values["constant_error"] + attraction
-    z = shifted / (values["noise"] * exp(values["noise_slope"] * middle))
+    z, middle = decision_variable(values, sbar, s1, s2, expectation)
     rate = values["lapse_rate"]
     if "q0" not in values:
         z += response
@@ -211,9 +217,8 @@ def observer_answers(values, bare_k, sbar, s1, s2, expectation=0, response=0):
 
 def student(u):
     """Log density of Student's t with 3 degrees of freedom."""
-    return log(mpmath.gamma(2) / (mpmath.gamma(mpf(3) / 2) * sqrt(3 * mpmath.pi))) - 2 * log(
-        1 + u * u / 3
-    )
+    norm = mpmath.gamma(2) / (mpmath.gamma(mpf(3) / 2) * sqrt(3 * mpmath.pi))
+    return log(norm) - 2 * log(1 + u * u / 3)
 
 
 def observer_log_prior(u, scales, prior):
@@ -236,17 +241,14 @@ def observer_log_likelihood(u, subject, scales, prior):
     """Log likelihood of a subject without binomial coefficients."""
     values, total = observer_quantities(u, scales, prior), mpf(0)
     bare_k = criterion(values["q0"]) if "q0" in values else None
-    columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
     if subject.task == THREE_ANSWERS:
-        counts = (subject.n_yes, subject.n_second, subject.n_first)
-        for s1, s2, *answers in zip(subject.s1, subject.s2, *counts, strict=True):
-            pair = mpf(float(s1)), mpf(float(s2))
-            shares = three_answers(values, bare_k, scales[0], *pair)
-            total += sum(log_power(p, int(n)) for p, n in zip(shares, answers, strict=True))
-        return total
-    for s1, s2, k, n in zip(*(column.tolist() for column in columns), strict=True):
-        yes, no = observer_answers(values, bare_k, scales[0], mpf(s1), mpf(s2))
-        total += log_counts(yes, no, k, n)
+        answers, n_of_each = three_answers, (subject.n_yes, subject.n_second, subject.n_first)
+    else:
+        no = subject.n_trials - subject.n_yes
+        answers, n_of_each = observer_answers, (subject.n_yes, no)
+    for s1, s2, *counts in zip(subject.s1, subject.s2, *n_of_each, strict=True):
+        shares = answers(values, bare_k, scales[0], mpf(float(s1)), mpf(float(s2)))
+        total += sum(log_power(p, int(n)) for p, n in zip(shares, counts, strict=True))
     return total
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import inside
+from conftest import typed_lines
 from numpy.random import default_rng
 
 STANDARDS, RATIOS = (60.0, 100.0, 160.0), (0.75, 0.87, 1.15, 1.33)
@@ -84,37 +85,22 @@ def german_file(folder):
     return "studie.csv"
 
 
-def proposals(stderr):
-    """The options that a refusal says to type, without what they mean."""
-    lines = stderr.splitlines()
-    places = [i for i, line in enumerate(lines) if line.startswith("type:")]
-    if not places:
-        return []
-    return [line[7:].partition("  ")[0] for line in lines[places[0] :]]
-
-
 def first_hour(folder, name):
     """The refusals until `check` answers, and its answer."""
     words, refusals = ["check", name], []
-    while True:
+    while len(refusals) <= MOST_REFUSALS:
         finished = inside(*words, cwd=folder)
         if finished.returncode == 0:
             return refusals, finished.stdout
         refusals.append((shlex.join(words), finished.stderr))
-        true_lines = []
-        for line in proposals(finished.stderr):
+        for line in typed_lines(finished.stderr):
             if not any(text in f"{line} " for text in NOT_TRUE):
-                true_lines.append(line)
-        if not true_lines or len(refusals) > MOST_REFUSALS:
-            return refusals, ""
-        words += shlex.split(true_lines[0])
+                words += shlex.split(line)
+                break
+    return refusals, ""
 
 
-@pytest.mark.parametrize(
-    "write",
-    [psychopy_file, german_file],
-    ids=lambda write: write.__name__,
-)
+@pytest.mark.parametrize("write", [psychopy_file, german_file])
 def test_a_study_is_read_after_at_most_two_refusals(write, tmp_path):
     refusals, answer = first_hour(tmp_path, write(tmp_path))
     assert 1 <= len(refusals) <= MOST_REFUSALS, refusals

@@ -5,9 +5,8 @@ from contextlib import chdir
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
-from commands import good, refused
+from commands import good
 from scipy.io import savemat
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "how_to.md"
@@ -181,14 +180,3 @@ def test_a_recipe_works_as_it_stands(name, tmp_path):
 
 def test_every_recipe_is_run():
     assert list(sections()) == list(RECIPES)
-
-
-@pytest.mark.parametrize("name", ["7.csv", "7.txt", "7.xlsx"])
-def test_the_name_of_a_file_of_any_kind_may_be_the_subject(tmp_path, name):
-    trials = pd.DataFrame({"s1": [0, 0.3], "s2": [0.3, 0], "response": ["second", "first"]})
-    if name.endswith("xlsx"):
-        trials.to_excel(tmp_path / name, index=False)
-    else:
-        trials.to_csv(tmp_path / name, index=False)
-    assert "--subject-from '{}.*'" in refused(f"check {name}", cwd=tmp_path)
-    assert "1 subject, 2 trials" in good("check", name, "--subject-from", "{}.*", cwd=tmp_path)

@@ -7,14 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good
-from conftest import expected_counts
+from conftest import columns, expected_counts, text_table, typed_options
 from legible import texts_of, words_of
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import Size, format_difference
 from bayes_toe.checks.answer_checks import check_answers
 from bayes_toe.data.stimulus_unit import StimulusUnit
-from bayes_toe.errors import option_values
 
 DECIBELS_OF_E = 20.0 / np.log(10.0)
 
@@ -105,73 +104,85 @@ def test_a_mean_beyond_all_exponentials_has_per_cent(mean):
     assert unit.stimuli([mean, mean + np.log(1.2)]) == pytest.approx([100.0, 120.0])
 
 
-GRAMS = [(740, 905), (905, 740), (1105, 1350), (1350, 1105)]
+GRAMS = "740 905, 905 740, 1105 1350, 1350 1105"
 
 
-def trials(pairs, names=("s1", "s2")):
-    """A table of trials with these pairs."""
-    table = pd.DataFrame(pairs, columns=list(names), dtype=object)
-    return table.assign(subject="A", response=["second", "first"] * (len(pairs) // 2))
+def trials(pairs, names="s1,s2"):
+    """A table of trials with pairs such as `740 905, 905 740`."""
+    rows = [pair.split() for pair in pairs.split(", ")]
+    table = pd.DataFrame(rows, columns=names.split(","))
+    return table.assign(subject="A", response=["second", "first"] * (len(rows) // 2))
 
 
-@pytest.mark.parametrize(
-    "pairs, names, problem, units",
-    [
-        (GRAMS, ("s1", "s2"), "columns s1 and s2: found whole numbers from 740 to 1350", "a.u. ln"),
-        ([(4.5, 7.6), (7.6, 4.5)], ("s1", "s2"), "row 0, columns s1 and s2: found 4.5", "a.u. ln"),
-        ([(0, 0.3), (0.3, 300)], ("s1", "s2"), "row 1, columns s1 and s2: found 0.3 and 300", "ln"),
-        ([(1.1, 1.2), (1.2, 1.1)], ("a1 (mm)", "a2 (mm)"), "a1 (mm) seems to be in mm", "mm ln"),
-    ],
-)
+#: Pairs, names of their columns, what is refused, and the units that help.
+NO_LOGS = f"""
+    {GRAMS} | s1,s2 | columns s1 and s2: found whole numbers from 740 to 1350 | a.u. ln
+    4.5 7.6, 7.6 4.5 | s1,s2 | row 0, columns s1 and s2: found 4.5 | a.u. ln
+    0 0.3, 0.3 300 | s1,s2 | row 1, columns s1 and s2: found 0.3 and 300 | ln
+    1.1 1.2, 1.2 1.1 | a1 (mm),a2 (mm) | a1 (mm) seems to be in mm | mm ln
+"""
+
+
+@pytest.mark.parametrize("pairs, names, problem, units", text_table(NO_LOGS))
 def test_what_cannot_be_a_natural_log_is_refused_with_units_that_work(pairs, names, problem, units):
-    columns = dict(zip(("s1", "s2"), names, strict=True))
+    our_columns = dict(zip(("s1", "s2"), names.split(","), strict=True))
     table = trials(pairs, names)
     with pytest.raises(bt.InputError) as refusal:
-        bt.read_study(table, bt.ReadOptions(columns=columns))
+        bt.read_study(table, bt.ReadOptions(columns=our_columns))
     assert problem in refusal.value.problems[0]
-    assert [remedy.value for remedy in refusal.value.remedies] == units.split()
-    for remedy in refusal.value.remedies:
-        options = bt.ReadOptions(columns=columns, unit=remedy.value)
+    remedies = refusal.value.remedies
+    assert " ".join(remedy.value for remedy in remedies) == units
+    for remedy in remedies:
+        options = bt.ReadOptions(columns=our_columns, unit=remedy.value)
         (subject,) = bt.read_study(table, options)
-        expected = np.asarray(pairs, float) if remedy.value == "ln" else np.log(pairs)
+        expected = columns(pairs)
+        if remedy.value != "ln":
+            expected = np.log(expected)
         assert sorted(subject.stimuli) == pytest.approx(sorted(expected.ravel()))
 
 
-@pytest.mark.parametrize(
-    "names, typed",
-    [
-        (("s1", "s2"), "--second-code j --unit a.u."),
-        (("i1", "i2"), "--unit a.u. --second-code j"),
-        (("a1 \u00b5m", "a2 \u00b5m"), "--columns 's1=a1 \u00b5m,s2=a2 \u00b5m' --unit '\u00b5m' "
-         "--second-code j"),
-        (("a1 \u03bcm", "a2 \u03bcm"), "--columns 's1=a1 \u03bcm,s2=a2 \u03bcm' --unit '\u00b5m' "
-         "--second-code j"),
-    ],
-)  # fmt: skip
+#: Names of columns of intensities, and what is typed; the signs of micro are two.
+FIRST_CHOICES = """
+    s1,s2 | --second-code j --unit a.u.
+    i1,i2 | --unit a.u. --second-code j
+    a1 \u00b5m,a2 \u00b5m | --columns 's1=a1 \u00b5m,s2=a2 \u00b5m' --unit '\u00b5m' --second-code j
+    a1 \u03bcm,a2 \u03bcm | --columns 's1=a1 \u03bcm,s2=a2 \u03bcm' --unit '\u00b5m' --second-code j
+"""
+
+
+@pytest.mark.parametrize("names, typed", text_table(FIRST_CHOICES))
 def test_the_first_choice_has_unit_and_code_and_works(names, typed):
     table = trials(GRAMS, names).replace({"response": {"second": "j", "first": "k"}})
     with pytest.raises(bt.InputError) as refusal:
         bt.read_study(table)
     remedies, _ = refusal.value.choices[0]
     assert " ".join(remedy.typed for remedy in remedies) == typed
-    study = bt.read_study(table, bt.ReadOptions(**option_values(remedies)))
-    assert sorted(study["A"].stimuli) == pytest.approx(sorted(np.log(GRAMS).ravel()))
+    study = bt.read_study(table, typed_options(typed))
+    assert sorted(study["A"].stimuli) == pytest.approx(sorted(np.log(columns(GRAMS)).ravel()))
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.01])
-def test_natural_logs_need_no_unit_whatever_their_reference(scale):
-    logs = np.log(GRAMS)
-    for shift in (0.0, 5.0, 20.72):
-        pairs = (scale * (logs - logs.min()) + shift).tolist()
-        assert bt.read_study(trials(pairs)).unit.name == ""
-    assert bt.read_study(trials([(0.0, 3.0), (3.0, 0.0)])).unit.name == ""
+@pytest.mark.parametrize("shift", [0.0, 5.0, 20.72])
+def test_natural_logs_need_no_unit_whatever_their_reference(scale, shift):
+    logs = scale * np.log(columns(GRAMS) / 740) + shift
+    table = trials(GRAMS).assign(s1=logs[0], s2=logs[1])
+    assert bt.read_study(table).unit.name == ""
 
 
-@pytest.mark.parametrize("unit, scale, end", [(None, 1.0, "0.3"), ("um", 100.0, "30 um")])
-def test_stimuli_that_differ_by_rounding_are_merged_and_said(unit, scale, end):
-    pairs = [(0.3, 0.3 + 1e-8), (0.3, 0.5), (0.5, 0.3), (0.3 + 1e-8, 0.5), (0.5, 0.3), (0.3, 0.5)]
-    table = trials([(scale * first, scale * second) for first, second in pairs])
-    study = bt.read_study(table, bt.ReadOptions(unit=unit))
+def test_natural_logs_may_differ_by_three():
+    assert bt.read_study(trials("0 3, 3 0")).unit.name == ""
+
+
+#: Pairs of which some differ by rounding, options, and the end of the doubt.
+ROUNDED = """
+    .3 .30000001, .3 .5, .5 .3, .30000001 .5, .5 .3, .3 .5 |  | 0.3
+    30 30.000001, 30 50, 50 30, 30.000001 50, 50 30, 30 50 | --unit um | 30 um
+"""
+
+
+@pytest.mark.parametrize("pairs, options, end", text_table(ROUNDED))
+def test_stimuli_that_differ_by_rounding_are_merged_and_said(pairs, options, end):
+    study = bt.read_study(trials(pairs), typed_options(options))
     assert len(np.unique(study["A"].stimuli)) == 2
     assert study["A"].n_pairs == 3, "an equal pair is one"
     (doubt,) = study.reading.doubts
@@ -180,29 +191,31 @@ def test_stimuli_that_differ_by_rounding_are_merged_and_said(unit, scale, end):
 
 
 def test_one_mistyped_stimulus_merges_no_others():
-    pairs = [(0.0, 1e-4), (1e-4, 0.0)] * 30 + [(0.0, 2.9), (2.9, 0.0)]
-    study = bt.read_study(trials(pairs))
+    study = bt.read_study(trials("0 1e-4, 1e-4 0, " * 30 + "0 2.9, 2.9 0"))
     assert (study.reading.doubts, study["A"].n_pairs) == ((), 4)
 
 
 #: Low, middle and high quantile of a difference in per cent, the unit of the stimuli, and the text.
-@pytest.mark.parametrize(
-    "size, unit, expected",
-    [
-        ((2.0, 5.0, 9.0), "um", "+5.0 % [+2.0, +9.0]"),
-        ((-40.0, 5.0, 999.0), "", "+5 % [-40, +999]"),
-        ((-40.0, 5.0, 1001.0), "", "+0.05 ln [-0.5, +2.4]"),
-        ((-99.0, -5.0, 3.0), "", "-0.1 ln [-4.6, +0.03]"),
-        ((230315.0, 3.4e7, 9.95e9), "um", "+13 ln [+8, +18]"),
-        ((3.0, np.inf, np.inf), "", "> 700 ln [+0.030, > 700]"),
-        ((-100.0, -50.0, 10.0), "", "-0.69 ln [< -30, +0.10]"),
-        ((0.0021, 0.0030, 0.0042), "", "+0.0030 % [+0.0021, +0.0042]"),
-        ((19.9981, 20.0, 20.0019), "", "+20.000 % [+19.998, +20.002]"),
-        ((900.0, 2000.0, 3000.0), "dB", "+26 dB [+20, +30]"),
-    ],
-)
-def test_sizes_beyond_1000_percent_are_logs_and_small_ones_have_their_digits(size, unit, expected):
-    assert format_difference(Size(*size), StimulusUnit(unit)) == expected
+SIZES = """
+    2 5 9 | um | +5.0 % [+2.0, +9.0]
+    -40 5 999 |  | +5 % [-40, +999]
+    -40 5 1001 |  | +0.05 ln [-0.5, +2.4]
+    -99 -5 3 |  | -0.1 ln [-4.6, +0.03]
+    230315 3.4e7 9.95e9 | um | +13 ln [+8, +18]
+    3 inf inf |  | > 700 ln [+0.030, > 700]
+    -100 -50 10 |  | -0.69 ln [< -30, +0.10]
+    0.0021 0.0030 0.0042 |  | +0.0030 % [+0.0021, +0.0042]
+    19.9981 20 20.0019 |  | +20.000 % [+19.998, +20.002]
+    900 2000 3000 | dB | +26 dB [+20, +30]
+"""
+
+
+@pytest.mark.parametrize("quantiles, unit, expected", text_table(SIZES))
+def test_sizes_beyond_1000_percent_are_logs_and_small_ones_have_their_digits(
+    quantiles, unit, expected
+):
+    size = Size(*map(float, quantiles.split()))
+    assert format_difference(size, StimulusUnit(unit)) == expected
 
 
 def made_up(step, level):

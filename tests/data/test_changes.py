@@ -8,31 +8,31 @@ from io import StringIO
 import pandas as pd
 import pytest
 from commands import good, refused
-from conftest import counts, few_pairs, grouped_csv, made_subject, text_table
+from conftest import (
+    answers_in_order,
+    counts,
+    few_pairs,
+    grouped_csv,
+    made_subject,
+    problems,
+    text_table,
+)
 
 import bayes_toe as bt
 from bayes_toe.data.options import changed
 
-TRIALS = """\
-subject,s1,s2,block,trial
-a,0,0.3,1,1
-a,0,0.3,1,2
-a,0,0.3,2,3
-a,0.3,0,2,4
-a,0,0,3,5
-a,0.3,0,3,6
-b:1,0,0.3,1,1
-b:1,0.3,0,2,2
+HEADER = "subject,s1,s2,block,trial,response"
+ROWS = """\
+a,0,0.3,1,1,equal
+a,0,0.3,1,2,different
+a,0,0.3,2,3,equal
+a,0.3,0,2,4,equal
+a,0,0,3,5,equal
+a,0.3,0,3,6,equal
+b:1,0,0.3,1,1,equal
+b:1,0.3,0,2,2,different
 """
-FRAME = pd.read_csv(StringIO(TRIALS))
-
-
-def answered(codes):
-    """The trials with responses: 1 is equal, 0 different."""
-    return FRAME.assign(response=[{"1": "equal", "0": "different"}[code] for code in codes])
-
-
-FRAME = answered("10111110")
+FRAME = pd.read_csv(StringIO(f"{HEADER}\n{ROWS}"))
 
 
 @pytest.fixture
@@ -41,33 +41,37 @@ def study():
 
 
 def content(study):
-    return {subject.name: counts(subject) for subject in study}
+    """The answers of each subject in their order."""
+    return {subject.name: answers_in_order(subject) for subject in study}
 
 
-def test_turning_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
-    turned = study.swap("a", [2, "3"])
-    assert content(turned) == content(bt.read_study(answered("10000010")))
-    assert turned["a"].answers.n_yes.tolist() == [1, 0, 0, 0, 0, 0]
-    assert turned["b:1"] is study["b:1"]
-    assert turned.changes == ("--swap a:2,3",)
-    assert turned.notes == (*study.notes, "subject a, blocks 2, 3: responses swapped")
-    assert content(turned.swap("a", (2, 3))) == content(study)
+def test_swapping_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
+    swapped = study.swap("a", [2, "3"])
+    assert answers_in_order(swapped["a"]) == [
+        "block 1* 0.0 0.3 1/1",
+        "block 1 0.0 0.3 0/1",
+        "block 2* 0.0 0.3 0/1",
+        "block 2 0.3 0.0 0/1",
+        "block 3* 0.0 0.0 0/1",
+        "block 3 0.3 0.0 0/1",
+    ]
+    assert counts(swapped["a"]) == [(0.0, 0.0, 0, 1), (0.0, 0.3, 1, 3), (0.3, 0.0, 0, 2)]
+    assert swapped["b:1"] is study["b:1"]
+    assert swapped.changes == ("--swap a:2,3",)
+    assert swapped.notes == (*study.notes, "subject a, blocks 2, 3: responses swapped")
+    assert content(swapped.swap("a", (2, 3))) == content(study)
     assert content(study.swap("a")) == content(study.swap("a", [1, 2, 3]))
 
 
-def test_leaving_out_is_as_if_the_file_had_no_such_rows(study):
-    left = study.exclude("a", 2)
-    assert content(left) == content(
-        bt.read_study(FRAME[(FRAME.subject != "a") | (FRAME.block != 2)])
-    )
-    assert (left["a"].answers.blocks, left["a"].answers.block.tolist()) == (
-        ("1", "3"),
-        [0, 0, 1, 1],
-    )
-    assert left.swap("a", 3).changes == ("--exclude a:2", "--swap a:3")
+def test_excluding_is_as_if_the_file_had_no_such_rows(study):
+    remaining = study.exclude("a", 2)
+    is_excluded = (FRAME.subject == "a") & (FRAME.block == 2)
+    expected = bt.read_study(FRAME[~is_excluded])
+    assert content(remaining) == content(expected)
+    assert remaining.frame().equals(expected.frame())
+    assert remaining.swap("a", 3).changes == ("--exclude a:2", "--swap a:3")
     for removed in (study.exclude("a"), study.exclude("a", [1, 2, 3])):
-        assert removed.names == ("b:1",)
-        assert removed["b:1"].answers is not None
+        assert content(removed) == {"b:1": answers_in_order(study["b:1"])}
     assert study.exclude("a").notes[-1] == "subject a: excluded"
     assert study.exclude("a").select("b:1").changes == ("--exclude a",)
 
@@ -91,10 +95,9 @@ def test_blocks_of_several_files_are_named_after_these(tmp_path):
     files = [tmp_path / "session 1.csv", tmp_path / "session 2.csv"]
     for file in files:
         FRAME.to_csv(file, index=False)
-    study = bt.read_study(files)
-    turned = changed(study, swap=["a:session 1.csv: 2, session 2.csv: 3"])
-    assert turned["a"].answers.n_yes.tolist() == [1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 0, 0]
-    assert turned.changes == ("--swap 'a:session 1.csv: 2,session 2.csv: 3'",)
+    swapped = changed(bt.read_study(files), swap=["a:session 1.csv: 2, session 2.csv: 3"])
+    assert swapped["a"].answers.n_yes.tolist() == [1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 0, 0]
+    assert swapped.changes == ("--swap 'a:session 1.csv: 2,session 2.csv: 3'",)
 
 
 def test_a_block_may_have_a_comma_in_its_name():
@@ -127,16 +130,12 @@ def test_what_cannot_be_changed_is_refused_in_one_line(tmp_path, options, messag
         assert refused(f"{command} {options}", cwd=tmp_path) == f"error: {message}\n"
 
 
-def test_blocks_of_a_file_without_blocks_and_files_that_are_not_there_are_refused(tmp_path):
-    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
+def test_blocks_of_counts_without_blocks_are_refused():
     message = (
-        "found no column block, allowed: all answers of the subject, or a column with --columns "
-        "block=NAME"
+        "--swap A:2: found no column block, allowed: all answers of the subject, or a column with "
+        "--columns block=NAME"
     )
-    assert (
-        refused("check", "study.csv", "--swap", "A:2", cwd=tmp_path)
-        == f"error: --swap A:2: {message}\n"
-    )
+    assert problems(changed, few_pairs("AB"), swap=["A:2"]) == [message]
     with pytest.raises(bt.InputError, match="no subject 'C'"):
         few_pairs("AB").swap("C")
 

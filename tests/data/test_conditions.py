@@ -1,20 +1,21 @@
 """Conditions within subjects: units, their scales, the design of levels, and what is refused."""
 
+import re
 from io import StringIO
 
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import read, text_table
 
 import bayes_toe as bt
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.study import common_scales
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.errors import option_values
 
-ROWS = """\
-subject,s1,s2,response,condition,isi
+HEADER = "subject,s1,s2,response,condition,isi\n"
+A_ROWS = """\
 a,0.0,0.0,equal,right,2
 a,0.0,0.3,different,right,2
 a,0.3,0.0,equal,right,2
@@ -22,17 +23,8 @@ a,1.0,1.0,equal,left,1.0
 a,1.0,1.3,different,left,1.0
 a,1.3,1.0,equal,left,1.0
 """
-ROWS += "".join(f"{line}\n" for line in ROWS.replace("a,", "b,").splitlines()[1:])
-
-
-@pytest.fixture
-def read(tmp_path):
-    def read(text=ROWS, **options):
-        path = tmp_path / "study.csv"
-        path.write_text(text, encoding="utf-8")
-        return bt.read_study(path, bt.ReadOptions(**options))
-
-    return read
+B_ROWS = A_ROWS.replace("a,", "b,")
+ROWS = HEADER + A_ROWS + B_ROWS
 
 
 @pytest.mark.parametrize("levels", ["ab", "abc", "abcde", "142"])
@@ -55,19 +47,23 @@ def test_numbers_have_a_slope_over_their_range():
     assert highest - lowest == pytest.approx(1.0)
 
 
-def test_units_are_subjects_in_conditions(read):
-    study = read()
-    assert study.names == ("a@left", "a@right", "b@left", "b@right")
-    units = [(unit.subject_name, unit.condition) for unit in study]
-    assert units == [("a", "left"), ("a", "right"), ("b", "left"), ("b", "right")]
+def test_units_are_subjects_in_conditions():
+    study = read(ROWS)
+    units = [(unit.name, unit.subject_name, unit.condition) for unit in study]
+    assert units == [
+        ("a@left", "a", "left"),
+        ("a@right", "a", "right"),
+        ("b@left", "b", "left"),
+        ("b@right", "b", "right"),
+    ]
     assert study.conditions == Conditions("condition", ("left", "right"))
     again = bt.read_study(study.frame())
     assert (again.names, again.conditions) == (study.names, study.conditions)
-    assert read(reference="right").conditions.comparisons == (("left", "right"),)
+    assert read(ROWS, "--reference right").conditions.comparisons == (("left", "right"),)
 
 
-def test_units_have_the_scales_of_their_subject(read):
-    study, complete = read(), read(ignore="condition")
+def test_units_have_the_scales_of_their_subject():
+    study, complete = read(ROWS), read(ROWS, "--ignore condition")
     for unit in study:
         subject = complete[unit.subject_name]
         assert unit.shared_scales == common_scales(unit) == pytest.approx(common_scales(subject))
@@ -77,54 +73,52 @@ def test_units_have_the_scales_of_their_subject(read):
     assert study.swap("a@left")["a@left"].shared_scales == study["a@left"].shared_scales
 
 
-def test_intervals_may_be_levels(read):
-    study = read(condition="isi")
+def test_intervals_may_be_levels():
+    study = read(ROWS, "--condition isi")
     assert study.names[:2] == ("a@1", "a@2")
     assert study.conditions.numeric
-    assert not read(condition="isi", categorical=True).conditions.numeric
+    assert not read(ROWS, "--condition isi --categorical-condition").conditions.numeric
 
 
-def test_a_level_that_no_subject_has_is_no_level(read):
-    study = read(ROWS + "a,0.0,0.0,equal,right,0.5\n", condition="isi")
+def test_a_level_that_no_subject_has_is_no_level():
+    study = read(ROWS + "a,0.0,0.0,equal,right,0.5\n", "--condition isi")
     assert study.conditions.levels == ("0.5", "1", "2")
-    assert study.conditions.comparisons == (("2", "0.5"),)
     remaining = study.exclude("a@0.5")
-    assert remaining.conditions.levels == ("1", "2")
-    assert remaining.conditions.comparisons == (("2", "1"),)
+    assert remaining.conditions == Conditions("isi", ("1", "2"), numeric=True)
     # A condition has two levels at least.
     assert remaining.exclude("a@1").exclude("b@1").conditions.levels == ("1", "2")
 
 
-def test_what_does_not_differ_within_subjects_is_no_condition(read):
-    lines = ROWS.replace("left", "right").splitlines()
-    text = "\n".join([*lines[:7], *(line.replace("right", "left") for line in lines[7:])])
+def test_what_does_not_differ_within_subjects_is_no_condition():
+    text = HEADER + A_ROWS.replace("left", "right") + B_ROWS.replace("right", "left")
     study = read(text)
     assert (study.names, study.conditions) == (("a", "b"), None)
     assert any("no condition within" in note for note in study.notes)
     assert all(subject.answers is not None for subject in study)
-    for options in ({"condition": "condition"}, {"reference": "left"}, {"categorical": True}):
+    for options in ("--condition condition", "--reference left", "--categorical-condition"):
         with pytest.raises(bt.InputError, match="every subject at one level"):
-            read(text, **options)
+            read(text, options)
 
 
-#: Each pair of stimuli with the name of its order.
-PAIRS = [(0.0, 0.3, "up"), (0.3, 0.0, "down"), (0.0, 0.6, "up"), (0.6, 0.0, "down")]
+#: Trials of four pairs with {} in the place of the condition.
+FOUR_PAIRS = """\
+subject,s1,s2,response,condition
+a,0,0.3,equal,{}
+a,0.3,0,equal,{}
+a,0,0.6,equal,{}
+a,0.6,0,equal,{}
+"""
 
 
-@pytest.mark.parametrize(
-    "level, n_levels", [("{0}-{1}", 4), ("{2}", 2)], ids=["names of pairs", "names of orders"]
-)
-def test_levels_that_share_no_pair_are_no_condition_unless_asked_for(read, level, n_levels):
-    lines = ["subject,trial,s1,s2,response,condition"]
-    for trial, pair in enumerate(PAIRS * 4):
-        lines.append(f"a,{trial},{pair[0]},{pair[1]},equal,{level.format(*pair)}")
-    text = "\n".join(lines)
+@pytest.mark.parametrize("levels, n_levels", [("P1 P2 P3 P4", 4), ("up down up down", 2)])
+def test_levels_that_share_no_pair_are_no_condition_unless_asked_for(levels, n_levels):
+    header, *rows = FOUR_PAIRS.format(*levels.split()).splitlines()
+    text = "\n".join([header, *rows * 4])
     study = read(text)
     assert (study.names, study.conditions) == (("a",), None)
     assert "found no pair at two of its levels" in study.notes[-1]
-    assert len(read(text, condition="condition")) == n_levels
-
-    with_a_shared_pair = text + "\na,16,0.0,0.3,equal,other"
+    assert len(read(text, "--condition condition")) == n_levels
+    with_a_shared_pair = f"{text}\na,0,0.3,equal,other"
     assert read(with_a_shared_pair).conditions is not None
 
 
@@ -133,41 +127,34 @@ def messages(study):
     return {(finding.subject, finding.code): finding.message for finding in bt.check(study)}
 
 
-def test_check_warns_where_no_pair_is_in_two_conditions(read):
+def test_check_warns_where_no_pair_is_in_two_conditions():
     rows = "a,0.0,0.3,equal,up\na,0.3,0.0,equal,down\n" * 6
-    study = read("subject,s1,s2,response,condition\n" + rows, condition="condition")
+    study = read("subject,s1,s2,response,condition\n" + rows, "--condition condition")
     assert messages(study)["a", "stimuli_by_condition"] == (
         "No pair was presented in two conditions. A difference between conditions may be an effect "
         "of the pairs."
     )
 
 
-@pytest.mark.parametrize(
-    "text, options, sentence",
-    [
-        (
-            ROWS.replace("left", "l@ft"),
-            {},
-            "column condition: found 'l@ft' in 6 rows, the first is row 5, allowed: a name without",
-        ),
-        (
-            ROWS.replace("left", ""),
-            {},
-            "column condition: found '' in 6 rows, the first is row 5, allowed: a text that is not",
-        ),
-        (ROWS, {"reference": "up"}, "--reference: found 'up', allowed: left, right"),
-        (ROWS, {"condition": "hand"}, "there is no column hand"),
-        (ROWS, {"ignore": "condition", "reference": "up"}, "--reference and --categorical"),
-        (
-            ROWS.replace("left", "2").replace("right", "6"),
-            {"reference": "6"},
-            "--reference: found with levels that are numbers",
-        ),
-    ],
-)
-def test_what_is_refused(read, text, options, sentence):
-    with pytest.raises(bt.InputError, match=sentence):
-        read(text, **options)
+#: What replaces 'left' in the column of the condition, options, and what is refused.
+REFUSED = """
+    l@ft |  | column condition: found 'l@ft' in 6 rows, the first is row 5, allowed: a name without
+    |  | column condition: found '' in 6 rows, the first is row 5, allowed: a text that is not
+    left | --reference up | --reference: found 'up', allowed: left, right
+    left | --condition hand | there is no column hand
+    left | --ignore condition --reference up | --reference and --categorical
+"""
+
+
+@pytest.mark.parametrize("level, options, problem", text_table(REFUSED))
+def test_what_is_refused(level, options, problem):
+    with pytest.raises(bt.InputError, match=problem):
+        read(ROWS.replace("left", level), options)
+
+
+def test_numbers_have_no_reference():
+    with pytest.raises(bt.InputError, match="--reference: found with levels that are numbers"):
+        read(ROWS.replace("left", "2").replace("right", "6"), "--reference 6")
 
 
 def test_tables_have_subject_and_condition(tmp_path):
@@ -180,33 +167,31 @@ def test_tables_have_subject_and_condition(tmp_path):
     ]
 
 
-def test_check_warns_of_time_stimuli_and_missing_levels(read):
-    observed = messages(read())
+def test_check_warns_of_time_stimuli_and_missing_levels():
+    observed = messages(read(ROWS))
     assert "by 1.9 standard deviations" in observed["a", "stimuli_by_condition"]
     assert "right, left, for 2 subjects" in observed["", "conditions_in_order"]
     assert ("a", "missing_condition") not in observed
-    header, *lines = ROWS.splitlines()
-    mixed = messages(read("\n".join([header, *lines[0:6:2], *lines[1:6:2], *lines[6:9]])))
+    rows = A_ROWS.splitlines(keepends=True)
+    alternating = "".join([*rows[::2], *rows[1::2]])
+    mixed = messages(read(HEADER + alternating + B_ROWS.partition("b,1.0")[0]))
     assert ("", "conditions_in_order") not in mixed
     assert "No trials in condition left" in mixed["b", "missing_condition"]
 
 
-def test_files_have_the_condition_all_or_none(tmp_path):
-    files = [tmp_path / "one.csv", tmp_path / "other.csv"]
-    other = ROWS.replace("a,", "c,")
-    files[0].write_text(ROWS)
-    files[1].write_text(other.replace("condition", "hand"))
+def test_files_have_the_condition_all_or_none():
+    frame = pd.read_csv(StringIO(ROWS))
+    other = frame.replace("a", "c")
     with pytest.raises(bt.InputError, match="found column condition in some files only"):
-        bt.read_study(files)
-    files[1].write_text(other)
-    together = bt.read_study(files)
+        bt.read_study([frame, other.rename(columns={"condition": "hand"})])
+    together = bt.read_study([frame, other])
     assert together.names == ("a@left", "a@right", "b@left", "b@right", "c@left", "c@right")
     assert together["b@left"].shared_scales == pytest.approx(together["a@left"].shared_scales)
 
 
-def test_a_condition_that_has_a_level_of_practice_is_a_condition(read):
+def test_a_condition_that_has_a_level_of_practice_is_a_condition():
     text = ROWS.replace("left", "practice").replace("condition", "phase")
-    assert read(text, condition="phase").conditions.levels == ("practice", "right")
+    assert read(text, "--condition phase").conditions.levels == ("practice", "right")
 
 
 # --- Tasks as conditions -------------------------------------------------------------------------
@@ -227,17 +212,17 @@ CODES = CODES.replace("equal", "1").replace("second", "1")
 UNITS = ("a@2AFC", "a@same/different", "b@2AFC")
 
 
-def test_tasks_are_conditions_by_a_column(read):
-    study = read(TASKS, condition="task")
+def test_tasks_are_conditions_by_a_column():
+    study = read(TASKS, "--condition task")
     assert study.names == UNITS
     assert [part.task for part in study.by_task] == [WHICH_STRONGER, SAME_DIFFERENT]
     assert study["a@2AFC"].shared_scales == study["a@same/different"].shared_scales
-    assert read(CODES, condition="task", equal_code="1", second_code="1").names == UNITS
+    assert read(CODES, "--condition task --equal-code 1 --second-code 1").names == UNITS
 
 
-def test_the_column_of_tasks_may_have_another_name(read):
+def test_the_column_of_tasks_may_have_another_name():
     renamed = TASKS.replace(",task", ",question")
-    study = read(renamed + "b,0,1,7,rating\n", condition="question", reference="same/different")
+    study = read(renamed + "b,0,1,7,rating\n", "--condition question --reference same/different")
     assert "study.csv: column question: rows with 'rating' left out" in str(study.notes)
     assert study.conditions == Conditions("question", ("same/different", "2AFC"))
 
@@ -259,40 +244,42 @@ b,0.0,0.3,2,,9,A
 
 
 @pytest.mark.parametrize("text", [GROUPS, COUNTS_OF_GROUPS])
-def test_answers_tell_the_task_of_each_group(read, text):
-    assert read(text, condition="task").names == UNITS
+def test_answers_tell_the_task_of_each_group(text):
+    assert read(text, "--condition task").names == UNITS
     with pytest.raises(bt.InputError) as caught:
         read(text)
-    names = [read(text, **option_values(chosen)).names for chosen, _ in caught.value.choices]
+    names = []
+    for chosen, _ in caught.value.choices:
+        typed = [remedy.typed for remedy in chosen]
+        names.append(read(text, " ".join(typed)).names)
     assert sorted(names) == [("a",), ("a", "b"), UNITS]
-    assert read(text, condition="task", where={"task": "B"}).names == ("a",)
+    assert read(text, "--condition task --where task=B").names == ("a",)
 
 
-def test_a_word_of_another_task_is_named_with_its_row(read):
+def test_a_word_of_another_task_is_named_with_its_row():
     stray = TASKS.replace("0.3,second", "0.3,equal", 1).replace(",task", ",experiment")
     with pytest.raises(bt.InputError, match="row 4, column response: found 'equal', allowed: sec"):
-        read(stray, condition="experiment")
+        read(stray, "--condition experiment")
 
 
 @pytest.mark.parametrize(
     "text, options, message",
     [
-        (TASKS, {}, "use ReadOptions(where={'task': 'same/different'}) for the task"),
-        (CODES, {}, "found '0' (2), '1' (3) of the tasks 'same/different' and '2afc'"),
-        (CODES, {"condition": "task", "second_code": "1"}, "use ReadOptions(equal_code='1')"),
-        (CODES, {"condition": "hand", "second_code": "1", "equal_code": "1"}, "different texts"),
-        (TASKS.replace("same/different", "2afc"), {}, "row 2, column response: found 'different'"),
-        (ROWS, {"condition": "task"}, "found the task 'same/different' alone"),
+        (TASKS, "", "use ReadOptions(where={'task': 'same/different'}) for the task"),
+        (CODES, "", "found '0' (2), '1' (3) of the tasks 'same/different' and '2afc'"),
+        (CODES, "--condition task --second-code 1", "use ReadOptions(equal_code='1')"),
+        (CODES, "--condition hand --second-code 1 --equal-code 1", "different texts"),
+        (TASKS.replace("same/different", "2afc"), "", "row 2, column response: found 'different'"),
+        (ROWS, "--condition task", "found the task 'same/different' alone"),
     ],
 )
-def test_two_tasks_are_refused_where_they_are_no_conditions(read, text, options, message):
-    with pytest.raises(bt.InputError) as caught:
-        read(text, **options)
-    assert message in str(caught.value)
+def test_two_tasks_are_refused_where_they_are_no_conditions(text, options, message):
+    with pytest.raises(bt.InputError, match=re.escape(message)):
+        read(text, options)
 
 
-def test_other_analyses_refuse_a_study_of_two_tasks(read):
-    study = read(TASKS, condition="task")
+def test_other_analyses_refuse_a_study_of_two_tasks():
+    study = read(TASKS, "--condition task")
     for analyse in (bt.run, bt.evidence, bt.population, bt.fit, bt.check, bt.Study.frame):
         with pytest.raises(bt.InputError, match="found the tasks 'which is stronger' and"):
             analyse(study)

@@ -9,100 +9,51 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import refused
-from conftest import counts, made_subject, text_table
-from scipy.io import savemat
+from conftest import counts, made_subject, read, text_table, typed_options
 from scipy.special import ndtr
 
 import bayes_toe as bt
 from bayes_toe.checks.answer_checks import check_answers
 from bayes_toe.data.tasks import WHICH_STRONGER
 
-TRIALS, RIGHT, TASK = "subject,s1,s2,response", "subject,s1,s2,acc", "subject,s1,s2,response,task"
-COUNTS = "subject,s1,s2,n_second,n_trials"
+TRIALS, COUNTS = "subject,s1,s2,response", "subject,s1,s2,n_second,n_trials"
+RIGHT, TASK = "subject,s1,s2,acc", "subject,s1,s2,response,task"
 GRID = list(product((-0.4, -0.2, 0.0, 0.2, 0.4), repeat=2))
+#: What tests/data/test_shapes.py has not: header and rows, options, and the counts that are read.
+READ = f"""
+    {TRIALS} a,0,1,second a,0,1,S1 a,1,0,2nd a,1,0,FIRST a,1,0, |  | 0 1 1 2, 1 0 1 2
+    {TRIALS} a,0,1,1 a,0,1,0.0 a,1,0,1.0 a,1,0,NA | --second-code 1 | 0 1 1 2, 1 0 1 1
+    {TRIALS} a,0,1,second a,1,0,first | --second-code first --first-code second | 0 1 0 1, 1 0 1 1
+    subject,s1,s2,k,n_trials a,0,1,3,5 | --columns n_second=k | 0 1 3 5
+    {RIGHT} a,0,1,1 a,0,1,0 a,1,0,1 a,1,0,wrong a,0,0,1 a,0,1, | --correct acc | 0 1 1 2, 1 0 1 2
+    {TASK} a,0,1,second,2AFC a,0,1,same,same-different | --where task=2AFC | 0 1 1 1
+    {TASK} a,0,1,second,comparison a,1,0,first,rating |  | 0 1 1 1, 1 0 0 1
+"""
 
 
-def written(folder, head, *rows):
-    path = folder / "study.csv"
-    path.write_text("\n".join([head, *rows]) + "\n")
-    return path
-
-
-#: What tests/data/test_shapes.py has not: header, rows, options, and the counts that are read.
-READ = [
-    (
-        TRIALS,
-        "a,0,1,second a,0,1,S1 a,1,0,2nd a,1,0,FIRST a,1,0,",
-        {},
-        "0 1 1 2, 1 0 1 2",
-    ),
-    (
-        TRIALS,
-        "a,0,1,1 a,0,1,0.0 a,1,0,1.0 a,1,0,NA",
-        {"second_code": "1"},
-        "0 1 1 2, 1 0 1 1",
-    ),
-    (
-        TRIALS,
-        "a,0,1,second a,1,0,first",
-        {"second_code": "first", "first_code": "second"},
-        "0 1 0 1, 1 0 1 1",
-    ),
-    (
-        COUNTS.replace("n_second", "k"),
-        "a,0,1,3,5",
-        {"columns": {"n_second": "k"}},
-        "0 1 3 5",
-    ),
-    (
-        RIGHT,
-        "a,0,1,1 a,0,1,0 a,1,0,1 a,1,0,wrong a,0,0,1 a,0,1,",
-        {"correct": "acc"},
-        "0 1 1 2, 1 0 1 2",
-    ),
-    (
-        TASK,
-        "a,0,1,second,2AFC a,0,1,same,same-different",
-        {"where": {"task": "2AFC"}},
-        "0 1 1 1",
-    ),
-    (
-        TASK,
-        "a,0,1,second,comparison a,1,0,first,rating",
-        {},
-        "0 1 1 1, 1 0 0 1",
-    ),
-]
-
-
-@pytest.mark.parametrize("head, rows, options, expected", READ, ids=range(len(READ)))
-def test_answers_second_and_first_are_read(tmp_path, head, rows, options, expected):
-    first = bt.read_study(written(tmp_path, head, *rows.split()), bt.ReadOptions(**options))
+@pytest.mark.parametrize("text, options, expected", text_table(READ))
+def test_answers_second_and_first_are_read(text, options, expected):
+    first = read(text.replace(" ", "\n"), options)
     for study in (first, bt.read_study(first.frame())):
         assert study.task == WHICH_STRONGER
         assert counts(study["a"]) == counts(made_subject(expected))
 
 
-def test_other_sources_tell_their_task_alike(tmp_path):
-    columns = {"s1": [0.0, 0.3, 0.0], "s2": [0.3, 0.0, 0.0], "hit": np.array([True, False, True])}
-    savemat(tmp_path / "trials.mat", {"subject": "M", **columns})
-    frame = pd.DataFrame({"subject": "M", **columns})
-    for source in (tmp_path / "trials.mat", frame):
-        study = bt.read_study(source, bt.ReadOptions(correct="hit"))
-        assert study.task == WHICH_STRONGER
-        assert counts(study["M"]) == [(0.0, 0.3, 1, 1), (0.3, 0.0, 1, 1)]
+def test_truth_values_say_which_answers_are_right():
+    frame = pd.DataFrame({"subject": "M", "s1": [0.0, 0.3, 0.0], "s2": [0.3, 0.0, 0.0]})
+    is_right = np.array([True, False, True])
+    study = bt.read_study(frame.assign(hit=is_right), bt.ReadOptions(correct="hit"))
+    assert study.task == WHICH_STRONGER
+    assert counts(study["M"]) == [(0.0, 0.3, 1, 1), (0.3, 0.0, 1, 1)]
 
-    # True and False in the column of responses name no task: the error says both options.
+    # In the column of responses they name no task: the error says both options.
     remedies = r"(?s)ReadOptions\(second_code='1'\) .*ReadOptions\(correct='response'\)"
     with pytest.raises(bt.InputError, match=remedies):
         bt.read_study(frame.assign(response=True))
 
 
-def test_right_answers_are_dropped_where_stimuli_are_equal_and_said(tmp_path):
-    study = bt.read_study(
-        written(tmp_path, RIGHT, "a,0,1,1", "a,0,0,1", "b,0,1,0", "b,0,1,"),
-        bt.ReadOptions(correct="acc"),
-    )
+def test_right_answers_are_dropped_where_stimuli_are_equal_and_said():
+    study = read(f"{RIGHT}\na,0,1,1\na,0,0,1\nb,0,1,0\nb,0,1,\n", "--correct acc")
     assert study.notes == (
         "trial rows, comma-separated, UTF-8, responses '1' as right (2) / '0' as wrong (1), "
         "'second' or 'first' by the sign of s2 - s1",
@@ -111,46 +62,36 @@ def test_right_answers_are_dropped_where_stimuli_are_equal_and_said(tmp_path):
     )
 
 
-def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for(tmp_path):
-    header = "subject,s1,s2,Delay,response,block"
-    path = written(tmp_path, header, "a,0,1,2,second,1", "a,0,1,4,first,2")
-    pooled = bt.read_study(path, bt.ReadOptions(ignore=("isi", "block")))
+def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for():
+    text = "subject,s1,s2,Delay,response,block\na,0,1,2,second,1\na,0,1,4,first,2\n"
+    pooled = read(text, "--ignore isi --ignore block")
     assert bt.ReadOptions(ignore="isi") == bt.ReadOptions(ignore=["isi"])
     assert counts(pooled["a"]) == [(0.0, 1.0, 1, 2)]
     assert not any("looks like" in finding.message for finding in check_answers(pooled))
 
 
-HEADS = {
-    "trials": TRIALS,
-    "scored": RIGHT,
-    "task": TASK,
-    "counts": COUNTS.replace("n_trials", "n_equal,n_trials"),
-    "intensities": "subject,i1,i2,response",
-}
-#: The header, the rows, the options, and what they are refused with.
-REFUSED = """
-    trials | a,0,1,1 a,1,0,0 |  | error: study.csv: column response: the codes are '1' (1), '0' (1)
-    trials | a,0,1,2 a,1,0,1 |  | --second-code 2  if 2 is 'the second was stronger' (2AFC)
-    trials | a,0,1,equal | --second-code 1 | found 'equal', allowed: '1' (second) or first, s1, 1st
-    trials | a,0,1,2nd a,0,1,1 |  | row 3, column response: found '1', allowed: second, s2, 2nd
-    task | a,0,1,second,2afc a,0,1,first,same/different |  | column task: found 'same/different'
-    task | a,0,1,second,same/different |  | found 'same/different', allowed: 'which is stronger'
-    counts | a,0,1,1,1,2 |  | column n_equal: found together with n_second and n_trials
-    scored | a,0,1,1 | --columns response=acc | found as response, though it seems to say right
-    scored | a,0,1,maybe | --correct acc | row 2, column acc: found 'maybe', allowed: 1, true, yes
-    scored | a,0,0,1 | --correct acc | found no response in any of 1 rows
-    scored | a,0,1,1 | --correct hit | there is no column hit. The columns are subject, s1, s2, acc.
-    scored | a,0,1,1 | --correct acc --second-code 1 | --second-code, --correct: found together
-    intensities | a,0,1,second | --intensity 1 | row 2, column i1: found '0', allowed: a positive
-    trials | a,0,1,second | --task same/different | --task is 'same/different', but the responses in
+#: Header and rows, options, and what they are refused with.
+REFUSED = f"""
+    {TRIALS} a,0,1,1 a,1,0,0 |  | error: study.csv: column response: the codes are '1' (1), '0' (1)
+    {TRIALS} a,0,1,2 a,1,0,1 |  | --second-code 2  if 2 is 'the second was stronger' (2AFC)
+    {TRIALS} a,0,1,equal | --second-code 1 | found 'equal', allowed: '1' (second) or first, s1, 1st
+    {TRIALS} a,0,1,2nd a,0,1,1 |  | row 3, column response: found '1', allowed: second, s2, 2nd
+    {TASK} a,0,1,second,2afc a,0,1,first,same/different |  | column task: found 'same/different'
+    {TASK} a,0,1,second,same/different |  | found 'same/different', allowed: 'which is stronger'
+    {COUNTS},n_equal a,0,1,1,1,2 |  | column n_equal: found together with n_second and n_trials
+    {RIGHT} a,0,1,1 | --columns response=acc | found as response, though it seems to say right
+    {RIGHT} a,0,1,maybe | --correct acc | row 2, column acc: found 'maybe', allowed: 1, true, yes
+    {RIGHT} a,0,0,1 | --correct acc | found no response in any of 1 rows
+    {RIGHT} a,0,1,1 | --correct hit | there is no column hit. The columns are subject, s1, s2, acc.
+    {RIGHT} a,0,1,1 | --correct acc --second-code 1 | --second-code, --correct: found together
+    subject,i1,i2,response a,0,1,second | --intensity 1 | row 2, column i1: found '0', allowed: a po
+    {TRIALS} a,0,1,second | --task same/different | --task is 'same/different', but the responses in
 """
 
 
-@pytest.mark.parametrize("head, rows, options, message", text_table(REFUSED))
-def test_what_cannot_be_read_is_one_line_and_nothing_is_written(
-    tmp_path, head, rows, options, message
-):
-    written(tmp_path, HEADS[head], *rows.split())
+@pytest.mark.parametrize("text, options, message", text_table(REFUSED))
+def test_what_cannot_be_read_is_one_line_and_nothing_is_written(tmp_path, text, options, message):
+    (tmp_path / "study.csv").write_text(text.replace(" ", "\n"))
     assert message in refused(f"run study.csv -o out {options}", cwd=tmp_path)
 
 
@@ -185,7 +126,7 @@ OPTIONS = """
 
 @pytest.mark.parametrize("options, message", text_table(OPTIONS))
 def test_options_that_make_no_sense_are_refused(tmp_path, options, message):
-    written(tmp_path, TRIALS, "a,0,1,second")
+    (tmp_path / "study.csv").write_text(f"{TRIALS}\na,0,1,second\n")
     assert message in refused(f"check study.csv {options}", cwd=tmp_path)
 
 
@@ -199,50 +140,39 @@ def test_several_files_are_of_one_task():
 # --- Doubts ---------------------------------------------------------------------------------------
 
 
-def answering(name, p):
-    """A subject of 2AFC with this probability of 'second' at each difference of the stimuli."""
+def answering(name, sign):
+    """A subject of 2AFC, who answers in reverse where the sign is -1."""
     s1, s2 = np.transpose(GRID)
-    counts = np.random.default_rng(1).binomial(12, p(s2 - s1))
-    return bt.Subject(name, s1, s2, counts, [12] * len(GRID), task=WHICH_STRONGER)
-
-
-def p_second(difference):
-    return 0.05 + 0.9 * ndtr((difference + 0.03) / 0.2)
-
-
-def p_second_reversed(difference):
-    return p_second(-difference)
-
-
-def frames(*subjects):
-    """A study of each subject, as a frame."""
-    return [bt.Study((subject,)).frame() for subject in subjects]
+    p_second = 0.05 + 0.9 * ndtr((sign * (s2 - s1) + 0.03) / 0.2)
+    n_yes = np.random.default_rng(1).binomial(12, p_second)
+    return bt.Subject(name, s1, s2, n_yes, [12] * len(GRID), task=WHICH_STRONGER)
 
 
 def reversed_answers(study):
-    findings = [(row.subject, row.code, row.option) for row in check_answers(study)]
-    return [finding for finding in findings if finding[1] == "reversed_answers"]
+    """Subjects who seem to answer in reverse, and what is typed for them."""
+    findings = check_answers(study)
+    return [(row.subject, row.option) for row in findings if row.code == "reversed_answers"]
 
 
 def test_some_reversed_subjects_are_found_with_what_to_type():
-    straight = answering("a", p_second)
-    back = answering("b", p_second_reversed)
-    expected = [("b", "reversed_answers", "--swap b")]
-    study = bt.Study((straight, back))
-    assert reversed_answers(study) == expected
+    subjects = answering("a", 1), answering("b", -1)
+    study = bt.Study(subjects)
+    assert reversed_answers(study) == [("b", "--swap b")]
     assert reversed_answers(bt.read_study(study.frame()).swap("b")) == []
     # A file of one reversed subject is not a study.
-    assert reversed_answers(bt.read_study(frames(straight, back))) == expected
+    frames = [bt.Study([subject]).frame() for subject in subjects]
+    assert reversed_answers(bt.read_study(frames)) == [("b", "--swap b")]
 
 
-def test_real_studies_are_read_as_they_were_asked(real_data):
-    for name, file, options, trials in (
-        ("auditory_pwm", "trials.csv", {"ignore": ("isi",)}, 17934),
-        ("numerosity", "trials.csv", {}, 34553),
-        ("weights", "counts.csv", {}, 1000),
-    ):
-        study = bt.read_study(real_data / name / file, bt.ReadOptions(**options))
-        assert (study.task, sum(subject.total_trials for subject in study)) == (
-            WHICH_STRONGER,
-            trials,
-        )
+@pytest.mark.parametrize(
+    "file, options, n_trials",
+    [
+        ("auditory_pwm/trials.csv", "--ignore isi", 17934),
+        ("numerosity/trials.csv", "", 34553),
+        ("weights/counts.csv", "", 1000),
+    ],
+)
+def test_real_studies_are_read_as_they_were_asked(file, options, n_trials, real_data):
+    study = bt.read_study(real_data / file, typed_options(options))
+    assert study.task == WHICH_STRONGER
+    assert sum(subject.total_trials for subject in study) == n_trials

@@ -3,9 +3,9 @@
 import os
 import re
 import tempfile
-from pathlib import Path
 
 import pytest
+from conftest import text_table
 
 from bayes_toe.data import whole_files
 from bayes_toe.data.whole_files import (
@@ -24,25 +24,27 @@ POSIX = pytest.mark.skipif(
 
 
 def create(folder, files):
-    """Write texts, and make the folders whose names end in a slash."""
-    for name, text in files.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    """Write files such as `a.csv=text`, and make folders such as `corner/`."""
+    for file in files.split():
+        name, _, text = file.partition("=")
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
         if name.endswith("/"):
-            (folder / name).mkdir()
+            path.mkdir()
         else:
-            (folder / name).write_text(text)
+            path.write_text(text)
 
 
 def tree(folder):
-    """Every file below a folder with its text, every empty folder with none."""
-    observed = {}
-    for path in folder.rglob("*"):
+    """Every file below a folder with its text, and every empty folder."""
+    files = []
+    for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
         if path.is_file():
-            observed[name] = path.read_text(encoding="utf-8")
+            files.append(f"{name}={path.read_text()}")
         elif path.is_dir() and not any(path.iterdir()):
-            observed[f"{name}/"] = ""
-    return observed
+            files.append(f"{name}/")
+    return " ".join(files)
 
 
 def failing(error):
@@ -69,70 +71,77 @@ def produce(path, files, *, overwrite=False, names=NAMES, meanwhile=int):
         meanwhile()
 
 
-def test_a_file_appears_whole_and_the_check_before_it_leaves_nothing(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    require_writable("new/deep/fit.nc", overwrite=False)
-    require_folder("new/out", NAMES, overwrite=False)
-    assert tree(tmp_path) == {}
+def test_the_check_before_the_work_leaves_nothing(tmp_path):
+    require_writable(tmp_path / "new/deep/fit.nc", overwrite=False)
+    require_folder(tmp_path / "new/out", NAMES, overwrite=False)
+    assert tree(tmp_path) == ""
 
-    for earlier, text in (({}, "whole"), ({"new/deep/fit.nc": "whole"}, "new")):
-        with whole_file("new/deep/fit.nc", overwrite=True) as temporary:
-            assert (temporary.exists(), temporary.name) == (False, "fit.nc")
-            temporary.write_text(text)
-            other_files = tree(tmp_path)
-            del other_files[temporary.absolute().relative_to(tmp_path).as_posix()]
-            assert other_files == earlier
-        assert tree(tmp_path) == {"new/deep/fit.nc": text}
+
+@pytest.mark.parametrize("earlier", ["", "new/deep/fit.nc=old"])
+def test_a_file_appears_whole(earlier, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    create(tmp_path, earlier)
+    with whole_file("new/deep/fit.nc", overwrite=True) as temporary:
+        assert (temporary.exists(), temporary.name) == (False, "fit.nc")
+        temporary.write_text("whole")
+        assert earlier in tree(tmp_path)
+    assert tree(tmp_path) == "new/deep/fit.nc=whole"
 
 
 def test_a_file_that_exists_or_appears_meanwhile_is_kept(tmp_path):
-    create(tmp_path, {"a.csv": "mine"})
+    create(tmp_path, "a.csv=mine")
     (tmp_path / "link").symlink_to(tmp_path / "nowhere")
     for name in ("a.csv", "link"):
         with pytest.raises(OutputError, match=rf"{name}: exists; overwrite=True replaces it$"):
             write(tmp_path / name, "new", meanwhile=BEFORE_WORK)
     with pytest.raises(OutputError, match=r"b\.csv: exists"):
-        write(tmp_path / "b.csv", "new", meanwhile=lambda: create(tmp_path, {"b.csv": "theirs"}))
-    assert tree(tmp_path) == {"a.csv": "mine", "b.csv": "theirs"}
+        write(tmp_path / "b.csv", "new", meanwhile=lambda: create(tmp_path, "b.csv=theirs"))
+    assert tree(tmp_path) == "a.csv=mine b.csv=theirs"
 
 
-@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+@pytest.mark.parametrize("error", [ValueError(), KeyboardInterrupt()], ids=repr)
 def test_failure_leaves_everything_as_it_was(tmp_path, error):
-    earlier = {"b": "old", "out/table.csv": "1", "out/corner/a.png": "1", "new/theirs": "x"}
+    earlier = "b=old new/theirs=x out/corner/a.png=1 out/table.csv=1"
     create(tmp_path, earlier)
     for name in ("b", "new/deep/a.csv"):
-        with pytest.raises(error):
-            write(tmp_path / name, "half", overwrite=True, meanwhile=failing(error()))
+        with pytest.raises(type(error)):
+            write(tmp_path / name, "half", overwrite=True, meanwhile=failing(error))
     for name in ("out", "new/out"):
-        with pytest.raises(error):
-            produce(tmp_path / name, {"table.csv": "2"}, overwrite=True, meanwhile=failing(error()))
+        with pytest.raises(type(error)):
+            produce(tmp_path / name, "table.csv=2", overwrite=True, meanwhile=failing(error))
     assert tree(tmp_path) == earlier
 
 
-@pytest.mark.parametrize(
-    "name, reason",
-    [
-        ("", "is a folder"),
-        ("folder", "is a folder"),
-        ("file.txt/x.csv", "cannot be written"),
-        ("file.txt/deep/x.csv", "cannot be written"),
-        ("folder/" + "x" * 5000, "cannot be written"),
-    ],
-    ids=["here", "folder", "below a file", "deep below a file", "too long"],
-)
-def test_impossible_places_are_one_line(tmp_path, name, reason):
-    earlier = {"folder/": "", "file.txt": "x"}
-    create(tmp_path, earlier)
-    for action in (
-        lambda path: write(path, "x", overwrite=True),
-        lambda path: require_writable(path, overwrite=False),
-    ):
-        with pytest.raises(OutputError, match=f"^[^\n]*{reason}[^\n]*$"):
-            action(tmp_path / name)
-    for folder, problem in (("file.txt", "is a file, choose"), ("file.txt/x", "cannot be written")):
-        with pytest.raises(OutputError, match=problem):
-            produce(tmp_path / folder, {"table.csv": "t"})
-    assert tree(tmp_path) == earlier
+#: Impossible names of files and of folders, and what is said.
+IMPOSSIBLE_FILES = f"""
+    folder | is a folder
+    | is a folder
+    file.txt/x.csv | cannot be written
+    file.txt/deep/x.csv | cannot be written
+    folder/{"x" * 5000} | cannot be written
+"""
+IMPOSSIBLE_FOLDERS = """
+    file.txt | is a file, choose
+    file.txt/x | cannot be written
+"""
+
+
+@pytest.mark.parametrize("name, reason", text_table(IMPOSSIBLE_FILES))
+def test_an_impossible_file_is_one_line(tmp_path, name, reason):
+    create(tmp_path, "folder/ file.txt=x")
+    with pytest.raises(OutputError, match=f"^[^\n]*{reason}[^\n]*$"):
+        write(tmp_path / name, "x", overwrite=True)
+    with pytest.raises(OutputError, match=f"^[^\n]*{reason}[^\n]*$"):
+        require_writable(tmp_path / name, overwrite=False)
+    assert tree(tmp_path) == "file.txt=x folder/"
+
+
+@pytest.mark.parametrize("name, reason", text_table(IMPOSSIBLE_FOLDERS))
+def test_an_impossible_folder_is_one_line(tmp_path, name, reason):
+    create(tmp_path, "file.txt=x")
+    with pytest.raises(OutputError, match=f"^[^\n]*{reason}[^\n]*$"):
+        produce(tmp_path / name, "table.csv=t")
+    assert tree(tmp_path) == "file.txt=x"
 
 
 def test_a_place_without_permission_is_one_line_before_the_work(tmp_path, monkeypatch):
@@ -141,32 +150,33 @@ def test_a_place_without_permission_is_one_line_before_the_work(tmp_path, monkey
 
     monkeypatch.setattr(tempfile, "mkdtemp", mkdtemp)
     message = f"{tmp_path / 'new'}: cannot be written (Permission denied), choose another place"
-    for action in (
-        lambda: require_folder(tmp_path / "new" / "out", (), overwrite=False),
-        lambda: write(tmp_path / "new" / "a.csv", "x", meanwhile=BEFORE_WORK),
-    ):
-        with pytest.raises(OutputError, match=f"^{re.escape(message)}$"):
-            action()
-    assert tree(tmp_path) == {}
+    with pytest.raises(OutputError, match=f"^{re.escape(message)}$"):
+        require_folder(tmp_path / "new/out", (), overwrite=False)
+    with pytest.raises(OutputError, match=f"^{re.escape(message)}$"):
+        write(tmp_path / "new/a.csv", "x", meanwhile=BEFORE_WORK)
+    assert tree(tmp_path) == ""
 
 
 @POSIX
-def test_only_regular_files_are_replaced_and_their_permissions_stay(tmp_path):
-    pipe, link, private = tmp_path / "pipe", tmp_path / "link", tmp_path / "private.csv"
-    os.mkfifo(pipe)
-    link.symlink_to(private)
+@pytest.mark.parametrize("name", ["pipe", "link", "/dev/null"])
+def test_only_regular_files_are_replaced(name, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OutputError, match="is a link, pipe or device"):
+        write(tmp_path / name, "new", overwrite=True, meanwhile=BEFORE_WORK)
+
+
+@POSIX
+def test_permissions_of_a_replaced_file_stay(tmp_path):
+    private = tmp_path / "private.csv"
     private.write_text("old")
     private.chmod(0o600)
-    for path in (pipe, link, Path("/dev/null")):
-        with pytest.raises(OutputError, match="is a link, pipe or device"):
-            write(path, "new", overwrite=True, meanwhile=BEFORE_WORK)
     write(private, "new", overwrite=True)
     assert (private.read_text(), private.stat().st_mode & 0o777) == ("new", 0o600)
 
 
 def test_each_file_is_whole_after_an_end_between_two_replacements(tmp_path, monkeypatch):
-    create(tmp_path, dict.fromkeys(("a.csv", "b.csv"), "old"))
-    new = dict.fromkeys(("a.csv", "b.csv"), "new")
+    create(tmp_path, "a.csv=old b.csv=old")
     replace_file = whole_files._put_in_place
 
     def ended(source, final):
@@ -174,13 +184,10 @@ def test_each_file_is_whole_after_an_end_between_two_replacements(tmp_path, monk
             raise KeyboardInterrupt
         replace_file(source, final)
 
-    with monkeypatch.context() as patch:
-        patch.setattr(whole_files, "_put_in_place", ended)
-        with pytest.raises(KeyboardInterrupt):
-            produce(tmp_path, new, names=[*new], overwrite=True)
-    assert tree(tmp_path) == {"a.csv": "new", "b.csv": "old"}
-    produce(tmp_path, new, names=[*new], overwrite=True)
-    assert tree(tmp_path) == new
+    monkeypatch.setattr(whole_files, "_put_in_place", ended)
+    with pytest.raises(KeyboardInterrupt):
+        produce(tmp_path, "a.csv=new b.csv=new", names=["a.csv", "b.csv"], overwrite=True)
+    assert tree(tmp_path) == "a.csv=new b.csv=old"
 
 
 def test_content_is_on_the_disk_before_a_file_takes_its_name(tmp_path, monkeypatch):
@@ -190,82 +197,81 @@ def test_content_is_on_the_disk_before_a_file_takes_its_name(tmp_path, monkeypat
     monkeypatch.setattr(os, "fsync", lambda _: steps.append("fsync"))
     monkeypatch.setattr(os, "replace", lambda *paths: (steps.append("replace"), replace(*paths)))
     write(tmp_path / "a.csv", "1")
-    produce(tmp_path / "out", {"table.csv": "1", "corner/a.png": "1"})
-    assert steps == ["fsync", "replace", "fsync", "fsync", "replace"]
+    produce(tmp_path / "out", "table.csv=1 corner/a.png=1")
+    assert " ".join(steps) == "fsync replace fsync fsync replace"
 
 
 # --- A folder -------------------------------------------------------------------------------------
 
 
 def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
-    out, files = tmp_path / "new" / "out", {"table.csv": "t", "corner/a.png": "a"}
+    out, files = tmp_path / "new/out", "corner/a.png=a table.csv=t"
     is_early = []
     produce(out, files, meanwhile=lambda: is_early.append(out.exists()))
     assert (is_early, tree(out)) == ([False], files)
 
-    create(out, {"corner/mine.png": "mine"})
-    produce(out, {"corner/a.png": "b"}, overwrite=True)
-    assert tree(out) == {"corner/a.png": "b", "corner/mine.png": "mine"}  # no longer table.csv
+    create(out, "corner/mine.png=mine")
+    produce(out, "corner/a.png=b", overwrite=True)
+    assert tree(out) == "corner/a.png=b corner/mine.png=mine"  # no longer table.csv
 
-    produce(out, {"evidence.csv": "1"}, names=["evidence.csv"])  # another command
-    assert tree(out) == {"corner/a.png": "b", "corner/mine.png": "mine", "evidence.csv": "1"}
+    produce(out, "evidence.csv=1", names=["evidence.csv"])  # another command
+    assert tree(out) == "corner/a.png=b corner/mine.png=mine evidence.csv=1"
 
 
-@pytest.mark.parametrize(
-    "existing, sentence",
-    [
-        (["table.csv"], "table.csv"),
-        (["corner/"], "corner"),
-        ("abc", "a, b, c"),
-        ("abcd", "a, b, c, ... and 1 more"),
-    ],
-)
-def test_existing_names_are_refused_before_any_work(tmp_path, existing, sentence):
-    create(tmp_path, dict.fromkeys(existing, ""))
-    earlier = tree(tmp_path)
-    message = f"{tmp_path}: already holds {sentence}; overwrite=True replaces it"
+#: What exists, and what the refusal says of it.
+EXISTING = """
+    table.csv= | table.csv
+    corner/ | corner
+    a= b= c= | a, b, c
+    a= b= c= d= | a, b, c, ... and 1 more
+"""
+
+
+@pytest.mark.parametrize("earlier, names", text_table(EXISTING))
+def test_existing_names_are_refused_before_any_work(tmp_path, earlier, names):
+    create(tmp_path, earlier)
+    message = f"{tmp_path}: already holds {names}; overwrite=True replaces it"
     with pytest.raises(OutputError, match=f"^{re.escape(message)}$"):
-        produce(tmp_path, {}, names=[*NAMES, *"abcd"], meanwhile=BEFORE_WORK)
+        produce(tmp_path, "", names=[*NAMES, *"abcd"], meanwhile=BEFORE_WORK)
     assert tree(tmp_path) == earlier
 
 
 def test_what_is_named_and_no_longer_produced_goes_and_all_else_stays(tmp_path):
     out, names = tmp_path / "out", ("table.csv", "corner", "corner/a.png", "folder.csv", "link/a")
-    files = {"table.csv": "1", "corner/a.png": "1", "corner/b.png": "1", "folder.csv/": ""}
-    create(tmp_path, {"elsewhere/a": "mine"})
-    create(out, files)
+    create(tmp_path, "elsewhere/a=mine")
+    create(out, "table.csv=1 corner/a.png=1 corner/b.png=1 folder.csv/")
     (out / "link").symlink_to(tmp_path / "elsewhere")
-    produce(out, {}, names=names, overwrite=True)
-    assert tree(tmp_path / "elsewhere") == {"a": "mine"}
+    produce(out, "", names=names, overwrite=True)
+    assert tree(tmp_path / "elsewhere") == "a=mine"
 
     (out / "link").unlink()
-    assert tree(out) == {"folder.csv/": "", "corner/b.png": "1"}
+    assert tree(out) == "corner/b.png=1 folder.csv/"
 
-    produce(out, {"table.csv": "2"}, names=["corner/b.png", "table.csv"], overwrite=True)
-    assert tree(out) == {"folder.csv/": "", "table.csv": "2"}  # without the empty folder
+    produce(out, "table.csv=2", names=["corner/b.png", "table.csv"], overwrite=True)
+    assert tree(out) == "folder.csv/ table.csv=2"  # without the empty folder
 
 
 def test_what_others_put_there_or_delete_meanwhile_is_no_success(tmp_path):
-    files, theirs = {"corner/a.png": "new", "table.csv": "new"}, {"table.csv": "theirs"}
+    new, theirs = "corner/a.png=new table.csv=new", "table.csv=theirs"
     with pytest.raises(OutputError, match=r"table\.csv: exists"):
-        produce(tmp_path, files, meanwhile=lambda: create(tmp_path, theirs))
+        produce(tmp_path, new, meanwhile=lambda: create(tmp_path, theirs))
     assert tree(tmp_path) == theirs
 
     out = tmp_path / "out"
-    produce(out, {"table.csv": "1"}, meanwhile=lambda: create(out, {"mine.txt": "m"}))
-    assert tree(out) == {"mine.txt": "m", "table.csv": "1"}
+    produce(out, "table.csv=1", meanwhile=lambda: create(out, "mine.txt=m"))
+    assert tree(out) == "mine.txt=m table.csv=1"
 
     no_file = pytest.raises(OutputError, match=r"(out|a\.csv): cannot be written \(No such file")
     with no_file, whole_folder(out, NAMES, overwrite=True) as new:
         new.rmdir()
     with no_file, whole_file(tmp_path / "a.csv"):
         pass  # nothing is written
-    assert tree(out) == {"mine.txt": "m", "table.csv": "1"}
+    assert tree(out) == "mine.txt=m table.csv=1"
 
 
-@pytest.mark.parametrize("occupied", ["table.csv/mine", "corner"])
-def test_a_folder_in_place_of_a_file_and_a_file_in_place_of_a_folder_stay(tmp_path, occupied):
-    create(tmp_path, {occupied: "mine"})
-    with pytest.raises(OutputError, match=occupied.partition("/")[0]):
-        produce(tmp_path, {"table.csv": "t", "corner/a.png": "a"}, overwrite=True)
-    assert tree(tmp_path) == {occupied: "mine"}
+@pytest.mark.parametrize("earlier", ["table.csv/mine=mine", "corner=mine"])
+def test_a_folder_in_place_of_a_file_and_a_file_in_place_of_a_folder_stay(tmp_path, earlier):
+    create(tmp_path, earlier)
+    with pytest.raises(OutputError, match=r"table\.csv|corner"):
+        produce(tmp_path, "table.csv=t corner/a.png=a", overwrite=True)
+    assert tree(tmp_path) == earlier
