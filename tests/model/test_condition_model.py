@@ -90,15 +90,6 @@ def test_the_gradient_is_the_slope_of_the_likelihood(models):
         np.testing.assert_allclose(likelihood.plain_gradient(points)[1], gradient, rtol=1e-9)
 
 
-def test_where_nothing_differs_all_conditions_have_the_shared_coordinates():
-    models = three_conditions()
-    k = len(models.parameters)
-    points = default_rng(1).standard_normal((4, models.loading.shape[-1]))
-    points[:, k:] = 0.0
-    for coordinates in models.in_conditions(points):
-        np.testing.assert_array_equal(coordinates, points[:, :k])
-
-
 def test_what_does_not_differ_has_no_prior_and_stays_at_0():
     models = three_conditions()
     array = models.array([(), (NOISE,)])
