@@ -1,4 +1,4 @@
-"""The closed form to its last digits; against a Kalman filter; symmetries of the plane of pairs."""
+"""The closed form to its last digits, and against a Kalman filter."""
 
 from typing import NamedTuple
 
@@ -116,6 +116,3 @@ def test_no_measurement_noise_means_no_order_effect():
 def test_unusable_parameters_raise_and_are_named(values, name):
     with pytest.raises(NumericalError, match=name):
         equal_probability(0.0, 0.1, *values)
-
-
-# --- The plane of pairs ---------------------------------------------------------------------------
