@@ -5,7 +5,6 @@ import itertools
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, refused
 from conftest import made_subject
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -88,14 +87,6 @@ def test_pairs_in_one_order_are_left_out_and_said():
         bt.asymmetry(bt.Study([never]))
     with pytest.raises(InputError, match="no subject 'x'"):
         table["x"]
-
-
-def test_the_command(tmp_path, study_csv):
-    words = ("fit", "study.csv", "-o", "fit.csv", "--replicates", 2, "--asymmetry", "out/a.csv")
-    assert "of 3 subjects gave more" in good(*words, cwd=tmp_path)
-    assert len(pd.read_csv(tmp_path / "out" / "a.csv")) == 12
-    assert "overwrite" in refused(*words, cwd=tmp_path)
-    assert good(*words, "--overwrite", "--quiet", cwd=tmp_path) == ""
 
 
 tables = st.tuples(st.integers(1, 40), st.integers(1, 40)).flatmap(
