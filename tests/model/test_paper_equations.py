@@ -93,10 +93,6 @@ def test_certainty_is_minus_infinity_without_a_warning():
     assert float(log_different(1.0, 1e4)) == pytest.approx(np.log(0.5), rel=1e-15)
 
 
-def test_no_measurement_noise_means_no_order_effect():
-    assert (float(evolved_mean(0.3, 7.0, 0.0)), float(width(0.2, 0.0))) == (0.3, 0.2)
-
-
 @pytest.mark.parametrize(
     "values, name",
     [
