@@ -414,8 +414,8 @@ def finished(tmp_path_factory, file):
         assert "stopped by SIGTERM" in stopped["log"]
 
         second.state(job, "/run", "")
-        done = second.wait(job, lambda state: state["run"] == "done")
-        assert "taken from results.partial" in done["log"]
+        finished_state = second.wait(job, lambda state: state["run"] == "done")
+        assert "taken from results.partial" in finished_state["log"]
         yield second, home / job
 
 
@@ -505,7 +505,7 @@ class Page(Opened):
         self.settle()
 
     def wait(self, state):
-        self.page.locator(f"#run[data-state={state}]").wait_for(timeout=200_000)
+        self.page.locator(f"#run[data-state={state}]").wait_for()
 
     def close(self):
         """Close the page, which asked nobody else for anything, and had no problem."""
