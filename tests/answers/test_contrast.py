@@ -32,12 +32,10 @@ def answers(
     contractions=(0.3, 0.3, 0.3),
     subjects="AB",
     trials=50,
-    scale=1.0,
-    shift=0.0,
 ):
     """Subjects whose constant error, or contraction, depends on the condition."""
     rng = default_rng(3)
-    pairs = {"s1": scale * FIRST + shift, "s2": scale * SECOND + shift}
+    pairs = {"s1": FIRST, "s2": SECOND}
     rows = []
     for subject_name in subjects:
         for level, offset, contraction in zip(levels, offsets, contractions, strict=False):
