@@ -38,9 +38,10 @@ def launched():
 class Opened:
     """A page of a file; what it says on the console and asks of the network are its problems."""
 
-    def __init__(self, browser, path, width, high=900, **options):
+    def __init__(self, browser, path, width, **options):
         self.problems = []
-        self.page = browser.new_page(viewport={"width": width, "height": high}, **options)
+        self.page = browser.new_page(viewport={"width": width, "height": 900}, **options)
+        self.page.set_default_timeout(200_000)  # milliseconds, for a busy machine
         self.page.on("console", self.note_message)
         self.page.on("pageerror", lambda error: self.problems.append(str(error)))
         self.page.on("request", self.note_request)

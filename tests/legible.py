@@ -42,23 +42,20 @@ def labels_of(ticks):
     return {tick.label1 for tick in ticks} | {tick.label2 for tick in ticks}
 
 
-def require_legible(figure, smallest=7.0):
+def require_legible(figure):
     """Return the words of a figure: none on another one, outside the page, or below 7 points.
 
     One point of overlap is allowed, because the boxes of texts have margins.
     """
     texts, page, slack = texts_of(figure), figure.bbox, figure.dpi / 72.0
-    words = [text.get_text() for text in texts]
-    x0, y0, x1, y1 = np.array([text.get_window_extent().extents for text in texts]).T
-    outside = (np.minimum(x0 - page.x0, y0 - page.y0) < -slack) | (
-        np.minimum(page.x1 - x1, page.y1 - y1) < -slack
-    )
-    assert [word for word, out in zip(words, outside, strict=True) if out] == []
-    across, down = (
-        np.minimum.outer(high, high) - np.maximum.outer(low, low)
-        for low, high in ((x0, x1), (y0, y1))
-    )
-    over = np.argwhere(np.triu((across > slack) & (down > slack), 1))
-    assert [(words[element], words[other]) for element, other in over] == []
-    assert min(text.get_fontsize() for text in texts) >= smallest - 0.01
+    words = words_of(texts)
+    boxes = [text.get_window_extent() for text in texts]
+    low, high = np.array([box.min for box in boxes]), np.array([box.max for box in boxes])
+    is_outside = ((low < page.min - slack) | (high > page.max + slack)).any(axis=1)
+    assert [word for word, outside in zip(words, is_outside, strict=True) if outside] == []
+
+    shared = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
+    overlapping = np.argwhere(np.triu((shared > slack).all(axis=2), 1))
+    assert [(words[i], words[j]) for i, j in overlapping] == []
+    assert min(text.get_fontsize() for text in texts) >= 6.99
     return words

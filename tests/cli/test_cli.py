@@ -144,6 +144,7 @@ def test_fit_writes_its_table_and_states_its_level(folder):
     frame = pd.read_csv(folder / "fit.csv", keep_default_na=False)
     assert (set(frame.level), list(frame.subject)) == ({0.8}, ["A", "B"])
     assert "exists" in refused(command, cwd=folder)
+    assert good(f"{command} --replicates 2 --overwrite --quiet", cwd=folder) == ""
 
 
 # --- saved draws ----------------------------------------------------------------------------------
@@ -173,6 +174,7 @@ REFUSED = """
     corner out/posterior.nc --truth study.csv | 'n_trials', allowed: subject and some of mu1
     run study.csv --figures some | must be one of all, flagged, none
     run study.csv -o out | overwrite
+    fit study.csv -o new.csv --asymmetry one.csv | overwrite
     run study.csv -o study.csv/new | study.csv
     run study.csv -o study.csv | study.csv
     check a.csv --example | exclude each other. Allowed: --example 2afc, --example same-different

@@ -7,7 +7,6 @@ import pytest
 from populations import made_result
 
 import bayes_toe as bt
-from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.answers.order_effect import PRIOR_FLAG, QUESTIONS, Problem
 from bayes_toe.answers.words import Word
 from bayes_toe.cli.methods import write_methods
@@ -23,7 +22,7 @@ def with_answers(analysis, *changes):
     rows = list(analysis.evidence.rows)
     for i, change in enumerate(changes):
         rows[i] = replace(rows[i], answer=replace(rows[i].answer, **change))
-    return replace(analysis, evidence=EvidenceTable(tuple(rows), analysis.evidence.seed))
+    return replace(analysis, evidence=replace(analysis.evidence, rows=tuple(rows)))
 
 
 def test_the_text_has_data_models_criteria_results_and_limits(analysis, tmp_path):

@@ -18,9 +18,15 @@ from bayes_toe.answers.order_effect import (
     format_signed,
 )
 
-FILES = ("group.csv", "group.nc", "group.png", "group_subjects.csv")
 OPTIONS = "--seed 1 --draws 1600"
-_AGES = (20, 30, 25, 33, 28)
+PEOPLE = """subject,site,age
+P000,0,20
+P001,1,30
+P002,0,25
+P003,1,33
+P004,0,28
+P005,1,
+"""
 
 
 def unreliable(posterior, n_draws, rng):
@@ -32,9 +38,7 @@ def unreliable(posterior, n_draws, rng):
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("population")
     grouped_csv(folder / "study.csv", simulated_group(1, n_subjects=6))
-    rows = [f"P{i:03d},{i % 2},{age}" for i, age in enumerate(_AGES)]
-    text = "\n".join(["subject,site,age", *rows, "P005,1,"])
-    (folder / "people.csv").write_text(text)
+    (folder / "people.csv").write_text(PEOPLE)
     (folder / "wide.toml").write_text("[contraction]\nsd_scale = 0.5\n")
     return folder
 
@@ -48,7 +52,8 @@ def finished(folder):
 
 
 def test_files_and_answer(finished, folder):
-    assert sorted(path.name for path in folder.glob("group*")) == [*FILES]
+    files = "group.csv group.nc group.png group_subjects.csv"
+    assert sorted(path.name for path in folder.glob("group*")) == files.split()
     text = " ".join(finished.split())
     assert "Answer In the group of 5 (site 0, age mean), the mean PSE shift is " in text
     assert re.search(

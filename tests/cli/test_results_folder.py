@@ -180,8 +180,13 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
     assert draws.subject("P000@left").shared_scales == study["P000@left"].shared_scales
 
 
-def test_the_report_of_one_subject_has_no_search_and_no_figure_of_poor_fits(small_study, tmp_path):
-    alone = bt.run(small_study.select(["B"]), draws=100, seed=1, prior="paper")
+def test_the_report_of_one_subject_has_no_search_and_no_figure_of_poor_fits(analysis, tmp_path):
+    alone = replace(
+        analysis,
+        study=analysis.study.select(["B"]),
+        draws=analysis.draws["B"],
+        evidence=replace(analysis.evidence, rows=analysis.evidence.rows[1:2]),
+    )
     text = page(write_results(alone, tmp_path / "out", **NO_FIGURES))
     assert 'type="search"' not in text
     assert 'class="misfits"' not in text

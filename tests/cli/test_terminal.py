@@ -86,15 +86,6 @@ def test_notes_that_are_cut_say_so(capsys):
     "headings, rows, expected",
     [
         (
-            ["subject", "trials", "problem"],
-            [["A", "12", "none"], ["B", "not interpreted: a reason that goes across"]],
-            [
-                "subject  trials  problem",
-                "A            12  none",
-                "B        not interpreted: a reason that goes across",
-            ],
-        ),
-        (
             # A name that is too long is cut in its middle.
             ["subject", "1", "words"],
             [["a_very_long_name_of_a_subject_17", "2", "word " * 11 + "word"]],

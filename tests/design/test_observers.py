@@ -22,6 +22,9 @@ PARAMETERS = {
     "contraction": 0.27,
 }
 
+PAPER, PAPER_2AFC = paper_study_design(), paper_study_design(task="2afc")
+OF_2AFC = assume_observers("both", 1, 1, [PAPER_2AFC])
+
 
 @BOTH_TASKS
 def test_observers_answer_as_the_model_both_predicts(task):
@@ -36,8 +39,7 @@ def test_observers_answer_as_the_model_both_predicts(task):
 
 
 def test_an_observer_is_the_same_whoever_else_there_is():
-    designs = [paper_study_design()]
-    few, all_observers = (assume_observers(None, size, 5, designs) for size in (1, 3))
+    few, all_observers = (assume_observers(None, size, 5, [PAPER]) for size in (1, 3))
     assert [observer.kind for observer in few] == list(KINDS)
     assert all(observer in all_observers for observer in few)
     for observer in all_observers:
@@ -51,7 +53,7 @@ def test_ranges_of_a_file(tmp_path):
     path.write_text('[weak]\ncontraction = 0.1\nnoise = [0.3, 0.4]\n["no effect"]\nq0 = 0.9\n')
     kinds = read_ranges(path)
     assert kinds["weak"]["contraction"] == (0.1, 0.1)
-    observers = assume_observers(path, 2, 1, [paper_study_design()])
+    observers = assume_observers(path, 2, 1, [PAPER])
     names = [observer.name for observer in observers]
     assert names == ["weak 1", "weak 2", "no effect 1", "no effect 2"]
     assert observers[0].parameters["contraction"] == 0.1
@@ -78,7 +80,7 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, text, message):
 
 
 def test_observers_of_the_prior():
-    observers = assume_observers("prior", 300, 1, [paper_study_design()], ObserverPrior())
+    observers = assume_observers("prior", 300, 1, [PAPER], ObserverPrior())
     kinds = [observer.kind for observer in observers]
     frame = pd.DataFrame([observer.parameters for observer in observers], index=kinds)
     assert (frame.loc["none", ["contraction", "constant_error"]] == 0).all(axis=None)
@@ -89,7 +91,7 @@ def test_draws_of_an_earlier_study_are_observers(tmp_path):
     subject = bt.example_study("same/different").select(["S01"])
     draws = bt.sample(subject, model="both", draws=300, seed=1)
     path = draws.save(tmp_path / "posterior.nc")
-    observers = assume_observers(path, 3, 1, [paper_study_design()])
+    observers = assume_observers(path, 3, 1, [PAPER])
     assert [observer.kind for observer in observers] == ["earlier study"] * 3 + ["none"] * 3
     values = draws.values("S01", "contraction").ravel()
     for observer, without_effect in zip(observers[:3], observers[3:], strict=True):
@@ -98,18 +100,21 @@ def test_draws_of_an_earlier_study_are_observers(tmp_path):
         no_effect = {**parameters, "contraction": 0.0, "constant_error": 0.0}
         assert without_effect.parameters == no_effect
     with pytest.raises(InputError, match="draws of the task 'same/different'"):
-        assume_observers(path, 1, 1, [paper_study_design(task="2afc")])
+        assume_observers(path, 1, 1, [PAPER_2AFC])
 
 
-def test_what_is_refused():
-    paper = paper_study_design()
-    with pytest.raises(InputError, match="found 'nobody', allowed: none, small constant error"):
-        assume_observers("nobody", 1, 1, [paper])
-    with pytest.raises(InputError, match="data_sets: found 0"):
-        assume_observers(None, 0, 1, [paper])
-    other = assume_observers("both", 1, 1, [paper_study_design(task="2afc")])
-    with pytest.raises(InputError, match="allowed: 'same/different', the task of the design"):
-        assume_observers(other, 1, 1, [paper])
-    far = StudyDesign([0.0, 500.0], [500.0, 0.0], [10, 10])
-    with pytest.raises(InputError, match="kind 'none' all practically never answer 'equal'"):
-        assume_observers(None, 1, 1, [far])
+FAR_APART = StudyDesign([0.0, 500.0], [500.0, 0.0], [10, 10])
+
+
+@pytest.mark.parametrize(
+    "observers, size, design, message",
+    [
+        ("nobody", 1, PAPER, "found 'nobody', allowed: none, small constant error"),
+        (None, 0, PAPER, "data_sets: found 0"),
+        (OF_2AFC, 1, PAPER, "allowed: 'same/different', the task of the design"),
+        (None, 1, FAR_APART, "kind 'none' all practically never answer 'equal'"),
+    ],
+)
+def test_what_is_refused(observers, size, design, message):
+    with pytest.raises(InputError, match=message):
+        assume_observers(observers, size, 1, [design])

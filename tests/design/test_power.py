@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
+from conftest import text_table
 from populations import grid_design
 
 import bayes_toe as bt
@@ -128,17 +129,17 @@ def test_tasks_are_compared_by_observers_with_the_same_effects(tmp_path):
     assert three.drop(columns="design").reset_index(drop=True).equals(expected)
 
 
-@pytest.mark.parametrize(
-    "options, message",
-    [
-        ("--task 2afc,3afc", "--task: found '3afc', allowed: same/different, 2afc"),
-        ("--trials 0", "--trials is '0'. It must be whole numbers from 1"),
-        ("--trials 12", "12 trials for 13 pairs"),
-        ("--subjects 1,9", "--subjects is '1,9'. It must be whole numbers from 2"),
-        ("--observers nobody", "--observers: found 'nobody'"),
-        ("d.csv other/d.csv", "Two design files have the name 'd'."),
-    ],
-)
+REFUSED = """
+    --task 2afc,3afc | --task: found '3afc', allowed: same/different, 2afc
+    --trials 0 | --trials is '0'. It must be whole numbers from 1
+    --trials 12 | 12 trials for 13 pairs
+    --subjects 1,9 | --subjects is '1,9'. It must be whole numbers from 2
+    --observers nobody | --observers: found 'nobody'
+    d.csv other/d.csv | Two design files have the name 'd'.
+"""
+
+
+@pytest.mark.parametrize("options, message", text_table(REFUSED))
 def test_what_is_refused_in_one_line(tmp_path, options, message):
     (tmp_path / "other").mkdir()
     for folder in (tmp_path, tmp_path / "other"):

@@ -33,16 +33,17 @@ def log_likelihood(subject, scales, w):
 
 def log_joint(study, scales, mean, sd, effects, points):
     """Log density at one point: means, scores of SDs, effects and parameters of the subjects."""
-    t3, scale = stats.t(3), np.array([0.5, 0.2, 0.6])
+    t3 = stats.t(3)
+    mean_scales, sd_scales = np.array([0.5, 0.2, 0.6]), np.array([0.3, 0.15, 0.4])
     total = t3.logpdf(mean[0] / 0.5) - np.log(0.5)
-    total += stats.norm.logpdf(mean[1:], 0.0, scale[1:]).sum()
+    total += stats.norm.logpdf(mean[1:], 0.0, mean_scales[1:]).sum()
     total += np.log(2.0 / 0.3) + t3.logpdf(sd[0] / 0.3)
-    total += stats.halfnorm.logpdf(sd[1:], scale=[0.15, 0.4]).sum()
+    total += stats.halfnorm.logpdf(sd[1:], scale=sd_scales[1:]).sum()
     # The scores: Phi(score) is the probability that a half-normal variable is below sd / scale.
-    u = sd / [0.3, 0.15, 0.4]
+    u = sd / sd_scales
     score = stats.norm.ppf(stats.halfnorm.cdf(u))
     total += (stats.norm.logpdf(score) - stats.halfnorm.logpdf(u)).sum()
-    total += stats.norm.logpdf(effects, 0.0, [0.3, 0.15, 0.4]).sum()
+    total += stats.norm.logpdf(effects, 0.0, sd_scales).sum()
     for subject, x, w in zip(study, X, points, strict=True):
         total += stats.norm.logpdf(w[:3], mean + x @ effects, sd).sum()
         total += stats.norm.logpdf(w[3]) + t3.logpdf(w[4:]).sum()

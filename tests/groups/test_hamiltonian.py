@@ -23,17 +23,12 @@ def normal(x):
     return -0.5 * (deviation * (x - CENTRE)).sum(axis=1), -deviation
 
 
-@pytest.fixture(scope="module")
-def trace():
+def test_moments_of_a_correlated_normal():
     rng = default_rng(1)
     start = CENTRE + rng.standard_normal((8, 6))
     sampler = Hamiltonian(normal, start, Metric(2, 2, 2), rng)
     sampler.warm_up()
-    return sampler.advance(1500)
-
-
-def test_moments_of_a_correlated_normal(trace):
-    x, n_divergent = trace
+    x, n_divergent = sampler.advance(1500)
     draws = x.reshape(-1, 6)
     sd = np.sqrt(np.diag(COVARIANCE))
     assert (draws.mean(axis=0) - CENTRE) / sd == pytest.approx(np.zeros(6), abs=0.06)
@@ -93,6 +88,7 @@ def test_twice_the_draws_where_the_first_are_not_reliable(monkeypatch):
     def drawn():
         return sample_group(posterior, 40, default_rng(1))
 
+    monkeypatch.setattr(group_sampler, "_ROUNDS", (10, 10))
     monkeypatch.setattr(group_sampler, "MAX_R_HAT", 9.0)
     monkeypatch.setattr(group_sampler, "MIN_EFFECTIVE_DRAWS", 0)
     first = drawn()

@@ -20,9 +20,9 @@ from bayes_toe.inference.diagnostics import (
 RNG = default_rng(6)
 
 
-def walk(rho, shape=(4, 1500), seed=4):
+def walk(rho, shape=(4, 1500)):
     """An AR(1) series: slow with a coefficient near 1, antithetic with a negative one."""
-    steps = default_rng(seed).normal(size=shape)
+    steps = default_rng(4).normal(size=shape)
     for i in range(1, shape[1]):
         steps[:, i] += rho * steps[:, i - 1]
     return steps

@@ -95,12 +95,8 @@ def test_summary_has_the_columns_and_the_numbers(analysis):
 
     row = frame.set_index(["subject", "parameter"]).loc["B", "sigma_p"]
     values = analysis.draws.values("B", "sigma_p")
-    assert row["mean"] == pytest.approx(values.mean())
-
     quantiles = np.quantile(values, [0.05, 0.25, 0.5, 0.75, 0.95])
-    names = ["q05", "q25", "q50", "q75", "q95"]
-    assert row[names].tolist() == pytest.approx(quantiles.tolist())
-    assert row["mcse_mean"] == pytest.approx(values.std(ddof=1) / np.sqrt(row["ess_bulk"]), rel=0.2)
+    assert row[["q05", "q25", "q50", "q75", "q95"]].tolist() == pytest.approx(quantiles)
 
     target = analysis.draws.posterior("B")
     prior_range = target.prior_quantile("sigma_p", 0.95) - target.prior_quantile("sigma_p", 0.05)
@@ -118,8 +114,8 @@ def test_arviz_functions_take_it(data, analysis):
     subject = analysis.draws["A"].to_arviz()
     table = az.summary(subject, var_names=list(PARAMETERS), round_to="none")
     expected = analysis.draws["A"].summary().set_index("parameter").loc[list(PARAMETERS)]
-    assert table["mean"].to_numpy(float) == pytest.approx(expected["mean"].to_numpy())
-    assert table["r_hat"].to_numpy(float) == pytest.approx(expected["r_hat"].to_numpy(), abs=1e-6)
+    for column in ("mean", "mcse_mean", "ess_bulk", "r_hat"):
+        assert table[column].to_numpy(float) == pytest.approx(expected[column].to_numpy(), rel=1e-6)
 
     for draws, n_pairs in ((subject, 13), (data, 39)):
         loo = az.loo(draws, var_name="n_equal", pointwise=True)

@@ -171,7 +171,6 @@ DAMAGES = [
     (SUBJECTS, _delete("sample_stats/lp"), "no lp over (chain, draw, subject)"),
     (SUBJECTS, _delete("sample_stats/imprecise"), UNREADABLE),
     (SUBJECTS, _set("posterior/mu1", ..., 1e308), "draws of mu1 are no numbers"),
-    (SUBJECTS, _delete("posterior/q0"), "no q0 over (chain, draw, subject)"),
     (GROUP, _delete("covariates/x"), "no x over (subject, covariate)"),
     (GROUP, _set("covariates/subject", 0, "Z"), UNREADABLE),
     (SUBJECTS, _set("posterior/mu1", (0, 0, 0), np.inf), "draws of mu1 are no numbers"),

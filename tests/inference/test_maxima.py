@@ -16,39 +16,12 @@ from bayes_toe.model.paper_model import paper_posterior
 CASES = hard_cases()
 
 
-class Quadratics:
-    """Concave quadratics, one per start: -(x - m)' A (x - m) / 2."""
-
-    def __init__(self, matrices, maxima):
-        self.matrices, self.maxima = matrices, maxima
-
-    def expand(self, x, index):
-        distance = x - self.maxima[index]
-        gradient = -np.einsum("nij,nj->ni", self.matrices[index], distance)
-        return Expansion(0.5 * (distance * gradient).sum(axis=1), gradient, self.matrices[index])
-
-
 def saddle(x, index):
     """x^2 - x^4 - y^2: a saddle at 0, maxima at +-1/sqrt(2)."""
     a, b = x.T
     curvature = np.zeros((len(x), 2, 2))
     curvature[:, 0, 0], curvature[:, 1, 1] = 12 * a**2 - 2, 2.0
     return Expansion(a**2 - a**4 - b**2, np.stack([2 * a - 4 * a**3, -2 * b], axis=-1), curvature)
-
-
-@pytest.fixture
-def quadratics():
-    rng = default_rng(1)
-    factors = rng.normal(size=(50, 4, 4))
-    matrices = factors @ factors.transpose(0, 2, 1) + 0.01 * np.eye(4)
-    return Quadratics(matrices, rng.normal(size=(4, 50)).T)
-
-
-def test_every_start_reaches_its_own_maximum(quadratics):
-    result = ascend(quadratics.expand, np.zeros((50, 4)))
-    assert result.has_converged.all()
-    assert result.x == pytest.approx(quadratics.maxima, abs=1e-4)
-    assert result.value == pytest.approx(np.zeros(50), abs=1e-11)
 
 
 def test_a_saddle_is_left_uphill():

@@ -24,21 +24,19 @@ S1, S2 = np.array([0.0, 0.3, 0.3, 0.9, 1.2]), np.array([0.3, 0.0, 0.7, 0.5, 1.2]
 COUNTS = ((5, 2, 9, 1, 4), (9, 4, 10, 2, 7), (8, 3, 9, 4, 6))
 
 
-def three_conditions(task=WHICH_STRONGER):
-    units = []
-    for level, n_yes in zip("abc", COUNTS, strict=True):
-        units.append(bt.Subject(f"S@{level}", S1, S2, n_yes, [12] * 5, task=task, condition=level))
-    return ConditionModels(tuple(units), Conditions("c", ("a", "b", "c")).design())
-
-
-def two_conditions():
-    """So few trials that draws from the prior suffice for an evidence."""
-    units = []
-    options = {"task": WHICH_STRONGER, "n_trials": [20, 20]}
-    for level, n_yes in zip("ab", ((15, 4), (19, 9)), strict=True):
-        unit = bt.Subject(f"S@{level}", [0.0, 0.5], [0.5, 0.0], n_yes, condition=level, **options)
+def conditions(counts, pairs=(S1, S2), n_trials=12, task=WHICH_STRONGER):
+    """A subject with these counts in conditions a, b and perhaps c."""
+    levels, units = tuple("abc"[: len(counts)]), []
+    for level, n_yes in zip(levels, counts, strict=True):
+        all_trials = [n_trials] * len(n_yes)
+        unit = bt.Subject(f"S@{level}", *pairs, n_yes, all_trials, task=task, condition=level)
         units.append(unit)
-    return ConditionModels(tuple(units), Conditions("c", ("a", "b")).design())
+    return ConditionModels(tuple(units), Conditions("c", levels).design())
+
+
+THREE_CONDITIONS = conditions(COUNTS)
+#: So few trials that draws from the prior suffice for an evidence.
+TWO_CONDITIONS = conditions(((15, 4), (19, 9)), ([0.0, 0.5], [0.5, 0.0]), n_trials=20)
 
 
 def two_tasks():
@@ -51,8 +49,8 @@ def two_tasks():
 
 
 MODELS = {
-    "conditions, 2AFC": three_conditions(),
-    "conditions, same/different": three_conditions(SAME_DIFFERENT),
+    "conditions, 2AFC": THREE_CONDITIONS,
+    "conditions, same/different": conditions(COUNTS, task=SAME_DIFFERENT),
     "tasks": two_tasks(),
 }
 EACH_MODEL = pytest.mark.parametrize("models", MODELS.values(), ids=MODELS)
@@ -90,17 +88,8 @@ def test_the_gradient_is_the_slope_of_the_likelihood(models):
         np.testing.assert_allclose(likelihood.plain_gradient(points)[1], gradient, rtol=1e-9)
 
 
-def test_where_nothing_differs_all_conditions_have_the_shared_coordinates():
-    models = three_conditions()
-    k = len(models.parameters)
-    points = default_rng(1).standard_normal((4, models.loading.shape[-1]))
-    points[:, k:] = 0.0
-    for coordinates in models.in_conditions(points):
-        np.testing.assert_array_equal(coordinates, points[:, :k])
-
-
 def test_what_does_not_differ_has_no_prior_and_stays_at_0():
-    models = three_conditions()
+    models = THREE_CONDITIONS
     array = models.array([(), (NOISE,)])
     points = array.prior_points(default_rng(1).uniform(size=(2, 50, len(array.names))))
     differs = [name.startswith("noise ") for name in array.names]
@@ -115,7 +104,7 @@ def test_what_does_not_differ_has_no_prior_and_stays_at_0():
 
 
 def test_any_two_levels_differ_by_half_a_unit_beforehand():
-    models = three_conditions()
+    models = THREE_CONDITIONS
     array = models.array([(NOISE, CONSTANT_ERROR, CONTRACTION)])
     probability = default_rng(1).uniform(size=(1, 40_000, len(array.names)))
     values = models.quantities(array.prior_points(probability)[0])
@@ -142,9 +131,9 @@ def require_means_over_the_prior(evidence, models, array):
 
 
 def test_evidences_of_what_differs_are_means_over_the_prior():
-    models = two_conditions()
-    evidence, _ = condition_evidences(models, seed=1)
-    require_means_over_the_prior(evidence, models, models.array(CHOICES))
+    evidence, _ = condition_evidences(TWO_CONDITIONS, seed=1)
+    array = TWO_CONDITIONS.array(CHOICES)
+    require_means_over_the_prior(evidence, TWO_CONDITIONS, array)
 
 
 def test_evidences_of_one_observer_of_two_tasks_are_means_over_the_prior():

@@ -253,12 +253,6 @@ def test_quantiles_are_finite_where_a_share_rounds_to_an_edge(a, b):
     assert logits[0] == pytest.approx((np.log(p[0]) + log_norm) / a, rel=1e-4)
 
 
-def test_an_evidence_is_finite_where_the_prior_has_an_edge():
-    subject = bt.simulate(1, batches=10, seed=1).study.subjects[0]
-    prior = ObserverPrior(q0_b=0.05)
-    assert np.isfinite(order_evidence([subject], 1, prior)[0].log_evidence).all()
-
-
 def test_draws_from_the_prior_follow_its_quantiles(posterior):
     """Kolmogorov's test of at most nine quantities at 1e-4: a false alarm in a thousand."""
     values = posterior.quantities(prior_draws(posterior, 4000, seed=7))
@@ -286,13 +280,6 @@ def test_quantities_are_those_of_the_definition_and_points_their_inverse(posteri
             observed = {name: value[i] for name, value in values.items()}
             expected = {name: float(value) for name, value in expected.items()}
             assert observed == pytest.approx(expected, rel=1e-12)
-
-
-def test_other_pairs_keep_the_scales(posterior):
-    x = prior_draws(posterior, 30)
-    part = posterior.for_subject(some_pairs(posterior.subject, slice(3)))
-    of_part, of_all = (target.log_answers(x).yes[:, :3] for target in (part, posterior))
-    assert of_part == pytest.approx(of_all, rel=1e-13)
 
 
 # --- Two samplers ---------------------------------------------------------------------------------

@@ -15,13 +15,6 @@ from bayes_toe.model.prior import Prior
 CASES = hard_cases()
 
 
-def test_points_in_blocks_are_points_one_by_one():
-    posterior = paper_posterior(CASES["400 pairs with 3 trials"])
-    x = np.random.default_rng(0).normal(size=(500, 4))
-    single_points = np.concatenate([posterior.log_density(point) for point in x])
-    assert posterior.log_density(x) == pytest.approx(single_points, rel=1e-13)
-
-
 @pytest.mark.parametrize("point, message", [([np.nan, 0, 0, 0], "NaN"), ([0.0, 0.0], "shape")])
 def test_points_that_are_refused(point, message):
     with pytest.raises(NumericalError, match=message):

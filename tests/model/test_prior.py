@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import made_subject, problems
+from conftest import made_subject, problems, text_table
 from numpy.random import default_rng
 
 import bayes_toe as bt
@@ -23,17 +23,15 @@ OF_WIDTH = Prior(0.4, 2.5, width_median=0.3, width_sd=0.7, gamma_a=2.0, gamma_b=
 @pytest.mark.parametrize(
     "prior", [Prior(0.4, 2.5, 0.3), OF_WIDTH], ids=["of sigma_p", "of the width"]
 )
-@pytest.mark.parametrize(
-    "parameter", ["mu1", "sigma_p", "gamma", "q0", "sigma_l", "sigma1", "width", "gain"]
-)
-def test_quantiles_are_those_of_draws(parameter, prior):
+def test_quantiles_are_those_of_draws(prior):
     n, p = 200_000, np.array([0.05, 0.5, 0.95])
     target = bt.model.paper_posterior(ONE_PAIR, prior)
-    values = target.quantities(target.sample_prior(default_rng(8), n))[parameter]
-    limits = np.array([target.prior_quantile(parameter, share) for share in p])
-    shares = (values[:, None] < limits).mean(axis=0)
-    # 4.5 standard errors of a share: 48 comparisons, a false alarm in about 3,000 such tests
-    assert np.all(np.abs(shares - p) < 4.5 * np.sqrt(p * (1 - p) / n))
+    values = target.quantities(target.sample_prior(default_rng(8), n))
+    for name in ("mu1", "sigma_p", "gamma", "q0", "sigma_l", "sigma1", "width", "gain"):
+        limits = np.array([target.prior_quantile(name, share) for share in p])
+        shares = (values[name][:, None] < limits).mean(axis=0)
+        # 4.5 standard errors of a share: 48 comparisons, a false alarm in about 3,000 such tests
+        assert np.all(np.abs(shares - p) < 4.5 * np.sqrt(p * (1 - p) / n)), name
 
 
 def test_a_small_pull_keeps_its_digits():
@@ -67,7 +65,8 @@ def read(tmp_path):
     path = tmp_path / "prior.toml"
 
     def read_text(text):
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        is_bytes = isinstance(text, bytes)
+        path.write_bytes(text if is_bytes else text.replace(" / ", "\n").encode())
         return read_prior(path)
 
     return read_text
@@ -106,36 +105,37 @@ def test_the_complete_file_has_every_key():
         assert list(values) == list(sections()[name])
 
 
-@pytest.mark.parametrize(
-    "text, message",
-    [
-        ("mu1_sd = 2", "mu1_sd: found no such section, allowed: [paper]"),
-        ("[prior]\nmu1_sd = 2", "prior: found no such section, allowed: [noise]"),
-        ("noise = 2", "noise: found no such section, allowed: [noise]"),
-        ("[[group]]", "group: found no such section, allowed: [noise]"),
-        ("[group.gain]\nmean = 1", "group.gain: found no such section, allowed: [noise]"),
-        ("[group.noise]\nsd = 1", "[group.noise] 'sd': unknown key, allowed: mean, mean_scale, sd"),
-        (
-            "[group.noise]\nsd_scale = 0",
-            "[group.noise] sd_scale: found 0, allowed: a number",
-        ),
-        ("[noise]\nscale = 1", "[noise] 'scale': unknown key, allowed: median, sd"),
-        ("[contraction]\nsd = 0", "[contraction] sd: found 0, allowed: a number from 0.001 to"),
-        ("[paper]\nmu1_sd = '2'", "mu1_sd: found '2', allowed: a number from 1e-100 to 1e+100"),
-        ("[paper]\nq0_b = 0.01", "q0_b: found 0.01, allowed: a number from 0.05 to 1000"),
-        ("[paper]\nmu1_sd = true", "mu1_sd: found true"),
-        ("[paper]\nmu1_sd = [1, 2]", "mu1_sd: found a list"),
-        ("[paper]\nmu1_mean = nan", "found nan, allowed: a number from -1e+100 to 1e+100"),
-        ("[noise]\nsd = 1" + "0" * 400, "sd: found an integer too large for a number"),
-        ("[noise]\nsd = 0x1" + "0" * 5000, "sd: found an integer too large for a number"),
-        ("mu1_mean = 1" + "0" * 5000, "found text that is not TOML"),
-        ("mu1_mean = " + "[" * 20_000, "found text that is not TOML"),
-        ("#" * 70_000, "cannot be read (70000 bytes, more than 65536)"),
-        ("[q0]\na = 'stimuli'", "[q0] a: found 'stimuli', allowed: a number from 0.001 to 1000"),
-        ("[noise]\nsd = 1979-05-27", "sd: found 1979-05-27"),
-        (b"\xff\xfe\x00", "found text that is not TOML"),
-    ],
-)
+#: Files, with " / " for a new line, and what they are refused with.
+REFUSED = """
+    mu1_sd = 2 | mu1_sd: found no such section, allowed: [paper]
+    [prior] / mu1_sd = 2 | prior: found no such section, allowed: [noise]
+    noise = 2 | noise: found no such section, allowed: [noise]
+    [[group]] | group: found no such section, allowed: [noise]
+    [group.gain] / mean = 1 | group.gain: found no such section, allowed: [noise]
+    [group.noise] / sd = 1 | [group.noise] 'sd': unknown key, allowed: mean, mean_scale, sd
+    [group.noise] / sd_scale = 0 | [group.noise] sd_scale: found 0, allowed: a number
+    [noise] / scale = 1 | [noise] 'scale': unknown key, allowed: median, sd
+    [contraction] / sd = 0 | [contraction] sd: found 0, allowed: a number from 0.001 to
+    [paper] / mu1_sd = '2' | mu1_sd: found '2', allowed: a number from 1e-100 to 1e+100
+    [paper] / q0_b = 0.01 | q0_b: found 0.01, allowed: a number from 0.05 to 1000
+    [paper] / mu1_sd = true | mu1_sd: found true
+    [paper] / mu1_sd = [1, 2] | mu1_sd: found a list
+    [paper] / mu1_mean = nan | found nan, allowed: a number from -1e+100 to 1e+100
+    [q0] / a = 'stimuli' | [q0] a: found 'stimuli', allowed: a number from 0.001 to 1000
+    [noise] / sd = 1979-05-27 | sd: found 1979-05-27
+"""
+#: Files that are no ordinary text.
+UNREADABLE = [
+    ("[noise] / sd = 1" + "0" * 400, "sd: found an integer too large for a number"),
+    ("[noise] / sd = 0x1" + "0" * 5000, "sd: found an integer too large for a number"),
+    ("mu1_mean = 1" + "0" * 5000, "found text that is not TOML"),
+    ("mu1_mean = " + "[" * 20_000, "found text that is not TOML"),
+    ("#" * 70_000, "cannot be read (70000 bytes, more than 65536)"),
+    (b"\xff\xfe\x00", "found text that is not TOML"),
+]
+
+
+@pytest.mark.parametrize("text, message", [*text_table(REFUSED), *UNREADABLE])
 def test_files_that_are_refused(read, text, message):
     (line,) = problems(read, text)
     path, _, problem = line.partition("prior.toml: ")

@@ -39,17 +39,6 @@ def test_the_unit_of_intensity_changes_nothing(task, factor, shift):
     assert moved.log_density(x) == pytest.approx(plain.log_density(x), rel=1e-9)
 
 
-def test_subjects_with_different_stimuli_in_one_study_have_each_their_own():
-    study = bt.Study([five_pairs(name="A"), five_pairs(name="B", factor=3.0, shift=2.0)])
-    sds = []
-    for subject in study:
-        alone = bt.model.paper_posterior(subject, prior_for(bt.Study([subject])))
-        together = bt.model.paper_posterior(subject, prior_for(study))
-        assert together.log_density(np.zeros((1, 4))) == alone.log_density(np.zeros((1, 4)))
-        sds.append(together.prior.mu1_sd)
-    assert sds[1] == pytest.approx(3.0 * sds[0])
-
-
 def test_presets_words_and_what_is_refused(tmp_path):
     for preset in (None, "default"):
         assert preset_or_file(preset) == prior_for(STUDY, preset) == DEFAULT

@@ -25,25 +25,25 @@ EACH_HISTORY = pytest.mark.parametrize(
 )
 
 
-def two_sessions(task=WHICH_STRONGER, seed=1, n_trials=60, missed=5):
+def two_sessions(task=WHICH_STRONGER, n_trials=60):
     """Two sessions of random pairs and answers, some trials without one."""
-    rng = default_rng(seed)
+    rng = default_rng(1)
     keys = rng.choice(np.linspace(-0.4, 0.6, 5), (n_trials, 2))
     answered = np.ones(n_trials, int)
-    answered[rng.choice(n_trials, missed, replace=False)] = 0
+    answered[rng.choice(n_trials, 5, replace=False)] = 0
     n_yes = rng.integers(0, 2, n_trials) * answered
     position = np.arange(n_trials) + (np.arange(n_trials) >= n_trials // 3)
     answers = Answers(keys, n_yes, answered, has_trial_rows=True, place=position)
     return Subject.from_answers("A", answers, task)
 
 
-def make_posterior(subject, has_response=True, has_carry_over=True, order="both"):
-    history = TrialHistory(OrderModel(order), has_response, has_carry_over)
+def make_posterior(subject, has_response=True, has_carry_over=True):
+    history = TrialHistory(OrderModel("both"), has_response, has_carry_over)
     return TrialHistoryPosterior(subject, history)
 
 
-def draw_points(posterior, n_points=20, seed=2):
-    probability = default_rng(seed).uniform(size=(1, n_points, len(posterior.array.names)))
+def draw_points(posterior, n_points):
+    probability = default_rng(2).uniform(size=(1, n_points, len(posterior.array.names)))
     return posterior.array.prior_points(probability)[0]
 
 
