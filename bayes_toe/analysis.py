@@ -11,7 +11,7 @@ left out, and the result names the reason.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -43,7 +43,7 @@ from bayes_toe.inference.subject import (
     fitted_result,
     subject_draws,
 )
-from bayes_toe.model.models import OrderModel, model_posterior, require_model, stored_model
+from bayes_toe.model.models import OrderModel, model_posterior, require_model
 from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Result = TypeVar("Result")
-_N_CURVE_DRAWS = 400  # draws averaged over the four models, for curves
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -187,35 +186,31 @@ def _groups(
 
     The second one is None where all fit.
     """
-    excluded, misfits = [], []
-    for answer in answers:
-        if not answer.is_interpretable:
-            excluded.append(answer)
-        elif answer.fits is False:
-            misfits.append(answer)
-
-    group = _group(study, excluded, settings)
-    if group is None or not misfits:
+    interpretable = [answer for answer in answers if answer.is_interpretable]
+    good_fits = [answer for answer in interpretable if answer.fits is not False]
+    group = _group(study, interpretable, settings)
+    if group is None or len(good_fits) == len(interpretable):
         return group, None
-    return group, _group(study, [*excluded, *misfits], settings)
+    return group, _group(study, good_fits, settings)
 
 
 def _group(
-    study: Study, excluded: Sequence[OrderEffect], settings: Settings
+    study: Study, answers: Sequence[OrderEffect], settings: Settings
 ) -> PopulationResult | None:
-    """The group of the subjects without an excluded answer; None where they are few.
+    """The group of the subjects all of whose answers are given; None where they are few.
 
     The result says itself whether it is reliable, so no warning is raised.
     """
-    left_out = {study[answer.subject].subject_name for answer in excluded}
+    chosen = {answer.subject for answer in answers}
+    left_out = {unit.subject_name for unit in study if unit.name not in chosen}
     units = [unit for unit in study if unit.subject_name not in left_out]
     if len({unit.subject_name for unit in units}) < FEWEST_FOR_GROUP:
         return None
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        chosen = study.select([unit.name for unit in units])
-        return population(chosen, seed=settings.seed, hyperprior=settings.prior.group)
+        group = study.select([unit.name for unit in units])
+        return population(group, seed=settings.seed, hyperprior=settings.prior.group)
 
 
 def sample(
@@ -263,7 +258,7 @@ def sample(
     ('constant error', ('constant_error', 'jnd', 'zone'))
     """
     require_study(study)
-    name = require_model(model, study.task).name
+    name = require_model(model)
 
     settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
     request = AnalysisRequest(settings.sampler)
@@ -340,15 +335,15 @@ class _SubjectAnalysis:
 def _sample_subjects(
     subjects: Sequence[Subject], settings: Settings, request: AnalysisRequest
 ) -> list[SubjectDraws | NumericalError]:
-    """The draws of each subject, or its error."""
-    return [_catch_failure(_sample_subject, subject, settings, request) for subject in subjects]
-
-
-def _sample_subject(subject: Subject, settings: Settings, request: AnalysisRequest) -> SubjectDraws:
-    """The draws of one subject under the model of the settings."""
-    model = stored_model(settings.model, subject.task)
-    target = model_posterior(model, subject, settings.prior)
-    return subject_draws(fitted_result(target, settings.seed, request))
+    """The draws of each subject under the model of the settings, or its error."""
+    results = list[SubjectDraws | NumericalError]()
+    for subject in subjects:
+        target = model_posterior(settings.model, subject, settings.prior)
+        try:
+            results.append(subject_draws(fitted_result(target, settings.seed, request)))
+        except NumericalError as error:
+            results.append(error)
+    return results
 
 
 def _analyse_subjects(
@@ -362,21 +357,25 @@ def _analyse_subjects(
     """
     subjects, all_flags = zip(*flagged_subjects, strict=True)
     evidences = try_order_evidence(subjects, settings.seed, settings.prior.observer)
-    results = []
+    results = list[_SubjectAnalysis | NumericalError]()
     for evidence, flags in zip(evidences, all_flags, strict=True):
-        results.append(_catch_failure(_analyse_subject, evidence, flags, settings, request))
+        if isinstance(evidence, NumericalError):
+            results.append(evidence)
+            continue
+        try:
+            results.append(_analyse_subject(evidence, flags, settings, request))
+        except NumericalError as error:
+            results.append(error)
     return results
 
 
 def _analyse_subject(
-    evidence: OrderEvidence | NumericalError,
+    evidence: OrderEvidence,
     flags: Sequence[Finding],
     settings: Settings,
     request: AnalysisRequest,
 ) -> _SubjectAnalysis:
     """The answer of one subject, and the results under the paper's model that are requested."""
-    if isinstance(evidence, NumericalError):
-        raise evidence
     answer = answer_evidence(evidence, settings.seed, flags)
 
     subject = evidence.subject
@@ -387,16 +386,8 @@ def _analyse_subject(
         return _SubjectAnalysis(row)
 
     rng = generator(settings.seed, subject.name, "shown")
-    curve_draws = evidence.averaged().resampled(rng, _N_CURVE_DRAWS)
+    curve_draws = evidence.averaged().resampled(rng, 400)
     return _SubjectAnalysis(row, subject_draws(result, summarised=True), curve_draws)
-
-
-def _catch_failure(work: Callable[..., Result], *arguments: object) -> Result | NumericalError:
-    """The result of a function, or the NumericalError that it raises."""
-    try:
-        return work(*arguments)
-    except NumericalError as error:
-        return error
 
 
 def _settings(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
-NamedArrays = Mapping[str, FloatArray]
+NamedArrays = dict[str, FloatArray]
 ArrayPair = tuple[FloatArray, FloatArray]
 Rng = np.random.Generator
 #: Also the generator that emcee gives to its moves.

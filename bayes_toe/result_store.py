@@ -126,7 +126,7 @@ def run_stored(
         for position, batch_results in outcomes:
             for index, result in zip(batches[position], batch_results, strict=True):
                 results[index] = result
-                if folder is not None and not isinstance(result, NumericalError):
+                if index in files and not isinstance(result, NumericalError):
                     _write(files[index], seed, result)
                 report_progress(progress, [names[index]])
     return [results[index] for index in sorted(results)]
@@ -188,11 +188,7 @@ class _Records(pickle.Unpickler):
             return super().find_class(module, name)
         if library == "bayes_toe":
             record = super().find_class(module, name)
-            if isinstance(record, type) and _is_record(record):
+            is_class = isinstance(record, type)
+            if is_class and (is_dataclass(record) or issubclass(record, (tuple, Enum))):
                 return record
         raise InputError(f"{module}.{name} is not a record of this package")
-
-
-def _is_record(kind: type) -> bool:
-    """Whether a class is a dataclass, a named tuple or an Enum."""
-    return is_dataclass(kind) or hasattr(kind, "_fields") or issubclass(kind, Enum)

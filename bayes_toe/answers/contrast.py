@@ -19,7 +19,7 @@ from functools import partial
 from itertools import chain, combinations
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -75,10 +75,11 @@ QUANTITIES = {
     "contraction": (CONTRACTION, "contraction"),
     "JND": (NOISE, "jnd"),
 }
-_PARAMETERS = (CONSTANT_ERROR, CONTRACTION, NOISE)
 #: The choices of parameters that differ, the empty one first.
 CHOICES: tuple[tuple[Parameter, ...], ...] = tuple(
-    chain.from_iterable(map(partial(combinations, _PARAMETERS), range(4)))
+    chain.from_iterable(
+        map(partial(combinations, (CONSTANT_ERROR, CONTRACTION, NOISE)), range(4)),
+    )
 )
 ORDER_EFFECT = "order effect"
 _PARAMETERS_OF = {
@@ -107,10 +108,6 @@ LEGEND = (
     f"at most 1/{PROBABLY:g}. 'Order effect' is constant error, contraction or both. 'Depends on "
     "lapses' means that the word changes if the lapse rate may differ between conditions"
 )
-_PROBABILITIES = (0.025, 0.05, 0.5, 0.95, 0.975)
-_FAR = 10.0  # nats below the best maximum from which on others are left out
-_PRECISION = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=4)
-_DRAWS = 4000  # of a difference
 
 
 class Difference(NamedTuple):
@@ -316,10 +313,10 @@ def contrast(
     )
     by_subject, failed = without_failed(compared, results)
     rows, answers = list[Difference](), list[OrderEffect]()
-    for contrasts in by_subject:
-        rows += contrasts.rows
-        if contrasts.answer is not None:
-            answers.append(contrasts.answer.in_study(len(compared)))
+    for differences, answer in by_subject:
+        rows += differences
+        if answer is not None:
+            answers.append(answer.in_study(len(compared)))
     return ContrastTable(
         tuple(rows),
         conditions,
@@ -366,11 +363,8 @@ def _compared_subjects(
 # --- One subject ---------------------------------------------------------------------------------
 
 
-class SubjectContrasts(NamedTuple):
-    """The differences of one subject, and of several tasks the answer of one observer."""
-
-    rows: list[Difference]
-    answer: OrderEffect | None
+#: The differences of one subject, and of several tasks the answer of one observer.
+SubjectContrasts: TypeAlias = tuple[list[Difference], OrderEffect | None]
 
 
 def _contrasts(
@@ -387,8 +381,7 @@ def _contrasts(
             # One task may tell what another one cannot.
             identification = min(map(identify, units), key=lambda of_unit: len(of_unit.reasons))
             answer = order_effect(evidence, identification)
-        rows = subject_contrast(units, conditions, prior, seed)
-        results.append(SubjectContrasts(rows, answer))
+        results.append((subject_contrast(units, conditions, prior, seed), answer))
     return results
 
 
@@ -424,7 +417,7 @@ def subject_contrast(
         log_bf = evidence.log_bayes_factor(differs)
         is_robust = word_of(log_bf) == word_of(with_lapses.log_bayes_factor(differs))
         answer = log_bf, evidence.bayes_factor_error(differs), "yes" if is_robust else "no"
-        values = models.quantities(evidence.averaged(differs).resampled(rng, _DRAWS))
+        values = models.quantities(evidence.averaged(differs).resampled(rng, 4000))
         for level, reference in conditions.comparisons:
             if level in levels and reference in levels:
                 pair = levels.index(level), levels.index(reference)
@@ -451,7 +444,7 @@ def _difference(
     else:
         difference = change[QUANTITIES[quantity][1]]
         p_direction = float(max(np.mean(difference > 0.0), np.mean(difference < 0.0)))
-    quantiles = np.quantile(difference, _PROBABILITIES).tolist()
+    quantiles = np.quantile(difference, [0.025, 0.05, 0.5, 0.95, 0.975]).tolist()
     return float(difference.mean()), float(difference.std(ddof=1)), *quantiles, p_direction
 
 
@@ -465,9 +458,10 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
     all_choices = [*CHOICES, *((*choice, *lapses) for choice in CHOICES)]
     array = models.array(all_choices)
 
-    # The search starts where nothing differs, which is the first choice.
+    # The search starts where nothing differs, which is the first choice. Maxima that are 10 nats
+    # below the best one are left out.
     (shared,) = observer_maxima(array.part(np.zeros(1, np.intp)))
-    starts = shared.x[shared.value > shared.value.max() - _FAR]
+    starts = shared.x[shared.value > shared.value.max() - 10.0]
     owners = np.repeat(np.arange(len(array)), len(starts))
     searches = ascend_from(array, owners, np.tile(starts, (len(array), 1)))
 
@@ -477,7 +471,8 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
         names = [parameter.name for parameter in choice]
         generators.append(generator(seed, models.subject.name, "contrast", *names))
     family = np.zeros(len(array), np.intp)
-    _, draws = fitted_draws(array, mixtures, generators, family, _PRECISION)
+    precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=4)
+    _, draws = fitted_draws(array, mixtures, generators, family, precision)
 
     n, prior_probabilities = len(CHOICES), np.full(len(CHOICES), 1.0 / len(CHOICES))
     without_lapses = ModelSet.from_draws(draws[:n], prior_probabilities)

@@ -72,8 +72,8 @@ ANSWER_COLUMNS = (
     *QUESTIONS,
     "interpretable",
     "flags",
-    *(f"p_{question}" for question in QUESTIONS),
-    *(f"ln_bf_{question}" for question in QUESTIONS),
+    *map("p_{}".format, QUESTIONS),
+    *map("ln_bf_{}".format, QUESTIONS),
     *map("_".join, product(SIZES, QUANTILES)),
     "best_model",
     "fit_p",
@@ -81,15 +81,10 @@ ANSWER_COLUMNS = (
     "moving_criterion_p",
     *map("".join, product(_EVIDENCES, ("", "_se", "_laplace"))),
 )
-#: By what a prior scale is multiplied to see whether it decides a word.
-SCALE_FACTORS = (0.5, 2.0)
-_FAR_ROVING = 3.0  # D; a larger median of abs(p) sd(s1) rests on the prior
 _Numbers = Mapping[str, float]
-#: Nats below the best within which a model's error matters, and the largest error left unsaid.
-COUNTS_WITHIN, _LARGEST_ERROR = 5.0, 0.1
+#: Nats below the best within which a model's error matters.
+COUNTS_WITHIN = 5.0
 _MOST_DECIMALS = 15
-#: Natural logs beyond which a percentage is infinite, or -100.
-_LARGEST_LOG, _SMALLEST_LOG = 700, -30
 
 
 class Size(NamedTuple):
@@ -455,10 +450,11 @@ def decimals_of(value: float) -> int:
 def _format_finite(value: float, digits: int, sign: str = "") -> str:
     """A number with its decimals, or with one digit if it would look like 0 and is not.
 
-    A log or decibels of a percentage that is none are a bound.
+    A log or decibels of a percentage that is none are a bound: beyond a natural log of 700 a
+    percentage is infinite, and below -30 it is -100.
     """
     if np.isinf(value):
-        return f"> {_LARGEST_LOG}" if value > 0.0 else f"< {_SMALLEST_LOG}"
+        return "> 700" if value > 0.0 else "< -30"
     if round(value, digits) == 0.0:
         digits = max(digits, decimals_of(abs(value)) - 1)
     return f"{value + 0.0:{sign}.{digits}f}"
@@ -730,7 +726,7 @@ def _size_flags(
     if median_error > np.abs(subject.s2 - subject.s1).max():
         flags.append(OUTSIDE_FLAG)
     roving = np.abs(contraction["contraction"]) * scales.first_spread
-    if _size(with_contraction, roving).q50 > _FAR_ROVING * scales.step:
+    if _size(with_contraction, roving).q50 > 3.0 * scales.step:
         flags.append(ROVING_FLAG)
     return flags
 
@@ -740,10 +736,10 @@ def _size(draws: OrderDraws, values: FloatArray) -> Size:
 
 
 def _error_flags(evidence: OrderEvidence) -> list[str]:
-    """A flag if the evidence of a model that counts is imprecise."""
+    """A flag if the evidence of a model that counts has a standard error above 0.1."""
     is_near = evidence.log_evidence > evidence.log_evidence.max() - COUNTS_WITHIN
     largest = float(evidence.standard_error[is_near].max())
-    if largest <= _LARGEST_ERROR:
+    if largest <= 0.1:
         return []
     return [f"the log evidences have a standard error of {largest:.2g}"]
 
@@ -760,7 +756,7 @@ def _prior_problems(
     """The flag of questions whose `yes` or `no` another prior scale leaves undecided."""
     changes: dict[str, list[str]] = {}
     rescaled_words = []
-    for effect, factor in product((CONSTANT_ERROR, CONTRACTION), SCALE_FACTORS):
+    for effect, factor in product((CONSTANT_ERROR, CONTRACTION), (0.5, 2.0)):
         models = evidence.with_prior_scale(effect, factor)
         rescaled_words.append((factor, _words(questions, *_questions(models, has_effects))))
     for question in questions:
@@ -781,9 +777,6 @@ def _prior_problems(
 
 
 # --- The whole way of one subject ----------------------------------------------------------------
-
-#: Posterior draws of the best model behind its goodness of fit.
-_FIT_DRAWS = 1000
 
 
 def answer_subject(
@@ -816,5 +809,5 @@ def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
     posterior = OrderModel(MODEL_NAMES[best]).posterior(evidence.subject, evidence.prior)
     is_best = np.arange(len(MODEL_NAMES)) == best
     rng = generator(seed, evidence.subject.name, MODEL_NAMES[best], "goodness of fit")
-    points = evidence.averaged(is_best).resampled(rng, _FIT_DRAWS)[:, posterior.is_free]
+    points = evidence.averaged(is_best).resampled(rng, 1000)[:, posterior.is_free]
     return summarise_fit(posterior, points, evidence.modes[best, posterior.is_free])

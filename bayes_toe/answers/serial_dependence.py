@@ -51,13 +51,13 @@ EFFECT_MODELS = {
     "previous_response": np.array([False, True, False, True]),
 }
 _EQUAL = np.full(len(HISTORIES), 1.0 / len(HISTORIES))  # prior probabilities
-_EVIDENCES = tuple(f"log_evidence_{name}" for name in HISTORIES)
+_EVIDENCES = tuple(map("log_evidence_{}".format, HISTORIES))
 #: Columns of history.csv.
 HISTORY_COLUMNS = (
     "subject",
     *EFFECT_MODELS,
-    *(f"p_{effect}" for effect in EFFECT_MODELS),
-    *(f"ln_bf_{effect}" for effect in EFFECT_MODELS),
+    *map("p_{}".format, EFFECT_MODELS),
+    *map("ln_bf_{}".format, EFFECT_MODELS),
     *map("_".join, product(("rho", "kappa"), QUANTILES)),
     "order_model",
     "carry_over_order_model",
@@ -71,9 +71,6 @@ HISTORY_COLUMNS = (
 )
 #: Draws from the posterior without history with which a mixture begins, and those of figures.
 _CLOUD, _FIGURE_DRAWS = 500, 300
-_PRECISION = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=6)
-#: Spread of the coordinates of rho and kappa at the start, in prior standard deviations.
-_START_SPREAD = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,17 +292,18 @@ def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
     """Fresh draws of a fixed mixture.
 
     The mixture begins with draws of the model without history, and rho and kappa about the middle
-    of their prior.
+    of their prior, with 0.7 of its standard deviation.
     """
     rng = generator(seed, posterior.subject.name, posterior.model.name, "history")
     order_index = MODEL_NAMES.index(posterior.model.order.name)
     of_order = evidence.draws[order_index].resampled(rng, _CLOUD)
     n_history = len(posterior.model.effects)
-    of_history = _START_SPREAD * rng.standard_normal((_CLOUD, n_history))
+    of_history = 0.7 * rng.standard_normal((_CLOUD, n_history))
     cloud = np.concatenate([of_order, of_history], axis=1)
     mixture = mixture_of_points(cloud, posterior.array.is_free[0])
     family = np.zeros(1, np.intp)
-    _, (draws,) = fitted_draws(posterior.array, [mixture], [rng], family, _PRECISION)
+    precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=6)
+    _, (draws,) = fitted_draws(posterior.array, [mixture], [rng], family, precision)
     return draws
 
 

@@ -34,16 +34,15 @@ from scipy.special import chdtrc
 from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.checks.alarm_rate import simulated_p_value
 from bayes_toe.data.study import Subject
+from bayes_toe.errors import InputError
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import CONSTANT_ERROR, task_parameters
-from bayes_toe.model.trial_history import TrialSequence, knows_order
+from bayes_toe.model.trial_history import TrialSequence
 from bayes_toe.seeds import generator
 
 #: Columns of the regressors.
 _ANSWER, _FIRST, _SECOND = range(3)
-#: Share of a regressor's variance, given the others, below which it says nothing of its own.
-_COLLINEAR = 1e-9
 
 
 @dataclass(frozen=True)
@@ -86,17 +85,21 @@ def serial_screen(posterior: ObserverPosterior, mode: FloatArray) -> SerialScree
     """
     subject = posterior.subject
     asked = subject.two_answers
-    if asked is None or not knows_order(subject):
+    if asked is None:
+        return SerialScreen()
+    try:
+        trials = TrialSequence.from_subject(asked)
+    except InputError:  # the order of the trials is not known
         return SerialScreen()
     slopes = logit_slopes(posterior, mode)
     if subject.task.has_three_answers:
         slopes = slopes[subject.n_trials > subject.n_yes]
-    scores, variance = _scores(asked, slopes)
+    scores, variance = _scores(asked, trials, slopes)
     return SerialScreen(
         joint_p=_p_value(scores, variance, _ANSWER, _FIRST, _SECOND),
         answer_p=_p_value(scores, variance, _FIRST, _SECOND, _ANSWER, n_adjusted=2),
         stimuli_p=_p_value(scores, variance, _ANSWER, _FIRST, _SECOND, n_adjusted=1),
-        moving_criterion_p=_moving_criterion_p(asked),
+        moving_criterion_p=_moving_criterion_p(asked, trials),
     )
 
 
@@ -112,9 +115,8 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
     return -in_constant_error / posterior.prior.constant_error_scale
 
 
-def _scores(subject: Subject, slopes: FloatArray) -> ArrayPair:
+def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> ArrayPair:
     """U and V of all three regressors."""
-    trials = TrialSequence.from_subject(subject)
     previous = trials.previous
     rows = np.flatnonzero(trials.is_answered & (previous >= 0))
     previous, pair = previous[rows], trials.pair[rows]
@@ -141,22 +143,20 @@ def _scores(subject: Subject, slopes: FloatArray) -> ArrayPair:
 
     residual = is_yes - (k / n_safe)[pair]
     for regressor in regressors:
-        pair_mean = np.bincount(pair, regressor, n_pairs) / n_safe
-        regressor -= pair_mean[pair]
+        regressor -= (np.bincount(pair, regressor, n_pairs) / n_safe)[pair]
     variance = (regressors * pair_variance[pair]) @ regressors.T
     scores = regressors @ residual
     scores[_ANSWER] += correction[pair[is_same_pair]].sum()
     return scores, variance
 
 
-def _moving_criterion_p(subject: Subject) -> float | None:
+def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None:
     """P-value of a criterion that wanders; None if every pair has one answer only.
 
     Two trials that are at least two apart add the product of their residuals, divided by the root
     of their distance. The Fourier transform computes this sum. Under the null hypothesis, the
     answers to a pair are in random order.
     """
-    trials = TrialSequence.from_subject(subject)
     rows = np.flatnonzero(trials.is_answered)
 
     residual = np.zeros(len(rows))
@@ -199,15 +199,15 @@ def _p_value(
 ) -> float | None:
     """p-value of regressors given the first ones; None where they say nothing beyond those.
 
-    U' V^-1 U has a term for each regressor given those before it. The degrees of freedom are the
-    rank of V.
+    U' V^-1 U has a term for each regressor given those before it. A regressor with less than 1e-9
+    of its variance left says nothing of its own. The degrees of freedom are the rank of V.
     """
     statistics, remaining = [0.0], variance
     n_free = 0
     for position, i in enumerate(columns):
         own_variance, own_score = remaining[i, i], scores[i]
         statistic = statistics[-1]
-        if own_variance > _COLLINEAR * variance[i, i]:
+        if own_variance > 1e-9 * variance[i, i]:
             statistic += own_score**2 / own_variance
             n_free += position >= n_adjusted
             slope = remaining[:, i] / own_variance

@@ -22,7 +22,6 @@ from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 
 #: Interpretable subjects from which on `run` fits the population.
 FEWEST_FOR_GROUP = 6
-_MOST_NAMES = 5  # of subjects in a line
 #: How often a test of every subject flags one by chance.
 FALSE_ALARMS = f"By chance, {100 * FALSE_ALARM_SHARE:.0f} % of sound studies have a poor fit."
 #: One sentence on the table of Appendix C.
@@ -82,11 +81,6 @@ _DIRECTIONS = {
         "remembered as farther from the mean",
     ),
 }
-#: Share of subjects with the rarer direction from which on the directions explain a group mean
-#: near 0, if the other direction is at most twice as frequent.
-_FEWEST_IN_DIRECTION = 1 / 6
-#: SDs between subjects about 0 that hold the interval of a mean that is near 0.
-_NEAR_0 = 0.5
 
 
 def describe_meaning(
@@ -150,7 +144,7 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
         elif count and (word.is_positive or not has_effects or count > n_total / 2):
             text = claim(word, "the order", "change", "the response")
             sentences.append(f"{_in_subjects(count, n_total, noun)} {text}")
-    return [f"{sentence}." for sentence in sentences]
+    return [*map("{}.".format, sentences)]
 
 
 def _in_subjects(count: int, n_total: int, noun: str) -> str:
@@ -187,7 +181,8 @@ def _direction_sentences(
 ) -> list[str]:
     """How many subjects have which direction, and whether that explains a mean near 0.
 
-    The subjects with a 'yes', or with a 'probably' if there is no 'yes'.
+    The subjects with a 'yes', or with a 'probably' if there is no 'yes'. Directions explain it if a
+    sixth of the subjects have the rarer one, and the other one is at most twice as frequent.
     """
     words = [answer.words[effect] for answer in answers]
     word = Word.YES if Word.YES in words else Word.PROBABLY
@@ -207,7 +202,7 @@ def _direction_sentences(
     probably = "probably " if word is Word.PROBABLY else ""
     sentences = [f"The first stimulus is {probably}{' and '.join(parts)}."]
     fewest, most = sorted(directions[direction] for direction in _DIRECTIONS[effect])
-    is_mixed = fewest >= max(_FEWEST_IN_DIRECTION * len(answers), 0.5 * most)
+    is_mixed = fewest >= max(len(answers) / 6, 0.5 * most)
     claim_of_mean = _near_0(group, effect)
     if is_mixed and claim_of_mean:
         mean = f"the mean {LABELS[effect]}"
@@ -218,7 +213,8 @@ def _direction_sentences(
 def _near_0(group: PopulationResult | None, effect: str) -> str:
     """What the interval of a group mean says of 0; empty if the mean may well differ from 0.
 
-    A wide interval does not show that the mean is small.
+    The interval of a mean that is near 0 lies within half an SD between subjects. A wide interval
+    does not show that the mean is small.
     """
     if group is None or effect not in group.identified:
         return ""
@@ -226,7 +222,7 @@ def _near_0(group: PopulationResult | None, effect: str) -> str:
     may_differ = word_of_bayes_factor(log_factor_of_mean(group, effect)).is_positive
     if may_differ or not mean.q025 <= 0.0 <= mean.q975:
         return ""
-    if max(-mean.q025, mean.q975) <= _NEAR_0 * group.table.row("sd", effect).q50:
+    if max(-mean.q025, mean.q975) <= 0.5 * group.table.row("sd", effect).q50:
         return "is near 0"
     return "cannot be distinguished from 0"
 
@@ -242,7 +238,7 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
     if not misfits:
         return []
     subjects = plural(len(misfits), "subject")
-    names = join_names([answer.subject for answer in misfits], _MOST_NAMES)
+    names = join_names([answer.subject for answer in misfits], 5)
     lines = [f"The model does not fit {subjects}: {names}. {FALSE_ALARMS}"]
     counts = []
     for question in QUESTIONS:

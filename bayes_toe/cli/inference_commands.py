@@ -172,7 +172,7 @@ def _require_fitting(
     from bayes_toe.model.models import require_model
 
     settings = SamplerSettings(context.draws)
-    require_fitting(study, prior, settings, require_model(model, study.task))
+    require_fitting(study, prior, settings, require_model(model))
 
 
 def evidence(

@@ -19,13 +19,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from arviz_stats.base import array_stats
-from scipy.special import betaincinv, logsumexp
+from scipy.special import betaincinv
 
 from bayes_toe.arrays import FloatArray, NamedArrays
 
 #: Tail ESS is the smaller of the two at these probabilities.
 TAIL = (0.05, 0.95)
-_ONE_SD = (0.1586553, 0.8413447)  # of a normal, below and above its mean
 
 
 class Convergence(NamedTuple):
@@ -149,7 +148,7 @@ def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: flo
     a = ess * p + 1.0
     b = ess * (1.0 - p) + 1.0
     size = ascending.size
-    below, above = _ONE_SD
+    below, above = 0.1586553, 0.8413447  # one SD of a normal below its mean, and above it
 
     low_place = np.floor(betaincinv(a, b, below) * size - 1.0)
     high_place = np.ceil(betaincinv(a, b, above) * size - 1.0)
@@ -171,31 +170,14 @@ def tail_error(draws: FloatArray, ess: float) -> float:
 # --- Pareto smoothing -----------------------------------------------------------------------------
 
 
-class SmoothedWeights(NamedTuple):
-    """Importance weights with a Pareto-smoothed tail: log weights, shape (draws,), and k-hat."""
-
-    log_weights: FloatArray
-    pareto_k: float
-
-
 def pareto_k(log_weights: FloatArray) -> float:
     """Pareto k-hat of importance weights, shape (draws,); infinite where there is no tail.
 
     Above 0.7 their average cannot be trusted.
     """
-    return smoothed_weights(log_weights).pareto_k
-
-
-def smoothed_weights(log_weights: FloatArray) -> SmoothedWeights:
-    """Pareto-smoothed importance weights of log weights, shape (draws,); in sum 1.
-
-    Where no tail can be fitted, the raw ones.
-    """
     with np.errstate(all="ignore"):  # weights of zero, and tails that are all but flat
         try:
             smoothed, k = array_stats.psislw(-log_weights)  # it takes negative ones
-            if np.isfinite(k) and not np.isnan(smoothed).any():
-                return SmoothedWeights(np.asarray(smoothed), float(k))
         except ValueError:  # a tail of fewer than five weights, or of equal ones
-            pass
-        return SmoothedWeights(log_weights - logsumexp(log_weights), float("inf"))
+            return np.inf
+        return float(k) if np.isfinite(k) and not np.isnan(smoothed).any() else np.inf

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayes_toe.arrays import FloatArray, IndexArray, StrPath
+from bayes_toe.arrays import FloatArray, IndexArray, NamedArrays, StrPath
 from bayes_toe.data.messages import MOST_ROWS, as_html, format_path, join_few
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import Task
@@ -46,10 +46,8 @@ from bayes_toe.inference.subject import (
 )
 from bayes_toe.model.models import (
     ObserverPosterior,
-    SampledModel,
     model_posterior,
     model_title,
-    stored_model,
 )
 from bayes_toe.model.paper_equations import NATURAL, Natural
 from bayes_toe.model.paper_model import PaperPosterior
@@ -72,7 +70,7 @@ class Draws:
     """
 
     tree: xr.DataTree
-    _derived: dict[str, dict[str, FloatArray]] = field(default_factory=dict, init=False)
+    _derived: dict[str, NamedArrays] = field(default_factory=dict, init=False)
 
     def group(self, name: str) -> xr.Dataset:
         """One group of the tree as a Dataset, as ArviZ functions and xarray take it."""
@@ -180,8 +178,7 @@ class Draws:
 
     def posterior(self, name: str | int) -> ObserverPosterior | PaperPosterior:
         """The posterior that one subject's draws are of."""
-        model = stored_model(self.model, self.task)
-        return model_posterior(model, self.subject(name), self.prior)
+        return model_posterior(self.model, self.subject(name), self.prior)
 
     def points(self, name: str | int) -> FloatArray:
         """Draws of one subject in unconstrained coordinates, shape (chains, draws, k)."""
@@ -304,8 +301,7 @@ class Draws:
         # One chain at a time: temporaries of a large design stay small.
         for chain, points in enumerate(x):
             answers = target.log_answers(points)
-            by_question = target.rows.terms(answers)
-            by_pair = by_question.reshape(len(points), -1, subject.n_pairs)
+            by_pair = target.rows.terms(answers).reshape(len(points), -1, subject.n_pairs)
             log_likelihood[chain] = by_pair.sum(axis=1)
             p_yes = np.exp(answers.yes[:, : subject.n_pairs])
             predicted[chain] = rng.binomial(subject.n_trials, p_yes)
@@ -389,9 +385,7 @@ def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
     return draws
 
 
-def require_fitting(
-    study: Study, prior: Prior, sampler: SamplerSettings, model: SampledModel
-) -> None:
+def require_fitting(study: Study, prior: Prior, sampler: SamplerSettings, model: str) -> None:
     """Refuse, before the work, more draws than the memory of many computers holds."""
     n_draws = sampler.ensembles * sampler.walkers * sampler.kept_steps
     names = model_posterior(model, study.subjects[0], prior).names.natural

@@ -38,7 +38,7 @@ from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.libraries import library_versions
-from bayes_toe.model.models import describe_prior, model_posterior, stored_model
+from bayes_toe.model.models import describe_prior, model_posterior
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
 #: The format of the files. A file of another format is refused.
@@ -47,9 +47,6 @@ FORMAT = 2
 COVARIATES = "covariates"
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", COVARIATES)
 BY_SUBJECT = ("chain", "draw", "subject")
-#: Squares and products of larger numbers are infinite.
-_LARGEST = 1e100
-_READABLE = "allowed: a posterior.nc or population.nc written by bayes-toe"
 _AGAIN = "run `bayes-toe sample` again, or `bayes-toe population` for a group"
 
 
@@ -68,9 +65,9 @@ def subjects_tree(
     The list of draws is empty afterwards, so that the memory of each subject is free again.
     `failed` and `not_interpreted` have the reason for each subject that they name.
     """
-    n_chains, n_draws = subject_draws[0].log_posterior.shape
     names = [*subject_draws[0].quantities]
-    values = {name: np.empty((n_chains, n_draws, len(study))) for name in (*names, "lp")}
+    n_chains, n_draws = subject_draws[0].quantities["lp"].shape
+    values = {name: np.empty((n_chains, n_draws, len(study))) for name in names}
 
     rates = []
     statistics = []
@@ -78,7 +75,6 @@ def subjects_tree(
         draws = subject_draws.pop(0)
         for name in names:
             values[name][:, :, i] = draws.quantities[name]
-        values["lp"][:, :, i] = draws.log_posterior
         rates.append(draws.acceptance)
         statistics.append(draws.statistics)
 
@@ -90,22 +86,21 @@ def subjects_tree(
     n_walkers = settings.sampler.walkers
     walker = ("draw", np.repeat(np.arange(n_walkers), n_draws // n_walkers))
     posterior = xr.Dataset(coords={**coordinates, "walker": walker})
-    for name in names:
-        units = {"units": QUANTITY_BY_NAME[name].unit}
-        posterior[name] = (BY_SUBJECT, values[name], units)
+    log_posterior = values.pop("lp")
+    for name in values:
+        posterior[name] = (BY_SUBJECT, values[name], {"units": QUANTITY_BY_NAME[name].unit})
 
-    model = stored_model(settings.model, study.task)
-    target = model_posterior(model, study.subjects[0], settings.prior)
+    target = model_posterior(settings.model, study.subjects[0], settings.prior)
     density_of = ", ".join(target.coordinates[:6])
     density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
     sample_stats = xr.Dataset(_by_subject(statistics), coordinates)
     sample_stats["acceptance_rate"] = (("chain", "subject"), np.stack(rates, axis=-1))
-    sample_stats["lp"] = (BY_SUBJECT, values["lp"], {"description": density})
+    sample_stats["lp"] = (BY_SUBJECT, log_posterior, {"description": density})
 
     tree = study_tree(study, settings.seed, {"posterior": posterior, "sample_stats": sample_stats})
     tree.attrs |= {
         "model": settings.model,
-        "prior": describe_prior(model, settings.prior, study.task),
+        "prior": describe_prior(settings.model, settings.prior, study.task),
         "settings": json.dumps(asdict(settings)),
         "failed": json.dumps(dict(failed)),
         "not_interpreted": json.dumps(dict(not_interpreted)),
@@ -289,7 +284,10 @@ def read_tree(path: StrPath) -> xr.DataTree:
     # A Path refuses names that are too long with an error of its own.
     if not os.path.isfile(path):
         problem = "not a file" if os.path.exists(path) else "no such file"
-        raise InputError(f"{format_path(path)}: {problem}; {_READABLE}")
+        raise InputError(
+            f"{format_path(path)}: {problem}; allowed: a posterior.nc or population.nc written by "
+            "bayes-toe"
+        )
 
     with reading(path):
         names = _group_names(path)
@@ -321,17 +319,13 @@ def _group_names(path: Path) -> list[str]:
     A link is refused, because it may lead to another file.
     """
     with h5py.File(path) as file:
-        link_name = file.visititems_links(_name_of_link)
+        # The visit ends with the first name that is returned.
+        link_name = file.visititems_links(
+            lambda name, link: None if isinstance(link, h5py.HardLink) else name
+        )
         if link_name is not None:
             raise InputError(f"{quoted(link_name)} is a link")
         return [name for name in _GROUPS if name in file]
-
-
-def _name_of_link(name: str, link: object) -> str | None:
-    """The name, which ends the visit of a file, or None if this is no link to another place."""
-    if isinstance(link, h5py.HardLink):
-        return None
-    return name
 
 
 def _read_group(path: Path, name: str | None) -> xr.Dataset:
@@ -354,7 +348,8 @@ def require_numbers(group: xr.Dataset, dims: Mapping[str, tuple[str, ...]]) -> N
     for name, expected in dims.items():
         if name not in group or group[name].dims != expected:
             raise InputError(f"no {name} over ({', '.join(expected)})")
-        if not (np.abs(group[name].values) < _LARGEST).all():
+        # Squares and products of larger numbers are infinite.
+        if not (np.abs(group[name].values) < 1e100).all():
             raise InputError(f"draws of {name} are no numbers")
 
 

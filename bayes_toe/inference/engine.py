@@ -25,14 +25,8 @@ from bayes_toe.inference.mixture import (
 )
 from bayes_toe.model.posterior_array import PosteriorArray
 
-# --- Mixture ---
-_COMPONENTS = 12  # about, of a mixture of clouds
-_PRIOR_DRAWS, _PRIOR_EFFECTIVE = 2000, 200.0
 _CLOUD = 400  # points of the normal about a maximum
-
-# --- Draws ---
-_FAR = 8.0  # nats below the best of its family at which a posterior needs no further draws
-_FEWEST_ASSESSED = 1000
+_FEWEST_ASSESSED = 1000  # draws by which a mixture is judged
 
 
 @dataclass(frozen=True)
@@ -149,8 +143,7 @@ class PriorMixture:
         if not precision.has_cover:
             return replace(self, core=core)
 
-        flattening_power = 0.3
-        flat_log_weights = flattening_power * draws.log_posterior - draws.log_proposal
+        flat_log_weights = 0.3 * draws.log_posterior - draws.log_proposal
         flat_weights = tempered(flat_log_weights, precision.tempered)
         cover = self.cover or _components(points, flat_weights, 6, core.df)
         for _ in range(2):
@@ -192,13 +185,13 @@ def mixture_of_maxima(maxima: Ascent, is_free: BoolArray) -> PriorMixture:
 def mixture_of_clouds(
     clouds: Sequence[FloatArray], maxima: Ascent, array: PosteriorArray, rng: Rng
 ) -> PriorMixture:
-    """Several components in a cloud of points about every maximum, (n, d) each.
+    """About twelve components in clouds of points about every maximum, (n, d) each.
 
-    Further components, at draws of the prior that a flattened likelihood chose, find what lies far
-    from every maximum, such as a ridge. The array has one posterior.
+    Half as many components, at draws of the prior that a flattened likelihood chose, find what lies
+    far from every maximum, such as a ridge. The array has one posterior.
     """
     is_free = array.is_free[0]
-    n_each = _COMPONENTS // len(clouds) + 1
+    n_each = 12 // len(clouds) + 1
     df = 8 + int(is_free.sum()) % 2  # because its sum with the dimension is even
     even = np.full(_CLOUD, 1.0 / _CLOUD)
     parts = [_components(cloud[:, is_free], even, n_each, df) for cloud in clouds]
@@ -208,10 +201,10 @@ def mixture_of_clouds(
     scales = np.concatenate([part.scales for part in parts])
     core = StudentMixture(weights, means, scales, df)
 
-    points = array.prior_points(rng.uniform(size=(1, _PRIOR_DRAWS, len(array.names))))
+    points = array.prior_points(rng.uniform(size=(1, 2000, len(array.names))))
     log_prior, log_posterior = array.densities(points)
-    prior_weights = tempered((log_posterior - log_prior)[0], _PRIOR_EFFECTIVE)
-    added = _components(points[0][:, is_free], prior_weights, _COMPONENTS // 2, df)
+    prior_weights = tempered((log_posterior - log_prior)[0], 200.0)
+    added = _components(points[0][:, is_free], prior_weights, 6, df)
     return PriorMixture(is_free, core.joined(added, 0.5), SHARP.prior_share)
 
 
@@ -238,8 +231,7 @@ def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
 def _laplace_weights(maxima: Ascent) -> FloatArray:
     """Weights of maxima by the root of their Laplace evidence, (maxima,)."""
     log_mass = maxima.value - 0.5 * np.linalg.slogdet(maxima.curvature)[1]
-    least_weight = 0.05
-    weights = np.exp(0.5 * (log_mass - log_mass.max())) + least_weight
+    weights = np.exp(0.5 * (log_mass - log_mass.max())) + 0.05
     return np.asarray(weights / weights.sum())
 
 
@@ -368,14 +360,14 @@ def _unfinished(
     """The posteriors that need more draws; those that fit badly get a new mixture first.
 
     `families` has the subject of every posterior. A model whose evidence is far below the best one
-    of its subject, also with three standard errors more, needs no more draws.
+    of its subject, 8 nats also with three standard errors more, needs no more draws.
     """
     log_evidences = np.array([state.fresh.log_evidence for state in states])
     unfinished = []
     for i in active:
         draws = states[i].fresh
         best = log_evidences[families == families[i]].max()
-        if log_evidences[i] + 3.0 * draws.standard_error < best - _FAR:
+        if log_evidences[i] + 3.0 * draws.standard_error < best - 8.0:
             continue
 
         if _fits_badly(states[i], precision):
@@ -430,8 +422,7 @@ def _refit(state: _State, precision: Precision) -> None:
     scales = []
     for centre in heaviest:
         offsets = points - centre
-        distance = np.square(offsets / sds).sum(axis=1)
-        nearest = np.argpartition(distance, n_near)[:n_near]
+        nearest = np.argpartition(np.square(offsets / sds).sum(axis=1), n_near)[:n_near]
         scales.append(offsets[nearest].T @ offsets[nearest] / n_near)
 
     weights = np.full(n_added, 1.0 / n_added)

@@ -110,7 +110,7 @@ def fit_posterior(
         # Far from a maximum, the normal about it does not follow the funnel; its points do.
         funnel = funnel_of_maxima(target.rows, ends)
         array = FunnelArray(array.likelihood, array.names, (), array.is_free, funnel)
-        clouds = [funnel.forward(cloud[None])[0][0] for cloud in clouds]
+        clouds = [funnel.forward(cloud[None])[0] for cloud in clouds]
 
     first = mixture_of_clouds(clouds, ends, array, rng)
     precision = replace(SHARP, most_draws=judging_draws)
@@ -126,8 +126,7 @@ def find_maxima(target: SubjectPosterior) -> Ascent:
 
 def _maxima_from(target: SubjectPosterior, ends: Ascent) -> Ascent:
     """The distinct maxima that searches reach from these ends."""
-    owners = np.zeros(len(ends.x), np.intp)
-    return polished(target.array, owners, ends.x).distinct()
+    return polished(target.array, np.zeros(len(ends.x), np.intp), ends.x).distinct()
 
 
 def _distinct_ends(target: SubjectPosterior) -> Ascent:
@@ -158,9 +157,7 @@ class Evidence:
 
     value: float | None
     se: float | None
-    # Of the importance weights.
-    efficiency: float
-    pareto_k: float
+    pareto_k: float  # of the importance weights
     why_not: str = ""  # the reason where it is withheld
 
 
@@ -177,5 +174,5 @@ def importance_evidence(draws: WeightedDraws) -> Evidence:
             "evidence withheld: importance weights are unreliable "
             f"(Pareto k-hat {k:.2f}, efficiency {efficiency:.3f})"
         )
-        return Evidence(None, None, efficiency, k, reason)
-    return Evidence(draws.log_evidence, draws.standard_error, efficiency, k)
+        return Evidence(None, None, k, reason)
+    return Evidence(draws.log_evidence, draws.standard_error, k)

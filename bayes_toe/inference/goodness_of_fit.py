@@ -24,13 +24,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.answer_curves import times_counts
 from bayes_toe.model.posterior import SubjectPosterior
 
-_OFTEN = 20.0  # expected rarer answers from which chi-square holds for a pair
-_COUNTS = 101  # counts that matter where there are fewer
-_DRAWS = 2000  # over which the deviance is averaged
-_CONSPICUOUS = 2.0  # residual from which a pair is named among the worst
-_MOST_WORST = 3  # how many are
-
-
 # --- Deviance -------------------------------------------------------------------------------------
 
 
@@ -80,11 +73,12 @@ def deviance_p_value(
 def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> ArrayPair:
     """Mean and variance of each pair's deviance, over the counts of its less probable answer.
 
-    They are 1 and 2, as of chi-square, if this answer is expected often enough.
+    They are 1 and 2, as of chi-square, if this answer is expected 20 times. Where it is expected
+    less often, 101 counts matter.
     """
     log_rare = np.minimum(log_q, log_rest)
     log_common = np.maximum(log_q, log_rest)
-    n_counts = min(_COUNTS, int(n.max()) + 1)
+    n_counts = min(101, int(n.max()) + 1)
     counts = np.arange(n_counts, dtype=np.float64)[:, None]  # (counts, pairs)
     k = np.minimum(counts, n)
 
@@ -95,7 +89,7 @@ def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> ArrayPai
     deviance = np.where(chance > 0.0, binomial_deviance(k, n, log_rare, log_common), 0.0)
     mean = (chance * deviance).sum(axis=0)
     variance = (chance * (deviance - mean) ** 2).sum(axis=0)
-    is_rare = n * np.exp(log_rare) < _OFTEN
+    is_rare = n * np.exp(log_rare) < 20.0
     return np.where(is_rare, mean, 1.0), np.where(is_rare, variance, 2.0)
 
 
@@ -156,7 +150,7 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
         The point with the highest posterior density.
     """
     subject = posterior.subject
-    points = np.vstack([maximum, thinned(x, _DRAWS)])
+    points = np.vstack([maximum, thinned(x, 2000)])
     rows = posterior.rows
     n_trials = (rows.n_yes + rows.n_no)[0, 0]
     # Of three answers, the second question to a pair has no trial where all answers are 'equal'.
@@ -188,8 +182,8 @@ def _worst_pairs(
     `asked` has the numbers of the questions that were asked, pair by pair. Of each, `shares` has
     the observed and the expected share of the counted answer, shape (2, questions).
     """
-    largest, *smaller = np.argsort(-residuals, kind="stable").tolist()[:_MOST_WORST]
-    conspicuous = [largest, *(i for i in smaller if residuals[i] >= _CONSPICUOUS)]
+    largest, *smaller = np.argsort(-residuals, kind="stable").tolist()[:3]
+    conspicuous = [largest, *(i for i in smaller if residuals[i] >= 2.0)]
     worst = []
     for i in conspicuous:
         question, pair = divmod(int(asked[i]), subject.n_pairs)

@@ -16,16 +16,8 @@ from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
 from bayes_toe.model.densities import LOG_2PI
 from bayes_toe.model.posterior_array import PosteriorArray
 
-_CONVERGED = 5e-13  # predicted gain, in nats, at which a search has converged
-_ROUNDING = 1e-3  # of the value, in units of this, where that is large
-_LIGHT, _HEAVY = 1e-2, 1e12  # damping of a search that converges, and of one that fails
-_FIRST, _LEAST = 1e-3, 1e-12  # damping to begin with, and the smallest
 _TINY = 1e-300
-_LARGEST_STEP = 2.0  # in every coordinate
-# --- Of posteriors ---
 POLISH_GAIN = 1e-8  # nats of predicted gain below which a search for an exact maximum ends
-_APART = 0.5  # standard deviations, in every coordinate, within which two ends are one maximum
-_FAR = 8.0  # nats below the highest at which a maximum does not matter
 
 
 class Expansion(NamedTuple):
@@ -65,14 +57,18 @@ class Ascent(NamedTuple):
         return [self.part(owners == i) for i in range(int(owners.max()) + 1)]
 
     def distinct(self) -> Ascent:
-        """The distinct ends that matter, the highest first."""
+        """The distinct ends that matter, the highest first.
+
+        An end 8 nats below the highest one does not matter. Two ends within half a standard
+        deviation in every coordinate are one.
+        """
         ranked = np.argsort(-self.value, kind="stable")
-        ranked = ranked[self.value[ranked] >= self.value[ranked[0]] - _FAR]
+        ranked = ranked[self.value[ranked] >= self.value[ranked[0]] - 8.0]
         chosen: list[int] = []
         for i in ranked.tolist():
             precision = np.sqrt(np.abs(np.diagonal(self.curvature[i])))
             distances = np.abs(self.x[chosen] - self.x[i]) * precision
-            if (distances.max(axis=1, initial=0.0) > _APART).all():
+            if (distances.max(axis=1, initial=0.0) > 0.5).all():
                 chosen.append(i)
         return self.part(np.array(chosen))
 
@@ -107,7 +103,7 @@ def ascend(
     active = np.arange(len(starts))
     ends = Ascent(starts.copy(), *expand(starts, active), np.zeros(len(starts), np.bool_))
     is_moving = ~np.broadcast_to(is_held, starts.shape)
-    damping = np.full(len(starts), _FIRST)
+    damping = np.full(len(starts), 1e-3)
 
     for _ in range(most_steps):
         step, gains = _steps(ends.part(active), is_moving[active], damping[active])
@@ -117,29 +113,29 @@ def ascend(
             break
 
         trial = ends.x[active] + step[is_worth_it]
-        expansion = expand(trial, active)
-        is_better = expansion.value >= ends.value[active]
-        for stored, new in zip(ends[:4], (trial, *expansion), strict=True):
+        reached = expand(trial, active)
+        is_better = reached.value >= ends.value[active]
+        for stored, new in zip(ends[:4], (trial, *reached), strict=True):
             stored[active[is_better]] = new[is_better]
 
         # A gain below the rounding of the value cannot be seen: the search has converged, whether
-        # or not the step was taken.
+        # or not the step was taken, unless it was damped heavily.
         gain = np.abs(gains[is_worth_it]).sum(axis=1)
-        is_small = gain < _CONVERGED * (1.0 + _ROUNDING * np.abs(ends.value[active]))
+        is_small = gain < 5e-13 * (1.0 + 1e-3 * np.abs(ends.value[active]))
         old = damping[active]
-        ends.has_converged[active] = is_small & (old <= _LIGHT)
-        lighter, heavier = np.maximum(0.1 * old, _LEAST), np.maximum(10.0 * old, retry_damping)
+        ends.has_converged[active] = is_small & (old <= 1e-2)
+        lighter, heavier = np.maximum(0.1 * old, 1e-12), np.maximum(10.0 * old, retry_damping)
         damping[active] = np.where(is_better, lighter, heavier)
 
-        # No further where slopes are beyond all floats.
+        # No further where slopes are beyond all floats, or where damping does not help.
         is_finite = np.isfinite(ends.curvature[active]).all(axis=(1, 2))
-        has_ended = ends.has_converged | (damping >= _HEAVY)
+        has_ended = ends.has_converged | (damping >= 1e12)
         active = active[is_finite & ~has_ended[active]]
     return ends
 
 
 def _steps(searches: Ascent, is_moving: BoolArray, damping: FloatArray) -> ArrayPair:
-    """Steps uphill in the moving coordinates, (points, k), and the gain that each predicts.
+    """Steps uphill of at most 2 in the moving coordinates, (points, k), and their predicted gains.
 
     The curvature is scaled to a unit diagonal, and the damping is added to the sizes of its
     eigenvalues: where it is not positive definite, the step leads away from a saddle.
@@ -160,7 +156,7 @@ def _steps(searches: Ascent, is_moving: BoolArray, damping: FloatArray) -> Array
         scaled = np.einsum("nij,nj->ni", vectors, along)
         step = scaled * scale
         longest = np.maximum(np.abs(step).max(axis=1), _TINY)
-        return step * np.minimum(1.0, _LARGEST_STEP / longest)[:, None], 0.5 * scaled * slope
+        return step * np.minimum(1.0, 2.0 / longest)[:, None], 0.5 * scaled * slope
 
 
 # --- Posteriors ----------------------------------------------------------------------------------
@@ -187,7 +183,7 @@ def ascend_from(
         A search ends where the predicted gain, nats, is below this.
     """
     return ascend(
-        lambda x, index: _expansion(array.part(owners[index]), x),
+        lambda x, index: expansion(array.part(owners[index]), x),
         starts,
         is_held=~array.is_free[owners] | is_held,
         least_gain=least_gain,
@@ -200,44 +196,29 @@ def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> A
     """Exact maxima from the ends of searches, by Newton's method; arguments as `ascend_from`.
 
     Scoring would need many steps where the answers leave a coordinate open. The curvature is the
-    negative Hessian.
+    negative Hessian, by differences. The sizes of its diagonal at the last points of each search
+    set the steps of the differences.
     """
     owned = array.part(owners)
-    sizes = np.diagonal(_expansion(owned, starts).curvature, axis1=1, axis2=2)
-    return ascend(
-        _differenced(owned, sizes),
-        starts,
-        is_held=~owned.is_free,
-        least_gain=POLISH_GAIN,
-    )
-
-
-def _differenced(array: PosteriorArray, sizes: FloatArray) -> Expand:
-    """The log density of each posterior about points, with the Hessian by differences.
-
-    The sizes of the Hessian's diagonal, (posteriors, d), set the steps of the differences. They
-    are those of the last points of each search; at first as given.
-    """
-    sizes = sizes.copy()
+    sizes = np.diagonal(expansion(owned, starts).curvature, axis1=1, axis2=2).copy()
 
     def expand(points: FloatArray, index: IndexArray) -> Expansion:
         """The expansion about the points of some searches; their sizes are updated."""
         n_points, k = points.shape
         ahead = points + _difference_steps(points, sizes[index])
-        part = array.part(np.resize(index, (k + 1) * n_points))
-        w = np.concatenate([points[None], ahead]).reshape(-1, 1, k)
-        value, gradient = part.gradient(w)
+        part = owned.part(np.resize(index, (k + 1) * n_points))
+        value, gradient, _ = expansion(part, np.concatenate([points, *ahead]))
         gradient = gradient.reshape(k + 1, n_points, k)
 
         second = hessian(gradient[1:] - gradient[0], ahead - points)
         diagonal = np.abs(np.diagonal(second, axis1=1, axis2=2))
         sizes[index] = np.where(np.isfinite(diagonal), diagonal, sizes[index])
-        return Expansion(value[:n_points, 0], gradient[0], -second)
+        return Expansion(value[:n_points], gradient[0], -second)
 
-    return expand
+    return ascend(expand, starts, is_held=~owned.is_free, least_gain=POLISH_GAIN)
 
 
-def _expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
+def expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
     """The log density of each posterior about its point, (posteriors, d).
 
     The curvature is that of Fisher information and prior.
@@ -270,23 +251,20 @@ def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
     curvature = _free_part(top.curvature, array.is_free)
     is_proper = np.linalg.eigvalsh(curvature)[:, 0] > 0.0
     log_determinant = np.linalg.slogdet(curvature)[1]
-    dimensions = array.is_free.sum(axis=1)
-    laplace = top.value + 0.5 * dimensions * LOG_2PI - 0.5 * log_determinant
+    laplace = top.value + 0.5 * array.is_free.sum(axis=1) * LOG_2PI - 0.5 * log_determinant
     return top.x, np.where(is_proper, laplace, np.nan)
 
 
 # --- Hessians ------------------------------------------------------------------------------------
 
-#: Steps in units of 1/sqrt abs H_ii.
-_SHORT = 1e-6
-#: Smallest size of a curvature, and smallest step over the size of the coordinate.
-_FLAT, _FINEST = 1e-6, 1e-12
-
 
 def _difference_steps(x: FloatArray, sizes: FloatArray) -> FloatArray:
-    """Steps in one coordinate after the other, (k, points, k), larger than rounding errors."""
-    steps = _SHORT / np.sqrt(np.maximum(sizes, _FLAT))
-    return np.eye(x.shape[1])[:, None] * np.maximum(steps, _FINEST * np.abs(x))
+    """Steps in one coordinate after the other, (k, points, k), larger than rounding errors.
+
+    They count in 1/sqrt abs H_ii.
+    """
+    steps = 1e-6 / np.sqrt(np.maximum(sizes, 1e-6))
+    return np.eye(x.shape[1])[:, None] * np.maximum(steps, 1e-12 * np.abs(x))
 
 
 def hessian(change: FloatArray, step: FloatArray) -> FloatArray:

@@ -104,8 +104,7 @@ class StudentMixture:
         trust = effective / (effective + inertia)
 
         means = self.means + trust[:, None] * (new_means - self.means)
-        inner_share = inner_weight / weight
-        shift_scatter = _outer(new_means - means) * inner_share[:, None, None]
+        shift_scatter = _outer(new_means - means) * (inner_weight / weight)[:, None, None]
         change = new_scales + shift_scatter - self.scales
         scales = self.scales + trust[:, None, None] * change
         scales += 1e-9 * scales * np.eye(x.shape[1])

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.engine import USUAL, Precision, fitted_draws, mixture_of_maxima
@@ -38,7 +38,7 @@ from bayes_toe.seeds import generator
 MODEL_NAMES = tuple(ORDER_MODELS)
 _N_MODELS = len(MODEL_NAMES)
 #: Their prior probabilities.
-PRIOR_PROBABILITIES = np.array([MODEL_PRIOR[name] for name in MODEL_NAMES])
+PRIOR_PROBABILITIES = np.array([*MODEL_PRIOR.values()])
 #: Which of the four models have each effect.
 HAS_ERROR = np.array([CONSTANT_ERROR in ORDER_MODELS[name] for name in MODEL_NAMES])
 HAS_CONTRACTION = np.array([CONTRACTION in ORDER_MODELS[name] for name in MODEL_NAMES])
@@ -55,7 +55,7 @@ class OrderDraws(AveragedDraws):
     posterior: ObserverPosterior  # of the model 'both', in whose coordinates the points are
 
     @cached_property
-    def quantities(self) -> dict[str, FloatArray]:
+    def quantities(self) -> NamedArrays:
         """Every named quantity at the draws, (draws,) each."""
         return self.posterior.quantities(self.x)
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bayes_toe.arrays import FloatArray, thinned
+from bayes_toe.arrays import FloatArray, NamedArrays, thinned
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.inference.subject import QUANTILES
@@ -42,7 +42,7 @@ class Predictor:
         """
         return self.answers(s1, s2)[self.target.subject.task.yes]
 
-    def answers(self, s1: FloatArray, s2: FloatArray) -> dict[str, FloatArray]:
+    def answers(self, s1: FloatArray, s2: FloatArray) -> NamedArrays:
         """P of each answer that the model predicts, for any pairs, (draws, pairs) each.
 
         The paper's model predicts 'equal' alone, of three answers.
@@ -111,8 +111,7 @@ def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) ->
     ['s1', 's2', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
     predictor = Predictor.from_draws(draws, subject)
-    pairs = np.array(np.broadcast_arrays(s1, s2), np.float64)
-    first, second = pairs.reshape(2, -1)
+    first, second = np.array(np.broadcast_arrays(s1, s2), np.float64).reshape(2, -1)
     values = predictor.yes(first, second)
 
     quantiles = np.quantile(values, list(QUANTILES.values()), axis=0)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 import emcee
@@ -20,15 +19,7 @@ from bayes_toe.inference.fitted import Fitted
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.seeds import stream
 
-#: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long
-#: tails too uncertain.
-_QUANTILE_DRAWS = 10_000
-_DISPERSION = 4.0  # starting points have this many times the posterior's variance
 _BATCH = 1024  # draws made at once where those of the judging are used up
-_SAFE = 0.85  # of the largest error of a quantile: what the draws that are asked for aim at
-#: Efficiency of a proposal below which two draws of successive steps are worth less than one
-#: effective draw.
-_SLOW = 0.8
 
 
 @dataclass(frozen=True)
@@ -56,7 +47,7 @@ class SamplerSettings:
     Raises
     ------
     InputError
-        If a setting is out of range.
+        If the number of draws is not allowed.
     """
 
     draws: int = 4000
@@ -68,11 +59,6 @@ class SamplerSettings:
 
     def __post_init__(self) -> None:
         require_number("draws", self.draws)
-        require_number("ensembles", self.ensembles, 4)
-        require_number("walkers", self.walkers, 0)
-        require_number("max_thin", self.max_thin)
-        require_number("max_r_hat", self.max_r_hat, 1, 10, Real)
-        require_number("max_quantile_error", self.max_quantile_error, 0, np.inf, Real)
         if self.walkers == 0:
             object.__setattr__(self, "walkers", 2 * min(128, max(32, self.draws // 80)))
 
@@ -81,9 +67,9 @@ class SamplerSettings:
         """Steps that are kept of every walker, at least 16.
 
         All walkers together keep at least twice the effective draws asked for, and at least 10,000
-        draws, because quantiles are judged.
+        draws: with fewer, even independent ones leave quantiles in long tails too uncertain.
         """
-        n_draws = max(2 * self.draws, _QUANTILE_DRAWS)
+        n_draws = max(2 * self.draws, 10_000)
         return max(16, -(-n_draws // (self.ensembles * self.walkers)))
 
     @property
@@ -111,11 +97,15 @@ class Chains:
     diagnostics: dict[str, Convergence]  # of every judged quantity
     thin: int
     steps: int
-    converged: bool
-    reason: str  # what was not reached; empty where converged
+    reason: str  # what was not reached; empty where the chains have converged
     # the quantile that is not precise enough, and how many draws would do; empty where there is
     # none
-    imprecise: str = ""
+    imprecise: str
+
+    @property
+    def converged(self) -> bool:
+        """Whether all criteria but that of quantiles are met."""
+        return not self.reason
 
 
 def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chains:
@@ -128,7 +118,8 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
     posterior = fitted.target
     ensembles = [_Ensemble(fitted, settings, seed, k) for k in range(settings.ensembles)]
     steps = burn_in(fitted)
-    thin = 2 if fitted.efficiency < _SLOW and settings.max_thin > 1 else 1
+    # With a lower efficiency, two draws of successive steps are worth less than one effective draw.
+    thin = 2 if fitted.efficiency < 0.8 and settings.max_thin > 1 else 1
 
     while True:
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
@@ -157,9 +148,8 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
                 diagnostics,
                 thin,
                 steps,
-                converged=not reason,
-                reason=reason,
-                imprecise=imprecise,
+                reason,
+                imprecise,
             )
 
         thin = min(2 * thin, settings.max_thin)
@@ -294,7 +284,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         while len(start) < self.nwalkers:
             chosen = draws.resampled(random, self.nwalkers)[:, is_free]
             jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
-            points = mean + np.sqrt(_DISPERSION) * (chosen + jitter - mean)
+            points = mean + 2.0 * (chosen + jitter - mean)  # four times the posterior's variance
             is_finite = np.isfinite(self.compute_log_prob(points)[0])
             start = np.concatenate([start, points[is_finite]])
         return emcee.State(start[: self.nwalkers])
@@ -316,8 +306,8 @@ def _uncertain_quantile(
         return "", False
 
     values = natural[worst]
-    # A user asks for half of the draws that are kept.
-    n_required = values.size / 2 * (errors[worst] / (_SAFE * limit)) ** 2
+    # A user asks for half of the draws that are kept. The aim is 85 % of the largest error.
+    n_required = values.size / 2 * (errors[worst] / (0.85 * limit)) ** 2
     unit = 10 ** (int(np.log10(n_required)) - 1)  # of the second digit
     n_rounded = int(np.ceil(n_required / unit)) * unit
     reason = (

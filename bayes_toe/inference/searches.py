@@ -22,7 +22,6 @@ from bayes_toe.model.posterior_array import PosteriorArray
 
 #: Constant errors in D at which searches start; the first one is that of a model without them.
 _ERRORS = np.array([0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0])
-_LAPSE_SCORES = (-1.0, 0.6, 1.8)
 
 
 def observer_maxima(array: PosteriorArray) -> list[Ascent]:
@@ -48,8 +47,8 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
 
         # Free searches, then searches with lapse rates that are held.
         n_free = len(candidates)
-        starts = profile.x[np.append(candidates, [best] * len(_LAPSE_SCORES))]
-        starts[n_free:, lapse] = _LAPSE_SCORES
+        starts = profile.x[np.append(candidates, [best] * 3)]
+        starts[n_free:, lapse] = (-1.0, 0.6, 1.8)
         is_held = np.zeros(starts.shape, np.bool_)
         is_held[n_free:, lapse] = True
         parts.append((np.full(len(starts), i), starts, is_held))

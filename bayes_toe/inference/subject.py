@@ -8,19 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, NamedArrays, Rng
+from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
-from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import (
     Convergence,
     Errors,
     convergence_of,
     errors_of,
-    smoothed_weights,
     worst,
 )
 from bayes_toe.inference.engine import SHARP
@@ -31,7 +29,6 @@ from bayes_toe.inference.fitted import (
     importance_evidence,
 )
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, summarise_fit
-from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.model.posterior import SubjectPosterior, posterior_contraction
 from bayes_toe.model.prior import DEFAULT, Prior
@@ -39,11 +36,7 @@ from bayes_toe.seeds import generator, require_seed
 
 #: Independent draws behind the evidence of H1, unless more are asked for.
 EVIDENCE_DRAWS = 4000
-_FEWEST_JUDGING = 4000  # draws that judge a mixture where no chains follow
-# Further mixtures for an evidence whose weights cannot be trusted, and the draws of each.
-_FURTHER_ATTEMPTS, _MANY_DRAWS = 2, 20_000
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
-_MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
 SUMMARY_COLUMNS = (
     "subject",
     "parameter",
@@ -54,7 +47,7 @@ SUMMARY_COLUMNS = (
     "ess_tail",
     "r_hat",
     "posterior_contraction",
-    *_MCSE,
+    *map("mcse_{}".format, Errors._fields),
 )
 #: Numbers of the goodness of fit among the statistics.
 FIT_COLUMNS = ("deviance", "degrees_of_freedom", "fit_p")
@@ -90,7 +83,7 @@ class AnalysisRequest:
 class SubjectResult:
     """The results of one subject under one model; None for those not wanted.
 
-    A posterior without chains has the goodness of fit by the draws behind its evidence.
+    Goodness of fit comes with chains.
     """
 
     fitted: Fitted
@@ -107,7 +100,8 @@ class SubjectResult:
 def fitted_result(target: SubjectPosterior, seed: int, request: AnalysisRequest) -> SubjectResult:
     """The results that a request asks for of one posterior."""
     key = seed, target.subject.name, target.model.name
-    judging_draws = _FEWEST_JUDGING if request.chains is None else SHARP.most_draws
+    # Fewer draws judge a mixture where no chains follow.
+    judging_draws = 4000 if request.chains is None else SHARP.most_draws
     fitted = fit_posterior(target, generator(*key, "proposal"), judging_draws)
 
     chains, fit, evidence = None, None, None
@@ -117,38 +111,25 @@ def fitted_result(target: SubjectPosterior, seed: int, request: AnalysisRequest)
         fit = summarise_fit(target, x, fitted.maximum)
 
     if request.evidence_draws:
-        evidence, draws, refitted = _evidence(fitted, key, request.evidence_draws)
-        if fit is None and evidence.value is not None:
-            fit = _weighted_fit(refitted, draws, generator(*key, "resampling"))
-
+        evidence = _evidence(fitted, key, request.evidence_draws)
     return SubjectResult(fitted, evidence, chains, fit)
 
 
-def _evidence(
-    fitted: Fitted, key: tuple[int, str, str], size: int
-) -> tuple[Evidence, WeightedDraws, Fitted]:
-    """The evidence, the draws behind it, which chose no mixture, and their mixture.
+def _evidence(fitted: Fitted, key: tuple[int, str, str], size: int) -> Evidence:
+    """The evidence by draws that chose no mixture.
 
-    It is a further mixture where the weights of the first cannot be trusted.
+    They are many draws of a further mixture, or of another one, where the weights of the first
+    cannot be trusted.
     """
-    draws = fitted.fresh(generator(*key, "evidence"), size)
-    evidence = importance_evidence(draws)
-    for attempt in range(_FURTHER_ATTEMPTS):
+    evidence = importance_evidence(fitted.fresh(generator(*key, "evidence"), size))
+    n_many = max(20_000, size)
+    for attempt in range(2):
         if evidence.value is not None:
             break
         rng = generator(*key, f"further mixture {attempt}")
-        fitted = fit_posterior(fitted.target, rng, _MANY_DRAWS)
-        draws = fitted.fresh(rng, max(_MANY_DRAWS, size))
-        evidence = importance_evidence(draws)
-    return evidence, draws, fitted
-
-
-def _weighted_fit(fitted: Fitted, draws: WeightedDraws, rng: Rng) -> GoodnessOfFit:
-    """Goodness of fit without chains: by draws that are resampled by their weights."""
-    weights = np.exp(smoothed_weights(draws.log_weights).log_weights)
-    rows = rng.choice(len(weights), len(weights), p=weights / weights.sum())
-    x, _ = fitted.original(draws.x[rows])
-    return summarise_fit(fitted.target, x, fitted.maximum)
+        fitted = fit_posterior(fitted.target, rng, 20_000)
+        evidence = importance_evidence(fitted.fresh(rng, n_many))
+    return evidence
 
 
 # --- What a file of draws keeps, and tables say ---------------------------------------------------
@@ -159,9 +140,9 @@ class SubjectDraws:
     """Draws of one subject under one model, and what is said of them."""
 
     subject: Subject
-    # (chains, draws): the natural ones, from which all others follow
+    # (chains, draws): the natural ones, from which all others follow, and lp, the log posterior
+    # density of the unconstrained coordinates
     quantities: NamedArrays
-    log_posterior: FloatArray  # (chains, draws), of the unconstrained coordinates
     acceptance: FloatArray  # (chains,)
     # by column: convergence, effort, quality of the proposal and of the fit
     statistics: Mapping[str, float | int | str]
@@ -171,11 +152,7 @@ class SubjectDraws:
 def subject_draws(result: SubjectResult, *, summarised: bool = False) -> SubjectDraws:
     """The draws of a result with chains, with or without rows of a summary."""
     target = result.fitted.target
-    chains = result.chains
-    fit = result.fit
-    if chains is None or fit is None:
-        raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
-
+    chains = cast(Chains, result.chains)
     quantities = target.quantities(chains.x)
     natural = {name: quantities[name] for name in target.names.natural}
 
@@ -190,7 +167,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         "steps": chains.steps,
         "proposal_efficiency": result.fitted.efficiency,
         "pareto_k": result.fitted.pareto_k,
-        **{column: getattr(fit, column) for column in FIT_COLUMNS},
+        **{column: getattr(result.fit, column) for column in FIT_COLUMNS},
     }
 
     rows: tuple[SummaryRow, ...] = ()
@@ -200,8 +177,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
 
     return SubjectDraws(
         result.subject,
-        natural,
-        chains.log_posterior,
+        natural | {"lp": chains.log_posterior},
         chains.acceptance,
         statistics,
         rows,

@@ -20,7 +20,7 @@ from typing import ClassVar, NamedTuple, Self
 import numpy as np
 from scipy.special import expit, log_expit, log_ndtr
 
-from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray
+from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.model.densities import PriorDensity, half_normal_quantile, log_normal
 from bayes_toe.model.paper_equations import LN2
@@ -171,7 +171,7 @@ _PAIR_ARRAYS = ("first", "difference", "middle", "n_yes", "n_no")
 
 def pair_arrays(
     subjects: Sequence[Subject], origins: Sequence[float], units: Sequence[float]
-) -> dict[str, FloatArray]:
+) -> NamedArrays:
     """Stimuli and counts of several subjects by name, shape (rows, 1, pairs) each.
 
     The stimuli of a subject count from an origin in a unit. Pairs of subjects who have fewer than
@@ -186,14 +186,6 @@ def pair_arrays(
         columns = (first, difference, 0.5 * (first + second), subject.n_yes, n_no)
         arrays[:, i, 0, : subject.n_pairs] = columns
     return dict(zip(_PAIR_ARRAYS, arrays, strict=True))
-
-
-def direction_counts(subjects: Sequence[Subject], n_pairs: int) -> list[FloatArray]:
-    """How often subjects answered 'second' and 'first', of three answers, (rows, 1, pairs) each."""
-    counts = np.zeros((2, len(subjects), 1, n_pairs))
-    for i, subject in enumerate(subjects):
-        counts[:, i, 0, : subject.n_pairs] = subject.n_second, subject.n_first
-    return [*counts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,37 +246,26 @@ class AnswerRows(ABC):
         """:meth:`log_likelihood` by a cheaper form, where a model has one."""
         return self.log_likelihood(u)
 
-    def gradient(self, u: FloatArray) -> ArrayPair:
-        """Log likelihood (rows, points), and its gradient (rows, points, k)."""
-        return self._summed(*self.answer_slopes(u))
-
     def plain_gradient(self, u: FloatArray) -> ArrayPair:
-        """:meth:`gradient` by a cheaper form, where a model has one."""
-        return self.gradient(u)
+        """Log likelihood and gradient, (rows, points[, k]), by a cheaper form if there is one."""
+        value, gradient, _ = self.scoring(u)
+        return value, gradient
 
     def scoring(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log likelihood, gradient and Fisher information, (rows, points[, k[, k]])."""
         answers, yes_slopes, no_slopes = self.answer_slopes(u)
-        value, gradient = self._summed(answers, yes_slopes, no_slopes)
+        in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
+        in_no = times_counts(self.n_no[:, :, None], no_slopes)
         n_trials = self.expected_trials(answers)
         yes_weight = (n_trials * np.exp(answers.yes))[..., None, :]
         no_weight = (n_trials * np.exp(answers.no))[..., None, :]
-        with np.errstate(over="ignore", invalid="ignore"):  # infinite slopes, as in _summed
+        # Where an answer is impossible the density is 0, and slopes are infinite.
+        with np.errstate(over="ignore", invalid="ignore"):
+            gradient = (in_yes + in_no).sum(axis=-1)
             information = times_counts(yes_weight, yes_slopes) @ np.swapaxes(yes_slopes, -1, -2)
             information += times_counts(no_weight, no_slopes) @ np.swapaxes(no_slopes, -1, -2)
-        return value, gradient, information
+        return self.terms(answers).sum(axis=-1), gradient, information
 
     def expected_trials(self, answers: LogAnswers) -> FloatArray:
         """How often each question is asked, as far as the model knows; broadcasts with answers."""
         return self.n_yes + self.n_no
-
-    def _summed(
-        self, answers: LogAnswers, yes_slopes: FloatArray, no_slopes: FloatArray
-    ) -> ArrayPair:
-        """Log likelihood and its gradient, from what an answer to each pair adds."""
-        terms = self.terms(answers)
-        in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
-        in_no = times_counts(self.n_no[:, :, None], no_slopes)
-        # Where an answer is impossible the density is 0, and slopes are infinite.
-        with np.errstate(invalid="ignore"):
-            return terms.sum(axis=-1), (in_yes + in_no).sum(axis=-1)

@@ -33,7 +33,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.study import Subject, common_scales, pooled
 from bayes_toe.data.tasks import Task
 from bayes_toe.model.densities import StandardNormal
@@ -50,7 +50,7 @@ from bayes_toe.model.parameters import (
     Parameter,
     task_parameters,
 )
-from bayes_toe.model.posterior_array import JointLikelihood, LinearLikelihood, PosteriorArray
+from bayes_toe.model.posterior_array import LinearLikelihood, PosteriorArray
 
 #: Prior standard deviation of the difference between two levels, h unit, as a multiple of the
 #: parameter's coordinate; that of the noise is over its sd.
@@ -137,8 +137,7 @@ class ConditionModels:
             if parameter == NOISE:
                 sd /= self.prior.noise_sd
             columns = slice(k + i * n_columns, k + (i + 1) * n_columns)
-            row = self.parameters.index(parameter)
-            loading[:, row, columns] = sd * self.design
+            loading[:, self.parameters.index(parameter), columns] = sd * self.design
         return loading
 
     def _likelihood(self, positions: Sequence[int]) -> LinearLikelihood:
@@ -151,10 +150,8 @@ class ConditionModels:
 
     def array(self, choices: Sequence[Collection[Parameter]]) -> PosteriorArray:
         """The posteriors for these choices of parameters that differ."""
-        likelihoods = [self._likelihood(positions) for positions in self.units_by_task]
-        likelihood: LinearLikelihood | JointLikelihood = likelihoods[0]
-        if len(likelihoods) > 1:
-            likelihood = JointLikelihood(tuple(likelihoods))
+        likelihood, *further = map(self._likelihood, self.units_by_task)
+        likelihood = replace(likelihood, further=tuple(further))
         repeated = likelihood.part(np.zeros(len(choices), np.intp))
 
         n_columns = self.design.shape[1]
@@ -184,6 +181,6 @@ class ConditionModels:
         """The observer's coordinates in each condition, (points, d) -> (conditions, points, k)."""
         return points @ self.loading.swapaxes(1, 2)
 
-    def quantities(self, points: FloatArray) -> dict[str, FloatArray]:
+    def quantities(self, points: FloatArray) -> NamedArrays:
         """The observer's quantities in each condition, natural units, (conditions, points) each."""
         return self.shared.quantities(self.in_conditions(points))

@@ -94,8 +94,7 @@ class StandardStudent:
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
-        values = stdtrit(3.0, probability)
-        return np.where(probability == 0.0, -np.inf, values)
+        return np.where(probability == 0.0, -np.inf, stdtrit(3.0, probability))
 
 
 @dataclass(frozen=True)
@@ -107,8 +106,7 @@ class CutNormal(StandardNormal):
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density of the normal over its mass inside; -inf outside."""
         log_mass = np.log1p(-2.0 * ndtr(-self.limit))
-        inside = log_normal(u) - log_mass
-        return np.where(np.abs(u) < self.limit, inside, -np.inf)
+        return np.where(np.abs(u) < self.limit, log_normal(u) - log_mass, -np.inf)
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
@@ -125,8 +123,7 @@ class LogitOfBeta:
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log of q^a (1 - q)^b / B(a, b), with respect to the logit."""
-        log_norm = betaln(self.a, self.b)
-        return self.a * log_expit(u) + self.b * log_expit(-u) - log_norm
+        return self.a * log_expit(u) + self.b * log_expit(-u) - betaln(self.a, self.b)
 
     def slope(self, u: FloatArray) -> FloatArray:
         """Its derivative, a (1 - q) - b q."""
@@ -139,8 +136,7 @@ class LogitOfBeta:
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function, finite also where the share rounds to 0 or 1."""
         log_share = _log_beta_quantile(self.a, self.b, probability)
-        log_rest = _log_beta_quantile(self.b, self.a, 1.0 - probability)
-        return log_share - log_rest
+        return log_share - _log_beta_quantile(self.b, self.a, 1.0 - probability)
 
 
 @dataclass(frozen=True)
@@ -229,8 +225,7 @@ def half_normal_quantile(
         P and ln(1 - P), each where it is used.
     """
     lower = np.sqrt(2.0) * erfinv(probability)
-    upper = -ndtri_exp(log_rest - LN2)
-    return np.where(is_lower, lower, upper)
+    return np.where(is_lower, lower, -ndtri_exp(log_rest - LN2))
 
 
 def from_half_normal_score(score: FloatArray) -> FloatArray:
@@ -248,8 +243,7 @@ def from_half_normal_score(score: FloatArray) -> FloatArray:
 def half_normal_score(u: FloatArray) -> FloatArray:
     """Inverse of :func:`from_half_normal_score`."""
     probability = erf(u * np.sqrt(0.5))
-    upper = -ndtri_exp(log_ndtr(-u) + LN2)
-    return np.where(probability < 0.5, ndtri(probability), upper)
+    return np.where(probability < 0.5, ndtri(probability), -ndtri_exp(log_ndtr(-u) + LN2))
 
 
 def log_half_normal(score: FloatArray) -> FloatArray:

@@ -4,9 +4,9 @@ The four models of the observer (:mod:`bayes_toe.model.observer`) are 'none', 'c
 'contraction' and 'both'. An effect that a model does not have is held at 0. `ObserverPosterior` is
 the posterior of one subject under one of them.
 
-`require_model` finds a model by the name that a user types, `stored_model` by its name in files,
-and `model_posterior` makes a posterior. The paper's model keeps the name 'predictive update' in
-files and in the keys of its random streams.
+`require_model` finds a model by the name that a user types, and `model_posterior` makes the
+posterior by the name in files. The paper's model keeps the name 'predictive update' in files and in
+the keys of its random streams.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.answer_curves import criterion
 from bayes_toe.model.observer import DEFAULT_PRIOR, JND_OVER_NOISE, ObserverRows
-from bayes_toe.model.paper_model import PAPER_MODEL, PaperModel, PaperPosterior
+from bayes_toe.model.paper_model import PAPER_MODEL, PaperPosterior
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
     CONTRACTION,
@@ -136,7 +136,7 @@ class ObserverPosterior(SubjectPosterior):
         """The quantities that one coordinate determines: its name, and 1 if they rise with it."""
         return {name: (name, 1) for name in self.coordinates} | {"jnd": ("noise", 1)}
 
-    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+    def quantities(self, x: FloatArray) -> NamedArrays:
         """Every named quantity, each with the shape of x without its last axis.
 
         The scales are those of the subject's stimuli: natural-log intensity where these are. The
@@ -161,8 +161,7 @@ class ObserverPosterior(SubjectPosterior):
         for parameter in task_parameters(self.subject.task):
             if parameter.name in values:
                 by_name[parameter.name] = values[parameter.name] * factors[parameter.unit]
-        names = self.names.all
-        return {name: by_name[name].reshape(x.shape[:-1]) for name in names}
+        return {name: by_name[name].reshape(x.shape[:-1]) for name in self.names.all}
 
     def points(self, quantities: NamedArrays) -> FloatArray:
         """Points, shape (..., k), from quantities of shape (...).
@@ -187,15 +186,14 @@ class ObserverPosterior(SubjectPosterior):
 
 # --- Models by name ------------------------------------------------------------------------------
 
-SampledModel = OrderModel | PaperModel
 #: The names to type.
 MODEL_NAMES = (*(name.replace(" ", "-") for name in ORDER_MODELS), "paper")
 #: Former names of the paper's model.
 _PAPER_NAMES = ("paper", "update", "predictive update", "predictive-update")
 
 
-def require_model(name: str, task: Task) -> SampledModel:
-    """The model of a task by the name that a user types.
+def require_model(name: str) -> str:
+    """The name in files of the model that a user types.
 
     Raises
     ------
@@ -204,33 +202,15 @@ def require_model(name: str, task: Task) -> SampledModel:
 
     Examples
     --------
-    >>> from bayes_toe.data.tasks import SAME_DIFFERENT
-    >>> require_model("constant-error", SAME_DIFFERENT).name
-    'constant error'
-    >>> require_model("paper", SAME_DIFFERENT).name
-    'predictive update'
+    >>> require_model("constant-error"), require_model("paper")
+    ('constant error', 'predictive update')
     """
     require_kind("model", name, str, f"one of: {', '.join(MODEL_NAMES)}")
     if name in _PAPER_NAMES:
-        return PaperModel(task)
+        return PAPER_MODEL
     spaced = name.replace("-", " ")
     if spaced in ORDER_MODELS:
-        return OrderModel(spaced)
-    raise InputError(f"model {name!r}: no such model; allowed: {', '.join(MODEL_NAMES)}")
-
-
-def stored_model(name: str, task: Task) -> SampledModel:
-    """The model of a task by the name that files and records have.
-
-    Raises
-    ------
-    InputError
-        For another name, such as that of a model of an earlier state.
-    """
-    if name in ORDER_MODELS:
-        return OrderModel(name)
-    if name == PAPER_MODEL:
-        return PaperModel(task)
+        return spaced
     raise InputError(f"model {name!r}: no such model; allowed: {', '.join(MODEL_NAMES)}")
 
 
@@ -256,23 +236,31 @@ def observer_posterior(
     >>> "contraction" in observer_posterior(subject).coordinates
     True
     """
-    order_model = require_model(model, subject.task)
-    if isinstance(order_model, PaperModel):
+    name = require_model(model)
+    if name == PAPER_MODEL:
         raise InputError("model 'paper': its posterior is bt.model.paper_posterior(subject, prior)")
-    return order_model.posterior(subject, prior.observer)
+    return OrderModel(name).posterior(subject, prior.observer)
 
 
 def model_posterior(
-    model: SampledModel, subject: Subject, prior: Prior = DEFAULT
+    name: str, subject: Subject, prior: Prior
 ) -> ObserverPosterior | PaperPosterior:
-    """The posterior of one subject under a model."""
-    if isinstance(model, OrderModel):
-        return model.posterior(subject, prior.observer)
-    return model.posterior(subject, prior)
+    """The posterior of one subject under the model that has this name in files.
+
+    Raises
+    ------
+    InputError
+        For another name, such as that of a model of an earlier state.
+    """
+    if name == PAPER_MODEL:
+        return PaperPosterior(subject, prior)
+    if name in ORDER_MODELS:
+        return OrderModel(name).posterior(subject, prior.observer)
+    raise InputError(f"model {name!r}: no such model; allowed: {', '.join(MODEL_NAMES)}")
 
 
-def describe_prior(model: SampledModel, prior: Prior, task: Task) -> str:
-    """The prior of every parameter of a model, in words."""
-    if isinstance(model, OrderModel):
-        return model.describe(prior.observer, task)
-    return prior.describe(task)
+def describe_prior(name: str, prior: Prior, task: Task) -> str:
+    """The prior of every parameter of the model that has this name in files, in words."""
+    if name == PAPER_MODEL:
+        return prior.describe(task)
+    return OrderModel(name).describe(prior.observer, task)

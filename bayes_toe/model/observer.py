@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 from scipy.special import erf, log_ndtr, ndtr, xlogy
@@ -37,7 +38,6 @@ from bayes_toe.model.answer_curves import (
     criterion,
     criterion_slope,
     direction_answers,
-    direction_counts,
     equal_answers,
     near_edge,
     pair_arrays,
@@ -92,20 +92,22 @@ class ObserverRows(AnswerRows):
         """A row for each subject; all of one task. `scales` default to the subjects' own."""
         if scales is None:
             scales = [subject.scales for subject in subjects]
-        sbars, steps = [scale.sbar for scale in scales], [scale.step for scale in scales]
-        pairs = pair_arrays(subjects, sbars, steps)
+        numbers = map(attrgetter("sbar", "step", "spread", "roving_share"), scales)
+        sbar, step, spread, roving_share = np.array([*numbers]).T
+        pairs = pair_arrays(subjects, sbar.tolist(), step.tolist())
         task = subjects[0].task
         if task.has_three_answers:
-            n_second, n_first = direction_counts(subjects, pairs["first"].shape[-1])
-            pairs["n_yes"] = np.concatenate([pairs["n_yes"], n_second], axis=-1)
-            pairs["n_no"] = np.concatenate([pairs["n_no"], n_first], axis=-1)
-        roving_share = np.array([[scale.roving_share] for scale in scales])
+            directions = np.zeros((2, *pairs["first"].shape))
+            for i, subject in enumerate(subjects):
+                directions[:, i, 0, : subject.n_pairs] = subject.n_second, subject.n_first
+            for name, counts in zip(("n_yes", "n_no"), directions, strict=True):
+                pairs[name] = np.concatenate([pairs[name], counts], axis=-1)
         return cls(
             **pairs,
             task=task,
             prior=prior,
-            slope_unit=np.array([[scale.step / scale.spread] for scale in scales]),
-            contraction_sd=prior.contraction_sd * roving_share,
+            slope_unit=(step / spread)[:, None],
+            contraction_sd=prior.contraction_sd * roving_share[:, None],
         )
 
     @property
@@ -132,11 +134,16 @@ class ObserverRows(AnswerRows):
             del units["logit_q0"], units["criterion_slope"]
         return units
 
-    def quantities(self, u: FloatArray) -> dict[str, FloatArray]:
+    def quantities(self, u: FloatArray) -> NamedArrays:
         """The parameters at points, stimuli in units of D, shape (rows, points) each."""
         values = {name: unit * u[..., j] for j, (name, unit) in enumerate(self.units.items())}
         values["log_noise"] += np.log(self.prior.noise_median)
         return values
+
+    def curve_at(self, u: FloatArray) -> tuple[NamedArrays, FloatArray, FloatArray | None]:
+        """The quantities at points, with the distance and the criterion of every pair."""
+        values = self.quantities(u)
+        return values, self.distance_at(values), self.criterion_at(values)
 
     def distance_at(self, values: NamedArrays) -> FloatArray:
         """The distance z of every pair, (rows, points, pairs)."""
@@ -171,8 +178,7 @@ class ObserverRows(AnswerRows):
 
         Of three answers, those of the second question follow: (rows, points, 2 pairs).
         """
-        values = self.quantities(u)
-        z, k = self.distance_at(values), self.criterion_at(values)
+        values, z, k = self.curve_at(u)
         answers = self._answers_at(values, z, k)
         if k is None or not self.task.has_three_answers:
             return answers
@@ -200,9 +206,7 @@ class ObserverRows(AnswerRows):
         Each answer has a sum of positive terms of its own. Both forms agree to 1e-12 within 200
         nats of the best point; far from there this one may be -inf.
         """
-        values = self.quantities(u)
-        z, k = self.distance_at(values), self.criterion_at(values)
-        return self._multinomial(self.plain_answers_at(values, z, k))
+        return self._multinomial(self.plain_answers_at(*self.curve_at(u)))
 
     @property
     def _answer_counts(self) -> tuple[FloatArray, ...]:
@@ -214,8 +218,7 @@ class ObserverRows(AnswerRows):
 
     def _multinomial(self, probabilities: Sequence[FloatArray]) -> FloatArray:
         """Log likelihood, (rows, points), from the probabilities of the answers."""
-        terms = map(xlogy, self._answer_counts, probabilities)
-        return np.asarray(sum(terms)).sum(axis=-1)
+        return np.asarray(sum(map(xlogy, self._answer_counts, probabilities))).sum(axis=-1)
 
     def plain_answers_at(
         self, values: NamedArrays, z: FloatArray, k: FloatArray | None
@@ -238,14 +241,13 @@ class ObserverRows(AnswerRows):
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
     def plain_gradient(self, u: FloatArray) -> ArrayPair:
-        """:meth:`gradient` by plain probabilities, as :meth:`plain_log_likelihood`.
+        """Log likelihood and its gradient, (rows, points[, k]), by plain probabilities.
 
         Both answers to a pair depend on z, on ln k and on the lapse rate alone. The slopes in
         these are summed over the answers first, and follow the coordinates after that. Where an
         answer that was given has a probability of 0, the slopes are not finite.
         """
-        values = self.quantities(u)
-        z, k = self.distance_at(values), self.criterion_at(values)
+        values, z, k = self.curve_at(u)
         probabilities = self.plain_answers_at(values, z, k)
         slopes = self._plain_slopes(values, z, k, probabilities)
         terms = self._slope_terms(values, z, *slopes)
@@ -299,9 +301,8 @@ class ObserverRows(AnswerRows):
 
         Of three answers, those of the second question follow, as in :meth:`log_answers`.
         """
-        values = self.quantities(u)
+        values, z, k = self.curve_at(u)
         log_lapse, log_attend = self._lapse_logs(values)
-        z, k = self.distance_at(values), self.criterion_at(values)
         answers = self._answers_at(values, z, k)
         # d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u)))
         log_rise = (_log_hazard(values["lapse_score"]) - np.log(self.prior.lapse_rate_b))[..., None]

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import NumericalError
 
@@ -125,7 +125,7 @@ def natural_names(task: Task) -> tuple[str, ...]:
     return (*NATURAL[:3], task.lapses)
 
 
-def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
+def quantities(theta: Natural, sbar: float) -> NamedArrays:
     """Every named quantity that follows from natural coordinates.
 
     These are the natural coordinates, gamma, sigma1, gain, width, offset and pull.

@@ -20,7 +20,7 @@ posterior, and :class:`FunnelArray` the posterior in coordinates without a funne
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,7 +28,7 @@ from scipy.special import expit, log_expit, log_ndtr, ndtr, ndtri
 
 from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import Task
 from bayes_toe.model.answer_curves import (
     AnswerRows,
     LogAnswers,
@@ -90,11 +90,6 @@ class PaperRows(AnswerRows):
 
     task: Task
     prior: Prior
-
-    @classmethod
-    def from_subject(cls, subject: Subject, prior: Prior) -> PaperRows:
-        """The row of a subject."""
-        return cls(**pair_arrays([subject], [0.0], [1.0]), task=subject.task, prior=prior)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -287,17 +282,10 @@ CURVES = {
 # --- Posterior -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
 class PaperModel:
-    """The paper's model (H1) of a task."""
-
-    task: Task = SAME_DIFFERENT
+    """The paper's model (H1)."""
 
     name = PAPER_MODEL
-
-    def posterior(self, subject: Subject, prior: Prior = DEFAULT) -> PaperPosterior:
-        """The posterior of a subject."""
-        return PaperPosterior(subject, prior)
 
 
 def paper_posterior(subject: Subject, prior: Prior = DEFAULT) -> PaperPosterior:
@@ -330,16 +318,16 @@ class PaperPosterior(SubjectPosterior):
     subject: Subject
     prior: Prior = DEFAULT
     centre: float | None = None
-    model: PaperModel = field(init=False)
+    model = PaperModel()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "model", PaperModel(self.subject.task))
         object.__setattr__(self, "prior", self.prior.for_subjects(self.subject))
 
     @cached_property
     def rows(self) -> PaperRows:
         """The counts, as one row."""
-        return PaperRows.from_subject(self.subject, self.prior)
+        pairs = pair_arrays([self.subject], [0.0], [1.0])
+        return PaperRows(**pairs, task=self.subject.task, prior=self.prior)
 
     @property
     def share(self) -> str:
@@ -378,7 +366,7 @@ class PaperPosterior(SubjectPosterior):
             by_coordinate["jnd"] = ("width", 1)
         return by_coordinate
 
-    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+    def quantities(self, x: FloatArray) -> NamedArrays:
         """Every named quantity, each with the shape of x without its last axis.
 
         The shift of the point of subjective equality, at the mean first stimulus, is the offset.
@@ -500,28 +488,27 @@ class Funnel:
         mean = np.exp(log_share) * self.centre + np.exp(log_share - log_pull) * self.offset
         return mean, log_sd
 
-    def forward(self, u: FloatArray) -> ArrayPair:
-        """Coordinates y of u, (posteriors, points, 4), and log |dy/du|, (posteriors, points)."""
+    def forward(self, u: FloatArray) -> FloatArray:
+        """Coordinates y of u, (posteriors, points, 4)."""
         mean, log_sd = self.conditional(u)
         y = u.copy()
         y[..., 0] = (u[..., 0] - mean) * np.exp(-log_sd)
         if self.row.prior.spread != "width":
             y[..., 1] = self.row.log_width(u)
-        return y, self._log_volume(u, log_sd)
+        return y
 
     def inverse(self, y: FloatArray) -> ArrayPair:
-        """Coordinates u of y, and log |dy/du| there."""
+        """Coordinates u of y, and log |dy/du| there, (posteriors, points)."""
         u = y.copy()
-        if self.row.prior.spread != "width":
+        has_width = self.row.prior.spread == "width"
+        if not has_width:
             u[..., 1] = self.row.spread_score(y[..., 1], self.row.pull(y))
         mean, log_sd = self.conditional(u)
         u[..., 0] = mean + y[..., 0] * np.exp(log_sd)
-        return u, self._log_volume(u, log_sd)
-
-    def _log_volume(self, u: FloatArray, log_sd: FloatArray) -> FloatArray:
-        if self.row.prior.spread == "width":
-            return -log_sd
-        return np.log(self.row.spread_slope(u)) - log_sd
+        log_volume = -log_sd
+        if not has_width:
+            log_volume += np.log(self.row.spread_slope(u))
+        return u, log_volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -535,7 +522,7 @@ class FunnelArray(PosteriorArray):
 
     def prior_points(self, probability: FloatArray) -> FloatArray:
         """Points of the prior by the quantiles of its coordinates, (posteriors, points, 4)."""
-        return self.funnel.forward(super().prior_points(probability))[0]
+        return self.funnel.forward(super().prior_points(probability))
 
     def densities(self, y: FloatArray) -> ArrayPair:
         """Log prior and log posterior density, (posteriors, points)."""

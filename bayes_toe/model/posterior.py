@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import AnyRng, ArrayPair, BoolArray, FloatArray, NamedArrays
+from bayes_toe.arrays import AnyRng, BoolArray, FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.model.answer_curves import AnswerRows, LogAnswers
@@ -42,26 +42,13 @@ class Names:
     @property
     def reported(self) -> tuple[str, ...]:
         """The quantities in tables and files: natural and derived, in order."""
-        return _ordered((*self.natural, *self.derived))
+        names = (*self.natural, *self.derived)
+        return tuple(filter(names.__contains__, QUANTITY_BY_NAME))
 
     @property
     def all(self) -> tuple[str, ...]:
         """Every name, in order."""
-        return _ordered((*self.natural, *self.derived, *self.identified))
-
-
-def _ordered(names: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(name for name in QUANTITY_BY_NAME if name in names)
-
-
-def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
-    """Points as an array of shape (points, k) without NaN."""
-    points = np.atleast_2d(np.asarray(x, np.float64))
-    if points.ndim != 2 or points.shape[1] != k:
-        raise NumericalError(f"points must have shape (points, {k}), found {points.shape}")
-    if np.isnan(points).any():
-        raise NumericalError("a coordinate is NaN")
-    return points
+        return replace(self, natural=(*self.natural, *self.identified)).reported
 
 
 class NamedModel(Protocol):
@@ -106,7 +93,7 @@ class SubjectPosterior(ABC):
         """The same model with the same prior and scales for other answers or other pairs."""
 
     @abstractmethod
-    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+    def quantities(self, x: FloatArray) -> NamedArrays:
         """Every named quantity, each with the shape of x without its last axis."""
 
     @abstractmethod
@@ -130,7 +117,13 @@ class SubjectPosterior(ABC):
 
     def full_points(self, x: npt.ArrayLike) -> FloatArray:
         """Points with all coordinates of the task, (points, k) -> (1, points, all)."""
-        points = require_points(x, len(self.coordinates))
+        k = len(self.coordinates)
+        points = np.atleast_2d(np.asarray(x, np.float64))
+        if points.ndim != 2 or points.shape[1] != k:
+            raise NumericalError(f"points must have shape (points, {k}), found {points.shape}")
+        if np.isnan(points).any():
+            raise NumericalError("a coordinate is NaN")
+
         full = np.zeros((1, len(points), len(self.array.names)))
         full[0][:, self.is_free] = points
         return full
@@ -156,11 +149,6 @@ class SubjectPosterior(ABC):
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Log posterior density, (points, k) -> (points,); its integral is the evidence."""
         return self.log_likelihood(x) + self.log_prior(x)
-
-    def gradient(self, x: npt.ArrayLike) -> ArrayPair:
-        """Log posterior density, (points,), and its gradient, (points, k)."""
-        value, slope = self.array.gradient(self.full_points(x))
-        return value[0], slope[0][:, self.is_free]
 
     # --- Prior -----------------------------------------------------------------------------------
 
@@ -193,7 +181,7 @@ class SubjectPosterior(ABC):
         return float(self.quantities(self._prior_points(probabilities))[name][0])
 
     @cached_property
-    def _prior_quantities(self) -> dict[str, FloatArray]:
+    def _prior_quantities(self) -> NamedArrays:
         """Every named quantity at 2^14 evenly spread points of the prior."""
         # Only here, because a quick command needs no Sobol points, and scipy.stats loads slowly.
         from scipy.stats import qmc

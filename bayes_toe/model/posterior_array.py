@@ -11,7 +11,7 @@ A model is a choice of coordinates. Those that it does not have are held at 0.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import methodcaller
 
@@ -34,11 +34,15 @@ class LinearLikelihood:
     loading : ndarray, shape (rows, k, d)
     first_row : ndarray of int, shape (posteriors,)
         The rows of a posterior stand together.
+    further : tuple of LinearLikelihood
+        Those of the answers to further tasks, with rows of every posterior. These rows have all
+        coordinates of the observer.
     """
 
     rows: AnswerRows
     loading: FloatArray
     first_row: IndexArray
+    further: tuple[LinearLikelihood, ...] = field(default=(), kw_only=True)
 
     @cached_property
     def sizes(self) -> IndexArray:
@@ -55,7 +59,9 @@ class LinearLikelihood:
         sizes = self.sizes[index]
         first_row = np.cumsum(sizes) - sizes
         rows = np.arange(sizes.sum()) + np.repeat(self.first_row[index] - first_row, sizes)
-        return LinearLikelihood(self.rows.part(rows), self.loading[rows], first_row)
+        further = tuple(map(methodcaller("part", index), self.further))
+        own = self.rows.part(rows), self.loading[rows], first_row
+        return LinearLikelihood(*own, further=further)
 
     def row_points(self, w: FloatArray) -> FloatArray:
         """Coordinates of the rows, (posteriors, points, d) -> (rows, points, k)."""
@@ -63,85 +69,40 @@ class LinearLikelihood:
 
     def value(self, w: FloatArray) -> FloatArray:
         """Log likelihood without binomial coefficients, (posteriors, points)."""
-        return self._summed(self.rows.log_likelihood(self.row_points(w)))
+        value = self._summed(self.rows.log_likelihood(self.row_points(w)))
+        for task in self.further:
+            value = value + task.value(w)
+        return value
 
     def plain_value(self, w: FloatArray) -> FloatArray:
         """:meth:`value` by plain probabilities, at a third of its cost."""
-        return self._summed(self.rows.plain_log_likelihood(self.row_points(w)))
-
-    def gradient(self, w: FloatArray) -> ArrayPair:
-        """Log likelihood, (posteriors, points), and its gradient, (posteriors, points, d)."""
-        value, slope = self.rows.gradient(self.row_points(w))
-        with np.errstate(invalid="ignore"):  # infinite slopes where an answer is impossible
-            slope = slope @ self.loading
-        return self._summed(value), self._summed(slope)
+        value = self._summed(self.rows.plain_log_likelihood(self.row_points(w)))
+        for task in self.further:
+            value = value + task.plain_value(w)
+        return value
 
     def plain_gradient(self, w: FloatArray) -> ArrayPair:
-        """:meth:`gradient` by plain probabilities."""
+        """Log likelihood of one task and its gradient, by plain probabilities."""
         value, slope = self.rows.plain_gradient(self.row_points(w))
         return self._summed(value), self._summed(slope @ self.loading)
 
-    def scoring(self, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """:meth:`gradient` with the Fisher information, (posteriors, points, d, d)."""
+    def scoring(self, w: FloatArray) -> tuple[FloatArray, ...]:
+        """Log likelihood, gradient and Fisher information, (posteriors, points[, d[, d]])."""
         value, slope, information = self.rows.scoring(self.row_points(w))
         loading = self.loading[:, None]
         with np.errstate(invalid="ignore"):  # infinite slopes where an answer is impossible
             slope = slope @ self.loading
             information = loading.swapaxes(2, 3) @ information @ loading
-        return self._summed(value), self._summed(slope), self._summed(information)
+        sums = tuple(map(self._summed, (value, slope, information)))
+        for task in self.further:
+            sums = tuple(map(np.add, sums, task.scoring(w)))
+        return sums
 
     def _summed(self, values: FloatArray) -> FloatArray:
         """Sums over the rows of every posterior."""
         if len(self.first_row) == len(values):
             return values
         return np.add.reduceat(values, self.first_row, axis=0)
-
-
-@dataclass(frozen=True, eq=False)
-class JointLikelihood:
-    """The likelihood of posteriors whose answers are to several tasks: the product of the tasks'.
-
-    Attributes
-    ----------
-    parts : tuple of LinearLikelihood
-        One of each task, with rows of every posterior. The first one has all coordinates of the
-        observer.
-    """
-
-    parts: tuple[LinearLikelihood, ...]
-
-    @property
-    def rows(self) -> AnswerRows:
-        """The rows whose coordinates are those of the observer."""
-        return self.parts[0].rows
-
-    @property
-    def first_row(self) -> IndexArray:
-        """The first one of these rows of every posterior."""
-        return self.parts[0].first_row
-
-    def part(self, index: IndexArray) -> JointLikelihood:
-        """The likelihood of some posteriors, in this order; one may come more than once."""
-        return JointLikelihood(tuple(map(methodcaller("part", index), self.parts)))
-
-    def value(self, w: FloatArray) -> FloatArray:
-        """As :meth:`LinearLikelihood.value`."""
-        return np.sum([*map(methodcaller("value", w), self.parts)], axis=0)
-
-    def plain_value(self, w: FloatArray) -> FloatArray:
-        """As :meth:`LinearLikelihood.plain_value`."""
-        return np.sum([*map(methodcaller("plain_value", w), self.parts)], axis=0)
-
-    def gradient(self, w: FloatArray) -> ArrayPair:
-        """As :meth:`LinearLikelihood.gradient`."""
-        values, slopes = zip(*map(methodcaller("gradient", w), self.parts), strict=True)
-        return np.sum(values, axis=0), np.sum(slopes, axis=0)
-
-    def scoring(self, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As :meth:`LinearLikelihood.scoring`."""
-        terms = map(methodcaller("scoring", w), self.parts)
-        values, slopes, information = zip(*terms, strict=True)
-        return np.sum(values, axis=0), np.sum(slopes, axis=0), np.sum(information, axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +113,7 @@ class PosteriorArray:
 
     Attributes
     ----------
-    likelihood : LinearLikelihood or JointLikelihood
+    likelihood : LinearLikelihood
     names : tuple of str
         Of the d coordinates.
     further_priors : tuple of PriorDensity
@@ -161,7 +122,7 @@ class PosteriorArray:
         The coordinates that each posterior's model has.
     """
 
-    likelihood: LinearLikelihood | JointLikelihood
+    likelihood: LinearLikelihood
     names: tuple[str, ...]
     further_priors: tuple[PriorDensity, ...]
     is_free: BoolArray
@@ -177,15 +138,13 @@ class PosteriorArray:
     def priors(self) -> tuple[PriorDensity, ...]:
         """The prior of every coordinate."""
         likelihood = self.likelihood
-        of_observer = likelihood.rows.part(likelihood.first_row).priors
-        return (*of_observer, *self.further_priors)
+        return (*likelihood.rows.part(likelihood.first_row).priors, *self.further_priors)
 
     def log_prior(self, w: FloatArray) -> FloatArray:
         """Log prior density of the free coordinates, (posteriors, points)."""
         total = np.zeros(w.shape[:-1])
         for j, density in enumerate(self.priors):
-            values = density.log_density(w[..., j])
-            total += np.where(self.is_free[:, j, None], values, 0.0)
+            total += np.where(self.is_free[:, j, None], density.log_density(w[..., j]), 0.0)
         return total
 
     def prior_slopes(self, w: FloatArray) -> ArrayPair:
@@ -198,12 +157,6 @@ class PosteriorArray:
             slopes[..., j] = density.slope(w[..., j])
             curvatures[..., j] = density.curvature(w[..., j])
         return slopes, curvatures
-
-    def gradient(self, w: FloatArray) -> ArrayPair:
-        """Log posterior density, and its gradient, which is 0 in coordinates that are held."""
-        value, slope = self.likelihood.gradient(w)
-        slope = np.where(self.is_free[:, None], slope + self.prior_slopes(w)[0], 0.0)
-        return value + self.log_prior(w), slope
 
     def prior_points(self, probability: FloatArray) -> FloatArray:
         """Quantiles of the prior, (posteriors, points, d); 0 where a coordinate is held."""

@@ -143,16 +143,14 @@ class HistoryRows(ObserverRows):
         values["n_no"] = n_no[None, None]
 
         scales = observer.scales
-        first_of_trial = (trials.first - scales.sbar) / scales.step
-        second_of_trial = (trials.second - scales.sbar) / scales.step
         return cls(
             **values,
             history=history,
             trials=trials,
             previous=previous,
             cell=cell,
-            first_of_trial=first_of_trial[:, None],
-            second_of_trial=second_of_trial[:, None],
+            first_of_trial=((trials.first - scales.sbar) / scales.step)[:, None],
+            second_of_trial=((trials.second - scales.sbar) / scales.step)[:, None],
         )
 
     @property
@@ -165,7 +163,7 @@ class HistoryRows(ObserverRows):
         """The prior of every coordinate."""
         return (*super().priors, *(StandardNormal() for _ in self.history.effects))
 
-    def quantities(self, u: FloatArray) -> dict[str, FloatArray]:
+    def quantities(self, u: FloatArray) -> NamedArrays:
         """The parameters at points, stimuli in units of D, shape (rows, points) each."""
         values = super().quantities(u)
         scores = dict(zip(self.coordinates, np.moveaxis(u, -1, 0), strict=True))
@@ -220,9 +218,7 @@ class HistoryRows(ObserverRows):
         """
         cells = []
         for part in self._parts(u):
-            values = self.quantities(part)
-            z, k = self.distance_at(values), self.criterion_at(values)
-            *_, p_counted, _ = self.plain_answers_at(values, z, k)
+            *_, p_counted, _ = self.plain_answers_at(*self.curve_at(part))
             cells.append(p_counted[0])
         return np.concatenate(cells)[:, self.cell]
 
@@ -260,7 +256,7 @@ class TrialHistoryPosterior:
         coordinates = self.model.order.coordinates(self.subject.task)
         return independent_array(self.rows, [(*coordinates, *self.model.effects)])
 
-    def quantities(self, points: FloatArray) -> dict[str, FloatArray]:
+    def quantities(self, points: FloatArray) -> NamedArrays:
         """Every named quantity, (points,) each."""
         k = len(self.observer.coordinates)
         in_steps = self.rows.quantities(points[None])
@@ -333,9 +329,8 @@ class TrialSequence:
     def from_subject(cls, subject: Subject) -> TrialSequence:
         """The trials of a subject; an InputError if their order is not known."""
         answers = require_order(subject)
-        pairs = np.column_stack([subject.s1, subject.s2])
         # Equal pairs get the same number, those of the subject and those of the trials.
-        stacked = np.concatenate([pairs, answers.keys])
+        stacked = np.concatenate([np.column_stack([subject.s1, subject.s2]), answers.keys])
         _, number = np.unique(stacked, axis=0, return_inverse=True)
         number = number.ravel()
         pair_of_number = np.full(int(number.max()) + 1, -1, np.intp)
@@ -358,8 +353,7 @@ class TrialSequence:
     @property
     def previous(self) -> IndexArray:
         """Index of the trial before in the same session; -1 where there is none."""
-        index = np.arange(len(self.answer)) - 1
-        return np.where(self.is_session_start, -1, index)
+        return np.where(self.is_session_start, -1, np.arange(len(self.answer)) - 1)
 
 
 def require_order(subject: Subject) -> Answers:
@@ -382,12 +376,6 @@ def require_order(subject: Subject) -> Answers:
         )
 
     return answers
-
-
-def knows_order(subject: Subject) -> bool:
-    """Whether the order of a subject's trials is known."""
-    answers = subject.answers
-    return answers is not None and answers.place is not None and not looks_sorted(answers)
 
 
 def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:

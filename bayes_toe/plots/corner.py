@@ -34,7 +34,7 @@ from bayes_toe.data.messages import format_estimate, join_names, name_from_key
 from bayes_toe.data.stimulus_unit import StimulusUnit, percent
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.draws import Draws, require_draws
-from bayes_toe.model.models import ObserverPosterior, model_posterior, model_title, stored_model
+from bayes_toe.model.models import ObserverPosterior, model_posterior, model_title
 from bayes_toe.model.paper_equations import NATURAL, Natural, quantities
 from bayes_toe.model.paper_model import PRIOR_DRAWS, PaperPosterior
 from bayes_toe.model.parameters import LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, QUANTITY_BY_NAME
@@ -469,7 +469,7 @@ def _draw_prior(
 ) -> None:
     """Marginals of a prior, on the scale of the posterior."""
     subject = panel.target.subject
-    drawn = prior_values(model_posterior(stored_model(model, subject.task), subject, prior))
+    drawn = prior_values(model_posterior(model, subject, prior))
     for ax, name, span in zip(diagonal, panel.names, spans, strict=True):
         values = axis_values(name, drawn[name], subject.unit)
         ax.plot(*_smooth_density(values, span), color=PRIOR, lw=1.4, ls=panel.line)

@@ -213,7 +213,8 @@ def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypat
     settings = Settings(4, bt.Prior(group=wide))
 
     def group_without(*names):
-        return _group(study, [answer(name, (Word.NO,) * 3) for name in names], settings)
+        included = [name for name in study.names if name not in names]
+        return _group(study, [answer(name, (Word.NO,) * 3) for name in included], settings)
 
     group_without("S01")
     assert fitted == [(study.names[1:], {"seed": 4, "hyperprior": wide})]

@@ -79,11 +79,10 @@ def test_the_likelihood_is_the_product_over_conditions(models):
 def test_the_gradient_is_the_slope_of_the_likelihood(models):
     likelihood = models.array([models.differing]).likelihood
     points = 0.5 * default_rng(1).standard_normal((1, 4, models.loading.shape[-1]))
-    _, gradient = likelihood.gradient(points)
+    _, gradient, _ = likelihood.scoring(points)
     for j, step in enumerate(1e-6 * np.eye(points.shape[-1])):
         rise = likelihood.value(points + step) - likelihood.value(points - step)
         np.testing.assert_allclose(gradient[..., j], rise / 2e-6, rtol=1e-5, atol=1e-5)
-    np.testing.assert_allclose(likelihood.scoring(points)[1], gradient, rtol=1e-9)
     if len(models.units_by_task) == 1:
         np.testing.assert_allclose(likelihood.plain_gradient(points)[1], gradient, rtol=1e-9)
 

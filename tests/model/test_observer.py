@@ -83,7 +83,7 @@ def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
     posterior = posterior_of(subject, model)
     far = np.clip(4.0 * prior_draws(posterior, 2, seed=5), -3.5, 3.5)
     x = np.concatenate([prior_draws(posterior, 4), far])
-    values, gradient = posterior.gradient(x)
+    values, gradient = definitions.gradient(posterior, x)
     assert posterior.log_density(x) == pytest.approx(values, rel=1e-12)
     step = mpmath.mpf(10) ** -25
 
@@ -143,7 +143,7 @@ def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
     plain = posterior.rows.plain_log_likelihood(full)[0]
     assert plain == pytest.approx(values[is_near], rel=1e-12)
 
-    value, slope = posterior.rows.gradient(full)
+    value, slope, _ = posterior.rows.scoring(full)
     plain_value, plain_slope = posterior.rows.plain_gradient(full)
     assert plain_value == pytest.approx(value, rel=1e-12)
 
@@ -160,9 +160,9 @@ def test_rows_of_several_subjects_are_those_of_each_alone(task):
     subjects = [first, some_pairs(second, slice(-2)), third]
     rows = ObserverRows.from_subjects(subjects, PRIOR)
     u = default_rng(6).normal(size=(3, 50, len(rows.coordinates)))
-    values, slopes = rows.gradient(u)
+    values, slopes, _ = rows.scoring(u)
     for i, subject in enumerate(subjects):
-        value, slope = posterior_of(subject).rows.gradient(u[[i]])
+        value, slope, _ = posterior_of(subject).rows.scoring(u[[i]])
         assert values[i] == pytest.approx(value[0], rel=1e-14)
         assert slopes[i] == pytest.approx(slope[0], rel=1e-11, abs=1e-11)
 
