@@ -58,16 +58,14 @@ class Remedy(NamedTuple):
             return option
         text = self.value
         if not isinstance(text, str):
-            text = ",".join(f"{ours}={theirs}" for ours, theirs in text)
+            text = ",".join(map("=".join, text))
         return f"{option} {shlex.quote(text)}"
 
     @property
     def is_complete(self) -> bool:
         """Whether it can be typed as it is: no name or number is left open."""
-        texts = [self.value]
-        if not isinstance(self.value, str):
-            texts = [theirs for _, theirs in self.value]
-        return not {"NAME", "REF"} & {*texts}
+        texts = {self.value} if isinstance(self.value, str) else {*dict(self.value).values()}
+        return texts.isdisjoint({"NAME", "REF"})
 
 
 def option_values(remedies: Iterable[Remedy]) -> dict[str, Any]:
@@ -122,10 +120,10 @@ class InputError(BayesToeError, ValueError):
         for remedy in remedies:
             numbered.append(remedy if remedy.question >= 0 else remedy._replace(question=last))
         self.remedies = tuple(numbered)
-        use = []
+        lines = [*self.problems]
         for chosen, meanings in self.choices:
-            use.append(f"use {python_options(chosen)} {', '.join(meanings)}".rstrip())
-        super().__init__("\n".join([*self.problems, *use]))
+            lines.append(f"use {python_options(chosen)} {', '.join(meanings)}".rstrip())
+        super().__init__("\n".join(lines))
 
     @property
     def choices(self) -> list[tuple[list[Remedy], list[str]]]:
@@ -200,7 +198,7 @@ def with_next_questions(
 def with_remedies(options: Any, remedies: Iterable[Remedy]) -> Any:
     """Options with those that remedies name; names and lists are added to those that there are."""
     new_values = option_values(remedies)
-    for name, value in list(new_values.items()):
+    for name, value in new_values.items():
         earlier = getattr(options, name)
         if isinstance(earlier, Mapping):
             new_values[name] = {**earlier, **value}

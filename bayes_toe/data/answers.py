@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
-from bayes_toe.data.messages import display_name, join_names, quoted
+from bayes_toe.data.messages import Texts, display_name, join_names, quoted
 from bayes_toe.data.validation import LARGEST_COUNT
 from bayes_toe.errors import InputError
 
@@ -64,8 +64,7 @@ class Answers:
     @property
     def answered(self) -> Answers:
         """The rows that have an answer."""
-        none = self.n_trials == 0
-        return self.excluding(none) if none.any() else self
+        return self.excluding(self.n_trials == 0)
 
     @property
     def named_counts(self) -> dict[str, Any]:
@@ -104,7 +103,7 @@ class Answers:
             return np.ones(len(self.n_trials), bool)
         return np.diff(self.place, prepend=self.place[:1] - 2) != 1
 
-    def rows_of(self, blocks: Sequence[str]) -> BoolArray:
+    def rows_of(self, blocks: Texts) -> BoolArray:
         """Whether rows are in one of these blocks; all are if none is named.
 
         An InputError where there is no such block.
@@ -186,9 +185,10 @@ def counted_rows(
         columns = [np.asarray(key, float).ravel() for key in keys]
     except (TypeError, ValueError) as error:
         raise InputError(f"subject {name!r}: s1 and s2 must be numbers ({error})") from error
-    counts = {"n_yes": np.asarray(n_yes).ravel(), "n_trials": np.asarray(n_trials).ravel()}
+    given = {"n_yes": n_yes, "n_trials": n_trials}
     if n_second is not None:
-        counts["n_second"] = np.asarray(n_second).ravel()
+        given["n_second"] = n_second
+    counts = {key: np.asarray(values).ravel() for key, values in given.items()}
     for key, values in counts.items():
         # 2.5 never becomes 2.
         if values.dtype.kind not in "iuf" or np.any(values != np.floor(values)):

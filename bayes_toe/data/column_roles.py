@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 import tomllib
 import unicodedata
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import lru_cache
@@ -173,11 +174,11 @@ def taken_out_texts(name: str, texts: Texts) -> list[str]:
     >>> taken_out_texts("exclude", ["0", "1"]), taken_out_texts("valid", ["yes", "no"])
     (['1'], ['no'])
     """
-    words = set()
+    words = frozenset[str]()
     if plain_name(name) in VOCABULARY["taken_out"]["by_1"]:
-        words = {*TRUE_WORDS}
+        words = TRUE_WORDS
     elif plain_name(name) in VOCABULARY["taken_out"]["by_0"]:
-        words = {*FALSE_WORDS} - {""}
+        words = FALSE_WORDS - {""}
     return [text for text in texts if is_flag(texts) and text.lower() in words]
 
 
@@ -283,15 +284,13 @@ def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
     >>> _with_intensities(["s1", "s2"], ReadOptions(unit="um")).columns
     {'i1': 's1', 'i2': 's2'}
     """
-    has_columns = not {*names}.isdisjoint(map(options.name, ("i1", "i2")))
-    if options.unit is None or options.stimuli != ("i1", "i2") or has_columns:
+    first, second = options.name("s1"), options.name("s2")
+    has_intensities = not {*names}.isdisjoint(map(options.name, ("i1", "i2")))
+    if options.unit is None or options.stimuli != ("i1", "i2") or has_intensities:
         return options
-    columns = {**options.columns}
-    for number in ("1", "2"):
-        columns[f"i{number}"] = columns.pop(f"s{number}", f"s{number}")
-    if {columns["i1"], columns["i2"]} <= {*names}:
-        return replace(options, columns=columns)
-    return options
+    if not {first, second} <= {*names}:
+        return options
+    return replace(options, columns={**options.columns, "i1": first, "i2": second})
 
 
 def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
@@ -320,12 +319,11 @@ def _likely(names: Texts, options: ReadOptions, roles: Iterable[str]) -> dict[st
     """The file's names for these roles, without roles that have several candidates or none."""
     unused = _STIMULI if options.has_standard else ()
     names_in_use = {options.name(role) for role in COLUMNS if role not in unused}
+    free = [name for name in names if name not in names_in_use]
     likely = {}
     for role in roles:
-        if role in options.columns or role in names:
-            continue
-        candidates = [name for name in names_like(names, role) if name not in names_in_use]
-        if len(candidates) == 1:
+        candidates = names_like(free, role)
+        if len(candidates) == 1 and role not in options.columns and role not in names:
             likely[role] = candidates[0]
     return likely
 
@@ -425,8 +423,7 @@ def _unit_by_name(names: Texts, options: ReadOptions) -> tuple[str, str]:
         if name in names and unit and not is_intensity:
             return f"column {display_name(name)} seems to be in {unit}.", unit
 
-    first = options.name("i1")
-    second = options.name("i2")
+    first, second = options.name("i1"), options.name("i2")
     if {*theirs}.isdisjoint(names) and not options.has_standard and {first, second} <= {*names}:
         columns = f"columns {display_name(first)} and {display_name(second)}"
         return f"{columns} seem to be intensities.", unit_in(first) or ANY_UNIT
@@ -530,6 +527,8 @@ def _remedies(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator
     """Options to type if columns are missing."""
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
+    if "s1" in missing:
+        yield from _wide_remedies(names)
     to_name = [role for role in missing if role in _REQUIRED]
     if to_name:
         other_names = {options.name(role) for role in roles_read}
@@ -546,6 +545,15 @@ def _remedies(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator
         yield Remedy("correct", [*scores, "NAME"][0], "with the name in your file")
     if "subject" in missing:
         yield Remedy("subject_from", "{}.*", "if the name of the file is the subject")
+
+
+def _wide_remedies(names: Texts) -> Iterator[Remedy]:
+    """The option to type if most names are of one shape with two numbers, such as 100_112."""
+    shapes = Counter(re.sub("[0-9.,]+", "{}", name) for name in names)
+    shape, n_names = shapes.most_common(1)[0]
+    if n_names > 1 and re.fullmatch("[^{}]*{}[^{}]+{}[^{}]*", shape):
+        meaning = f"if the names of {n_names} columns are pairs of stimuli"
+        yield Remedy("wide", re.sub("{}(.+){}", r"{first}\1{second}", shape), meaning)
 
 
 def _score_remedies(names: Texts) -> list[Remedy]:

@@ -8,7 +8,7 @@ condition happens to have.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.messages import display_name, join_names, plural
+from bayes_toe.data.messages import Texts, display_name, join_names, plural
 
 
 class StimulusScales(NamedTuple):
@@ -114,7 +114,7 @@ class Conditions:
         levels = tuple(level for level in self.levels if level in present)
         return replace(self, levels=levels) if len(levels) > 1 else self
 
-    def design(self, chosen: Sequence[str] | None = None) -> FloatArray:
+    def design(self, chosen: Texts | None = None) -> FloatArray:
         """Columns X, shape (levels, columns), of all levels or some.
 
         With independent N(0, h^2) effects any two levels differ by N(0, h^2). Two levels are -1/2

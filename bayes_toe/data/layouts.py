@@ -22,10 +22,10 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.column_roles import (
-    FALSE_WORDS,
     TRUE_WORDS,
     VOCABULARY,
     intensity_remedies,
+    is_flag,
     is_no_response,
     named_places,
     unit_in,
@@ -47,6 +47,10 @@ ALLOWED_INTERVALS = (
     "1 or 2, the interval of the standard (also first or second, standard_first or "
     "comparison_first, SC or CS); other codes by --standard-first-code"
 )
+
+
+#: What :func:`named_places` finds in a cell that names one stimulus and nothing else.
+_STANDARD, _COMPARISON = named_places("standard"), named_places("comparison")
 
 
 class StandardOrder:
@@ -77,12 +81,9 @@ class StandardOrder:
             self.is_first = column.map(lambda text: is_first.get(text) is True)
             self.is_unknown = column.map(lambda text: is_first.get(text) is None)
 
-    def in_order(self, standard: FloatArray, comparison: FloatArray) -> list[FloatArray]:
-        """First and second stimuli of every row."""
-        return [
-            np.where(self.is_first, standard, comparison),
-            np.where(self.is_first, comparison, standard),
-        ]
+    def in_order(self, stimuli: FloatArray) -> FloatArray:
+        """First and second stimulus of every row, from the standard and the comparison."""
+        return np.where(self.is_first[:, None], stimuli, stimuli[:, ::-1])
 
     def by_interval(self, table: TextTable, column: Column, options: ReadOptions) -> Column:
         """Responses 'comparison' and 'standard' as 'second' and 'first'; other texts stay.
@@ -99,20 +100,15 @@ class StandardOrder:
             )
             _ask_order(table, column, problem, [])
 
-        is_comparison = {}
+        words = column.map(str, object)
         for text in texts:
+            meaning = named_places(text)
             if comparison_code is not None:
-                is_comparison[text] = text == comparison_code
-            else:
-                stimuli, places, other_words = named_places(text)
-                if len(stimuli) == 1 and not places and not other_words:
-                    is_comparison[text] = stimuli == ["comparison"]
-
-        words = np.array(column.texts, object)[column.codes]
-        is_named = column.matches(is_comparison)
-        is_second = column.map(is_comparison.get) == self.is_first
-        words[is_named & is_second] = "second"
-        words[is_named & ~is_second] = "first"
+                meaning = _COMPARISON if text == comparison_code else _STANDARD
+            if meaning in (_STANDARD, _COMPARISON):
+                is_second = self.is_first == (meaning == _COMPARISON)
+                answers = np.where(is_second, "second", "first")
+                words = np.where(column.matches([text]), answers, words)
         return Column.from_texts(column.name, words)
 
 
@@ -124,7 +120,7 @@ def _standard_first_by_text(
     The code that the options give decides first. A column such as `standard_first` has words for
     true and false. All other texts must say it themselves, such as 'first' or '1'.
     """
-    texts = [text for text in column.texts if not is_no_response(text)]
+    texts = [*filterfalse(is_no_response, column.texts)]
     stimuli, places, _ = named_places(column.name)
     owner = "comparison" if options.comparison_interval else "standard"
     is_first: dict[str, bool | None] = {
@@ -137,7 +133,7 @@ def _standard_first_by_text(
             is_first = dict.fromkeys(texts, False)
         return {**is_first, str(code): True}
 
-    if stimuli and places and {*map(str.lower, texts)} <= TRUE_WORDS | FALSE_WORDS:
+    if stimuli and places and is_flag(texts):
         is_first_if_true = _is_standard_first(column.name, "", ())
         return {text: (text.lower() in TRUE_WORDS) == is_first_if_true for text in texts}
 
@@ -187,18 +183,15 @@ def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | N
 
     if len(stimuli) == 1:
         places = places or list(places_of_name)
-    stimulus = stimuli[0] if stimuli else owner
-    interval = places[0] if places else "first"
+    stimulus, interval = [*stimuli, owner][0], [*places, "first"][0]
     return (stimulus == "standard") == (interval == "first")
 
 
 # --- Numbers of stimuli ---------------------------------------------------------------------------
 
 
-def stimulus_logs(
-    table: TextTable, columns: Sequence[Column], options: ReadOptions
-) -> list[FloatArray]:
-    """Natural-log intensities in columns of stimuli, NaN where a cell holds none.
+def stimulus_logs(table: TextTable, columns: Sequence[Column], options: ReadOptions) -> FloatArray:
+    """Natural-log intensities in both columns of stimuli, shape (rows, 2); NaN if a cell has none.
 
     Raises
     ------
@@ -219,7 +212,7 @@ def stimulus_logs(
             origin = options.stimulus_unit.log_reference
             values = [math.log(value) - origin if value > 0 else math.nan for value in values]
         logs.append(np.array(values)[column.codes] * LOG_UNITS.get(options.unit or "ln", 1.0))
-    return logs
+    return np.column_stack(logs)
 
 
 def _without_unit(
@@ -267,25 +260,24 @@ def _require_decimal_sign(
 
 
 def require_logs(
-    table: TextTable, columns: Sequence[Column], stimuli: Sequence[FloatArray], selected: BoolArray
+    table: TextTable, columns: Sequence[Column], stimuli: FloatArray, selected: BoolArray
 ) -> None:
     """Note stimuli of these rows that cannot be natural logs, with the units to type."""
-    rows = np.flatnonzero(selected & ~np.isnan(stimuli).any(axis=0))
+    rows = np.flatnonzero(selected & ~np.isnan(stimuli).any(axis=1))
     if not len(rows):
         return
 
-    first, second = (values[rows] for values in stimuli)
-    sign, pair = sign_of_intensities(first, second)
+    sign, pair = sign_of_intensities(*stimuli[rows].T)
     if not sign:
         return
 
-    names = [display_name(column.name) for column in columns]
-    problem = f"columns {join_words(names)}: found {sign}, allowed: natural logs"
+    names = join_words([display_name(column.name) for column in columns])
+    problem = f"columns {names}: found {sign}, allowed: natural logs"
     if pair is not None:
         problem = f"row {table.rows[rows[pair]]}, {problem}"
-    if min(first.min(), second.min()) == 0.0:
+    if stimuli[rows].min() == 0.0:
         problem += ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
-    table.problems.ask(problem, intensity_remedies(np.append(first, second)))
+    table.problems.ask(problem, intensity_remedies(stimuli[rows]))
 
 
 # --- Pairs in the names of columns ----------------------------------------------------------------
@@ -324,17 +316,15 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
         origin = str(column)
 
     columns = {**table.columns}
-    all_names = [*table.names]
-    all_names.remove(column.name)
-
     pairs = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
     for i, name in enumerate(map(options.name, options.stimuli), start=1):
         texts = [pair[i] for pair in pairs]
         columns[name] = Column.from_texts(name, texts, column.codes)
-        all_names.append(name)
 
+    other_names = [name for name in table.names if name != column.name]
+    names = [*other_names, *map(options.name, options.stimuli)]
     notes = (*table.notes, f"pairs read from {origin}")
-    return replace(table, names=all_names, columns=columns, notes=notes)
+    return replace(table, names=names, columns=columns, notes=notes)
 
 
 def _by_pair(table: TextTable, names: Texts) -> TextTable:
@@ -343,26 +333,21 @@ def _by_pair(table: TextTable, names: Texts) -> TextTable:
     if repeated:
         table.require(repeated)
 
-    columns = {}
-    for name, column in table.columns.items():
-        if name not in names:
-            columns[name] = Column(name, column.texts, np.repeat(column.codes, len(names)))
-
-    rows = range(len(table.rows))
-    columns[PAIR] = Column(PAIR, [*names], np.tile(np.arange(len(names)), len(rows)))
-    cells = [table.columns[name].text(row) for row in rows for name in names]
-    columns[CELL] = Column.from_texts(CELL, cells)
-
+    row, pair = np.indices((len(table.rows), len(names))).reshape(2, -1)
+    cells = np.column_stack([table.columns[name].map(str, object) for name in names])
+    long_table = table.only(row)
+    columns = {**long_table.columns, PAIR: Column(PAIR, [*names], pair)}
+    columns[CELL] = Column.from_texts(CELL, cells.ravel())
+    for name in names:
+        del columns[name]
     all_names = [*filterfalse(names.__contains__, table.names), PAIR, CELL]
-    return replace(table, names=all_names, columns=columns, rows=np.repeat(table.rows, len(names)))
+    return replace(long_table, names=all_names, columns=columns)
 
 
 def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:
     """The only column whose cells all fit the pattern."""
-    fitting = []
-    for column in table.columns.values():
-        if all(map(regex.fullmatch, column.texts)):
-            fitting.append(column)
+    columns = table.columns.values()
+    fitting = [column for column in columns if all(map(regex.fullmatch, column.texts))]
     if len(fitting) != 1:
         raise InputError(
             f"{table.source}: found {len(fitting)} columns with names or cells as --wide has it, "

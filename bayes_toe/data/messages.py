@@ -67,18 +67,63 @@ def join_names(names: Iterable[str], max_items: int = MAX_LINES) -> str:
     return ", ".join(items)
 
 
-def join_counts(counts: Mapping[str, int]) -> str:
+def named_counts(counts: Mapping[str, int]) -> list[str]:
     """Names with their counts, without those that have none.
 
     Examples
     --------
-    >>> join_counts({"S01": 2, "S02": 0, "S03": 5})
-    'S01 2, S03 5'
+    >>> named_counts({"S01": 2, "S02": 0, "S03": 5})
+    ['S01 2', 'S03 5']
     """
-    return join_names(f"{display_name(name)} {n}" for name, n in counts.items() if n)
+    return [f"{display_name(name)} {n}" for name, n in counts.items() if n]
 
 
-def join_words(words: Sequence[str]) -> str:
+class Note(str):
+    """A note on a file, which keeps its counts and names apart from its other texts.
+
+    Its parts are texts, numbers with a noun, such as (3, "row"), numbers, and lists of names.
+    """
+
+    parts: Sequence[object]
+
+    def __new__(cls, *parts: object) -> Note:
+        """Join the parts."""
+        words = []
+        for part in parts:
+            if isinstance(part, tuple):
+                part = plural(*part)
+            words.append(join_names(part) if isinstance(part, list) else str(part))
+        note = super().__new__(cls, "".join(words))
+        note.parts = parts
+        return note
+
+
+def fixed_texts(note: str) -> list[str]:
+    """The texts of a note that are no counts and no names."""
+    return [part for part in getattr(note, "parts", [note]) if isinstance(part, str)]
+
+
+def sum_of_notes(notes: Texts) -> str | None:
+    """One note in the place of several that differ in counts and names only; else None.
+
+    Examples
+    --------
+    >>> sum_of_notes([Note((n, "row"), " left out: ", [f"S{n} {n}"]) for n in (1, 2)])
+    '3 rows left out: S1 1, S2 2'
+    """
+    if any(fixed_texts(note) != fixed_texts(notes[0]) for note in notes):
+        return None
+    parts = []
+    for part, *others in zip(*(getattr(note, "parts", [note]) for note in notes), strict=True):
+        if isinstance(part, tuple):
+            part = (part[0] + sum(n for n, _ in others), part[1])
+        elif not isinstance(part, str):
+            part = sum(others, part)
+        parts.append(part)
+    return Note(*parts)
+
+
+def join_words(words: Texts) -> str:
     """Words of a list in a sentence.
 
     Examples
@@ -138,7 +183,7 @@ def describe_p_value(value: float) -> str:
     return f"test p {number}" if number.startswith("<") else f"test p = {number}"
 
 
-def join_few(names: Sequence[str]) -> str:
+def join_few(names: Texts) -> str:
     """The first four names, and how many there are beyond them."""
     return join_names(map(repr, names), 4)
 
@@ -150,7 +195,7 @@ def name_from_key(name: object) -> str:
     return repr(name)
 
 
-def cli_argument(name: str, blocks: Sequence[str] = ()) -> str:
+def cli_argument(name: str, blocks: Texts = ()) -> str:
     """A subject, or blocks of a subject, as they are typed after --swap and --exclude."""
     return shlex.quote(f"{name}:{','.join(blocks)}" if blocks else name)
 

@@ -152,7 +152,7 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         self._strip_texts()
-        problems = [*self._text_problems(), *self._number_problems()]
+        problems = [*self._value_problems()]
         if self.condition is None:
             problems += self._code_problems()
         problems += self._name_problems()
@@ -178,15 +178,12 @@ class ReadOptions:
             require_kind(key, entries, Iterable, "a text, or several in a list")
             values[key] = tuple(map(_as_text, entries))
 
-    def _text_problems(self) -> Iterator[str]:
-        """Problems of empty texts, a line each."""
+    def _value_problems(self) -> Iterator[str]:
+        """Problems of texts, numbers, and options that exclude or need each other, a line each."""
         for key in _TEXT_FIELDS:
             if getattr(self, key) == "":
-                option = key.replace("_", "-")
-                yield f"--{option}: found '', allowed: a text that is not empty"
+                yield f"--{key.replace('_', '-')}: found '', allowed: a text that is not empty"
 
-    def _number_problems(self) -> Iterator[str]:
-        """Problems of numbers, and of options that exclude or need each other, a line each."""
         intensity = 1.0 if self.intensity is None else self.intensity
         is_number = isinstance(intensity, Real)
         if not is_number or not 0.0 < intensity < sys.float_info.max:
@@ -211,11 +208,12 @@ class ReadOptions:
                 "--standard-first, --standard-interval, --comparison-interval: found together, "
                 "allowed: one of them"
             )
-        rule = "found alone, allowed: with --standard-interval COLUMN"
-        if self.comparison_code is not None and not self.has_standard:
-            yield f"--comparison-code: {rule}"
-        if self.standard_first_code is not None and not columns:
-            yield f"--standard-first-code: {rule}"
+        for option, code, needed in (
+            ("--comparison-code", self.comparison_code, self.has_standard),
+            ("--standard-first-code", self.standard_first_code, columns),
+        ):
+            if code is not None and not needed:
+                yield f"{option}: found alone, allowed: with --standard-interval COLUMN"
 
     def _code_problems(self) -> Iterator[str]:
         """Problems of the codes of responses, a line each.
@@ -244,11 +242,9 @@ class ReadOptions:
         """Problems of the names of columns and files, a line each."""
         for role, name in self.columns.items():
             if role not in COLUMNS or not name:
-                pair = quoted(f"{role}={name}")
-                columns = ", ".join(COLUMNS)
                 yield (
-                    f"--columns: found {pair}, allowed: OURS=NAME with OURS one of {columns}; "
-                    "proportions are n_equal or n_second, too"
+                    f"--columns: found {quoted(f'{role}={name}')}, allowed: OURS=NAME with OURS "
+                    f"one of {', '.join(COLUMNS)}; proportions are n_equal or n_second, too"
                 )
 
         for role in self.ignore:
@@ -308,7 +304,7 @@ class ReadOptions:
             "condition": self.condition,
             "standard_interval": self.interval_column,
         }
-        return self.columns.get(role, chosen_by_role.get(role) or role)
+        return self.columns.get(role) or chosen_by_role.get(role) or role
 
     @property
     def has_standard(self) -> bool:
@@ -451,4 +447,4 @@ def subject_in(path: object, pattern: str) -> str | None:
     end_of_path = "/".join(Path(path).absolute().parts[-1 - n_folders :])
     regex = re.escape(pattern).replace(r"\{\}", "([^/]+?)").replace(r"\*", "[^/]*")
     match = re.fullmatch(regex, end_of_path)
-    return None if match is None else match[1]
+    return match and match[1]

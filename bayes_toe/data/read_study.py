@@ -9,12 +9,12 @@ what cannot be used is refused with all problems of the file at once.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.resources import as_file, files
 from itertools import chain, filterfalse
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -40,7 +40,7 @@ from bayes_toe.data.layouts import (
     stimulus_logs,
     with_pairs,
 )
-from bayes_toe.data.messages import display_name, join_counts, join_names, plural, quoted
+from bayes_toe.data.messages import Note, Texts, display_name, join_names, named_counts, quoted
 from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
@@ -52,7 +52,7 @@ from bayes_toe.data.responses import (
 )
 from bayes_toe.data.stimulus_unit import ALLOWED_STIMULI, merge_rounded, out_of_range
 from bayes_toe.data.study import Study, Subject, units_by_subject
-from bayes_toe.data.study_files import read_files, table_files, together
+from bayes_toe.data.study_files import read_files, table_files
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     THREE_ANSWERS,
@@ -72,12 +72,12 @@ from bayes_toe.data.text_table import (
 )
 from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.trial_rows import (
+    chosen_rows,
     frequency_column,
     nameless_doubts,
     taken_out_doubts,
     trial_rows,
     with_row_for_each_trial,
-    without_other_columns,
 )
 from bayes_toe.data.units import (
     follows_from_pairs,
@@ -97,6 +97,7 @@ from bayes_toe.data.validation import (
     read_numbers,
     require_numbers,
     require_texts,
+    whole_number,
 )
 from bayes_toe.errors import (
     InputError,
@@ -113,16 +114,19 @@ COMMANDS = (
     "--truth example_same_different_truth.csv --task same/different --subjects 16 --batches 50 "
     "--seed 2604",
 )
-_EXAMPLES = {WHICH_STRONGER: "example", SAME_DIFFERENT: "example_same_different"}
-_TRUE_PARAMETERS = {
-    WHICH_STRONGER: ("noise", "noise_slope", "lapse_rate", "constant_error", "contraction"),
-    SAME_DIFFERENT: ("mu1", "sigma_p", "sigma_l", "q0"),
+#: By task, how the names of the files of its example begin, and the true parameters in them.
+_EXAMPLES = {
+    WHICH_STRONGER: (
+        Path(__file__).with_name("example"),
+        ("noise", "noise_slope", "lapse_rate", "constant_error", "contraction"),
+    ),
+    SAME_DIFFERENT: (
+        Path(__file__).with_name("example_same_different"),
+        ("mu1", "sigma_p", "sigma_l", "q0"),
+    ),
 }
 #: True parameters by subject.
 Truth: TypeAlias = Mapping[str, Mapping[str, float]]
-
-#: Columns that tell something of the whole file.
-_MARKS = ("synthetic",)
 
 
 def read_study(
@@ -191,8 +195,6 @@ def read_study(
 
     def read(with_options: ReadOptions) -> Study:
         studies = read_files(paths, partial(_read, options=with_options))
-        if with_options.condition is None:
-            return together(studies)
         return study_of_tasks(studies, with_options)
 
     try:
@@ -258,8 +260,8 @@ def example_study(task: Task | str = WHICH_STRONGER) -> Study:
     >>> example_study("same/different")["S01"].task.yes
     'equal'
     """
-    with as_file(files("bayes_toe.data") / f"{_example(task_of(task))}_study.csv") as path:
-        study = read_study(path)
+    beginning, _ = _example(task)
+    study = read_study(f"{beginning}_study.csv")
     return Study(study.subjects, "bundled example (synthetic)", synthetic=True, notes=study.notes)
 
 
@@ -284,17 +286,17 @@ def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
     >>> sorted(example_truth("same/different")["S01"])
     ['mu1', 'q0', 'sigma_l', 'sigma_p']
     """
-    asked = task_of(task)
-    with as_file(files("bayes_toe.data") / f"{_example(asked)}_truth.csv") as path:
-        names, columns = read_numbers(path, _TRUE_PARAMETERS[asked], key="subject")
-    return {
-        name: {key: float(values[row]) for key, values in columns.items()}
-        for row, name in enumerate(names)
-    }
+    beginning, parameters = _example(task)
+    names, columns = read_numbers(f"{beginning}_truth.csv", parameters, key="subject")
+    truth = {}
+    for i, name in enumerate(names):
+        truth[name] = {key: float(values[i]) for key, values in columns.items()}
+    return truth
 
 
-def _example(task: Task) -> str:
-    """How the names of the files of a task's example begin; an InputError without an example."""
+def _example(given: Task | str) -> tuple[Path, Texts]:
+    """The files of a task's example and its parameters; an InputError without an example."""
+    task = task_of(given)
     if task not in _EXAMPLES:
         names = join_names([task.name for task in _EXAMPLES])
         raise InputError(f"--example: found {task.name!r}, which has no example, allowed: {names}")
@@ -306,26 +308,28 @@ def _example(task: Task) -> str:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Rows that are asked for.
+    """Rows that are asked for: columns by our names, and the stimuli of each row.
 
-    Columns by our names, and the keys of each row's pair, NaN where a cell cannot be read.
-
-    The keys are s1 and s2 (natural-log intensities). `stimuli` are the numbers in the columns of
-    stimuli: s1 and s2, or the standard and the comparison. `rounding` says which of them differed
-    by rounding only.
+    `stimuli` are the numbers in the columns of stimuli, shape (rows, 2), NaN where a cell cannot be
+    read: s1 and s2, or the standard and the comparison. `rounding` says which of them differed by
+    rounding only.
     """
 
     table: TextTable
     columns: Columns
-    keys: list[FloatArray]
     options: ReadOptions
-    stimuli: list[FloatArray]
+    stimuli: FloatArray
     order: StandardOrder
     rounding: list[str]
 
     @property
-    def key_columns(self) -> list[Column]:
-        """The columns of the keys."""
+    def pairs(self) -> FloatArray:
+        """s1 and s2 of each row, natural-log intensities, shape (rows, 2)."""
+        return self.order.in_order(self.stimuli)
+
+    @property
+    def stimulus_columns(self) -> list[Column]:
+        """The columns of the stimuli."""
         return [self.columns[ours] for ours in self.options.stimuli]
 
     @property
@@ -365,30 +369,26 @@ class _Rows:
                 require_texts(self.table, self.columns[ours], asked)
         if self.order.column is not None:
             self.table.fault(self.order.column, asked & self.order.is_unknown, ALLOWED_INTERVALS)
-        for column, values in zip(self.key_columns, self.stimuli, strict=True):
-            require_numbers(
-                self.table,
-                column,
-                asked & np.isnan(values),
-                "a positive finite number" if self.options.has_intensities else "a finite number",
-            )
+        for column, values in zip(self.stimulus_columns, self.stimuli.T, strict=True):
+            kind = "a positive finite number" if self.options.has_intensities else "a finite number"
+            require_numbers(self.table, column, asked & np.isnan(values), kind)
             self.table.fault(column, asked & out_of_range(values), ALLOWED_STIMULI)
         if self.options.unit is None and not self.options.has_intensities:
-            require_logs(self.table, self.key_columns, self.stimuli, asked)
+            require_logs(self.table, self.stimulus_columns, self.stimuli, asked)
 
-    def layout(self, form: str, answers: str) -> list[str]:
+    def layout(self, form: str, answers: Iterable[object]) -> list[str]:
         """Notes of how the table is written and read.
 
         They name the form, the rows that were asked for, and columns with another name or unit.
         """
         table, options = self.table, self.options
-        texts = chain.from_iterable(column.texts for column in self.key_columns)
-        parts = [f"{form} rows", table.form, answers]
+        texts = chain.from_iterable(column.texts for column in self.stimulus_columns)
+        parts = [f"{form} rows", table.form]
         if table.delimiter:
             parts.insert(1, f"{DELIMITERS[table.delimiter]}-separated")
         if table.decimal_comma and any("," in text for text in texts):
-            parts.insert(-1, "decimal comma")
-        notes = [", ".join(parts), *table.notes]
+            parts.append("decimal comma")
+        notes: list[str] = [Note(", ".join([*parts, ""]), *answers), *table.notes]
         for name, text in options.where.items():
             notes.append(f"only rows with {display_name(text)} in {table.columns[name]}")
         read_as = {}
@@ -397,7 +397,7 @@ class _Rows:
                 read_as[theirs] = [ours]
         unit = options.unit_in_words
         if unit:
-            for column in self.key_columns:
+            for column in self.stimulus_columns:
                 read_as.setdefault(column.name, []).append(unit)
         for name, words in read_as.items():
             notes.append(f"column {display_name(name)} read as {', '.join(words)}")
@@ -409,7 +409,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     if options.wide is not None:
         table = with_pairs(table, options)
     _require_header(table, options)
-    table, options = without_other_columns(table, options)
+    table, options = chosen_rows(table, options)
     options = with_likely_columns(table.names, options)
     roles_read, problems, remedies = columns_to_read(table.names, options, _order_columns(table))
     table.require(problems, remedies)
@@ -420,7 +420,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     if frequency is not None:
         columns["n_trials"] = table.columns[frequency.name]
-    columns |= _marks(table)
+    columns |= _columns_of_file(table)
     if options.subject_from is not None:
         subject = subject_in(path, options.subject_from)
         if subject is None:
@@ -435,11 +435,10 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
         columns["subject"] = bare_names(table, columns["subject"])
     if "condition" in columns:
         columns["subject"] = unit_column(table, columns, options.categorical)
-    values = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
-    rounding = merge_rounded(values, columns["subject"], options.stimulus_unit)
+    stimuli = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
+    stimuli, rounding = merge_rounded(stimuli, columns["subject"], options.stimulus_unit)
     order = StandardOrder(table, columns.get("standard_interval"), options)
-    keys = order.in_order(*values)
-    return _Rows(table, columns, keys, options, values, order, rounding)
+    return _Rows(table, columns, options, stimuli, order, rounding)
 
 
 def _require_header(table: TextTable, options: ReadOptions) -> None:
@@ -457,23 +456,25 @@ def _order_columns(table: TextTable) -> list[str]:
     """Columns that may say which of a standard and a comparison came first."""
     names = []
     for name, column in table.columns.items():
-        n_codes = sum(not is_no_response(text) for text in column.texts)
-        if n_codes <= 2 and looks_like(name, "standard_interval"):
+        codes = [*filterfalse(is_no_response, column.texts)]
+        if len(codes) <= 2 and looks_like(name, "standard_interval"):
             names.append(name)
     return names
 
 
-def _marks(table: TextTable) -> Columns:
-    """The columns that tell something of the whole file."""
-    columns = {mark: table.columns[mark] for mark in _MARKS if mark in table.columns}
-    for name in names_like(table.names, "task"):
+def _columns_of_file(table: TextTable) -> Columns:
+    """The columns that tell something of the whole file, by our names."""
+    columns = {}
+    for name, column in table.columns.items():
+        if name == "synthetic":
+            columns["synthetic"] = column
         # Another kind of task, such as the name of a part of the experiment, tells nothing.
-        if name in table.columns and tasks_named(table.columns[name].texts):
-            columns["task"] = table.columns[name]
+        if looks_like(name, "task") and tasks_named(column.texts):
+            columns["task"] = column
     return columns
 
 
-def _known_names(names: Sequence[str], options: ReadOptions) -> set[str]:
+def _known_names(names: Texts, options: ReadOptions) -> set[str]:
     """The columns that are read or choose rows, of the names in a table."""
     pairs = []
     if options.wide is not None:
@@ -482,7 +483,7 @@ def _known_names(names: Sequence[str], options: ReadOptions) -> set[str]:
             return set(names)
     likely = with_likely_columns(names, options)
     roles = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
-    return {*roles, *_MARKS, *options.where, *pairs} & set(names)
+    return {*roles, "synthetic", *options.where, *pairs} & set(names)
 
 
 def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
@@ -490,51 +491,46 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
 
     Answers are kept as they were given where rows are trials or have a block.
     """
-    k, n = counts["n_yes"], counts["n_trials"]
+    n = counts["n_trials"]
     parts = rows.subject.rows_by_text(np.flatnonzero(n > 0))
-    is_trials = are_trials(rows.columns)
-    missing, doubts = list[str](), list[str]()
+    answers, missing, doubts = answers_in_order(rows.table, rows.columns, rows.pairs, parts, counts)
+    is_kept = are_trials(rows.columns) or "block" in rows.columns
     subjects = []
-    unit = rows.options.stimulus_unit
-    if is_trials or "block" in rows.columns:
-        answers, missing, doubts = answers_in_order(
-            rows.table, rows.columns, rows.keys, parts, counts
-        )
-        for name, in_order in answers.items():
-            subjects.append(Subject.from_answers(name, in_order, task, unit))
-    else:
-        s1, s2 = rows.keys
-        columns = {"s1": s1, "s2": s2, **counts}
-        for name, part in parts.items():
-            of_subject = {key: values[part] for key, values in columns.items()}
-            subjects.append(Subject.from_counts(name, **of_subject, task=task, unit=unit))
+    for name, in_order in answers.items():
+        subject = Subject.from_answers(name, in_order, task, rows.options.stimulus_unit)
+        subjects.append(subject if is_kept else replace(subject, answers=None))
     doubts += rows.rounding
     if task == THREE_ANSWERS:
         doubts += _rare_answer_doubts(counts)
     if task_counted(rows.columns) is not None:
         merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
         if any(merged.values()):
-            merged_rows = plural(sum(merged.values()), "repeated row")
-            notes.append(f"{merged_rows} merged: {join_counts(merged)}")
+            n_merged = (sum(merged.values()), "repeated row")
+            notes.append(Note(n_merged, " merged: ", named_counts(merged)))
         if len(n) >= 4 and (n == 100).all():
             doubts.append(
                 "each row has 100 trials, as in a table of percentages. If there were fewer, write "
                 "their number"
             )
     doubts += nameless_doubts(rows.subject)
-    doubts += taken_out_doubts(rows.table, rows.names_not_read)
+    names_not_read = rows.names_not_read
+    columns_not_read = [*filter(None, map(rows.table.columns.get, names_not_read))]
+    doubts += taken_out_doubts(columns_not_read)
+    pooled = list[str]()
+    if "condition" not in rows.columns:
+        pooled = pooled_conditions(columns_not_read, rows.subject, counts, rows.pairs)
     notes += missing
     is_synthetic, synthetic_notes = _synthetic(rows.columns)
     notes += synthetic_notes
     codes = []
     if "response" in rows.columns:
-        codes = list(filterfalse(is_no_response, rows.columns["response"].texts))
+        codes = [*filterfalse(is_no_response, rows.columns["response"].texts)]
     source = rows.table.source
     reading = Reading(
         tuple(rows.columns),
-        tuple(rows.names_not_read),
+        tuple(names_not_read),
         tuple(f"{source}: {doubt}" for doubt in doubts),
-        tuple(_pooled_conditions(rows, k, n)),
+        tuple(pooled),
         tuple(codes),
     )
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
@@ -552,29 +548,15 @@ def _rare_answer_doubts(counts: Counts) -> Iterator[str]:
             )
 
 
-def _pooled_conditions(rows: _Rows, k: IntArray, n: IntArray) -> list[str]:
-    """Columns that are not read and look like a condition within subjects, or an interval."""
-    if "condition" in rows.columns:
-        return []
-    is_counted = n > 0
-    columns = []
-    for name in rows.names_not_read:
-        if looks_like(name, "condition") or looks_like(name, "isi"):
-            columns.append(rows.table.columns[name].only(is_counted))
-    keys = [values[is_counted] for values in rows.keys]
-    return pooled_conditions(columns, rows.subject.codes[is_counted], (k == n)[is_counted], keys)
-
-
 def _synthetic(columns: Columns) -> tuple[bool, list[str]]:
     """Whether a column marks every row as synthetic, and what is noted of it."""
-    if "synthetic" not in columns:
-        return False, []
-    marks = columns["synthetic"].map(lambda text: text.lower() in TRUE_WORDS)
-    if not marks.any():
-        return False, []
-    if marks.all():
+    texts = columns["synthetic"].texts if "synthetic" in columns else [""]
+    is_marked = [text.lower() in TRUE_WORDS for text in texts]
+    if all(is_marked):
         return True, ["synthetic data: the column synthetic marks every row"]
-    return False, ["the column synthetic marks only some rows, so the study is not marked"]
+    if any(is_marked):
+        return False, ["the column synthetic marks only some rows, so the study is not marked"]
+    return False, []
 
 
 # --- Trials ---------------------------------------------------------------------------------------
@@ -588,7 +570,8 @@ def _trial_study(rows: _Rows) -> Study:
     if rows.options.has_standard and "response" in rows.columns:
         column = rows.order.by_interval(table, column, rows.options)
     with_marks = replace(table, columns={**table.columns, **rows.columns})
-    answers = responses(with_marks, column, rows.options, rows.keys, rows.order)
+    difference = np.diff(rows.pairs)[:, 0]
+    answers = responses(with_marks, column, rows.options, difference, rows.order)
     answers, missed_signs = without_missed(answers, column, rows.signs, rows.options.missed)
 
     # Rows without an answer, such as instruction screens, may hold anything else.
@@ -609,10 +592,10 @@ def _trial_study(rows: _Rows) -> Study:
     form = "trial" if are_trials(rows.columns) else "frequency"
     notes = rows.layout(form, answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable
-    is_no_trial = unanswered & np.logical_and(*map(empty, rows.key_columns))
+    is_no_trial = unanswered & np.logical_and(*map(empty, rows.stimulus_columns))
     if is_no_trial.any():
-        blank = plural(int(is_no_trial.sum()), "row")
-        notes.append(f"{blank} without stimuli and response left out")
+        blank = (int(is_no_trial.sum()), "row")
+        notes.append(Note(blank, " without stimuli and response left out"))
     unanswered &= ~is_no_trial
     causes = missed_texts + missed_signs
     notes += _dropped_note(rows, unanswered, "without a response", causes)
@@ -621,20 +604,16 @@ def _trial_study(rows: _Rows) -> Study:
     responding = {"", *rows.subject.only(answers.is_answered).texts}
     absent = [display_name(text) for text in rows.subject.texts if text not in responding]
     if absent:
-        subjects = plural(len(absent), "subject")
-        notes.append(f"{subjects} without any response left out: {join_names(absent)}")
+        subjects = (len(absent), "subject")
+        notes.append(Note(subjects, " without any response left out: ", absent))
 
     # A trial is a count of one, a trial without an answer a count of none.
-    columns = (answers.is_yes, answers.is_answered, answers.is_second)
-    counts = {}
-    for name, values in zip(answers.task.counts, columns, strict=False):
-        counts[name] = values.astype(np.int64)
+    columns = np.array([answers.is_yes, answers.is_answered, answers.is_second], np.int64)
+    counts = dict(zip(answers.task.counts, columns, strict=False))
     return _study(rows, notes, counts, answers.task)
 
 
-def _dropped_note(
-    rows: _Rows, is_dropped: BoolArray, reason: str, cells: Sequence[str] = ()
-) -> list[str]:
+def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str, cells: Texts = ()) -> list[str]:
     """How many trials of each subject are dropped for a reason; nothing where none is.
 
     `cells` are the texts that say so, with their columns.
@@ -642,11 +621,12 @@ def _dropped_note(
     if not is_dropped.any():
         return []
     subject = rows.subject.only(is_dropped)
-    trials = plural(len(subject.codes), "trial")
     finding = f" ({', '.join(cells)})" if cells else ""
-    names = [text or "(no subject)" for text in subject.texts]
-    counts = dict(zip(names, np.bincount(subject.codes).tolist(), strict=True))
-    return [f"{trials} {reason} dropped{finding}: {join_counts(counts)}"]
+    counts = {}
+    for text, n in zip(subject.texts, np.bincount(subject.codes), strict=True):
+        counts[text or "(no subject)"] = n
+    trials = (len(subject.codes), "trial")
+    return [Note(trials, f" {reason} dropped{finding}: ", named_counts(counts))]
 
 
 # --- Counts ---------------------------------------------------------------------------------------
@@ -668,11 +648,20 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         k = column_counts(table, column)
     rows.require_pairs(np.ones(len(n), bool))
     table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
+    others = {*names_like(table.names, f"n_{task.no}")}.intersection(rows.names_not_read)
+    if len(others) == 1 and not share_notes:
+        other = table.columns[others.pop()]
+        n_other = other.map(whole_number, np.int64)
+        is_wrong = (n >= k) & (n_other >= 0) & (k + n_other != n)
+        rule = f"the sum of {display_name(column.name)} and {display_name(other.name)}, "
+        table.fault(trials, is_wrong, lambda index: f"{rule}{k[index] + n_other[index]}")
     _require_counts(rows, n, task)
-    notes = rows.layout("grouped", f"{k.sum()} of {n.sum()} trials answered '{task.yes}'")
+    answered = f" trials answered '{task.yes}'"
+    notes = rows.layout("grouped", [k.sum(), " of ", n.sum(), answered])
     notes += share_notes
-    if (n == 0).any():
-        notes.append(f"{plural((n == 0).sum(), 'row')} with n_trials = 0 left out")
+    n_empty = int((n == 0).sum())
+    if n_empty:
+        notes.append(Note((n_empty, "row"), " with n_trials = 0 left out"))
     return _study(rows, notes, {"n_yes": k, "n_trials": n}, task)
 
 
@@ -688,8 +677,11 @@ def _three_count_study(rows: _Rows) -> Study:
         rows.table.fault(trials, is_other, lambda index: f"the sum of its counts, {n[index]}")
     rows.require_pairs(np.ones(len(n), bool))
     _require_counts(rows, n, task)
-    shares = [f"{count.sum()} '{answer}'" for answer, count in counts.items()]
-    notes = rows.layout("grouped", f"{n.sum()} trials answered {', '.join(shares)}")
+    answered: list[object] = [n.sum(), " trials answered"]
+    for answer, count in counts.items():
+        answered += [" ", count.sum(), f" '{answer}'", ","]
+    del answered[-1]
+    notes = rows.layout("grouped", answered)
     by_name = {"n_yes": counts["equal"], "n_trials": n, "n_second": counts["second"]}
     return _study(rows, notes, by_name, task)
 

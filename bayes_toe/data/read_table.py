@@ -25,7 +25,15 @@ import numpy as np
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.matlab_file import SAVED, matlab_values
-from bayes_toe.data.messages import display_name, join_names, join_words, one_line, quoted, visible
+from bayes_toe.data.messages import (
+    Texts,
+    display_name,
+    join_names,
+    join_words,
+    one_line,
+    quoted,
+    visible,
+)
 from bayes_toe.data.text_table import (
     EXCEL,
     MOST_RECORDS,
@@ -129,7 +137,7 @@ def read_table(
     try:
         data = input_bytes(path, largest)
     except (OSError, ValueError) as error:  # a value where there is a NUL character in the path
-        reason = getattr(error, "strerror", None) or str(error)
+        reason = getattr(error, "strerror", None) or error
         raise InputError(
             f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and "
             "may be read"
@@ -206,7 +214,7 @@ def _table_of_values(
     values: Mapping[str, Iterable[object]],
     rows: Sequence[int],
     choice: Choice,
-    notes: Sequence[str] = (),
+    notes: Texts = (),
 ) -> TextTable:
     """The table of values by column; `head` is the place of the names of columns in messages.
 
@@ -224,9 +232,8 @@ def _table_of_values(
                 cell_problems.append((row, f"{location}: {text.problem}"))
                 text = ""
             texts.append(text)
-
         columns[name] = Column.from_texts(name, texts)
-        if name in chosen:
+        if name in chosen and cell_problems:
             problems.add(cell_problems[:1])
     row_numbers = np.array(rows, np.int64)
     return TextTable(form, "", head, names, columns, row_numbers, problems, tuple(notes))
@@ -258,8 +265,8 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
         titles = join_names(map(display_name, sheets))
         raise InputError(f"{source}: found the sheets {titles}, allowed: one of them")
 
-    first, names = heads[title]
     rows = sheets[title]
+    first, names = heads[title]
     filled = [row for row in range(first + 2, len(rows) + 1) if _is_filled(rows[row - 1])]
     values = {}
     for name, index in name_places(names).items():
@@ -282,17 +289,15 @@ def _chosen_sheet(
     choice: Choice,
 ) -> str:
     """The only sheet with most of our columns."""
-    n_names = {title: n_chosen(names, choice) for title, (_, names) in heads.items()}
-    largest_count = max(n_names.values(), default=0)
-    tables = [title for title, count in n_names.items() if count == largest_count]
-    if not tables:
+    if not sheets:
         raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
-
+    n_names = {title: n_chosen(names, choice) for title, (_, names) in heads.items()}
+    largest_count = max(n_names.values())
+    tables = [title for title, count in n_names.items() if count == largest_count]
     if len(tables) > 1 and largest_count:
         titles = join_words(list(map(display_name, tables)))
         remedies = [Remedy("sheet", title) for title in tables]
         raise InputError(f"{source}: the sheets {titles} have tables.", remedies)
-
     return max(tables, key=lambda title: len(sheets[title]))
 
 

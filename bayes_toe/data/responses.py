@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import chain, compress, permutations
-from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
@@ -50,8 +49,9 @@ if TYPE_CHECKING:
     from bayes_toe.data.layouts import StandardOrder
     from bayes_toe.data.study import Study, Subject
 
-#: What a text stands for: the answer of a task at this position, no response, or nothing known.
-_YES, _NO, _THIRD, _MISSING, _UNKNOWN = 0, 1, 2, -1, -2
+#: What a text stands for: the answer of a task at this position, such as the first one, no
+#: response, or nothing known.
+_YES, _MISSING, _UNKNOWN = 0, -1, -2
 #: The words of each answer, in any case; and those of columns that say right or wrong.
 _WORDS: dict[str, tuple[str, ...]] = {
     "equal": ("equal", "same"),
@@ -85,22 +85,21 @@ class Responses(NamedTuple):
     is_second: BoolArray  # of three responses: 'second'
     is_answered: BoolArray
     is_unscorable: BoolArray  # right or wrong, where equal stimuli have no right answer
-    note: str  # how the texts were read
+    note: list[object]  # how the texts were read, as the parts of a Note
 
 
 def responses(
     table: TextTable,
     column: Column,
     options: ReadOptions,
-    keys: Sequence[FloatArray],
+    difference: FloatArray,
     order: StandardOrder,
 ) -> Responses:
-    """The responses in a column, of trials with these stimuli; missed ones are empty.
+    """The responses in a column, of trials with these s2 - s1; missed ones are empty.
 
     What cannot be read is noted in the table. Where no word is known, one line says so of the
     column, and another task than the one of the result may have been meant.
     """
-    difference = keys[1] - keys[0]
     has_scores = options.correct is not None
     task_told = _task_told(column, table.columns.get("task"), options)
     task = task_told or task_with(_words_by_answer(column)) or SAME_DIFFERENT
@@ -127,12 +126,15 @@ def responses(
             rule += f"; other codes by {', '.join(f'--{name}-code' for name in names)}"
         table.fault(column, answer == _UNKNOWN, rule)
         table.problems.remedies += remedies
-    texts = [_as_answered(column, answer == i, name) for i, name in enumerate(names)]
-    note = f"responses {' / '.join(texts)}"
+    note: list[object] = ["responses"]
+    for i, name in enumerate(names):
+        is_answer = answer == i
+        note += [f" {_texts_read(column, is_answer, name)} (", int(is_answer.sum()), ") /"]
+    note[-1] = ")"
     is_yes, is_answered = answer == _YES, answer != _MISSING
     is_unscorable = np.zeros(len(answer), bool)
     if has_scores:
-        note += f", '{task.yes}' or '{task.no}' by the sign of s2 - s1"
+        note[-1] = f"), '{task.yes}' or '{task.no}' by the sign of s2 - s1"
         is_unscorable = is_answered & (task.right(difference) == 0)
         is_yes = is_yes == (task.right(difference) > 0)
     is_answered &= ~is_unscorable
@@ -166,9 +168,8 @@ def _task_told(column: Column, task_column: Column | None, options: ReadOptions)
     """The task of the options; else the one that all rows name, if a response is a word of it."""
     if options.task is not None or task_column is None:
         return options.task
-    tasks = set(map(_tasks_in(task_column).get, task_column.texts))
-    task = tasks.pop() if len(tasks) == 1 else None
-    if task is None or _words_by_answer(column).keys().isdisjoint(task.answers):
+    task, *other_tasks = {*map(_tasks_in(task_column).get, task_column.texts)} or {None}
+    if task is None or other_tasks or _words_by_answer(column).keys().isdisjoint(task.answers):
         return None
     return task
 
@@ -206,20 +207,12 @@ def _english(word: str) -> str:
 
 
 def blank_missed(column: Column, options: ReadOptions) -> tuple[Column, list[str]]:
-    """A column of responses whose missed trials are empty, and the texts that say so."""
-    missed = _missed_texts(column, options)
-    texts = ["" if text in missed else text for text in column.texts]
-    texts_to_name = [text for text in missed if text.lower() not in MISSING_WORDS]
-    return Column.from_texts(column.name, texts, column.codes), cells_of(column, texts_to_name)
-
-
-def _missed_texts(column: Column, options: ReadOptions) -> list[str]:
-    """The texts that say that nobody responded.
+    """A column of responses whose missed trials are empty, and the texts that say so.
 
     -1 is one, as jsPsych has it, beside two texts that are words or given codes.
     """
-    given_codes = (*options.code_by_answer.values(), options.comparison_code or "")
-    codes = {*map(_plain, given_codes)} - {""}
+    given_codes = (*options.code_by_answer.values(), options.comparison_code)
+    codes = {*map(_plain, filter(None, given_codes))}
     declared = {*map(_plain, options.missed)}
     missed, answers = [], set()
     for text in column.texts:
@@ -228,12 +221,17 @@ def _missed_texts(column: Column, options: ReadOptions) -> list[str]:
             missed.append(text)
         else:
             answers.add(plain)
-    answers.discard("-1")
-    known_words = chain(*(_RIGHT_WRONG if options.correct is not None else _ALL_WORDS))
-    words = {_english(answer.lower()) for answer in answers - codes}
-    if "-1" not in codes and len(answers) > 1 and words.issubset(known_words):
+
+    other_answers = answers - codes - {"-1"}
+    known_words = {*chain(*(_ALL_WORDS if options.correct is None else _RIGHT_WRONG))}
+    is_known = known_words.issuperset(_english(answer.lower()) for answer in other_answers)
+    if "-1" in answers - codes and len(answers) > 2 and is_known:
         missed += [text for text in column.texts if _plain(text) == "-1"]
-    return list(dict.fromkeys(missed))
+
+    emptied = dict.fromkeys(missed, "")
+    texts = [emptied.get(text, text) for text in column.texts]
+    texts_to_name = [text for text in missed if text.lower() not in MISSING_WORDS]
+    return Column.from_texts(column.name, texts, column.codes), cells_of(column, texts_to_name)
 
 
 def without_missed(
@@ -273,11 +271,10 @@ def cells_of(column: Column, texts: Texts) -> list[str]:
 def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     """Whether a text in a column says that nobody responded, and no response beside it is right."""
     word = _plain(text).lower()
+    is_sign = is_no_response(word) or word in VOCABULARY["missed"]["signs"]
     if is_missed_flag(sign):
         is_sign = word in TRUE_WORDS
-    else:
-        is_sign = is_no_response(word) or word in VOCABULARY["missed"]["signs"]
-    is_chosen = sign.codes == sign.texts.index(text)
+    is_chosen = sign.matches([text])
     if not is_sign or is_chosen.all() or (is_chosen & is_right).any():
         return False
     if word == "0":
@@ -313,22 +310,23 @@ def _unknown_meaning(
     """
     tasks_by_text = _tasks_in(task_column)
     texts = list(filter(None, column.texts))
-    shares = column.counts(texts)
+    shares = join_names(column.counts(texts), 4)
     words_by_answer = _words_by_answer(column)
     if words_by_answer and task_with(words_by_answer) is None:
         words = join_words(list(map(quoted, words_by_answer.values())))
         return _two_tasks(f"found {words}, words of two tasks", task_column)
     if not words_by_answer and len({*tasks_by_text.values()}) > 1:
         tasks = join_words(list(map(quoted, tasks_by_text)))
-        return _two_tasks(f"found {join_names(shares, 4)} of the tasks {tasks}", task_column)
+        return _two_tasks(f"found {shares} of the tasks {tasks}", task_column)
     if words_by_answer or not texts:
         return "", []
-    problem = f"the codes are {join_names(shares, 4)}. The program does not know what they mean."
-    if len(texts) == 1:
-        problem = f"the only code is {shares[0]}. The program does not know what it means."
+
     counts = _count_remedies(column, texts)
     if counts:
-        return f"found numbers: {join_names(shares, 4)}. What do they count?", counts
+        return f"found numbers: {shares}. What do they count?", counts
+    problem = f"the codes are {shares}. The program does not know what they mean."
+    if len(texts) == 1:
+        problem = f"the only code is {shares}. The program does not know what it means."
     remedies = []
     answers = {*chain.from_iterable(task.answers for task in tasks_by_text.values())}
     for remedy in _code_remedies(column, texts, trends):
@@ -377,8 +375,8 @@ def _unknown_texts(
     One text beside both answers has no problem of its own: it may be a missed trial, or 'equal'.
     """
     unknown = column.only(answer == _UNKNOWN)
-    answers = {_YES, _NO, _THIRD} & {*answer.tolist()}
-    is_complete = len(answers) == len(names)
+    n_answers = len({*answer.tolist()} - {_MISSING, _UNKNOWN})
+    is_complete = n_answers == len(names)
     n_unknown, n_answered = len(unknown.codes), np.count_nonzero(answer != _MISSING)
     if is_complete and len(unknown.texts) == 1 and n_unknown < _MANY * n_answered:
         meaning = f"only if nobody responded in these {plural(n_unknown, 'trial')}; it drops them"
@@ -387,7 +385,7 @@ def _unknown_texts(
         return "", []
     other = names[codes.index(None)]
     shares = join_names(unknown.counts(unknown.texts), 4)
-    if not answers:
+    if not n_answers:
         return f"the codes are {shares}. None of them is the code that was given.", []
     commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
     remedies = [Remedy(f"{other}_code", commonest, f"if {commonest} is '{other}'")]
@@ -425,16 +423,14 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
     """Options to type if these codes tell no task, the likeliest first."""
     by_word = {text.lower(): text for text in map(_plain, texts)}
     likely = [*filter(None, map(by_word.get, ("1", "true", "yes"))), texts[0]][0]
-    by_correlation = []
+    correlations = dict[Remedy, float]()
     for option, trend in trends.items():
         code, correlation = _commonest_with(column, texts, trend)
         code = code or likely
-        meaning = _CODE_MEANINGS[option]
-        remedy = Remedy(option, code, f"if {code} is {meaning}")
-        by_correlation.append((correlation, remedy))
-    by_correlation.sort(key=itemgetter(0), reverse=True)
-    remedies = [remedy for _, remedy in by_correlation]
-    if by_word.keys() <= {*_RIGHT_WRONG[0], *_RIGHT_WRONG[1]}:
+        remedy = Remedy(option, code, f"if {code} is {_CODE_MEANINGS[option]}")
+        correlations[remedy] = correlation
+    remedies = sorted(correlations, key=correlations.__getitem__, reverse=True)
+    if by_word.keys() <= {*chain(*_RIGHT_WRONG)}:
         meaning = f"if {likely} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))
     return remedies
@@ -446,11 +442,12 @@ def _commonest_with(column: Column, texts: Texts, trend: FloatArray) -> tuple[st
     It is empty where no code is, or no stimulus can be read.
     """
     is_number = np.isfinite(trend)
+    trend = trend[is_number]
     best, largest = "", 0.0
     for text in texts:
-        is_code = column.map(text.__eq__, float)[is_number]
-        if is_number.any() and np.ptp(is_code) and np.ptp(trend[is_number]):
-            correlation = float(np.corrcoef(is_code, trend[is_number])[0, 1])
+        is_code = column.matches([text])[is_number]
+        if is_code.any() and not is_code.all() and np.ptp(trend):
+            correlation = float(np.corrcoef(is_code, trend)[0, 1])
             if correlation > largest:
                 best, largest = _plain(text), correlation
     return best, largest
@@ -471,22 +468,21 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Texts]) -> i
     word = plain.lower()
     if not word:
         return _MISSING
-    if word in map(str.lower, filter(None, codes)):
-        # Where 'Different' was declared to mean equal, 'different' is not read by default.
-        return _UNKNOWN
-    for answer, (code, known_words) in enumerate(zip(codes, words, strict=True)):
-        if code is None and _english(word) in known_words:
-            return answer
+    # Where 'Different' was declared to mean equal, 'different' is not read by default.
+    if word not in map(str.lower, filter(None, codes)):
+        for answer, (code, known_words) in enumerate(zip(codes, words, strict=True)):
+            if code is None and _english(word) in known_words:
+                return answer
     return _UNKNOWN
 
 
-def _as_answered(column: Column, chosen: BoolArray, word: str) -> str:
-    """A note on the texts that were read as an answer, with its number."""
+def _texts_read(column: Column, chosen: BoolArray, word: str) -> str:
+    """The texts that were read as an answer, in words."""
     texts = column.only(chosen).texts
     shown_texts = join_names(map(quoted, texts or [word]))
     if any(text.lower() != word for text in texts):
         shown_texts += f" as {word}"
-    return f"{shown_texts} ({np.count_nonzero(chosen)})"
+    return shown_texts
 
 
 def response_trend(subject: Subject, x: FloatArray) -> tuple[float, float]:

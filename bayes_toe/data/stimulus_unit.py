@@ -87,15 +87,15 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
 
 
 def _without_rounding(pairs: FloatArray) -> FloatArray:
-    """Pairs of a subject, shape (2, pairs), in which stimuli are equal if they differ by rounding.
+    """Pairs of a subject, shape (rows, 2), in which stimuli are equal if they differ by rounding.
 
     The stimulus that was shown most often stands for its neighbours. If every trial has stimuli of
     its own, only those of one pair are taken together.
 
     Examples
     --------
-    >>> _without_rounding(np.array([[0.1 + 0.2, 0.3, 0.3], [0.3, 0.0, 0.0]])).tolist()
-    [[0.3, 0.3, 0.3], [0.3, 0.0, 0.0]]
+    >>> _without_rounding(np.array([[0.1 + 0.2, 0.3], [0.3, 0.0], [0.3, 0.0]])).tolist()
+    [[0.3, 0.3], [0.3, 0.0], [0.3, 0.0]]
     """
     values, index, n_shown = np.unique(pairs, return_inverse=True, return_counts=True)
     low, high = np.quantile(pairs, (0.05, 0.95))  # without one that was mistyped
@@ -104,8 +104,8 @@ def _without_rounding(pairs: FloatArray) -> FloatArray:
     group = np.concatenate([[0], np.cumsum(~is_near)])
     most_first = np.lexsort([-n_shown, group])
     _, places = np.unique(group[most_first], return_index=True)
-    first, second = values[most_first][places][group][index].reshape(pairs.shape)
-    return np.stack([first, np.where(np.abs(second - first) <= limit, first, second)])
+    first, second = values[most_first][places][group][index].T
+    return np.column_stack([first, np.where(np.abs(second - first) <= limit, first, second)])
 
 
 @dataclass(frozen=True)
@@ -252,27 +252,27 @@ class StimulusUnit:
         return f"{float(self.stimuli(log)):.4g} {self.of_stimuli}"
 
 
-def merge_rounded(stimuli: list[FloatArray], subject: Column, unit: StimulusUnit) -> list[str]:
-    """Replace stimuli of a subject that differ by rounding only by one of them; return a note."""
-    levels = set()
-    n_changed = 0
-    valid = np.flatnonzero(~np.isnan(stimuli).any(axis=0))
+def merge_rounded(
+    stimuli: FloatArray, subject: Column, unit: StimulusUnit
+) -> tuple[FloatArray, list[str]]:
+    """Pairs in which stimuli of a subject are equal if they differ by rounding only, and a note.
+
+    `stimuli` are the pairs of all rows, shape (rows, 2); those with a NaN stay as they are.
+    """
+    merged = stimuli.copy()
+    valid = np.flatnonzero(~np.isnan(stimuli).any(axis=1))
     for rows in subject.rows_by_text(valid).values():
-        pairs = np.stack([values[rows] for values in stimuli])
-        merged = _without_rounding(pairs)
-        is_changed = merged != pairs
-        levels.update(merged[is_changed].tolist())
-        n_changed += is_changed.any(axis=0).sum()
-        stimuli[0][rows], stimuli[1][rows] = merged
+        merged[rows] = _without_rounding(stimuli[rows])
+
+    is_changed = merged[valid] != stimuli[valid]
+    n_changed = int(is_changed.any(axis=1).sum())
     if not n_changed:
-        return []
+        return merged, []
 
     verb = "differ" if n_changed > 1 else "differs"
-    names = join_names(map(unit.describe, sorted(levels)), 3)
-    return [
-        f"stimuli in {plural(n_changed, 'row')} {verb} by rounding only, and are read as one: "
-        f"{names}"
-    ]
+    names = join_names(map(unit.describe, np.unique(merged[valid][is_changed])), 3)
+    note = f"stimuli in {plural(n_changed, 'row')} {verb} by rounding only, and are read as one"
+    return merged, [f"{note}: {names}"]
 
 
 #: Logarithms of intensities of which nothing is known.

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
+from itertools import compress
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -20,6 +21,7 @@ from bayes_toe.data.answers import Answers, Reading, counted_rows
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import (
     MOST_ROWS,
+    Texts,
     as_html,
     cli_argument,
     display_name,
@@ -93,12 +95,13 @@ class Subject:
     s2: FloatArray
     n_yes: IntArray
     n_trials: IntArray
-    n_second: IntArray | None = field(default=None, kw_only=True)
-    task: Task = field(default=SAME_DIFFERENT, kw_only=True)
-    unit: StimulusUnit = field(default=UNKNOWN_UNIT, kw_only=True)
-    condition: str = field(default="", kw_only=True)
-    shared_scales: StimulusScales | None = field(default=None, kw_only=True)
-    answers: Answers | None = field(default=None, kw_only=True)
+    _: KW_ONLY
+    n_second: IntArray | None = None
+    task: Task = SAME_DIFFERENT
+    unit: StimulusUnit = UNKNOWN_UNIT
+    condition: str = ""
+    shared_scales: StimulusScales | None = None
+    answers: Answers | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -184,7 +187,7 @@ class Subject:
         if task == THREE_ANSWERS:
             if not np.isin(is_yes, task.answers).all():
                 raise InputError(f"subject {name!r}: allowed answers are {', '.join(task.answers)}")
-            n_second = np.where(is_yes == "second", 1, 0)
+            n_second = (is_yes == "second").astype(np.int64)
             is_yes = is_yes == "equal"
         # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer
         # was given.
@@ -224,9 +227,7 @@ class Subject:
                 f"subject {self.name!r}: no pair has two different stimuli, so no order effect can "
                 "be seen"
             )
-        if self.shared_scales is None:
-            return own
-        return self.shared_scales._replace(first_spread=own.first_spread)
+        return (self.shared_scales or own)._replace(first_spread=own.first_spread)
 
     @property
     def subject_name(self) -> str:
@@ -284,9 +285,10 @@ class Subject:
         n_unequal = self.n_trials - self.n_yes
         if not n_unequal.any():
             return None
-        pairs, counts = (self.s1, self.s2), (self.n_second, n_unequal)
         if self.answers is None:
-            subject = Subject.from_counts(self.name, *pairs, *counts, task=WHICH_STRONGER)
+            subject = Subject.from_counts(
+                self.name, self.s1, self.s2, self.n_second, n_unequal, task=WHICH_STRONGER
+            )
         else:
             subject = Subject.from_answers(self.name, self.answers.of_direction, WHICH_STRONGER)
         return replace(
@@ -305,7 +307,8 @@ class Subject:
         counts = [self.n_yes, self.n_trials - self.n_yes]
         if self.n_second is not None:
             counts = [self.n_yes, self.n_second, self.n_first]
-        return [answer for answer, n in zip(self.task.answers, counts, strict=True) if n.any()]
+        is_given = map(np.any, counts)
+        return list(compress(self.task.answers, is_given))
 
     @property
     def total_trials(self) -> int:
@@ -525,11 +528,10 @@ class Study:
         columns: dict[str, Any] = {"subject": by_subject("subject_name")}
         if self.conditions:
             columns["condition"] = by_subject("condition")
-        keys = {"s1": "s1", "s2": "s2", self.task.count: "n_yes", "n_trials": "n_trials"}
+        keys = {self.task.count: "n_yes", "n_trials": "n_trials"}
         if self.task == THREE_ANSWERS:
-            keys = {"s1": "s1", "s2": "s2", "n_first": "n_first"}
-            keys |= {"n_equal": "n_yes", "n_second": "n_second"}
-        for name, key in keys.items():
+            keys = {"n_first": "n_first", "n_equal": "n_yes", "n_second": "n_second"}
+        for name, key in {"s1": "s1", "s2": "s2", **keys}.items():
             columns[name] = np.concatenate([getattr(subject, key) for subject in self])
         if self.synthetic:
             columns["synthetic"] = 1
@@ -636,7 +638,7 @@ def _name_list(names: Names) -> list[str]:
 
 
 def _changed_subject(
-    subject: Subject, blocks: Sequence[str], change: Callable[[Answers, BoolArray], Answers]
+    subject: Subject, blocks: Texts, change: Callable[[Answers, BoolArray], Answers]
 ) -> Subject | None:
     """The subject with these blocks changed; None if no answer is left."""
     answers = subject.answers

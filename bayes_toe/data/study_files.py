@@ -24,13 +24,15 @@ from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import (
     MAX_LINES,
     TWICE,
-    Texts,
+    Note,
     display_name,
+    fixed_texts,
     format_path,
-    join_counts,
     join_names,
     join_words,
+    named_counts,
     plural,
+    sum_of_notes,
 )
 from bayes_toe.data.options import subject_in
 from bayes_toe.data.read_table import TABLE_SUFFIXES
@@ -41,15 +43,6 @@ from bayes_toe.errors import InputError, Remedy
 _IN_FOLDER = ("sub-*/**/*_events.tsv", "*", "*/*", "*/*/*")
 #: Where the name of a file or of its folder may have the subject.
 _SUBJECT_PLACES = ("{}.*", "{}_*", "{}/*", "{}/*/*")
-#: The counts of rows, trials and responses in a note.
-_COUNT = re.compile(
-    r"^[\d,]+(?= (?:repeated )?(?:row|trial|subject))"
-    r"|(?<= )[\d,]+(?=(?: of [\d,]+)? trials answered| '(?:first|equal|second)')"
-    r"|(?<=\()[\d,]+(?=\)(?: /|$))"
-)
-#: A note that begins with one row, trial or subject; one with names at its end.
-_SINGULAR = re.compile(r"^(1 (?:repeated )?(?:row|trial|subject))\b")
-_NAMES = re.compile(r"^(\d.*: )([^:;]*)$")
 
 
 def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
@@ -171,7 +164,7 @@ def _alike(lines: Iterable[tuple[Any, str]]) -> list[list[tuple[Any, str]]]:
     n_of_kind = Counter[tuple[Any, str]]()
     alike = defaultdict[tuple[str, int], list[tuple[Any, str]]](list)
     for file, text in lines:
-        kind = "".join(sorted(re.sub(r"[\d,]", "", _without_names(text))))
+        kind = "".join(sorted(re.sub(r"[\d,]", "", "".join(fixed_texts(text)))))
         n_of_kind[file, kind] += 1
         alike[kind, n_of_kind[file, kind]].append((file, text))
     return [*alike.values()]
@@ -205,8 +198,8 @@ def together(studies: Sequence[Study]) -> Study:
             n_files[name] = len(files)
     notes = common_notes(studies)
     if n_files:
-        subjects_in_words = plural(len(n_files), "subject")
-        notes.append(f"{subjects_in_words} in several files, put together: {join_counts(n_files)}")
+        of_subjects = (len(n_files), "subject")
+        notes.append(Note(of_subjects, " in several files, put together: ", named_counts(n_files)))
     if len({study.source for study in studies if len(subjects) == 1}) > 1:
         place = "/*" * first.source.count("/") or ".*"
         doubts.append(
@@ -231,39 +224,23 @@ def reading_of_all(studies: Sequence[Study]) -> Reading:
 def common_notes(studies: Sequence[Study]) -> list[str]:
     """The notes of all files, each kind of them once: how the files are written comes first.
 
-    Counts are those of all files.
+    Counts and names are those of all files.
     """
     lines = []
     for i, study in enumerate(studies):
         lines += [(i, note) for note in study.notes]
     notes = []
     for alike in _alike(lines):
-        n_files = len(alike)
-        i, note = alike[0]
-        texts = [_without_names(text) for _, text in alike]
-        if n_files == 1:
-            note = f"{studies[i].source}: {note}"
-        elif len({_COUNT.sub("", text) for text in texts}) > 1:
-            note = f"{n_files} files, such as {studies[i].source}: {note}"
-        else:
-            endings = filter(None, (_NAMES.match(text) for _, text in alike))
-            note = _summed(texts) + join_names(ending[2] for ending in endings)
-            if n_files < len(studies):
-                note = f"{n_files} of {len(studies)} files: {note}"
+        files, notes_alike = zip(*alike, strict=True)
+        source, note = studies[files[0]].source, sum_of_notes(notes_alike)
+        if len(files) == 1:
+            note = f"{source}: {note}"
+        elif note is None:
+            note = f"{len(files)} files, such as {source}: {notes_alike[0]}"
+        elif len(files) < len(studies):
+            note = f"{len(files)} of {len(studies)} files: {note}"
         notes.append(note)
     return notes
-
-
-def _summed(notes: Texts) -> str:
-    """One note in the place of several that differ in their counts only."""
-    counts = [_COUNT.findall(note.replace(",", "")) for note in notes]
-    totals = iter(np.array(counts, int).sum(axis=0))
-    return _COUNT.sub(lambda _: f"{next(totals):,}", notes[0])
-
-
-def _without_names(note: str) -> str:
-    """A note without the names at its end, in the plural if it begins with a count."""
-    return _NAMES.sub(r"\1", _SINGULAR.sub(r"\1s", note))
 
 
 def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:
@@ -302,32 +279,26 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
     Files are blocks; a block of a file is one of its own, whose name begins with the file.
     """
     block_names = list[str]()
-    block_parts = []
-    place_parts = []
     next_place = 0
+    files = []
     for source, in_order in answers:
-        first_block = len(block_names)
         block, place = in_order.block, in_order.place
+        names = [source]
         if block is None:
-            block_names.append(source)
             block = np.zeros(len(in_order.n_trials), np.int64)
         else:
-            block_names += [f"{source}: {name}" for name in in_order.blocks]
-        block_parts.append(first_block + block)
+            names = [f"{source}: {name}" for name in in_order.blocks]
         if place is not None:
             place = place - place[0] + next_place
             next_place = place[-1] + 2  # the gap starts a session
-        place_parts.append(place)
+        files.append(replace(in_order, block=block + len(block_names), place=place))
+        block_names += names
+
     columns = {}
-    for key in ("keys", "n_yes", "n_trials", "n_second", "iti"):
-        columns[key] = _concatenated([getattr(in_order, key) for _, in_order in answers])
-    return Answers(
-        **columns,
-        block=np.concatenate(block_parts),
-        blocks=tuple(block_names),
-        has_trial_rows=all(in_order.has_trial_rows for _, in_order in answers),
-        place=_concatenated(place_parts),
-    )
+    for key in ("keys", "n_yes", "n_trials", "n_second", "iti", "block", "place"):
+        columns[key] = _concatenated([getattr(file, key) for file in files])
+    has_trial_rows = all(file.has_trial_rows for file in files)
+    return Answers(**columns, blocks=tuple(block_names), has_trial_rows=has_trial_rows)
 
 
 def _concatenated(parts: Sequence[Any]) -> Any:

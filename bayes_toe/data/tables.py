@@ -10,7 +10,7 @@ import hashlib
 import re
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import as_html, join_few, join_names, name_from_key, quoted
+from bayes_toe.data.messages import Texts, as_html, join_few, join_names, name_from_key, quoted
 from bayes_toe.data.read_table import is_parquet, require_parquet
 from bayes_toe.data.validation import CONDITION_SEPARATOR, is_formula
 from bayes_toe.data.whole_files import whole_file
@@ -49,7 +49,7 @@ class Table(ABC, Generic[Row]):
     """
 
     rows: tuple[Row, ...]
-    short_columns: ClassVar[Sequence[str]] = ()
+    short_columns: ClassVar[Texts] = ()
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -98,7 +98,7 @@ class Table(ABC, Generic[Row]):
         return write_table(self.frame(full=True), path, seed, overwrite=overwrite, units=units)
 
 
-def frame_of(rows: Iterable[object], columns: Sequence[str]) -> pd.DataFrame:
+def frame_of(rows: Iterable[object], columns: Texts) -> pd.DataFrame:
     """A frame of what rows have under the names of its columns."""
     import pandas as pd
 
@@ -176,7 +176,7 @@ def _inert(value: object) -> object:
     return f"'{text}" if is_formula(text) else text
 
 
-def file_stems(names: Sequence[str]) -> dict[str, str]:
+def file_stems(names: Texts) -> dict[str, str]:
     """A file name without suffix for each subject, safe and distinct on every system.
 
     ASCII letters, digits, ``-``, ``_`` and ``.`` only, 60 characters at most. A name that had to be

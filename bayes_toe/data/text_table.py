@@ -170,11 +170,10 @@ class Problems:
         self._shown = list[tuple[int, str]]()
         self.remedies: list[Remedy] = []
 
-    def add(self, lines: Iterable[tuple[int, str]], count: int | None = None) -> None:
+    def add(self, lines: Iterable[tuple[int, str]], count: int = 1) -> None:
         """Add lines with their rows, which are the first ones of `count` problems."""
-        new_lines = list(lines)
-        self._shown += new_lines
-        self.count += len(new_lines) if count is None else count
+        self._shown += lines
+        self.count += count
 
     def ask(self, question: str, remedies: Iterable[Remedy]) -> None:
         """Add a problem of the whole table, with options that solve it."""
@@ -274,17 +273,14 @@ class TextTable:
         lines = []
         for places in sorted(places_of.values(), key=itemgetter(0))[:MAX_LINES]:
             index = int(places[0])
-            count = len(places)
-            right = rule if isinstance(rule, str) else rule(index)
             row = int(self.rows[index])
+            right = rule if isinstance(rule, str) else rule(index)
             finding = quoted(column.text(index))
-
-            name = column.name
-            if name == CELL and PAIR in self.columns:
-                name = self.columns[PAIR].text(index)
-            location = f"column {display_name(name)}"
-            if count > 1:
-                finding += f" in {count:,} rows, the first is row {row}"
+            location = str(column)
+            if column.name == CELL and PAIR in self.columns:
+                location = f"column {display_name(self.columns[PAIR].text(index))}"
+            if len(places) > 1:
+                finding += f" in {len(places):,} rows, the first is row {row}"
             else:
                 location = f"row {row}, {location}"
             lines.append((row, f"{location}: found {finding}, allowed: {right}"))
@@ -302,14 +298,11 @@ def require_size(source: str, n_columns: int, n_cells: int) -> None:
 
 def repeated_columns(names: Texts, wanted: Iterable[str]) -> list[str]:
     """Problems of wanted columns that a table has more than once, a line each."""
-    problems = []
-    for name in wanted:
-        count = names.count(name)
-        if count > 1:
-            problems.append(
-                f"column {display_name(name)}: found {count} columns of this name, allowed: one"
-            )
-    return problems
+    return [
+        f"column {display_name(name)}: found {names.count(name)} columns of this name, allowed: one"
+        for name in wanted
+        if names.count(name) > 1
+    ]
 
 
 def name_places(names: Texts) -> dict[str, int]:
@@ -338,13 +331,19 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # are.
     text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)
 
-    delimiter, place, first_records = _layout(source, text, choice)
-    first_row, head = first_records[0]
-    names = _names(head)
+    delimiter, place = _layout(text, choice)
+    records = itertools.islice(_records(text, delimiter), place, None)
+    first_row, head = next(records, (0, []))
+    if not head:
+        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
+    if isinstance(head, csv.Error):
+        raise InputError(f"{source}: {_broken(first_row, head, 0)}")
 
+    names = _names(head)
     n_names = len(names)
     require_size(source, n_names, n_names)
-    has_row_names = len(first_records) > 1 and len(_names(first_records[1][1])) == n_names + 1
+    next_record = next(records, (0, []))
+    has_row_names = len(_names(next_record[1])) == n_names + 1
     if has_row_names:
         names = ["", *names]  # R writes row names without a name of their own
 
@@ -353,12 +352,10 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     places = name_places(names)
     rows = array("q")
     texts = {name: list[str]() for name in places}
-    for row, cells in itertools.islice(_records(text, delimiter), place + 1, None):
+    for row, cells in itertools.chain([next_record] * bool(next_record[1]), records):
         if isinstance(cells, csv.Error) or len(cells) != len(names):
-            lines = []
-            if problems.count < MAX_LINES:
-                lines.append((row, _broken(row, cells, len(names))))
-            problems.add(lines, 1)
+            is_shown = problems.count < MAX_LINES
+            problems.add([(row, _broken(row, cells, len(names)))] * is_shown)
             continue
         rows.append(row)
         for name, index in places.items():
@@ -366,7 +363,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
 
     if has_row_names and texts[""] != [*map(str, range(1, len(rows) + 1))]:
         raise InputError(
-            f"{source}: row {first_records[1][0]}: found {n_names + 1} cells below {n_names} "
+            f"{source}: row {next_record[0]}: found {n_names + 1} cells below {n_names} "
             "names, allowed: a name for each column"
         )
 
@@ -382,26 +379,18 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     return TextTable(label, delimiter, head_row, names, columns, row_numbers, problems, notes)
 
 
-def _layout(source: str, text: str, choice: Choice) -> tuple[str, int, list[Record]]:
-    """The delimiter, the index of the record with the names, and the first records from there."""
-    best_fit = (-1, -1)
-    best: tuple[str, int, list[Record]] = ("", 0, [])
+def _layout(text: str, choice: Choice) -> tuple[str, int]:
+    """The delimiter, and the index of the record with the names."""
+    best, best_fit = ("", 0), (-1, -1)
     for delimiter in DELIMITERS:
-        records = list(itertools.islice(_records(text, delimiter), MOST_RECORDS))
+        records = itertools.islice(_records(text, delimiter), MOST_RECORDS)
         names = [_names(cells) for _, cells in records]
         place = header_place(names, choice)
         head = names[place] if names else []
         n_cells = 0 if delimiter == " " else len(head)  # names may have spaces
         fit = n_chosen(head, choice), n_cells
         if fit > best_fit:
-            best_fit, best = fit, (delimiter, place, records[place:])
-
-    _, _, first_records = best
-    if not first_records:
-        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
-    row, head_cells = first_records[0]
-    if isinstance(head_cells, csv.Error):
-        raise InputError(f"{source}: {_broken(row, head_cells, 0)}")
+            best, best_fit = (delimiter, place), fit
     return best
 
 

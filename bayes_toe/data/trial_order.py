@@ -12,7 +12,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers, Counts
-from bayes_toe.data.messages import TWICE, display_name, join_counts, join_names, plural
+from bayes_toe.data.messages import TWICE, Note, Texts, display_name, named_counts, plural
 from bayes_toe.data.tasks import are_trials
 from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
@@ -25,7 +25,7 @@ _RUNS = ("block", "session")
 def answers_in_order(
     table: TextTable,
     columns: Columns,
-    keys: Sequence[FloatArray],
+    pairs: FloatArray,
     parts: Mapping[str, IndexArray],
     counts: Counts,
 ) -> tuple[dict[str, Answers], list[str], list[str]]:
@@ -33,42 +33,44 @@ def answers_in_order(
 
     Notes say what is missing. Doubts name trials that the file has twice.
 
-    `columns` has the columns by our names. `keys` are the pair of every row, NaN where a cell
+    `columns` has the columns by our names. `pairs` are the stimuli of every row, NaN where a cell
     cannot be read. `parts` has the rows with answers of every subject. `counts` are the answers of
     each row by their names in :class:`Answers`; n_trials is 0 where nobody answered a trial.
     """
     is_trials = are_trials(columns)
-    pairs = np.column_stack(keys)
-    subject = columns["subject"]
+    subject, owner = columns["subject"], _without_conditions(columns)
+    rows_with_pair = owner.rows_by_text(np.flatnonzero(~np.isnan(pairs).any(axis=1)))
+
     runs = {name: _ranked(table, columns[name]) for name in filter(columns.__contains__, _RUNS)}
     blocks, block_rank = runs.get("block", ((), None))
     ranks = np.column_stack([np.zeros(len(pairs), np.int64), *(rank for _, rank in runs.values())])
-
-    trial = None
-    if is_trials and "trial" in columns:
+    trial = times = np.full(len(pairs), np.nan)
+    is_numbered = is_trials and "trial" in columns
+    if is_numbered:
         trial = numbers(table, columns["trial"])
-        rows_with_pair = _rows_with_a_pair(subject, pairs, "condition" in columns)
-    times = None
     if "iti" in columns:
         times = numbers(table, columns["iti"])
         times[times < 0.0] = np.nan
 
     answers = {}
     unordered = []
-    n_missing = []
+    n_missing = {}
     n_untimed = 0
     for name, answered_rows in parts.items():
         rows, place, iti = answered_rows, None, None
-        if trial is not None:
+        if is_numbered:
+            owner_name = owner.text(answered_rows[0])
             # Rows without an answer may be no trials.
-            ordered = _ordered((rows_with_pair[name], answered_rows), trial, ranks)
+            ordered = _ordered((rows_with_pair[owner_name], answered_rows), trial, ranks)
             if ordered is None:
                 unordered.append(display_name(name))
             else:
                 rows = ordered
                 place, n_absent = _places(trial[rows], ranks[rows, -1])
-                n_missing.append((name.partition(CONDITION_SEPARATOR)[0], n_absent))
-                iti = None if times is None else times[rows]
+                if n_absent:
+                    n_missing[owner_name] = n_absent
+                if "iti" in columns:
+                    iti = times[rows]
 
         # Rows of the same subject in other conditions stay in the sequence, without answers.
         is_own_row = subject.codes[rows] == subject.codes[answered_rows[0]]
@@ -87,53 +89,33 @@ def answers_in_order(
         answers[name] = in_order.with_own_blocks()
 
     notes = _order_notes(columns, unordered, n_missing, n_untimed)
-    # No trial is there twice where the order is known.
-    doubts = _repeated(table, columns, keys, counts) if unordered else []
-    return answers, notes, doubts
+    return answers, notes, _repeated(table, columns, pairs, counts, unordered)
+
+
+def _without_conditions(columns: Columns) -> Column:
+    """The subject of each row, also of a unit, which is a subject in a condition."""
+    subject = columns["subject"]
+    if "condition" not in columns:
+        return subject
+    names = [text.partition(CONDITION_SEPARATOR)[0] for text in subject.texts]
+    return Column.from_texts(subject.name, names, subject.codes)
 
 
 def _order_notes(
-    columns: Columns,
-    unordered: Sequence[str],
-    n_missing: Sequence[tuple[str, int]],
-    n_untimed: int,
+    columns: Columns, unordered: list[str], n_missing: Mapping[str, int], n_untimed: int
 ) -> list[str]:
     """Notes on trials whose order, number or time is not known."""
-    notes = []
+    notes = list[str]()
     if unordered:
-        notes.append(
-            f"{columns['trial']} does not order all trials, so the order of the file is used: "
-            f"{join_names(unordered)}"
-        )
-
-    missing = {name: count for name, count in n_missing if count}
-    if missing:
-        notes.append(
-            f"trial numbers are missing ({join_counts(missing)}); keep trials without a response "
-            "in the file, with an empty response"
-        )
-
+        text = "does not order all trials, so the order of the file is used: "
+        notes.append(Note(f"{columns['trial']} {text}", unordered))
+    if n_missing:
+        advice = "); keep trials without a response in the file, with an empty response"
+        notes.append(Note("trial numbers are missing (", named_counts(n_missing), advice))
     if n_untimed:
-        notes.append(
-            f"no time since the trial before for {plural(n_untimed, 'trial')} in {columns['iti']}"
-        )
+        times = f" in {columns['iti']}"
+        notes.append(Note("no time since the trial before for ", (n_untimed, "trial"), times))
     return notes
-
-
-def _rows_with_a_pair(
-    subject: Column, pairs: FloatArray, has_conditions: bool
-) -> dict[str, IndexArray]:
-    """Rows of every subject that have a pair, with an answer or without.
-
-    A unit has the rows of its subject in all conditions.
-    """
-    names = subject.texts
-    if has_conditions:
-        names = [text.partition(CONDITION_SEPARATOR)[0] for text in subject.texts]
-    owner = Column.from_texts(subject.name, names, subject.codes)
-    rows_of = owner.rows_by_text(np.flatnonzero(~np.isnan(pairs).any(axis=1)))
-    units = zip(subject.texts, names, strict=True)
-    return {unit: rows_of[name] for unit, name in units if name in rows_of}
 
 
 def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray]:
@@ -145,7 +127,7 @@ def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray
     order = np.arange(len(values))
     if not np.isnan(values).any():
         order = np.argsort(values, kind="stable")
-    names = tuple(column.texts[place] for place in order.tolist())
+    names = tuple(np.array(column.texts, object)[order])
     return names, np.argsort(order)[column.codes]
 
 
@@ -181,22 +163,21 @@ def _places(trial: FloatArray, run: IntArray) -> tuple[IntArray, int]:
 
 
 def _repeated(
-    table: TextTable,
-    columns: Columns,
-    keys: Sequence[FloatArray],
-    counts: Counts,
+    table: TextTable, columns: Columns, pairs: FloatArray, counts: Counts, unordered: Texts
 ) -> list[str]:
     """A doubt about answered trials that repeat the number and all else of an earlier row.
 
     There is none where a row with a number that is there twice is another trial: numbers may begin
-    anew.
+    anew. No trial is there twice where the order is known.
     """
     import pandas as pd
 
+    if not unordered:
+        return []
     numbered_by = [name for name in ("subject", *_RUNS) if name in columns]
     rows = pd.DataFrame({name: columns[name].codes for name in numbered_by})
     rows["trial"] = numbers(table, columns["trial"])
-    rows = rows.assign(s1=keys[0], s2=keys[1], **counts)
+    rows = rows.assign(s1=pairs[:, 0], s2=pairs[:, 1], **counts)
     rows = rows[rows["n_trials"] > 0].dropna(subset="trial")
     is_repeat = rows.duplicated()
     n_repeats = int(is_repeat.sum())

@@ -20,7 +20,15 @@ from bayes_toe.data.column_roles import (
     practice_texts,
     taken_out_texts,
 )
-from bayes_toe.data.messages import Texts, display_name, join_counts, join_names, plural, quoted
+from bayes_toe.data.messages import (
+    Note,
+    Texts,
+    display_name,
+    join_names,
+    named_counts,
+    plural,
+    quoted,
+)
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import (
@@ -43,13 +51,7 @@ def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> Tex
     """The table of the rows that are trials, or counts of trials.
 
     `roles_read` are our names of the columns that are read.
-
-    Raises
-    ------
-    InputError
-        If no row has what `options.where` asks for.
     """
-    table = _chosen_rows(table, options)
     if "practice" not in options.ignore:
         table = _without_practice(table, options, roles_read)
     for answer in ("response", "correct"):
@@ -58,12 +60,37 @@ def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> Tex
     return table
 
 
-def without_other_columns(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadOptions]:
-    """The table and the options without columns that are empty in all rows that are chosen."""
-    if not (len(table.rows) and options.where and table.columns.keys() >= options.where.keys()):
+def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadOptions]:
+    """The rows that have in all columns of `options.where` the text that is asked for.
+
+    Columns that are empty in these rows have no name and no role. A table that lacks one of the
+    columns stays as it is.
+
+    Raises
+    ------
+    InputError
+        If there is no such row.
+    """
+    where = options.where
+    if not where or not len(table.rows) or not {*where} <= table.columns.keys():
         return table, options
-    chosen = _chosen_rows(table, options)
-    empty = [name for name, column in chosen.columns.items() if column.texts == [""]]
+
+    is_chosen_row = np.ones(len(table.rows), bool)
+    for name, text in where.items():
+        column = table.columns[name]
+        if text not in column.texts:
+            raise InputError(
+                f"{table.source}: {column}: found {join_names(map(quoted, column.texts))}, "
+                f"allowed: {quoted(text)}, as --where has it, in some row"
+            )
+        is_chosen_row &= column.matches([text])
+    if not is_chosen_row.any():
+        raise InputError(
+            f"{table.source}: found no row that is as --where has it in all of {', '.join(where)}"
+        )
+
+    table = table.only(is_chosen_row)
+    empty = [name for name, column in table.columns.items() if column.texts == [""]]
     columns = {ours: name for ours, name in options.columns.items() if name not in empty}
     names = [*filterfalse(empty.__contains__, table.names)]
     return replace(table, names=names), replace(options, columns=columns)
@@ -72,7 +99,8 @@ def without_other_columns(table: TextTable, options: ReadOptions) -> tuple[TextT
 def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) -> Column | None:
     """The column that says for how many trials each row stands; None where rows are trials.
 
-    It has a name such as `Freq`, or options name it.
+    It is the only one with a name such as `Freq` and has whole numbers, not all 0 or 1, or options
+    name it.
 
     Raises
     ------
@@ -85,13 +113,17 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     if "n_trials" in options.columns:
         return table.columns[options.name("n_trials")]
 
-    column = _column_by_name(table)
     names_read = [options.name(role) for role in roles_read if role != "n_trials"]
     answers = [*map(options.name, answer_roles)]
+    candidates = names_like(table.names, "frequency")
+    column = table.columns.get(candidates[0]) if len(candidates) == 1 else None
     if column is not None and column.name not in names_read:
+        counts = column.map(whole_number, np.int64)
+        is_count = counts.min(initial=0) >= 0 and counts.max(initial=0) > 1
         # A further column may split the trials of a pair, as a day does, or describe them.
         all_others = [name for name in table.columns if name != column.name]
-        if any(_are_unique(table, key, answers) for key in (names_read, all_others)):
+        keys = (names_read, all_others) if is_count else ()
+        if any(_are_unique(table, key, answers) for key in keys):
             return column
     if "n_trials" in roles_read:
         table.require(
@@ -101,16 +133,6 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
             ]
         )
     return None
-
-
-def _column_by_name(table: TextTable) -> Column | None:
-    """The only column with a name such as `Freq`, if it has whole numbers, not all 0 or 1."""
-    names = names_like(table.names, "frequency")
-    if len(names) != 1 or names[0] not in table.columns:
-        return None
-    column = table.columns[names[0]]
-    counts = column.map(whole_number, np.int64)
-    return column if counts.min(initial=0) >= 0 and counts.max(initial=0) > 1 else None
 
 
 def _are_unique(table: TextTable, key: Texts, answers: Texts) -> bool:
@@ -145,30 +167,6 @@ def with_row_for_each_trial(table: TextTable, frequency: Column) -> TextTable:
     return table.only(rows, f"{frequency} read as the number of trials of each row")
 
 
-def _chosen_rows(table: TextTable, options: ReadOptions) -> TextTable:
-    """The rows that have in all of these columns the text that is asked for."""
-    if not options.where:
-        return table
-
-    is_chosen_row = np.ones(len(table.rows), bool)
-    for name, text in options.where.items():
-        column = table.columns[name]
-        has_text = column.matches([text])
-        if not has_text.any():
-            raise InputError(
-                f"{table.source}: {column}: found {join_names(map(quoted, column.texts))}, "
-                f"allowed: {quoted(text)}, as --where has it, in some row"
-            )
-        is_chosen_row &= has_text
-
-    if not is_chosen_row.any():
-        asked_names = ", ".join(options.where)
-        raise InputError(
-            f"{table.source}: found no row that is as --where has it in all of {asked_names}"
-        )
-    return table.only(is_chosen_row)
-
-
 def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
     """The table without rows that a column marks as practice.
 
@@ -188,13 +186,13 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
         is_marked = column.matches(practice)
         subject = _subjects(table, options).codes
         n_marked = np.bincount(subject, is_marked)
-        if np.isin(n_marked * (np.bincount(subject) - n_marked), 0).all():
+        n_others = np.bincount(subject, ~is_marked)
+        if not (n_marked * n_others).any():
             continue
 
-        rows = plural(int(is_marked.sum()), "row")
         marks = join_names(map(quoted, practice))
-        note = f"{rows} left out as practice ({column}: {marks}); --ignore practice reads them"
-        table = table.only(~is_marked, note)
+        reason = f"left out as practice ({column}: {marks}); --ignore practice reads them"
+        table = table.only(~is_marked, Note((int(is_marked.sum()), "row"), f" {reason}"))
     return table
 
 
@@ -204,17 +202,18 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
     A session that was stopped leaves such rows in a matrix of zeros that was made before it.
     """
     stimuli = [table.columns[options.name(role)] for role in options.stimuli]
-    is_zero = _is_zero(table, [*stimuli, table.columns[options.name(answer)]])
+    is_zero = np.ones(len(table.rows), bool)
+    for column in (*stimuli, table.columns[options.name(answer)]):
+        is_zero &= numbers(table, column) == 0
     for name, column in table.columns.items():
         if is_response_sign(name):  # a key or a reaction time shows a trial
-            is_zero &= _is_zero(table, [column]) | column.map(is_no_response)
+            is_zero &= (numbers(table, column) == 0) | column.map(is_no_response)
 
     pair = np.column_stack([column.codes for column in stimuli])
-
     is_unfilled = np.zeros(len(is_zero), bool)
     counts = {}
-    all_rows = np.arange(len(is_zero))
-    for name, rows in _subjects(table, options).rows_by_text(all_rows).items():
+    subject = _subjects(table, options)
+    for name, rows in subject.rows_by_text(np.arange(len(is_zero))).items():
         n_unfilled = _count_unfilled(is_zero[rows], pair[rows])
         if number(name) == 0 and is_zero[rows].all() and not is_zero.all():
             n_unfilled = len(rows)  # in a matrix the subject is zero, too
@@ -224,11 +223,10 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
     if not is_unfilled.any():
         return table
 
-    note = (
-        f"{plural(is_unfilled.sum(), 'row')} left out as unfilled (stimuli and response are 0 "
-        f"in the last rows): {join_counts(counts)}"
+    reason = " left out as unfilled (stimuli and response are 0 in the last rows): "
+    return table.only(
+        ~is_unfilled, Note((int(is_unfilled.sum()), "row"), reason, named_counts(counts))
     )
-    return table.only(~is_unfilled, note)
 
 
 def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
@@ -260,14 +258,11 @@ def nameless_doubts(subject: Column) -> list[str]:
     return doubts
 
 
-def taken_out_doubts(table: TextTable, names_not_read: Texts) -> list[str]:
+def taken_out_doubts(columns_not_read: Sequence[Column]) -> list[str]:
     """A doubt for each column that is not read and says that some rows are no good trials."""
     doubts = []
-    for name in names_not_read:
-        if name not in table.columns:
-            continue
-        column = table.columns[name]
-        texts = taken_out_texts(name, column.texts)
+    for column in columns_not_read:
+        texts = taken_out_texts(column.name, column.texts)
         other_texts = [text for text in column.texts if text not in texts]
         if not texts or not other_texts:
             continue
@@ -276,7 +271,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Texts) -> list[str]:
         marks = join_names(map(quoted, texts))
         doubt = f"{plural(n_rows, 'row')} with {marks} in {column} are counted"
         if len(other_texts) == 1:
-            doubt += f"; --where {display_name(name)}={other_texts[0]} leaves them out"
+            doubt += f"; --where {display_name(column.name)}={other_texts[0]} leaves them out"
         doubts.append(doubt)
     return doubts
 
@@ -286,8 +281,3 @@ def _subjects(table: TextTable, options: ReadOptions) -> Column:
     if options.subject_from is not None:
         return Column("", [""], np.zeros(len(table.rows), np.int64))
     return table.columns[options.name("subject")]
-
-
-def _is_zero(table: TextTable, columns: Sequence[Column]) -> BoolArray:
-    """Whether the number in all of these columns is 0."""
-    return np.all([numbers(table, column) == 0 for column in columns], axis=0)

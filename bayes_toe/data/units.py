@@ -16,11 +16,12 @@ from itertools import compress, filterfalse, product
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.data.column_roles import names_like, practice_texts
+from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.data.answers import Counts
+from bayes_toe.data.column_roles import looks_like, names_like, practice_texts
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words, levels
-from bayes_toe.data.messages import display_name, join_names, quoted
+from bayes_toe.data.messages import Texts, display_name, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.study import Study, Subject, with_shared_scales
 from bayes_toe.data.study_files import common_notes, reading_of_all, together
@@ -192,7 +193,8 @@ def _task_remedies(
 def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     """One study, in which a unit is a subject's answers to one task, if there are several."""
     tasks = dict.fromkeys(study.task for study in studies)
-    if len(tasks) == 1 or any("condition" in study.reading.read for study in studies):
+    has_conditions = any("condition" in study.reading.read for study in studies)
+    if options.condition is None or len(tasks) == 1 or has_conditions:
         return together(studies)  # one task, or conditions that are no tasks
 
     by_level = {}
@@ -217,12 +219,11 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     )
 
 
-def _level_order(unit_levels: Sequence[str], options: ReadOptions) -> tuple[list[str], bool]:
+def _level_order(unit_levels: Texts, options: ReadOptions) -> tuple[list[str], bool]:
     """The levels, the reference first, and whether they are numbers."""
-    values = [number(level, False) for level in unit_levels]
+    values = [*map(number, unit_levels)]
     is_numeric = not options.categorical and not any(map(math.isnan, values))
-    sorted_levels = levels(values if is_numeric else unit_levels)
-    order = level_words(sorted_levels)
+    order = level_words(levels(values if is_numeric else unit_levels))
 
     reference = options.reference
     if reference is None:
@@ -277,25 +278,33 @@ def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
 
 
 def pooled_conditions(
-    columns: Sequence[Column], subject: IntArray, answer: BoolArray, keys: Sequence[FloatArray]
+    columns: Iterable[Column], subject: Column, counts: Counts, pairs: FloatArray
 ) -> list[str]:
-    """The columns that may be a condition, with several levels of a subject.
+    """The columns that may be a condition by their names, with several levels of a subject.
 
     None of them follows from the stimuli and answers, or has about as many texts as trials.
     """
-    direction = np.sign(keys[1] - keys[0])
-    is_scored = direction != 0.0
+    answered = np.flatnonzero(counts["n_trials"])
+    is_yes = (counts["n_yes"] == counts["n_trials"])[answered]
+    subject_codes = subject.codes[answered]
+    n_subjects = _n_distinct(subject_codes)
+    direction = np.sign(np.diff(pairs[answered]))
+    is_scored = direction[:, 0] != 0.0
+
     names = []
     for column in columns:
-        n_levels = _n_distinct(subject, column.codes)
+        if not (looks_like(column.name, "condition") or looks_like(column.name, "isi")):
+            continue
+        levels_of_rows = column.codes[answered]
         follows = False
-        for stimuli in ([direction], keys):
+        for stimuli in (direction, pairs[answered]):
             # Levels are the same in all rows with the same values, and not by chance.
-            rows = np.column_stack([subject, answer, *stimuli])[is_scored]
+            rows = np.column_stack([subject_codes, is_yes, stimuli])[is_scored]
             n_groups = _n_distinct(rows)
-            has_one_level = _n_distinct(rows, column.codes[is_scored]) == n_groups
+            has_one_level = _n_distinct(rows, levels_of_rows[is_scored]) == n_groups
             follows |= has_one_level and len(rows) - n_groups >= _REPEATED
-        if _n_distinct(subject) < n_levels <= 0.5 * len(subject) and not follows:
+        n_levels = _n_distinct(subject_codes, levels_of_rows)
+        if n_subjects < n_levels <= 0.5 * len(answered) and not follows:
             names.append(column.name)
     return names
 

@@ -90,9 +90,8 @@ def ambiguous_number(columns: Sequence[Column], sign: str) -> str:
 def whole_number(text: str, decimal_comma: bool = False) -> int:
     """The whole number that a cell holds, -1 if it holds none."""
     match = re.fullmatch(_COUNT, text.replace(",", ".") if decimal_comma else text)
-    if match is None or int(match[1]) > LARGEST_COUNT:
-        return -1
-    return int(match[1])
+    count = -1 if match is None else int(match[1])
+    return count if count <= LARGEST_COUNT else -1
 
 
 def is_formula(text: str) -> bool:
@@ -128,7 +127,7 @@ def column_counts(table: TextTable, column: Column) -> IntArray:
 
 def has_shares(table: TextTable, column: Column) -> bool:
     """Whether a column has numbers from 0 to 1 only and some between them, or signs of per cent."""
-    if any("%" in text for text in column.texts):
+    if "%" in "".join(column.texts):
         return True
     shares = numbers(table, column)
     return bool(((shares >= 0.0) & (shares <= 1.0)).all() and (shares % 1.0 > 0.0).any())
@@ -141,7 +140,7 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     of the most precise one.
     """
     shares = column.map(lambda text: number(text.rstrip(" %"), table.decimal_comma), float)
-    has_percent_sign = any("%" in text for text in column.texts)
+    has_percent_sign = "%" in "".join(column.texts)
     whole = 100.0 if has_percent_sign or (shares > 1.0).any() else 1.0
 
     finite = shares[np.isfinite(shares)]

@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import format_path, join_names
+from bayes_toe.data.messages import Texts, format_path, join_names
 from bayes_toe.errors import OutputError, OutputExistsError
 
 #: Beginning of the name of a folder whose files are not finished.
@@ -63,7 +63,7 @@ def require_writable(path: StrPath, *, overwrite: bool) -> None:
 
 
 @contextmanager
-def whole_folder(path: StrPath, names: Sequence[str], *, overwrite: bool = False) -> Iterator[Path]:
+def whole_folder(path: StrPath, names: Texts, *, overwrite: bool = False) -> Iterator[Path]:
     """A temporary folder, whose files move into `path` if the block ends well and vanish otherwise.
 
     A folder that does not exist yet takes its name in one rename; into one that exists, files move
@@ -110,7 +110,7 @@ def whole_folder(path: StrPath, names: Sequence[str], *, overwrite: bool = False
                 _remove(target, name)
 
 
-def require_folder(path: StrPath, names: Sequence[str], *, overwrite: bool) -> None:
+def require_folder(path: StrPath, names: Texts, *, overwrite: bool) -> None:
     """Refuse now what :func:`whole_folder` would refuse after long work; leave nothing behind."""
     target = Path(path)
     _refuse_taken_folder(target, names, overwrite)
@@ -138,7 +138,7 @@ def _refuse_taken(target: Path, overwrite: bool) -> None:
         raise OutputError(f"{format_path(target)}: is a link, pipe or device, choose another name")
 
 
-def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) -> None:
+def _refuse_taken_folder(target: Path, names: Texts, overwrite: bool) -> None:
     """Refuse a file in the place of a folder, and files in it that may not be replaced."""
     refuse_impossible(target)
     if os.path.lexists(target) and not target.is_dir():
@@ -243,6 +243,4 @@ def describe_stored() -> str:
         n_stored = sum(map(os.path.exists, standing.files))
         if n_stored:
             parts.append(f"{n_stored} of {len(standing.files)} subjects are saved in {folder}")
-    if not parts:
-        return ""
-    return f"{', '.join(parts)}; type --resume to continue"
+    return f"{', '.join(parts)}; type --resume to continue" if parts else ""

@@ -453,6 +453,19 @@ REFUSED = {
         "--columns n_second=cell --columns n_trials=NAME",
         "if they count 'second'",
     ),
+    "wide_counts_without_a_pattern.csv": (
+        WIDE_COUNTS,
+        "--wide '{first}_{second}'",
+        "the names of 4 columns are pairs",
+    ),
+    "counts_that_do_not_add_up.csv": (
+        "subject,s1,s2,first,second,n\na,0,0.3,1,5,7\na,0.3,0,4,2,6\n",
+        "row 2, column n: found '7', allowed: the sum of second and first, 6",
+    ),
+    "other_counts_that_do_not_add_up.csv": (
+        "subject,s1,s2,same,different,n_trials\na,0,0.3,1,5,7\n",
+        "row 2, column n_trials: found '7', allowed: the sum of same and different, 6",
+    ),
     "proportions_by_another_name.csv --columns p_second=cell": (
         "",
         "p_second=cell', allowed",
