@@ -21,6 +21,7 @@ import pandas as pd
 from scipy.special import betaln
 
 from bayes_toe.answers.order_effect import ANSWER_COLUMNS, OrderEffect
+from bayes_toe.arrays import Texts
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -72,7 +73,7 @@ class SubjectEvidence:
     log_evidence_h0_laplace: float
     pareto_k: float
     answer: OrderEffect | None = None
-    notes: tuple[str, ...] = ()
+    notes: Texts = ()
 
     @property
     def cells(self) -> Mapping[str, object]:
@@ -175,8 +176,7 @@ def frequency_evidence(subject: Subject) -> float:
     It is the sum of ln B(n_yes + 1, n_no + 1) over the pairs, and over the questions of the task.
     """
     n_no = subject.n_trials - subject.n_yes
-    of_counted = float(betaln(subject.n_yes + 1.0, n_no + 1.0).sum())
-    return of_counted + direction_evidence(subject)
+    return float(betaln(subject.n_yes + 1.0, n_no + 1.0).sum()) + direction_evidence(subject)
 
 
 def direction_evidence(subject: Subject) -> float:
