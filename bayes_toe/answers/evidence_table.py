@@ -26,6 +26,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.inference.fitted import Evidence
+from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
 from bayes_toe.inference.maxima import laplace
 from bayes_toe.inference.subject import SubjectResult
 from bayes_toe.model.densities import LOG_2PI
@@ -59,6 +60,8 @@ class SubjectEvidence:
     ----------
     answer : OrderEffect or None
         None where only H1 against H0 was asked for.
+    fit : GoodnessOfFit or None
+        Goodness of fit of the paper's model (H1), of chains.
     notes : tuple of str
         What is not reported, and why.
     """
@@ -73,6 +76,7 @@ class SubjectEvidence:
     log_evidence_h0_laplace: float
     pareto_k: float
     answer: OrderEffect | None = None
+    fit: GoodnessOfFit | None = None
     notes: Texts = ()
 
     @property
@@ -166,6 +170,7 @@ def subject_evidence(result: SubjectResult, answer: OrderEffect | None = None) -
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
         pareto_k=estimate.pareto_k,
         answer=answer,
+        fit=result.fit,
         notes=(f"H1: {estimate.why_not}",) if estimate.why_not else (),
     )
 
