@@ -379,8 +379,7 @@ def _analyse_subject(
     answer = answer_evidence(evidence, settings.seed, flags)
 
     subject = evidence.subject
-    target = paper_posterior(subject, settings.prior.for_subjects(subject))
-    result = fitted_result(target, settings.seed, request)
+    result = fitted_result(paper_posterior(subject, settings.prior), settings.seed, request)
     row = subject_evidence(result, answer)
     if request.chains is None:
         return _SubjectAnalysis(row)

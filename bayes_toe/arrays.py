@@ -19,6 +19,8 @@ Rng = np.random.Generator
 #: Also the generator that emcee gives to its moves.
 AnyRng = Rng | np.random.RandomState
 StrPath = str | Path
+#: Names, notes or lines, in order.
+Texts = tuple[str, ...]
 #: Values by name, as a file or a page has them.
 Record = dict[str, Any]
 

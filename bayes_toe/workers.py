@@ -223,8 +223,7 @@ def _signals_held_back() -> Iterator[None]:
 
     # joblib would start it next, and Python 3.11 and 3.12 let interrupts through after its start.
     resource_tracker.ensure_running()
-    held_back = [signal.SIGTERM, *_TERMINAL_SIGNALS]
-    earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, held_back)
+    earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM, *_TERMINAL_SIGNALS])
 
     try:
         yield

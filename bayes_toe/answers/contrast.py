@@ -34,7 +34,7 @@ from bayes_toe.answers.order_effect import (
 )
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.answers.words import Word
-from bayes_toe.arrays import NamedArrays, StrPath
+from bayes_toe.arrays import NamedArrays, StrPath, Texts
 from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import capitalized, display_name, join_names, plural
@@ -234,12 +234,12 @@ class ContrastTable(Table[Difference]):
         return frame.assign(model="both", prior=prior)
 
     @property
-    def subjects(self) -> tuple[str, ...]:
+    def subjects(self) -> Texts:
         """The subjects that have a row."""
         return tuple(dict.fromkeys(row.subject for row in self.rows))
 
     @property
-    def quantities(self) -> tuple[str, ...]:
+    def quantities(self) -> Texts:
         """The quantities, in order."""
         return tuple(_PARAMETERS_OF)
 
@@ -299,7 +299,13 @@ def contrast(
         If the work of every subject was lost.
     """
     require_study(study, several_tasks=True)
-    conditions = _require_conditions(study)
+    conditions = study.conditions
+    if conditions is None:
+        choices = "a column condition, or --condition COLUMN"
+        if study.reading.pooled:
+            choices += f", such as --condition {display_name(study.reading.pooled[0])}"
+        raise InputError(f"{study.source}: found no condition within subjects, allowed: {choices}")
+
     compared, left_out = _compared_subjects(study, conditions)
     root, numbers = resumed_seed(seed, keep), prior_for(study, prior).observer
     results = run_stored(
@@ -328,16 +334,6 @@ def contrast(
         failed=failed,
         answers=tuple(answers),
     )
-
-
-def _require_conditions(study: Study) -> Conditions:
-    """The conditions of a study; an InputError where it has none."""
-    if study.conditions is not None:
-        return study.conditions
-    choices = "a column condition, or --condition COLUMN"
-    if study.reading.pooled:
-        choices += f", such as --condition {display_name(study.reading.pooled[0])}"
-    raise InputError(f"{study.source}: found no condition within subjects, allowed: {choices}")
 
 
 def _compared_subjects(

@@ -21,10 +21,12 @@ import pandas as pd
 from scipy.special import betaln
 
 from bayes_toe.answers.order_effect import ANSWER_COLUMNS, OrderEffect
+from bayes_toe.arrays import Texts
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.inference.fitted import Evidence
+from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
 from bayes_toe.inference.maxima import laplace
 from bayes_toe.inference.subject import SubjectResult
 from bayes_toe.model.densities import LOG_2PI
@@ -58,6 +60,8 @@ class SubjectEvidence:
     ----------
     answer : OrderEffect or None
         None where only H1 against H0 was asked for.
+    fit : GoodnessOfFit or None
+        Goodness of fit of the paper's model (H1), of chains.
     notes : tuple of str
         What is not reported, and why.
     """
@@ -72,7 +76,8 @@ class SubjectEvidence:
     log_evidence_h0_laplace: float
     pareto_k: float
     answer: OrderEffect | None = None
-    notes: tuple[str, ...] = ()
+    fit: GoodnessOfFit | None = None
+    notes: Texts = ()
 
     @property
     def cells(self) -> Mapping[str, object]:
@@ -165,6 +170,7 @@ def subject_evidence(result: SubjectResult, answer: OrderEffect | None = None) -
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
         pareto_k=estimate.pareto_k,
         answer=answer,
+        fit=result.fit,
         notes=(f"H1: {estimate.why_not}",) if estimate.why_not else (),
     )
 
@@ -175,8 +181,7 @@ def frequency_evidence(subject: Subject) -> float:
     It is the sum of ln B(n_yes + 1, n_no + 1) over the pairs, and over the questions of the task.
     """
     n_no = subject.n_trials - subject.n_yes
-    of_counted = float(betaln(subject.n_yes + 1.0, n_no + 1.0).sum())
-    return of_counted + direction_evidence(subject)
+    return float(betaln(subject.n_yes + 1.0, n_no + 1.0).sum()) + direction_evidence(subject)
 
 
 def direction_evidence(subject: Subject) -> float:

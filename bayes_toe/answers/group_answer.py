@@ -111,8 +111,7 @@ def group_answer(result: PopulationResult) -> list[str]:
 
     differences: dict[str, list[str]] = {}
     for level, label, difference, factor, word in _comparison_rows(result, "difference"):
-        text = f"{label} {difference} ({word}, BF {factor})"
-        differences.setdefault(level, []).append(text)
+        differences.setdefault(level, []).append(f"{label} {difference} ({word}, BF {factor})")
     for level, texts in differences.items():
         lines.append(f"{badge}Difference {level} in the group: {'; '.join(texts)}.")
     return lines

@@ -21,7 +21,7 @@ from scipy.special import expit
 
 from bayes_toe.answers.serial_screen import SerialScreen, subject_screen
 from bayes_toe.answers.words import Word, remains, word_for
-from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray, Texts
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE, flag_limit
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.checks.identification import Identification, identify
@@ -65,7 +65,6 @@ SIZE_OF = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"
 _SIZE_TEXTS = {"constant_error": ", PSE shift {}", "contraction": ", {} of the way to the mean"}
 QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
 PROBABILITIES = tuple(QUANTILES.values())
-_EVIDENCES = tuple(f"log_evidence_{name.replace(' ', '_')}" for name in MODEL_NAMES)
 #: Columns with which evidence.csv begins.
 ANSWER_COLUMNS = (
     "subject",
@@ -79,7 +78,10 @@ ANSWER_COLUMNS = (
     "fit_p",
     "history_p",
     "moving_criterion_p",
-    *map("".join, product(_EVIDENCES, ("", "_se", "_laplace"))),
+    *(
+        f"log_evidence_{name}{ending}".replace(" ", "_")
+        for name, ending in product(MODEL_NAMES, ("", "_se", "_laplace"))
+    ),
 )
 _Numbers = Mapping[str, float]
 #: Nats below the best within which a model's error matters.
@@ -187,31 +189,31 @@ class OrderEffect:
     words: Mapping[str, Word]
     direction: str
     is_interpretable: bool
-    probabilities: Mapping[str, float]
-    log_bayes_factors: Mapping[str, float]
+    probabilities: _Numbers
+    log_bayes_factors: _Numbers
     sizes: Mapping[str, Size]
-    upper_bounds: Mapping[str, float]
+    upper_bounds: _Numbers
     best_model: str
     fit_p: float | None
     history_p: float | None
     moving_criterion_p: float | None
-    log_evidence: Mapping[str, float]
-    standard_error: Mapping[str, float]
-    laplace: Mapping[str, float]
+    log_evidence: _Numbers
+    standard_error: _Numbers
+    laplace: _Numbers
     unit: StimulusUnit = UNKNOWN_UNIT
-    notes: tuple[str, ...] = ()
+    notes: Texts = ()
     reasons: Mapping[str, str] = field(default_factory=dict)
     problems: Mapping[str, Problem] = field(default_factory=dict)
     worst_pairs: tuple[PairResidual, ...] = ()
     n_subjects: int = 1
 
     @property
-    def flags(self) -> tuple[str, ...]:
+    def flags(self) -> Texts:
         """What stands against the answer or belongs to it, each in a few words."""
         return tuple(self.problems)
 
     @property
-    def options(self) -> tuple[str, ...]:
+    def options(self) -> Texts:
         """Options of a command that act on the problems."""
         return tuple(problem.option for problem in self.problems.values() if problem.option)
 
@@ -316,28 +318,27 @@ class OrderEffect:
 
     @property
     def cells(self) -> Mapping[str, object]:
-        """The entries of :data:`ANSWER_COLUMNS`; None where one is empty."""
-        cells: dict[str, object] = {
-            "subject": self.subject,
-            "interpretable": "yes" if self.is_interpretable else "no",
-            "flags": "; ".join(self.flags),
-            "best_model": self.best_model,
-            "fit_p": self.fit_p,
-            "history_p": self.history_p,
-            "moving_criterion_p": self.moving_criterion_p,
-        }
-        for question in QUESTIONS:
-            cells[question] = self.word(question)
-            cells[f"p_{question}"] = self.probabilities[question]
-            cells[f"ln_bf_{question}"] = self.log_bayes_factors[question]
+        """The entries of :data:`ANSWER_COLUMNS`, in their order; None where one is empty."""
+        sizes = []
         for size, quantile in product(SIZES, QUANTILES):
             number = getattr(self.sizes.get(size), quantile, np.nan)
-            cells[f"{size}_{quantile}"] = number if np.isfinite(number) else None
-        for name, column in zip(MODEL_NAMES, _EVIDENCES, strict=True):
-            cells[column] = self.log_evidence[name]
-            cells[f"{column}_se"] = self.standard_error[name]
-            cells[f"{column}_laplace"] = self.laplace[name]
-        return cells
+            sizes.append(number if np.isfinite(number) else None)
+        of_models = product(MODEL_NAMES, (self.log_evidence, self.standard_error, self.laplace))
+        entries = (
+            self.subject,
+            *map(self.word, QUESTIONS),
+            "yes" if self.is_interpretable else "no",
+            "; ".join(self.flags),
+            *map(self.probabilities.get, QUESTIONS),
+            *map(self.log_bayes_factors.get, QUESTIONS),
+            *sizes,
+            self.best_model,
+            self.fit_p,
+            self.history_p,
+            self.moving_criterion_p,
+            *(numbers[model] for model, numbers in of_models),
+        )
+        return dict(zip(ANSWER_COLUMNS, entries, strict=True))
 
     def describe(self) -> str:
         """The conclusion in sentences, without the name of the subject."""
@@ -410,8 +411,7 @@ def format_difference(size: ThreeNumbers, unit: StimulusUnit, sign: str = "+") -
     '+6 ln [+2, +18]'
     """
     shown_unit = unit.for_percent(size)
-    shown_size = shown_unit.from_percent(size).tolist()
-    return format_signed(shown_size, shown_unit.of_differences, sign)
+    return format_signed(shown_unit.from_percent(size).tolist(), shown_unit.of_differences, sign)
 
 
 def format_signed(size: ThreeNumbers, unit: str = "", sign: str = "+") -> str:
@@ -756,16 +756,17 @@ def _prior_problems(
     """The flag of questions whose `yes` or `no` another prior scale leaves undecided."""
     changes: dict[str, list[str]] = {}
     rescaled_words = []
-    for effect, factor in product((CONSTANT_ERROR, CONTRACTION), (0.5, 2.0)):
+    for effect, (width, factor) in product(
+        (CONSTANT_ERROR, CONTRACTION), (("half", 0.5), ("twice", 2.0))
+    ):
         models = evidence.with_prior_scale(effect, factor)
-        rescaled_words.append((factor, _words(questions, *_questions(models, has_effects))))
+        rescaled_words.append((width, _words(questions, *_questions(models, has_effects))))
     for question in questions:
         word = words[question]
-        for factor, rescaled in rescaled_words:
+        for width, rescaled in rescaled_words:
             if not remains(word, rescaled[question]):
                 change = (
-                    f"A prior {'twice' if factor > 1.0 else 'half'} as wide changes {{}} from "
-                    f"'{word}' to '{rescaled[question]}'."
+                    f"A prior {width} as wide changes {{}} from '{word}' to '{rescaled[question]}'."
                 )
                 changes.setdefault(change, []).append(question.replace("_", " "))
                 break

@@ -82,8 +82,7 @@ def convergence_of(quantities: NamedArrays) -> dict[str, Convergence]:
 
 def errors_of(quantities: NamedArrays) -> dict[str, Errors]:
     """:func:`errors` of many quantities of one shape, by name, in one go."""
-    values = _measured(_ERRORS, quantities)
-    return dict(zip(quantities, map(Errors._make, values), strict=True))
+    return dict(zip(quantities, map(Errors._make, _measured(_ERRORS, quantities)), strict=True))
 
 
 def _measured(

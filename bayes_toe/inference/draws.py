@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayes_toe.arrays import FloatArray, IndexArray, NamedArrays, StrPath
+from bayes_toe.arrays import FloatArray, IndexArray, NamedArrays, StrPath, Texts
 from bayes_toe.data.messages import MOST_ROWS, as_html, format_path, join_few
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import Task
@@ -77,7 +77,7 @@ class Draws:
         return self.tree[name].to_dataset()
 
     @cached_property
-    def names(self) -> tuple[str, ...]:
+    def names(self) -> Texts:
         """Subject identifiers, in the order of the study."""
         return tuple(map(str, self.group("posterior")["subject"].values))
 
@@ -87,11 +87,10 @@ class Draws:
         return str(self.tree.attrs["model"])
 
     @property
-    def parameters(self) -> tuple[str, ...]:
+    def parameters(self) -> Texts:
         """The quantities that tables report, in order; :meth:`values` has further ones."""
         reported = self.posterior(self.names[0]).names.reported
-        stored = map(str, self.group("posterior").data_vars)
-        return tuple(dict.fromkeys((*reported, *stored)))
+        return tuple(dict.fromkeys((*reported, *map(str, self.group("posterior").data_vars))))
 
     @property
     def seed(self) -> int:

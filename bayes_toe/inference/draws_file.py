@@ -15,7 +15,7 @@ import io
 import json
 import os
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -27,7 +27,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from bayes_toe.arrays import Record, StrPath
+from bayes_toe.arrays import Record, StrPath, Texts
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import format_path, quoted
@@ -93,7 +93,11 @@ def subjects_tree(
     target = model_posterior(settings.model, study.subjects[0], settings.prior)
     density_of = ", ".join(target.coordinates[:6])
     density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
-    sample_stats = xr.Dataset(_by_subject(statistics), coordinates)
+    types: dict[str, type] = {"converged": np.int8, "shortfall": object, "imprecise": object}
+    sample_stats = xr.Dataset(coords=coordinates)
+    for name in statistics[0]:
+        column = [row[name] for row in statistics]
+        sample_stats[name] = ("subject", np.array(column, types.get(name)))
     sample_stats["acceptance_rate"] = (("chain", "subject"), np.stack(rates, axis=-1))
     sample_stats["lp"] = (BY_SUBJECT, log_posterior, {"description": density})
 
@@ -106,16 +110,6 @@ def subjects_tree(
         "not_interpreted": json.dumps(dict(not_interpreted)),
     }
     return tree
-
-
-def _by_subject(statistics: Sequence[Mapping[str, float | int | str]]) -> Record:
-    """The statistics of all subjects as columns, with their dimension."""
-    types: dict[str, type] = {"converged": np.int8, "shortfall": object, "imprecise": object}
-    columns = {}
-    for name in statistics[0]:
-        column = [row[name] for row in statistics]
-        columns[name] = ("subject", np.array(column, types.get(name)))
-    return columns
 
 
 def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.DataTree:
@@ -343,7 +337,7 @@ def _read_group(path: Path, name: str | None) -> xr.Dataset:
     return group.assign(texts)
 
 
-def require_numbers(group: xr.Dataset, dims: Mapping[str, tuple[str, ...]]) -> None:
+def require_numbers(group: xr.Dataset, dims: Mapping[str, Texts]) -> None:
     """Refuse a group without these variables over these dimensions, or with no usable value."""
     for name, expected in dims.items():
         if name not in group or group[name].dims != expected:

@@ -340,8 +340,7 @@ class _State:
         pooled = self.pool.joined(draws)
         densities = []
         for mixture, count in self.rounds:
-            log_density = mixture.log_density(pooled.x, pooled.log_prior)
-            densities.append(log_density + np.log(count))
+            densities.append(mixture.log_density(pooled.x, pooled.log_prior) + np.log(count))
         self.pool = replace(pooled, log_proposal=np.logaddexp.reduce(densities))
 
 

@@ -134,18 +134,14 @@ def _distinct_ends(target: SubjectPosterior) -> Ascent:
 
     A mixture needs the points along a ridge, where a maximum would stand for its middle only.
     """
-    searches = _searches(target).distinct()
+    if isinstance(target, ObserverPosterior):
+        # A search begins at the maxima of its neighbour, so that the four models belong together.
+        maxima_of_models = observer_maxima(order_posteriors(target.rows))
+        searches = maxima_of_models[MODEL_NAMES.index(target.model.name)].distinct()
+    else:
+        searches = paper_maxima(target.array).distinct()
     owners = np.zeros(len(searches.x), np.intp)
     return ascend_from(target.array, owners, searches.x, least_gain=POLISH_GAIN).distinct()
-
-
-def _searches(target: SubjectPosterior) -> Ascent:
-    """The ends of searches for the maxima of a posterior."""
-    if not isinstance(target, ObserverPosterior):
-        return paper_maxima(target.array)
-    # A search begins at the maxima of its neighbour, so that the four models belong together.
-    maxima = observer_maxima(order_posteriors(target.rows))
-    return maxima[MODEL_NAMES.index(target.model.name)]
 
 
 @dataclass(frozen=True)

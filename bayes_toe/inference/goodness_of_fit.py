@@ -192,6 +192,5 @@ def _worst_pairs(
             share = share * (1.0 - shares[:, pair])
         observed, expected = share.tolist()
         s1, s2 = float(subject.s1[pair]), float(subject.s2[pair])
-        answer = subject.task.questions[question]
-        worst.append(PairResidual(s1, s2, observed, expected, answer))
+        worst.append(PairResidual(s1, s2, observed, expected, subject.task.questions[question]))
     return tuple(worst)

@@ -105,8 +105,7 @@ class StudentMixture:
 
         means = self.means + trust[:, None] * (new_means - self.means)
         shift_scatter = _outer(new_means - means) * (inner_weight / weight)[:, None, None]
-        change = new_scales + shift_scatter - self.scales
-        scales = self.scales + trust[:, None, None] * change
+        scales = self.scales + trust[:, None, None] * (new_scales + shift_scatter - self.scales)
         scales += 1e-9 * scales * np.eye(x.shape[1])
 
         shares = weight + floor / len(means)
@@ -241,8 +240,7 @@ class WeightedDraws:
 
     def joined(self, other: WeightedDraws) -> WeightedDraws:
         """These draws, then other ones."""
-        columns = zip(self.columns, other.columns, strict=True)
-        return WeightedDraws(*map(np.concatenate, columns))
+        return WeightedDraws(*map(np.concatenate, zip(self.columns, other.columns, strict=True)))
 
     def part(self, rows: slice) -> WeightedDraws:
         """Some of the draws, without a copy."""

@@ -1,12 +1,12 @@
-"""Models that are compared: probabilities, Bayes factors, averages and other priors.
+"""Models that are compared: probabilities, Bayes factors and averages.
 
 A choice of models is an array of bool, one for each model: those that have an effect, for example.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -113,28 +113,6 @@ class ModelSet:
         """Draws of some models that have common coordinates."""
         points = np.concatenate([self.draws[i].x for i in np.flatnonzero(is_chosen)])
         return AveragedDraws(points, self.weights(is_chosen))
-
-    def reweighted(
-        self, is_changed: BoolArray, log_ratio: Callable[[FloatArray], FloatArray]
-    ) -> ModelSet:
-        """The models where some have another prior, by re-weighting their draws.
-
-        `log_ratio` takes points, (draws, k), and gives the log of the other prior density over the
-        prior density, (draws,).
-        """
-        reweighted = list(self.draws)
-        for i in np.flatnonzero(is_changed):
-            draws = self.draws[i]
-            # A draw beyond the edge of the prior has no weight under either.
-            is_inside = np.isfinite(draws.log_prior)
-            change = np.zeros(len(draws.x))
-            change[is_inside] = log_ratio(draws.x[is_inside])
-
-            log_posterior = draws.log_posterior + change
-            reweighted[i] = replace(
-                draws, log_prior=draws.log_prior + change, log_posterior=log_posterior
-            )
-        return ModelSet.from_draws(reweighted, self.prior_probabilities)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -40,8 +40,8 @@ _N_MODELS = len(MODEL_NAMES)
 #: Their prior probabilities.
 PRIOR_PROBABILITIES = np.array([*MODEL_PRIOR.values()])
 #: Which of the four models have each effect.
-HAS_ERROR = np.array([CONSTANT_ERROR in ORDER_MODELS[name] for name in MODEL_NAMES])
-HAS_CONTRACTION = np.array([CONTRACTION in ORDER_MODELS[name] for name in MODEL_NAMES])
+HAS_ERROR = np.array([CONSTANT_ERROR in effects for effects in ORDER_MODELS.values()])
+HAS_CONTRACTION = np.array([CONTRACTION in effects for effects in ORDER_MODELS.values()])
 HAS_EFFECT = HAS_ERROR | HAS_CONTRACTION
 EVERY_MODEL = np.ones(len(MODEL_NAMES), np.bool_)
 #: Subjects whose posteriors are one array where there are many.
@@ -96,12 +96,18 @@ class OrderEvidence(ModelSet):
             sd = self.prior.contraction_sd * self.subject.scales.roving_share
             density, density_of_scaled = CutNormal(1.0 / sd), CutNormal(1.0 / (factor * sd))
 
-        def log_ratio(points: FloatArray) -> FloatArray:
-            u = points[:, coordinate]
+        # Draws count by the other prior density over the prior density.
+        reweighted = list(self.draws)
+        for i in np.flatnonzero(has_effect):
+            draws = self.draws[i]
+            # A draw beyond the edge of the prior has no weight under either.
+            is_inside = np.isfinite(draws.log_prior)
+            u = draws.x[is_inside, coordinate]
             log_other = density_of_scaled.log_density(u / factor) - np.log(factor)
-            return log_other - density.log_density(u)
-
-        return self.reweighted(has_effect, log_ratio)
+            log_posterior = draws.log_posterior.copy()
+            log_posterior[is_inside] += log_other - density.log_density(u)
+            reweighted[i] = replace(draws, log_posterior=log_posterior)
+        return ModelSet.from_draws(reweighted, self.prior_probabilities)
 
 
 def order_evidence(
@@ -185,7 +191,7 @@ def evidences_of(
         generators += [generator(seed, subject.name, "order evidence")] * _N_MODELS
     _, draws = fitted_draws(array, mixtures, generators, families, precision)
 
-    results = []
+    results = list[OrderEvidence | NumericalError]()
     for i, subject in enumerate(subjects):
         models = slice(_N_MODELS * i, _N_MODELS * (i + 1))
         evidence = OrderEvidence.from_draws(
@@ -196,17 +202,10 @@ def evidences_of(
             laplace=by_laplace[models],
             modes=modes[models],
         )
-        results.append(_finite(evidence))
+        is_finite = np.isfinite(evidence.log_evidence)
+        if is_finite.all():
+            results.append(evidence)
+            continue
+        message = f"the evidence of the model {MODEL_NAMES[np.argmin(is_finite)]!r} is not a finite"
+        results.append(NumericalError(f"subject {subject.name!r}: {message} number"))
     return results
-
-
-def _finite(evidence: OrderEvidence) -> OrderEvidence | NumericalError:
-    """The evidences, or an error where one is not a finite number."""
-    is_finite = np.isfinite(evidence.log_evidence)
-    if is_finite.all():
-        return evidence
-    model = MODEL_NAMES[np.argmin(is_finite)]
-    return NumericalError(
-        f"subject {evidence.subject.name!r}: the evidence of the model {model!r} is not a finite "
-        "number"
-    )

@@ -181,38 +181,25 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Any]:
         """One step of all walkers, as emcee asks for it."""
-        fresh = self.take(len(state.coords), model.random)
+        n_walkers = len(state.coords)
+        if len(self._left.x) < n_walkers:
+            self._left = self.fitted.fresh(model.random, max(n_walkers, _BATCH))
+        fresh = self._left.part(slice(n_walkers))
+        self._left = self._left.part(slice(n_walkers, None))
+
         log_ratio = fresh.log_weights - (state.log_prob - state.blobs)
         is_accepted = np.log(model.random.rand(len(fresh.x))) < log_ratio
         coordinates = fresh.x[:, self.fitted.target.is_free]
         proposed = emcee.State(coordinates, fresh.log_posterior, fresh.log_proposal)
         return self.update(state, proposed, is_accepted), is_accepted
 
-    def take(self, size: int, random: np.random.RandomState) -> WeightedDraws:
-        """The next draws from the mixture."""
-        if len(self._left.x) < size:
-            self._left = self.fitted.fresh(random, max(size, _BATCH))
-        draws = self._left.part(slice(size))
-        self._left = self._left.part(slice(size, None))
-        return draws
-
-
-def moves(fitted: Fitted, first: WeightedDraws) -> list[tuple[Any, float]]:
-    """Emcee moves and their weights: the better the mixture, the fewer local moves.
-
-    If the mixture cannot be trusted, most moves are local.
-
-    emcee's snooker move is never used: in release 3.1.6 it is biased.
-    """
-    local = 0.02 + 0.3 * (1.0 - fitted.efficiency) if fitted.is_trusted else 0.8
-    every = GlobalMove(fitted, first), emcee.moves.DEMove(), emcee.moves.StretchMove()
-    return list(zip(every, (1.0 - local, 0.8 * local, 0.2 * local), strict=True))
-
 
 class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no types
     """One ensemble with a random stream of its own, after its burn-in.
 
-    Walkers have the coordinates of the mixture.
+    Walkers have the coordinates of the mixture. The better the mixture, the fewer moves are local;
+    most are if the mixture cannot be trusted. emcee's snooker move is never used: in release 3.1.6
+    it is biased.
     """
 
     def __init__(self, fitted: Fitted, settings: SamplerSettings, seed: int, index: int) -> None:
@@ -223,13 +210,18 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         # Each ensemble begins with its own part of the draws that judged the mixture.
         n_each = len(fitted.draws.x) // settings.ensembles
         first_draws = fitted.draws.part(slice(index * n_each, (index + 1) * n_each))
+        local = 0.02 + 0.3 * (1.0 - fitted.efficiency) if fitted.is_trusted else 0.8
 
         super().__init__(
             settings.walkers,
             len(target.coordinates),
             self.compute_log_prob,
             vectorize=True,
-            moves=moves(fitted, first_draws),
+            moves=[
+                (GlobalMove(fitted, first_draws), 1.0 - local),
+                (emcee.moves.DEMove(), 0.8 * local),
+                (emcee.moves.StretchMove(), 0.2 * local),
+            ],
         )
 
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches

@@ -95,13 +95,8 @@ def _two_best_local(heights: FloatArray) -> IndexArray:
 
 
 def paper_maxima(array: PosteriorArray) -> Ascent:
-    """The ends of searches of one posterior, from a grid on the scale of its stimuli."""
-    starts = _starts(cast(PaperRows, array.likelihood.rows))
-    return ascend_from(array, np.zeros(len(starts), np.intp), starts)
-
-
-def _starts(row: PaperRows) -> FloatArray:
-    """A grid over offset, pull, width and lapses of one subject, shape (starts, 4)."""
+    """The ends of searches of one posterior, from a grid over offset, pull, width and lapses."""
+    row = cast(PaperRows, array.likelihood.rows)
     n_yes = row.n_yes[0, 0]
     n_trials = (row.n_yes + row.n_no)[0, 0]
     has_trials = n_trials > 0.0
@@ -128,7 +123,8 @@ def _starts(row: PaperRows) -> FloatArray:
     spread = row.spread_score(np.log(width), share_pulled)
     probits = ndtri(gamma), probit_of_logit(lapse_logit)
     mean, sd = row.prior.mu1_normal
-    return np.stack([(mu1 - mean) / sd, spread, *probits], -1)
+    starts = np.stack([(mu1 - mean) / sd, spread, *probits], -1)
+    return ascend_from(array, np.zeros(len(starts), np.intp), starts)
 
 
 def _mean_first(row: PaperRows) -> float:

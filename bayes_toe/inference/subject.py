@@ -107,8 +107,7 @@ def fitted_result(target: SubjectPosterior, seed: int, request: AnalysisRequest)
     chains, fit, evidence = None, None, None
     if request.chains is not None:
         chains = sample_chains(fitted, request.chains, seed)
-        x = chains.x.reshape(-1, chains.x.shape[-1])
-        fit = summarise_fit(target, x, fitted.maximum)
+        fit = summarise_fit(target, chains.x.reshape(-1, chains.x.shape[-1]), fitted.maximum)
 
     if request.evidence_draws:
         evidence = _evidence(fitted, key, request.evidence_draws)

@@ -20,7 +20,7 @@ from typing import ClassVar, NamedTuple, Self
 import numpy as np
 from scipy.special import expit, log_expit, log_ndtr
 
-from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, NamedArrays
+from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, NamedArrays, Texts
 from bayes_toe.data.study import Subject
 from bayes_toe.model.densities import PriorDensity, half_normal_quantile, log_normal
 from bayes_toe.model.paper_equations import LN2
@@ -209,11 +209,11 @@ class AnswerRows(ABC):
     n_yes: FloatArray
     n_no: FloatArray
     #: The names of further arrays that have rows.
-    row_numbers: ClassVar[tuple[str, ...]] = ()
+    row_numbers: ClassVar[Texts] = ()
 
     @property
     @abstractmethod
-    def coordinates(self) -> tuple[str, ...]:
+    def coordinates(self) -> Texts:
         """Names of the k coordinates."""
 
     @property
@@ -267,5 +267,14 @@ class AnswerRows(ABC):
         return self.terms(answers).sum(axis=-1), gradient, information
 
     def expected_trials(self, answers: LogAnswers) -> FloatArray:
-        """How often each question is asked, as far as the model knows; broadcasts with answers."""
-        return self.n_yes + self.n_no
+        """How often each question is expected, which broadcasts with answers.
+
+        The second question is asked after an answer 'unequal' to the first one.
+        """
+        n_trials = self.n_yes + self.n_no
+        n_pairs = self.first.shape[-1]
+        if n_trials.shape[-1] == n_pairs:
+            return n_trials
+        n_shown = n_trials[..., :n_pairs]
+        n_unequal = n_shown * np.exp(answers.no[..., :n_pairs])
+        return np.concatenate([np.broadcast_to(n_shown, n_unequal.shape), n_unequal], axis=-1)

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, logit
 
-from bayes_toe.arrays import FloatArray, NamedArrays
+from bayes_toe.arrays import FloatArray, NamedArrays, Texts
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
@@ -54,7 +54,7 @@ class OrderModel:
         """The effects of order that it does not have: they are held at 0."""
         return frozenset((CONSTANT_ERROR, CONTRACTION)).difference(ORDER_MODELS[self.name])
 
-    def coordinates(self, task: Task) -> tuple[str, ...]:
+    def coordinates(self, task: Task) -> Texts:
         """Names of the coordinates of a task that are free in the model.
 
         Examples
@@ -117,7 +117,7 @@ class ObserverPosterior(SubjectPosterior):
         return ObserverRows.from_subjects([self.subject], self.prior, [self.scales])
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
+    def coordinates(self) -> Texts:
         """Names of the coordinates that the model has."""
         return self.model.coordinates(self.subject.task)
 

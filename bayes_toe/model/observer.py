@@ -28,7 +28,7 @@ from operator import attrgetter
 import numpy as np
 from scipy.special import erf, log_ndtr, ndtr, xlogy
 
-from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
+from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays, Texts
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
@@ -111,7 +111,7 @@ class ObserverRows(AnswerRows):
         )
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
+    def coordinates(self) -> Texts:
         """Names of the k coordinates: 7 with 'equal', 5 of which is stronger."""
         return tuple(parameter.name for parameter in task_parameters(self.task))
 
@@ -249,8 +249,7 @@ class ObserverRows(AnswerRows):
         """
         values, z, k = self.curve_at(u)
         probabilities = self.plain_answers_at(values, z, k)
-        slopes = self._plain_slopes(values, z, k, probabilities)
-        terms = self._slope_terms(values, z, *slopes)
+        terms = self._slope_terms(values, z, *self._plain_slopes(values, z, k, probabilities))
 
         lapse_rise = np.exp(_log_hazard(values["lapse_score"])) / self.prior.lapse_rate_b
         sums = [term.sum(axis=-1) for term in terms]
@@ -351,16 +350,6 @@ class ObserverRows(AnswerRows):
 
         in_k = first - second - difference(log_lapse + log_normal(k))
         return second + first, k * in_k, difference(log_rise + log_ndtr(-k))
-
-    def expected_trials(self, answers: LogAnswers) -> FloatArray:
-        """How often each question is asked: the second one after an answer 'unequal'."""
-        n_trials = self.n_yes + self.n_no
-        if not self.task.has_three_answers:
-            return n_trials
-        n_pairs = self.first.shape[-1]
-        n_shown = n_trials[..., :n_pairs]
-        n_unequal = n_shown * np.exp(answers.no[..., :n_pairs])
-        return np.concatenate([np.broadcast_to(n_shown, n_unequal.shape), n_unequal], axis=-1)
 
     def _slope_terms(
         self,

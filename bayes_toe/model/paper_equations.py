@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray, NamedArrays
+from bayes_toe.arrays import FloatArray, NamedArrays, Texts
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import NumericalError
 
@@ -120,7 +120,7 @@ class Natural(NamedTuple):
         return noise_ratio(self.sigma_p, self.sigma_l)
 
 
-def natural_names(task: Task) -> tuple[str, ...]:
+def natural_names(task: Task) -> Texts:
     """The names of the paper's four parameters in a task."""
     return (*NATURAL[:3], task.lapses)
 

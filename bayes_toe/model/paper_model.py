@@ -26,7 +26,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, log_expit, log_ndtr, ndtr, ndtri
 
-from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays
+from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays, Texts
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.model.answer_curves import (
@@ -92,7 +92,7 @@ class PaperRows(AnswerRows):
     prior: Prior
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
+    def coordinates(self) -> Texts:
         """Names of the parameters that have a coordinate."""
         return self.prior.paper_parameters(self.task)
 
@@ -268,8 +268,7 @@ def _guessing_parts(z: FloatArray, logit_rate: FloatArray) -> tuple[FloatArray, 
     """Log probability of either answer by a guess, and of both by the curve."""
     curve = second_answers(z)
     log_attend = log_expit(-logit_rate)
-    attended = LogAnswers(log_attend + curve.yes, log_attend + curve.no)
-    return log_expit(logit_rate) - LN2, attended
+    return log_expit(logit_rate) - LN2, LogAnswers(log_attend + curve.yes, log_attend + curve.no)
 
 
 #: The curves of both answers with their slopes, by the parameter of the task.

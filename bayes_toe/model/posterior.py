@@ -15,7 +15,7 @@ from typing import Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import AnyRng, BoolArray, FloatArray, NamedArrays
+from bayes_toe.arrays import AnyRng, BoolArray, FloatArray, NamedArrays, Texts
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.model.answer_curves import AnswerRows, LogAnswers
@@ -33,20 +33,20 @@ DOMINATED = 0.5
 class Names:
     """Names of quantities: as many natural and as many identified ones as there are coordinates."""
 
-    natural: tuple[str, ...]  # what the model is written in
-    identified: tuple[str, ...]  # what the answers depend on
-    derived: tuple[str, ...] = ()  # further ones that tables report
+    natural: Texts  # what the model is written in
+    identified: Texts  # what the answers depend on
+    derived: Texts = ()  # further ones that tables report
     # Monotone functions of a single other one, so that their ranks say nothing new.
-    monotone: tuple[str, ...] = ()
+    monotone: Texts = ()
 
     @property
-    def reported(self) -> tuple[str, ...]:
+    def reported(self) -> Texts:
         """The quantities in tables and files: natural and derived, in order."""
         names = (*self.natural, *self.derived)
         return tuple(filter(names.__contains__, QUANTITY_BY_NAME))
 
     @property
-    def all(self) -> tuple[str, ...]:
+    def all(self) -> Texts:
         """Every name, in order."""
         return replace(self, natural=(*self.natural, *self.identified)).reported
 
@@ -101,7 +101,7 @@ class SubjectPosterior(ABC):
         """Points, shape (..., k), from natural quantities of shape (...)."""
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
+    def coordinates(self) -> Texts:
         """Names of the coordinates that the model has."""
         return self.rows.coordinates
 

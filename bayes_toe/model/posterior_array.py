@@ -17,7 +17,7 @@ from operator import methodcaller
 
 import numpy as np
 
-from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, Texts
 from bayes_toe.model.answer_curves import AnswerRows
 from bayes_toe.model.densities import PriorDensity
 
@@ -123,7 +123,7 @@ class PosteriorArray:
     """
 
     likelihood: LinearLikelihood
-    names: tuple[str, ...]
+    names: Texts
     further_priors: tuple[PriorDensity, ...]
     is_free: BoolArray
 

@@ -29,7 +29,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Literal, Self, cast
 
-from bayes_toe.arrays import Record
+from bayes_toe.arrays import Record, Texts
 from bayes_toe.data.messages import display_name, quoted
 from bayes_toe.data.study import Subject, common_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -124,7 +124,7 @@ class Hyperprior:
         """The hyperprior that a file of results holds."""
         return cls(**{name: ParameterHyperprior(**row) for name, row in rows.items()})
 
-    def describe(self, task: Task) -> tuple[str, ...]:
+    def describe(self, task: Task) -> Texts:
         """A line for each parameter of a task."""
         return tuple(
             f"{parameter.group_label}: {getattr(self, parameter.name).words}"
@@ -133,11 +133,6 @@ class Hyperprior:
 
 
 # --- The paper's model (H1), and all others -------------------------------------------------------
-
-
-def _number_of_beta(default: float) -> Any:
-    """A number of a beta distribution: with a smaller one it is all but an atom at an edge."""
-    return prior_number(default, smallest=0.05)
 
 
 @dataclass(frozen=True)
@@ -179,12 +174,13 @@ class Prior(PriorNumbers):
     sigma_p_scale: float | Literal["stimuli"] = prior_number(1.0, _SMALLEST, _LARGEST, "D")
     width_median: float | Literal["stimuli"] | None = prior_number(None, _SMALLEST, _LARGEST, "D")
     width_sd: float = prior_number(1.0, _SMALLEST, _LARGEST)
-    gamma_a: float = _number_of_beta(1.0)
-    gamma_b: float = _number_of_beta(1.0)
-    q0_a: float = _number_of_beta(1.0)
-    q0_b: float = _number_of_beta(1.0)
-    lapse_rate_a: float = _number_of_beta(1.0)
-    lapse_rate_b: float = _number_of_beta(9.0)
+    # With a smaller number a beta distribution is all but an atom at an edge.
+    gamma_a: float = prior_number(1.0, 0.05)
+    gamma_b: float = prior_number(1.0, 0.05)
+    q0_a: float = prior_number(1.0, 0.05)
+    q0_b: float = prior_number(1.0, 0.05)
+    lapse_rate_a: float = prior_number(1.0, 0.05)
+    lapse_rate_b: float = prior_number(9.0, 0.05)
     observer: ObserverPrior = field(default_factory=ObserverPrior)
     group: Hyperprior = field(default_factory=Hyperprior)
 
@@ -204,7 +200,7 @@ class Prior(PriorNumbers):
         require_kind("prior: observer", self.observer, ObserverPrior, "an ObserverPrior")
         require_kind("prior: group", self.group, Hyperprior, "a Hyperprior")
 
-    def paper_parameters(self, task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
+    def paper_parameters(self, task: Task = SAME_DIFFERENT) -> Texts:
         """The parameters of the predictive update (H1) that have a distribution.
 
         The width's, or in its place sigma_p's, among them.

@@ -24,11 +24,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 from scipy.special import bdtr, ndtr
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays, Texts
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
@@ -57,24 +58,17 @@ class TrialHistory:
     has_carry_over: bool
 
     @property
-    def effects(self) -> tuple[str, ...]:
+    def effects(self) -> Texts:
         """Names of the coordinates that the histories add."""
-        effects = []
-        if self.has_previous_response:
-            effects.append("previous_response")
-        if self.has_carry_over:
-            effects.append("carry_over")
-        return tuple(effects)
+        is_present = self.has_previous_response, self.has_carry_over
+        return tuple(compress(("previous_response", "carry_over"), is_present))
 
     @property
     def name(self) -> str:
         """The order model and its histories."""
-        parts = [self.order.name]
-        if self.has_carry_over:
-            parts.append("carry-over")
-        if self.has_previous_response:
-            parts.append("previous response")
-        return " + ".join(parts)
+        is_present = self.has_carry_over, self.has_previous_response
+        histories = compress(("carry-over", "previous response"), is_present)
+        return " + ".join([self.order.name, *histories])
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +115,7 @@ class HistoryRows(ObserverRows):
 
         cell = np.arange(len(answered))
         if not history.has_carry_over:
-            keys = np.stack([pair, previous])
-            distinct, cell = np.unique(keys, axis=1, return_inverse=True)
+            distinct, cell = np.unique(np.stack([pair, previous]), axis=1, return_inverse=True)
             cell = cell.ravel()
             pair = distinct[0].astype(np.intp)
             previous = distinct[1]
@@ -154,7 +147,7 @@ class HistoryRows(ObserverRows):
         )
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
+    def coordinates(self) -> Texts:
         """Names of the coordinates."""
         return (*super().coordinates, *self.history.effects)
 
@@ -328,14 +321,10 @@ class TrialSequence:
     @classmethod
     def from_subject(cls, subject: Subject) -> TrialSequence:
         """The trials of a subject; an InputError if their order is not known."""
-        answers = require_order(subject)
-        # Equal pairs get the same number, those of the subject and those of the trials.
-        stacked = np.concatenate([np.column_stack([subject.s1, subject.s2]), answers.keys])
-        _, number = np.unique(stacked, axis=0, return_inverse=True)
-        number = number.ravel()
-        pair_of_number = np.full(int(number.max()) + 1, -1, np.intp)
-        pair_of_number[number[: subject.n_pairs]] = np.arange(subject.n_pairs)
+        import pandas as pd
 
+        answers = require_order(subject)
+        pairs = pd.MultiIndex.from_arrays([subject.s1, subject.s2])
         n_positive = answers.n_yes
         n_all = answers.n_trials
         if answers.n_second is not None:
@@ -344,7 +333,7 @@ class TrialSequence:
         return cls(
             first=answers.keys[:, 0],
             second=answers.keys[:, 1],
-            pair=pair_of_number[number[subject.n_pairs :]],
+            pair=pairs.get_indexer(pd.MultiIndex.from_arrays([*answers.keys.T])),
             answer=np.asarray(2.0 * n_positive - n_all, np.float64),
             is_answered=answers.n_trials > 0,
             is_session_start=answers.is_session_start,
