@@ -483,6 +483,20 @@ REFUSED = {
         "--columns n_comparison=NAME",
         "if it counts 'the comparison was stronger' (2AFC)",
     ),
+    "e_prime.txt": (
+        "*** Header Start ***\nSubject: 12\n*** Header End ***\n",
+        "found a log of E-Prime, allowed: a table of its trials as CSV",
+    ),
+    "presentation.log": ("Scenario - pitch\n", "found a log of Presentation, allowed: a table"),
+    "below_a_title.csv": (
+        "Experiment 1\nvp,dur1,dur2,key\na,1,2,f\na,2,1,j\n",
+        "The columns are vp, dur1, dur2, key.",
+    ),
+    "merged_cells.csv": (
+        "subject,s1,s2,response\na,0,0.3,first\n,0,0.3,second\n,0.3,0,first\n",
+        "column subject: found '' in 2 rows",
+        "repeat the text of merged cells in each row",
+    ),
     "pairs_without_a_pattern.csv": (
         "subject,pair,response\na,4-6,second\na,6-4,first\n",
         "--wide '{first}-{second}'",
