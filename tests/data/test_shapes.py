@@ -79,11 +79,6 @@ def excel(**sheets):
     return data.getvalue()
 
 
-def with_empty_texts(workbook):
-    """A workbook as Excel saves it if all formulas give an empty text."""
-    return with_part(workbook, rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"')
-
-
 def matlab(variables):
     data = io.BytesIO()
     savemat(data, variables)
