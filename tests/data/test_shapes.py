@@ -350,6 +350,11 @@ REFUSED = {
         [*RECORDS[:2], {**RECORDS[2], "subject": "A\ud800"}],
         "row 3, column subject: found 'A\\ud800' of type str",
     ),
+    "numbers.json": ("[1, 2]", "error: numbers.json: found "),
+    "one_number.json": ("3", "error: one_number.json: found "),
+    "cut.json": ("{", "error: cut.json: found "),
+    "deep.json": ("[" * 100_000, "error: deep.json: found "),
+    "a.csv --encoding klingon": (IN_LOGS, "--encoding: found 'klingon', allowed: a name such"),
     "third_code.csv --second-code 39 --first-code 37": (
         with_rows(answered(IN_LOGS, 37, 39), [["P03", 0, 0.3, 0]] * 3),
         "type:  --missed 0",
