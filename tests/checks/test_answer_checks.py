@@ -23,6 +23,7 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.observers import make_observer
+from bayes_toe.design.study_design import StudyDesign
 
 OTHER_TASK = {SAME_DIFFERENT: WHICH_STRONGER, WHICH_STRONGER: SAME_DIFFERENT}
 #: The flag of subjects whose responses are those of the other task.
@@ -198,10 +199,11 @@ def test_a_guess_is_said_and_the_subject_stays(task):
         rng = default_rng(seed)
         keys, _ = signal_trials(rng, task, np.zeros(960))
         guesses = from_trials(keys, (rng.random(960) < 0.5).astype(int), task=task)
-        findings = findings_of(guesses)
+        study = Study((guesses,))
+        findings = check_answers(study)
         codes += [finding.code for finding in findings]
         assert {finding.option for finding in findings} <= {""}
-        assert not_interpreted(Study((guesses,))) == {}
+        assert not_interpreted(study) == {}
     assert codes.count("independent_answers") >= 4
     few = from_trials(keys[:100], guesses.answers.n_yes[:100], task=task)
     assert findings_of(few) == (), "so few trials do not exclude a dependence"
@@ -209,13 +211,12 @@ def test_a_guess_is_said_and_the_subject_stays(task):
 
 def simulated(seed, task, *, p=0.0, noise=0.25, name="S"):
     """Counts of an observer of the four models for neighbouring pairs."""
-    s1, s2 = neighbours_of(task).T
+    pairs = neighbours_of(task)
+    design = StudyDesign(*pairs.T, [30] * len(pairs), task=task)
     parameters = {"noise": noise, "lapse_rate": 0.02, "contraction": p}
     if task == SAME_DIFFERENT:
         parameters["q0"] = 0.8
-    p_yes = make_observer(name, "simulated", parameters, task).p_yes(s1, s2, s1.mean())
-    counts = default_rng(seed).binomial(30, p_yes)
-    return Subject(name, s1, s2, counts, np.full(len(s1), 30), task=task)
+    return make_observer(name, "simulated", parameters, task).answers(design, seed)
 
 
 @pytest.mark.parametrize("p", [0.5, 0.65, -0.4])
