@@ -10,7 +10,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 STEP, NOISE, LAPSE_RATE, Q0 = 0.25, 0.2, 0.05, 0.9
 
 
-def neighbours(task, repeats):
+def neighbouring_pairs(task, repeats=1):
     """Six levels, each beside the next in both orders; of same or different the equal pairs too."""
     low = STEP * np.arange(5.0)
     first, second = np.concatenate([low, low + STEP]), np.concatenate([low + STEP, low])
@@ -38,7 +38,7 @@ def answered(
     share is negative, it is alternated. The criterion wanders by a sine of height `drift`.
     """
     rng = np.random.default_rng(seed)
-    keys = rng.permutation(neighbours(task, repeats))
+    keys = rng.permutation(neighbouring_pairs(task, repeats))
     n_trials = len(keys)
     session = np.arange(n_trials) * sessions // n_trials
     centre = keys[:, 0].mean()

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
-from serial_observers import neighbours
+from serial_observers import neighbouring_pairs
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import best_model_fit
@@ -99,7 +99,7 @@ def test_no_more_pairs_than_parameters_have_no_p(small_study):
 @BOTH_TASKS
 def test_sound_observers_are_flagged_as_often_as_the_limit_says(task):
     """P(more than 10 of 100) is .011 at a rate of .05."""
-    pairs = neighbours(task, 1)
+    pairs = neighbouring_pairs(task)
     design = StudyDesign(*pairs.T, [15] * len(pairs), task=task)
     subjects = []
     for seed in range(100):
