@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import five_pairs
 from legible import marks_of, require_legible
 from matplotlib.figure import Figure
 from matplotlib.path import Path
@@ -199,11 +200,7 @@ def test_the_four_models_show_constant_error_contraction_and_jnd(small_study):
 
 
 def test_offsets_and_powers_of_ten_stand_beside_the_names_of_axes():
-    levels = 20.72 + 1e-5 * np.arange(4)
-    first, second = np.meshgrid(levels, levels)
-    expected = 0.8 * np.exp(-0.5 * ((second - first - 4e-6) / 1.2e-5) ** 2)
-    n_equal = np.rint(50 * expected).astype(int).ravel()
-    subject = bt.Subject("A", first.ravel(), second.ravel(), n_equal, [50] * 16)
+    subject = five_pairs(name="A", factor=4e-5, shift=20.72)
     figure = bt.plots.corner(bt.sample(bt.Study([subject]), draws=300, seed=1), "A")
     labels = [ax.get_xlabel() for ax in figure.axes[-4:-1]]
     assert "2.072" in labels[0]
