@@ -61,7 +61,8 @@ EACH_MODEL = pytest.mark.parametrize("models", MODELS.values(), ids=MODELS)
 def product_of_likelihoods(models, points):
     """The log likelihood as a sum over conditions, each with an observer of its own."""
     total = 0.0
-    for unit, coordinates in zip(models.units, models.in_conditions(points), strict=True):
+    in_conditions = points @ models.loading.swapaxes(1, 2)
+    for unit, coordinates in zip(models.units, in_conditions, strict=True):
         posterior = OrderModel("both").posterior(unit)
         columns = [models.shared.coordinates.index(name) for name in posterior.coordinates]
         total = total + posterior.log_likelihood(coordinates[:, columns])
@@ -94,7 +95,7 @@ def test_where_nothing_differs_all_conditions_have_the_shared_coordinates():
     k = len(models.parameters)
     points = default_rng(1).standard_normal((4, models.loading.shape[-1]))
     points[:, k:] = 0.0
-    for coordinates in models.in_conditions(points):
+    for coordinates in points @ models.loading.swapaxes(1, 2):
         np.testing.assert_array_equal(coordinates, points[:, :k])
 
 
