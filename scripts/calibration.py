@@ -21,27 +21,17 @@ import warnings
 from argparse import Namespace
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from jinja2 import Template
 from reference.calibration_statistics import (
-    LEAST_P,
     judge_probabilities,
     judged_ranks,
     log_score,
     place,
 )
-from reference.pages import (
-    judgement_lines,
-    judgement_tables,
-    page_parser,
-    print_judgements,
-    versions,
-    write_page,
-)
+from reference.pages import judgement_page, page_parser, print_judgements, write_page
 from scipy import stats
 
 import bayes_toe as bt
@@ -71,15 +61,10 @@ SINGULAR = 1e-10
 #: Estimators of the log Bayes factor H1 - H0; the first is the default.
 DEFAULT, LAPLACE, APPENDIX_C = "importance sampling", "Laplace", "Appendix C"
 ESTIMATORS = (DEFAULT, LAPLACE, APPENDIX_C)
-#: Columns of the page, with their titles, for each part.
-COLUMNS = {
-    "rank": {"design": "design", "what": "quantity", "data_sets": "studies"}
-    | {"largest_difference": "largest difference", "at": "at", "p_value": "p"}
-    | {"calibrated": "uniform"},
-    "probability": {"design": "design", "what": "estimator", "data_sets": "data sets"}
-    | {"missing_h1": "none, H1", "missing_h0": "none, H0", "ece": "ECE", "floor": "floor"}
-    | {"p_value": "p", "log_score_bits": "log score", "default_bits": "default's"}
-    | {"largest_shift": "largest shift", "calibrated": "calibrated"},
+#: Titles of the page, for each part.
+TITLES = {
+    "rank": {"what": "quantity", "data_sets": "studies", "calibrated": "uniform"},
+    "probability": {"what": "estimator"},
 }
 Row = dict[str, Any]
 
@@ -249,20 +234,19 @@ def table_and_page(options: Namespace) -> tuple[pd.DataFrame, str]:
     probabilities = judged_probabilities(evidences, options.seed)
     table = pd.DataFrame([*judged_ranks(ranks, RANKED), *probabilities])
     is_unsure = evidences[DEFAULT].abs() < np.log(0.98 / 0.02)
-    template = Template(Path(__file__).with_suffix(".md").read_text("utf-8"), trim_blocks=True)
-    page = template.render(
-        conclusion=judgement_lines(of_defaults(table)),
+    page = judgement_page(
+        __file__,
+        table,
+        of_defaults(table),
+        TITLES,
         not_converged=ranks.loc[ranks["shortfall"] != "", "subject"].tolist(),
         designs=" and ".join(f"{n} times in the design *{name}*" for name, n in DESIGNS.items()),
         draws=DRAWS,
         replicates=REPLICATES,
-        least_p=LEAST_P,
         unsure=is_unsure.groupby(evidences["design"], sort=False).mean().to_dict(),
-        tables=judgement_tables(table, COLUMNS),
         options=options,
-        versions=versions(),
     )
-    return table, f"{page}\n"
+    return table, page
 
 
 def main() -> int:

@@ -11,13 +11,13 @@ of the processor, without imports. A ratio above 1 says that this checkout needs
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+from reference.pages import number_parser
 
 ROOT = Path(__file__).resolve().parents[1]
 CALLS = {
@@ -39,37 +39,31 @@ print(time.process_time() - start)
 """
 
 
-def processor_seconds(checkout: Path, verb: str, n_subjects: int) -> float:
-    """Processor time of a verb of the package of a checkout, seconds."""
-    program = PROGRAM.format(call=CALLS[verb], subjects=n_subjects)
-    one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    output = subprocess.check_output(
-        [sys.executable, "-c", program],
-        cwd=checkout,
-        env={**os.environ, "PYTHONPATH": str(checkout), **one_thread},
-        text=True,
-    )
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def processor_seconds(checkout: Path, program: str) -> float:
+    """Processor time of a program with the package of a checkout, seconds."""
+    environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": str(checkout)}
+    command = [sys.executable, "-c", program]
+    output = subprocess.check_output(command, cwd=checkout, env=environment, text=True)
     return float(output.splitlines()[-1])
 
 
 def main() -> None:
     """Print a row per verb: median times of both checkouts, and the ratio of each pair."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = number_parser(__doc__, pairs=3, subjects=6)
     parser.add_argument("other", type=Path, help="a checkout to compare with")
-    parser.add_argument("--pairs", type=int, default=3)
-    parser.add_argument("--subjects", type=int, default=6)
     parser.add_argument("--verbs", nargs="+", choices=list(CALLS), default=list(CALLS))
     options = parser.parse_args()
-    checkouts = (ROOT, options.other.resolve(strict=True))
+    checkouts = [ROOT, options.other.resolve(strict=True)]
     print(f"{'verb':<11}{'this, s':>9}{'other, s':>10}  this / other")
     for verb in options.verbs:
-        times = []
-        for _ in range(options.pairs):
-            times.append([processor_seconds(path, verb, options.subjects) for path in checkouts])
-        this_times, other_times = np.transpose(times)
-        medians = f"{np.median(this_times):9.2f}{np.median(other_times):10.2f}"
-        ratios = np.array2string(this_times / other_times, precision=2)
-        print(f"{verb:<11}{medians}  {ratios}", flush=True)
+        program = PROGRAM.format(call=CALLS[verb], subjects=options.subjects)
+        times = [processor_seconds(path, program) for path in options.pairs * checkouts]
+        this, other = np.reshape(times, (-1, 2)).T
+        ratios = " ".join(map("{:.2f}".format, this / other))
+        print(f"{verb:<11}{np.median(this):9.2f}{np.median(other):10.2f}  {ratios}", flush=True)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ import ast
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -34,7 +33,6 @@ LIMITS = {
         "nested comprehensions": 10,
         "conditional expressions": 1.51,
         "filler names": 0.50,
-        "import circles": 0,
     },
     "tests": {
         "files": 104,
@@ -44,7 +42,6 @@ LIMITS = {
         "nested comprehensions": 4,
         "conditional expressions": 0.335,
         "filler names": 0.0,
-        "import circles": 0,
     },
     "scripts": {"nodes": 34_500},
 }
@@ -76,11 +73,9 @@ class Measurement:
     def __init__(self, folder: Path) -> None:
         self.name = folder.name
         self.places: dict[str, list[str]] = defaultdict(list)
-        imports = {}
         counts = Counter[str]()
         for file in sorted(folder.rglob("*.py")):
             tree = ast.parse(file.read_text(encoding="utf-8"))
-            imports[module_name(folder, file)] = set(imported_names(folder.name, tree))
             counts["files"] += 1
             for node in ast.walk(tree):
                 counts["nodes"] += 1
@@ -88,7 +83,6 @@ class Measurement:
                 for measure, text in findings(node):
                     place = f"{file.relative_to(ROOT)}:{node.lineno}: {text}"
                     self.places[measure].append(place)
-        self.places["import circles"] = import_circles(imports)
         self.counts = counts
 
     def value(self, measure: str) -> float:
@@ -146,31 +140,6 @@ def is_filler(name: str) -> bool:
     words = name.lower().strip("_").split("_")
     is_symbol = len(name) == 1 or name.startswith("__") or words == [""]
     return not is_symbol and FILLER_WORDS.issuperset(words)
-
-
-def module_name(folder: Path, file: Path) -> str:
-    """The dotted name of a file inside its folder; that of an `__init__` is its folder's."""
-    parts = file.relative_to(folder).with_suffix("").parts
-    return ".".join(parts).removesuffix("__init__").strip(".")
-
-
-def imported_names(package: str, tree: ast.Module) -> Iterator[str]:
-    """Dotted names, inside the package, that a file may import by `from ... import`."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom):
-            module = node.module.removeprefix(package).strip(".")
-            yield module
-            yield from (f"{module}.{alias.name}".strip(".") for alias in node.names)
-
-
-def import_circles(imports: dict[str, set[str]]) -> list[str]:
-    """A circle of modules that import each other; none where there is no circle."""
-    graph = {module: names & imports.keys() - {module} for module, names in imports.items()}
-    try:
-        TopologicalSorter(graph).prepare()
-    except CycleError as error:
-        return [" <- ".join(error.args[1])]
-    return []
 
 
 def main() -> int:

@@ -18,16 +18,9 @@ from itertools import chain
 
 import numpy as np
 import pandas as pd
-from order_effect import DESIGNS, Design, has_effect
-from reference.calibration_statistics import LEAST_P, judge_probabilities, judged_ranks, place
-from reference.pages import (
-    judgement_lines,
-    judgement_tables,
-    page_parser,
-    print_judgements,
-    versions,
-    write_page,
-)
+from order_effect import DESIGNS, has_effect
+from reference.calibration_statistics import judge_probabilities, judged_ranks, place
+from reference.pages import judgement_page, page_parser, print_judgements, write_page
 from reference.tempering import Observer, Parameters, answer_probabilities, shifted_difference
 from scipy.special import ndtr
 
@@ -36,6 +29,7 @@ from bayes_toe.answers.contrast import one_observer
 from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.data.study import pooled
 from bayes_toe.data.tasks import THREE_ANSWERS
+from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.inference.order_evidence import (
     EVERY_MODEL,
     HAS_CONTRACTION,
@@ -50,66 +44,30 @@ from bayes_toe.workers import run_in_order
 PROBABILITIES = {"none": 1 / 2, "constant error": 1 / 6, "contraction": 1 / 6, "both": 1 / 6}
 #: By name, the designs of the test of words, two with three answers, and two of an observer who
 #: does two tasks; each has a part for each task.
-ALL_DESIGNS = {design.name: (design,) for design in DESIGNS}
-ALL_DESIGNS |= {
-    "three answers 640": (replace(DESIGNS[4], task=THREE_ANSWERS),),
-    "three answers 192": (replace(DESIGNS[5], task=THREE_ANSWERS),),
-    "two tasks 645": (replace(DESIGNS[2], trials=25), replace(DESIGNS[0], trials=32)),
-    "two tasks 204": (replace(DESIGNS[3], trials=8), replace(DESIGNS[1], trials=10)),
-}
+ALL_DESIGNS = {name: (design,) for name, design in DESIGNS.items()}
+for size in (640, 192):
+    design = replace(DESIGNS[f"neighbours {size}"], task=THREE_ANSWERS)
+    ALL_DESIGNS[f"three answers {size}"] = (design,)
+_PAPER, _NEIGHBOURS = DESIGNS["13 pairs 650"], DESIGNS["2AFC 650"]
+ALL_DESIGNS["two tasks 645"] = (_PAPER.with_total(13 * 25), _NEIGHBOURS.with_total(10 * 32))
+ALL_DESIGNS["two tasks 204"] = (_PAPER.with_total(13 * 8), _NEIGHBOURS.with_total(10 * 10))
 #: By ranked quantity, the models that its draws come from.
 RANKED = {"constant_error": HAS_ERROR, "contraction": HAS_CONTRACTION, "jnd": EVERY_MODEL}
 _DRAWS = 100  # among which a true value is ranked
 _CHUNK = 40  # observers of a job
-_SHARED = {"design": "design", "what": "question", "data_sets": "observers"}
-#: Columns of the page, with their titles, for each part.
-COLUMNS = {
-    "probability": _SHARED
-    | {"with_effect": "with the effect", "ece": "ECE", "floor": "floor", "p_value": "p"}
-    | {"log_score_bits": "log score", "calibrated": "calibrated"},
-    "rank": _SHARED
-    | {"what": "quantity", "largest_difference": "largest difference", "at": "at", "p_value": "p"}
-    | {"calibrated": "uniform"},
+#: Titles of the page, for each part.
+TITLES = {
+    "probability": {"what": "question", "data_sets": "observers"},
+    "rank": {"what": "quantity", "data_sets": "observers", "calibrated": "uniform"},
 }
-PAGE = """# Calibration of the four models
-
-For each of {designs} designs, we draw {observers} observers from the prior. For each observer, we first draw one of the four
-models and then its parameters. Separate code (`scripts/reference/tempering.py`) simulates the responses. `bayes-toe
-run` analyses these responses. In the two designs with two tasks, an observer responds to the 13 pairs of 'same or different' and
-to the ten pairs of 'which is stronger'. `bayes-toe contrast` analyses both tasks as one observer.
-
-{conclusion}
-
-## Probabilities
-
-If the probabilities are correct, 80 of 100 observers with P = .80 have the effect. The expected calibration error
-(ECE) is the mean difference between P and the share of observers with the effect, over ten bins of P. Even correct probabilities have an ECE
-above 0 by chance. The column *floor* has the mean ECE of correct probabilities. The p-value is the probability that
-correct probabilities have an ECE at least as large as the observed ECE. A row is calibrated if p is at least
-{least_p:g}. The log score is in bits, and a lower score is better.
-
-{probability}
-
-## Ranks
-
-If the intervals are correct, the ranks of the true values among posterior draws have a uniform distribution. We rank a
-true constant error or contraction among {draws} draws of the models that have this effect. We rank each true JND among
-{draws} draws of all models. The p-value tests the largest difference between the distribution of the ranks and the
-uniform distribution. Ranks count as uniform if p is at least {least_p:g}.
-
-{rank}
-
-`python scripts/order_calibration.py -o docs --observers {observers} --seed {seed} --overwrite` writes this page and
-[calibration_order.csv](calibration_order.csv). The versions were bayes_toe {version}, Python {python} and numpy {numpy}.
-"""
 
 
 def simulate(
-    parts: Sequence[Design], name: str, seed: list[int]
+    parts: Sequence[StudyDesign], name: str, seed: list[int]
 ) -> tuple[list[bt.Subject], dict[str, float]]:
     """The responses of an observer from the prior to each task, and its true quantities."""
     rng = np.random.default_rng(seed)
-    asked = [part.asked(name) for part in parts]
+    asked = [replace(part.unanswered, name=name) for part in parts]
     # The first task has all parameters; the scales are those of all trials.
     everything = pooled([replace(part, task=asked[0].task) for part in asked])
     model = str(rng.choice(list(PROBABILITIES), p=list(PROBABILITIES.values())))
@@ -201,17 +159,8 @@ def judged(options: Namespace) -> tuple[pd.DataFrame, str]:
     observers = pd.concat([observers, observers.assign(design="all")])
     probabilities = judged_probabilities(observers, options.seed)
     table = pd.DataFrame([*probabilities, *judged_ranks(observers, tuple(RANKED))])
-    page = PAGE.format(
-        designs=len(ALL_DESIGNS),
-        observers=options.observers,
-        seed=options.seed,
-        conclusion="\n".join(f"* {line}" for line in judgement_lines(table)),
-        draws=_DRAWS,
-        least_p=LEAST_P,
-        **judgement_tables(table, COLUMNS),
-        **versions(),
-    )
-    return table, page
+    values = {"n_designs": len(ALL_DESIGNS), "draws": _DRAWS, "options": options}
+    return table, judgement_page(__file__, table, table, TITLES, **values)
 
 
 def main() -> int:

@@ -13,8 +13,7 @@ With --observers there are so many, in `words` of each combination of effects.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +28,7 @@ from bayes_toe.checks.answer_checks import answer_flags
 from bayes_toe.checks.identification import Identification
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
-from bayes_toe.design.study_design import reference_design
+from bayes_toe.design.study_design import StudyDesign, reference_design
 from bayes_toe.inference.order_evidence import Precision, order_evidence
 from bayes_toe.model.observer import JND_OVER_NOISE
 
@@ -45,40 +44,31 @@ COMBINATIONS = {
 }
 
 
-@dataclass(frozen=True)
-class Design:
-    """Pairs of a task, each answered so often."""
-
-    name: str
-    task: Task
-    pairs: list[tuple[float, float]]
-    trials: int
-    observers: int  # of each combination of effects
-
-    def asked(self, name: str) -> Subject:
-        """A subject who was asked all trials; the responses say nothing yet."""
-        s1, s2 = np.array(self.pairs).T
-        n_trials = np.full(len(s1), self.trials)
-        return Subject(name, s1, s2, n_trials, n_trials, task=self.task)
+def repeated(pairs: Sequence[tuple[float, float]], n_trials: int, task: Task) -> StudyDesign:
+    """A design with so many trials of each pair."""
+    n_trials_of_each = np.full(len(pairs), n_trials)
+    return StudyDesign(*np.transpose(pairs), n_trials_of_each, task=task).in_order()
 
 
-DESIGNS = (
-    Design("2AFC 650", WHICH_STRONGER, NEIGHBOURS, 65, 72),
-    Design("2AFC 200", WHICH_STRONGER, NEIGHBOURS, 20, 72),
-    Design("13 pairs 650", SAME_DIFFERENT, _PAPER_PAIRS, 50, 48),
-    Design("13 pairs 195", SAME_DIFFERENT, _PAPER_PAIRS, 15, 48),
-    Design("neighbours 640", SAME_DIFFERENT, WITH_IDENTICAL, 40, 48),
-    Design("neighbours 192", SAME_DIFFERENT, WITH_IDENTICAL, 12, 48),
-)
+DESIGNS = {
+    "2AFC 650": repeated(NEIGHBOURS, 65, WHICH_STRONGER),
+    "2AFC 200": repeated(NEIGHBOURS, 20, WHICH_STRONGER),
+    "13 pairs 650": repeated(_PAPER_PAIRS, 50, SAME_DIFFERENT),
+    "13 pairs 195": repeated(_PAPER_PAIRS, 15, SAME_DIFFERENT),
+    "neighbours 640": repeated(WITH_IDENTICAL, 40, SAME_DIFFERENT),
+    "neighbours 192": repeated(WITH_IDENTICAL, 12, SAME_DIFFERENT),
+}
+#: Observers of each combination of effects.
+N_OBSERVERS = {WHICH_STRONGER: 72, SAME_DIFFERENT: 48}
 
 
 def simulate(
-    design: Design, name: str, constant_error: float, contraction: float, seed: list[int]
+    design: StudyDesign, name: str, constant_error: float, contraction: float, seed: list[int]
 ) -> tuple[Subject, dict[str, float | str]]:
     """Answers of one observer, and its curve, c in D with a random sign, p, and JND in D if any."""
     rng = np.random.default_rng(seed)
-    asked = design.asked(name)
-    scales = asked.scales
+    s1, s2 = design.s1, design.s2
+    scales = design.unanswered.scales
     step, spread = scales.step, scales.spread
     width = 0.8 * step * np.exp(rng.normal(0.0, 0.35))
     q0 = rng.beta(14.0, 2.0)
@@ -88,9 +78,9 @@ def simulate(
     c = constant_error * step * rng.choice([-1.0, 1.0])
     is_bell = rng.uniform() < 0.5
 
-    middle = 0.5 * (asked.s1 + asked.s2) - scales.sbar
-    shift = contraction * (asked.s1 - scales.sbar) - c
-    distance = (asked.s2 - asked.s1 + shift) / np.exp(noise_slope * middle)
+    middle = 0.5 * (s1 + s2) - scales.sbar
+    shift = contraction * (s1 - scales.sbar) - c
+    distance = (s2 - s1 + shift) / np.exp(noise_slope * middle)
     peak = expit(logit(q0) + peak_slope * middle)
     if design.task == WHICH_STRONGER:
         curve, noise = "probit", width
@@ -102,31 +92,35 @@ def simulate(
         curve, noise = "differencing", width / 1.6
         z, k = distance / noise, ndtri(0.5 * (1.0 + peak))
         attending, guessing = ndtr(k - z) - ndtr(-k - z), q0
-    n_yes = rng.binomial(asked.n_trials, lapse * guessing + (1.0 - lapse) * attending)
+    n_yes = rng.binomial(design.n_trials, lapse * guessing + (1.0 - lapse) * attending)
     truth = {"curve": curve, "c": c / step, "p": contraction, "jnd": JND_OVER_NOISE * noise / step}
-    return replace(asked, n_yes=n_yes), truth
+    return design.answered(n_yes, name), truth
 
 
-def observers(design: Design, seed: int) -> Iterator[tuple[Subject, dict[str, float | str]]]:
+def observers(
+    design: str, seed: int, size: int | None
+) -> Iterator[tuple[Subject, dict[str, float | str]]]:
     """Observers of every combination of effects; sizes take turns."""
-    position = [other.name for other in DESIGNS].index(design.name)
+    position = list(DESIGNS).index(design)
+    size = size or N_OBSERVERS[DESIGNS[design].task]
     for number, (combination, (has_error, has_contraction)) in enumerate(COMBINATIONS.items()):
-        for i in range(design.observers):
+        for i in range(size):
             # Sizes of p turn more slowly, so that every size of c meets every size of p.
             c, p = has_error * CONSTANT_ERRORS[i % 3], has_contraction * CONTRACTIONS[i // 3 % 3]
-            yield simulate(design, f"{combination} {i}", c, p, [seed, position, number, i])
+            own_seed = [seed, position, number, i]
+            yield simulate(DESIGNS[design], f"{combination} {i}", c, p, own_seed)
 
 
-def judged(design: Design, seed: int, own_seed: int) -> pd.DataFrame:
+def judged(design: str, seed: int, own_seed: int, size: int) -> pd.DataFrame:
     """A row for every observer: truth, probabilities, words, intervals."""
-    subjects, truths = zip(*observers(design, own_seed), strict=True)
+    subjects, truths = zip(*observers(design, own_seed, size), strict=True)
     evidences = order_evidence(subjects, seed)
     flags_of_all = answer_flags(Study(subjects))
     rows = []
     for truth, evidence, flags in zip(truths, evidences, flags_of_all, strict=True):
         subject = evidence.subject
         answer = order_effect(evidence, Identification({}), flags)
-        row = {"design": design.name, "observer": subject.name, **truth}
+        row = {"design": design, "observer": subject.name, **truth}
         for question in QUESTIONS:
             row[f"word_{question}"] = answer.words[question].value
             row[f"p_{question}"] = answer.probabilities[question]
@@ -197,8 +191,8 @@ def coverage_table(table: pd.DataFrame) -> pd.DataFrame:
 def accuracy(seed: int, number: int) -> None:
     """Probabilities and evidences of ordinary runs against long runs of fresh draws."""
     long_run = Precision(standard_error=0.003, effective_draws=20_000.0, most_draws=120_000)
-    for design in (DESIGNS[4], DESIGNS[2], DESIGNS[0]):
-        simulated = [subject for subject, _ in observers(design, seed)]
+    for design in ("neighbours 640", "13 pairs 650", "2AFC 650"):
+        simulated = [subject for subject, _ in observers(design, seed, None)]
         subjects = simulated[:: len(simulated) // number][:number]
         references = order_evidence(subjects, seed + 1000, precision=long_run)
         errors, p_errors, n_effective = [], [], []
@@ -212,7 +206,7 @@ def accuracy(seed: int, number: int) -> None:
                 p_errors += [abs(difference[has].sum()) for has in QUESTIONS.values()]
         quantiles = np.quantile(p_errors, [0.9, 0.99, 1.0]).round(3).tolist()
         print(
-            f"{design.name}: ln Z mean error {np.mean(errors):+.3f}, worst "
+            f"{design}: ln Z mean error {np.mean(errors):+.3f}, worst "
             f"{max(errors, key=abs):+.3f}; error of P at 90, 99, 100 % {quantiles}; least "
             f"effective draws {min(n_effective):.0f}"
         )
@@ -229,9 +223,7 @@ def main() -> None:
         return
     tables = []
     for number, design in enumerate(DESIGNS):
-        size = options.observers or design.observers
-        chosen = replace(design, observers=size)
-        tables.append(judged(chosen, options.seed, options.seed + number))
+        tables.append(judged(design, options.seed, options.seed + number, options.observers))
     table = pd.concat(tables, ignore_index=True)
     for counts in (words_table(table), design_table(table), coverage_table(table)):
         print(counts.to_string())

@@ -5,7 +5,7 @@
 A simulated study has ten subjects who answer which of two stimuli is stronger: ten ordered pairs of
 neighbours of six levels 0.25 apart, 40 or 200 trials a subject. The noise is 0.8 D exp(Normal(0,
 0.35)); with probability 1/2 each, the lapse rate is Beta(2, 14) and the noise slope Normal(-0.1,
-0.25)/R, otherwise 0. A study takes about 4 s of CPU; --first continues where another run has ended.
+0.25)/R, otherwise 0. A study takes about 4 s of CPU.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ def simulated_study(
     """Ten subjects of a group with these means and SDs of c, in D, and of p."""
     rng = np.random.default_rng([4, seed])
     design = StudyDesign(S1, S2, np.full(len(S1), n_trials // len(S1)), task="2afc")
-    observers = {}
-    for i in range(N_SUBJECTS):
-        c, p = rng.normal(mean, sd)
-        has_lapses, has_slope = rng.uniform(size=2) < 0.5
-        observers[f"S{i}"] = {
-            "constant_error": STEP * c,
-            "contraction": p,
-            "noise": 0.8 * STEP * np.exp(rng.normal(0.0, 0.35)),
-            "lapse_rate": has_lapses * rng.beta(2, 14),
-            "noise_slope": has_slope * rng.normal(-0.1, 0.25) / S1.std(),
-        }
+    size = N_SUBJECTS
+    c, p = rng.normal(mean, sd, (size, 2)).T
+    columns = {
+        "constant_error": STEP * c,
+        "contraction": p,
+        "noise": 0.8 * STEP * np.exp(rng.normal(0.0, 0.35, size)),
+        "lapse_rate": rng.beta(2, 14, size) * rng.integers(2, size=size),
+        "noise_slope": rng.normal(-0.1, 0.25, size) / S1.std() * rng.integers(2, size=size),
+    }
+    names = [f"S{i}" for i in range(size)]
+    observers = pd.DataFrame(columns, index=names).to_dict("index")
     return bt.simulate(observers, design=design, task="2afc", seed=seed).study
 
 
-def analysed_means(studies: range) -> Iterator[tuple[float, bool]]:
+def analysed_means(n_studies: int) -> Iterator[tuple[float, bool]]:
     """The probability that a mean is 0, and whether it is; half of the means are 0."""
-    for i in studies:
+    for i in range(n_studies):
         rng = np.random.default_rng([3, i])
         is_zero = rng.uniform(size=2) < 0.5
         mean_c, mean_p = np.where(is_zero, 0.0, (0.5 * rng.standard_t(3), rng.normal(0.0, 0.2)))
@@ -65,9 +65,8 @@ def analysed_means(studies: range) -> Iterator[tuple[float, bool]]:
 
 def main() -> None:
     """Simulate studies, and count how often a mean is 0 where the Bayes factor says so."""
-    options = number_parser(__doc__, studies=80, first=0).parse_args()
-    means = analysed_means(range(options.first, options.first + options.studies))
-    table = pd.DataFrame(means, columns=["probability", "zero"])
+    options = number_parser(__doc__, studies=80).parse_args()
+    table = pd.DataFrame(analysed_means(options.studies), columns=["probability", "zero"])
     groups = table.groupby(pd.cut(table["probability"], LIMITS), observed=True)
     print(groups.agg(stated=("probability", "mean"), zeros=("zero", "sum"), means=("zero", "size")))
 

@@ -21,6 +21,7 @@ from scipy.special import ndtr
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.words import Word
+from bayes_toe.data.options import parse_columns
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.study_design import reference_design
 from bayes_toe.inference.order_evidence import MODEL_NAMES
@@ -76,7 +77,7 @@ def typed_options(line):
         option, *words = shlex.split(text)
         name, value = option.replace("-", "_").removesuffix("_condition"), " ".join(words)
         if name in ("columns", "where"):
-            value = dict(pair.split("=") for pair in value.split(","))
+            value = parse_columns(value)
         if name == "intensity":
             value = float(value)
         if name in ("missed", "ignore"):

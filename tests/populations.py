@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.random import default_rng
 from scipy.special import ndtr
+from serial_observers import STEP, neighbouring_pairs
 
 import bayes_toe as bt
 from bayes_toe.data.conditions import Conditions
@@ -22,9 +23,7 @@ from bayes_toe.groups.regressors import regressors
 from bayes_toe.model.prior import Hyperprior
 
 #: 2AFC neighbours: six levels .25 apart, the ten ordered pairs of neighbours.
-STEP = 0.25
-LOW = STEP * np.arange(5)
-S1, S2 = np.concatenate([LOW, LOW + STEP]), np.concatenate([LOW + STEP, LOW])
+S1, S2 = neighbouring_pairs(WHICH_STRONGER).T
 
 
 def neighbours(name, c, p, sigma, n_each, rng, **fields):

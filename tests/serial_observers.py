@@ -10,7 +10,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 STEP, NOISE, LAPSE_RATE, Q0 = 0.25, 0.2, 0.05, 0.9
 
 
-def neighbours(task, repeats):
+def neighbouring_pairs(task, repeats=1):
     """Six levels, each beside the next in both orders; of same or different the equal pairs too."""
     low = STEP * np.arange(5.0)
     first, second = np.concatenate([low, low + STEP]), np.concatenate([low + STEP, low])
@@ -27,7 +27,6 @@ def answered(
     p=0.0,
     carry_over=0.0,
     share_repeated=0.0,
-    share_alternated=0.0,
     drift=0.0,
     sessions=2,
     noise=NOISE,
@@ -35,11 +34,11 @@ def answered(
     """An observer by the formulas of the documents, trial by trial, in random order.
 
     `p` is the contraction toward an expectation, and `carry_over` the share of the expectation that
-    stays from trial to trial. In a share of the trials the response before is repeated, or
-    alternated. The criterion wanders by a sine of height `drift`.
+    stays from trial to trial. In a share of the trials the response before is repeated; where the
+    share is negative, it is alternated. The criterion wanders by a sine of height `drift`.
     """
     rng = np.random.default_rng(seed)
-    keys = rng.permutation(neighbours(task, repeats))
+    keys = rng.permutation(neighbouring_pairs(task, repeats))
     n_trials = len(keys)
     session = np.arange(n_trials) * sessions // n_trials
     centre = keys[:, 0].mean()
@@ -58,10 +57,9 @@ def answered(
         else:
             probability = LAPSE_RATE / 2.0 + (1.0 - LAPSE_RATE) * ndtr(z)
         n_yes[t] = rng.random() < probability
-        if not is_first and rng.random() < share_repeated:
-            n_yes[t] = n_yes[t - 1]
-        if share_alternated and not is_first and rng.random() < share_alternated:
-            n_yes[t] = 1 - n_yes[t - 1]
+        if not is_first and rng.random() < abs(share_repeated):
+            is_the_same = share_repeated > 0.0
+            n_yes[t] = n_yes[t - 1] == is_the_same
         weight = (1.0 - p) * (s2 - centre) + p * (1.0 - p) * (s1 - centre)
         expectation = carry_over * (weight + p**2 * expectation)
     position = np.arange(n_trials) + session

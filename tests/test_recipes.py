@@ -73,44 +73,48 @@ onset\tduration\tfirst\tsecond\ttrial_type\tresponse
 RECIPES = {
     "A standard and a comparison": (
         {"standards.csv": STANDARDS},
-        ["1 subject, 4 trials", "which was stronger"],
+        "1 subject, 4 trials",
+        "which was stronger",
     ),
     "PsychoPy": (
         {
             "data/P1_2026.csv": PSYCHOPY.replace("NAME", "P1"),
             "data/P2_2026.csv": PSYCHOPY.replace("NAME", "P2"),
         },
-        ["2 subjects, 8 trials", "2 trials without a response dropped"],
+        "2 subjects, 8 trials",
+        "2 trials without a response dropped",
     ),
     "jsPsych": (
         {"jspsych.csv": JSPSYCH},
-        ["1 subject, 3 trials", "1 trial without a response dropped: 7 1"],
+        "1 subject, 3 trials",
+        "1 trial without a response dropped: 7 1",
     ),
-    "Right or wrong": ({"jspsych.csv": RIGHT_OR_WRONG}, ["1 subject, 2 trials"]),
+    "Right or wrong": ({"jspsych.csv": RIGHT_OR_WRONG}, "1 subject, 2 trials"),
     "Proportions": (
         {"shares.csv": SHARES},
-        ["1 subject, 20 trials", "Column p_second read as shares of n."],
+        "1 subject, 20 trials",
+        "Column p_second read as shares of n.",
     ),
     "Wide tables": (
         {"survey.csv": SURVEY},
-        ["2 subjects, 5 trials", "Pairs read from names of 3 columns"],
+        "2 subjects, 5 trials",
+        "Pairs read from names of 3 columns",
     ),
-    "Wide tables of counts": ({"wide.csv": WIDE}, ["2 subjects, 400 trials"]),
-    "Pairs in one cell": ({"cells.csv": CELLS}, ["Pairs read from column pair"]),
-    "A folder": (FOLDER, ["folder data: 2 .csv files read", "2 subjects, 2 trials"]),
+    "Wide tables of counts": ({"wide.csv": WIDE}, "2 subjects, 400 trials"),
+    "Pairs in one cell": ({"cells.csv": CELLS}, "Pairs read from column pair"),
+    "A folder": (FOLDER, "folder data: 2 .csv files read", "2 subjects, 2 trials"),
     "Several files a subject": (
         SESSIONS,
-        ["2 subjects, 9 trials", "1 subject in several files, put together: A 2"],
+        "2 subjects, 9 trials",
+        "1 subject in several files, put together: A 2",
     ),
     "BIDS": (
         {f"bids/sub-{name}/beh/sub-{name}_task-same_events.tsv": EVENTS for name in ("01", "02")},
-        [
-            "2 subjects, 2 trials",
-            "2 trials without a response dropped: 01 1, 02 1",
-        ],
+        "2 subjects, 2 trials",
+        "2 trials without a response dropped: 01 1, 02 1",
     ),
-    "MATLAB": ({}, ["2 subjects, 8 trials", "MATLAB"]),
-    "Leave-one-out": ({}, []),
+    "MATLAB": ({}, "2 subjects, 8 trials", "MATLAB"),
+    "Leave-one-out": ({},),
 }
 #: Names of the subjects and the number of trials of the study that a program has.
 STUDIES = {
@@ -158,7 +162,7 @@ def blocks(section):
 @pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto")  # by ArviZ, and said
 @pytest.mark.parametrize("name", RECIPES)
 def test_a_recipe_works_as_it_stands(name, tmp_path):
-    files, sentences = RECIPES[name]
+    files, *sentences = RECIPES[name]
     write(tmp_path, files)
     if name == "MATLAB":
         write_matlab(tmp_path)

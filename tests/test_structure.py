@@ -7,6 +7,7 @@ libraries errors arrays seeds cluster workers < data < result_store < model
 
 import ast
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -71,6 +72,14 @@ def test_every_file_is_in_a_subpackage_and_imports_point_one_way(name):
         package, _, other = imported.partition(".")
         if package == "bayes_toe" and other.split(".")[0] in ORDER:
             assert _rank(other) <= _rank(name), other
+
+
+def test_no_modules_import_each_other():
+    graph = {}
+    for name in _modules():
+        imported = {other.removeprefix("bayes_toe.") for other in _imported(name)}
+        graph[name] = imported | {other.rpartition(".")[0] for other in imported}
+    TopologicalSorter(graph).prepare()
 
 
 @pytest.mark.parametrize("library", OWNERS)

@@ -627,7 +627,7 @@ def order_effect(
         problems[flag_words] = Problem(f"{capitalized(flag_words)}.")
     best = int(np.argmax(evidence.log_evidence))
     screen = screen or SerialScreen()
-    answer = OrderEffect(
+    return OrderEffect(
         subject=evidence.subject.name,
         words=words,
         direction="contraction" if sizes["contraction_p"].q50 >= 0.0 else "repulsion",
@@ -648,8 +648,7 @@ def order_effect(
         reasons=identification.reasons,
         problems=problems,
         worst_pairs=() if fit is None else fit.worst,
-    )
-    return answer.in_study(1)
+    ).in_study(1)
 
 
 def _words(

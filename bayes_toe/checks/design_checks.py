@@ -34,6 +34,7 @@ from bayes_toe.data.stimulus_unit import ROUNDED, StimulusUnit, sign_of_intensit
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
 from bayes_toe.data.units import follows_from_pairs
 from bayes_toe.data.validation import number
+from bayes_toe.errors import Remedy
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import preset_or_file
 
@@ -88,7 +89,7 @@ def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...
 def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
     """Probable mistakes, which every command prints before its work."""
     findings = [Finding("", "repeated_rows", f"{doubt}.") for doubt in study.reading.doubts]
-    findings += [*_raw_stimuli(study), *_two_scales(study)]
+    findings += [*_raw_stimuli(study), *_two_scales(study), *_scales_of_subjects(study)]
     if prior is not None:
         findings += _prior_scale(study, prior)
     for subject in study:
@@ -157,6 +158,29 @@ def _two_scales(study: Study) -> Iterator[Finding]:
         yield Finding(subject.name, "two_scales", message, option)
 
 
+def _scales_of_subjects(study: Study) -> Iterator[Finding]:
+    """Stimuli of some subjects that are a factor of 100 or more from those of all others."""
+    levels = np.unique(np.concatenate([subject.stimuli for subject in study]))
+    gaps = np.diff(levels)
+    if study.conditions is not None or not len(gaps):
+        return
+    widest = gaps.argmax()
+    other_gaps = gaps.sum() - gaps[widest]
+    weak = [subject.name for subject in study if subject.stimuli.max() <= levels[widest]]
+    strong = [subject.name for subject in study if subject.stimuli.min() > levels[widest]]
+    has_two_scales = gaps[widest] > max(math.log(100.0), 2.0 * other_gaps)
+    if has_two_scales and len(weak) + len(strong) == len(study):
+        parts = np.split(levels, [widest + 1])
+        ranges = [_range_of(part, study.unit, study.reading) for part in parts]
+        names = join_names(map(display_name, min(weak, strong, key=len)))
+        yield Finding(
+            "",
+            "two_scales",
+            f"Subjects have stimuli in two groups, {' and '.join(ranges)}. Correct those in "
+            f"another unit. The smaller group is {names}.",
+        )
+
+
 def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
     """The weakest and the strongest of some stimuli as the file has them."""
     ends = levels[[0, -1]]
@@ -168,13 +192,14 @@ def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
 
 def _columns(reading: Reading) -> Iterator[Finding]:
     for ours in LOOKED_AT:
-        alike = [display_name(name) for name in reading.ignored if looks_like(name, ours)]
+        alike = [name for name in reading.ignored if looks_like(name, ours)]
         if alike and ours not in reading.read:
-            message = f"Column {alike[0]} looks like {ours}, but it is ignored."
-            yield Finding("", "column_alike", message, f"--columns {ours}={alike[0]}")
-    for name in map(display_name, reading.pooled):
-        message = f"Column {name} differs within subjects, and its levels are pooled."
-        yield Finding("", "pooled_condition", message, f"--condition {name}")
+            message = f"Column {display_name(alike[0])} looks like {ours}, but it is ignored."
+            option = Remedy("columns", ((ours, alike[0]),)).typed
+            yield Finding("", "column_alike", message, option)
+    for name in reading.pooled:
+        message = f"Column {display_name(name)} differs within subjects, and its levels are pooled."
+        yield Finding("", "pooled_condition", message, Remedy("condition", name).typed)
     if reading.ignored:
         names = join_names(map(display_name, reading.ignored))
         yield Finding("", "columns_ignored", f"Ignored columns: {names}.")

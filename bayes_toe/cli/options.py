@@ -235,12 +235,11 @@ class StudyFile:
 
     def _read_options(self) -> ReadOptions:
         """The options of reading."""
-        from bayes_toe.data.options import ReadOptions, parse_pairs
+        from bayes_toe.data.options import ReadOptions, parse_columns, parse_pairs
 
         options = {name: value for name, value in self.reading.items() if value is not None}
         options.pop("task", None)
-        columns = ",".join(options.get("columns", ()))
-        options["columns"] = parse_pairs("--columns", filter(None, columns.split(",")), "OURS=NAME")
+        options["columns"] = parse_columns(",".join(options.get("columns", ())))
         options["where"] = parse_pairs("--where", options.get("where", ()), "COLUMN=TEXT")
         categorical = options.pop("categorical_condition", False)
         return ReadOptions(**options, categorical=categorical)

@@ -246,7 +246,7 @@ _UNIT_MEANINGS = {
     "ln": "the numbers are natural logs",
     ANY_UNIT: "they are intensities; better with the name of their unit, such as Hz",
 }
-_COUNTS = ("n_equal", "n_second", "n_trials")
+_COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
 _ALL_COUNTS = ("n_first", *_COUNTS)
 _STIMULI = ("s1", "s2", "i1", "i2")
@@ -334,11 +334,11 @@ def _likely(names: Texts, options: ReadOptions, roles: Iterable[str]) -> dict[st
 def columns_to_read(
     names: Texts,
     options: ReadOptions,
-    orders: Texts = (),
+    columns: Iterable[Column] = (),
 ) -> tuple[list[str], list[str], list[Remedy]]:
     """Our names of the columns that are read, what is wrong with the names, and what to type.
 
-    `orders` are columns that may say which of a standard and a comparison came first.
+    The cells of `columns` decide what is proposed.
 
     Examples
     --------
@@ -364,7 +364,7 @@ def columns_to_read(
             f"columns {unordered} do not say which stimulus came first, so that an order effect "
             "would cancel out."
         )
-        return roles_read, problems, [*_order_remedies(orders)]
+        return roles_read, problems, [*_order_remedies(columns)]
 
     finding, unit = _unit_by_name(names, options)
     if finding:
@@ -384,7 +384,7 @@ def columns_to_read(
     if is_stimulus_missing and has_comparison:
         finding += " If one standard was in all trials, add a column standard with its level."
     problems.append(finding)
-    return roles_read, problems, [*_remedies(names, roles_read, options)]
+    return roles_read, problems, [*_remedies(names, roles_read, options, columns)]
 
 
 def _role_problems(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator[str]:
@@ -485,8 +485,14 @@ def _unordered_stimuli(names: Texts, options: ReadOptions) -> str:
     return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
 
 
-def _order_remedies(orders: Texts) -> Iterator[Remedy]:
+def _order_remedies(columns: Iterable[Column]) -> Iterator[Remedy]:
     """Options to type if a table has a standard and a comparison."""
+    orders = []
+    for column in columns:
+        n_codes = sum(not is_no_response(text) for text in column.texts)
+        if n_codes <= 2 and looks_like(column.name, "standard_interval"):
+            orders.append(column.name)
+
     for name in orders or ["NAME"]:
         stimuli, places, _ = named_places(name)
         for owner in ("standard", "comparison"):
@@ -523,12 +529,14 @@ def _numbered_pair(names: Texts) -> tuple[str, str]:
     return pairs[0] if len(pairs) == 1 else ("", "")
 
 
-def _remedies(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator[Remedy]:
+def _remedies(
+    names: Texts, roles_read: Texts, options: ReadOptions, columns: Iterable[Column]
+) -> Iterator[Remedy]:
     """Options to type if columns are missing."""
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
-    if "s1" in missing:
-        yield from _wide_remedies(names)
+    if "s1" in missing or "i1" in missing:
+        yield from _wide_remedies(names, columns)
     to_name = [role for role in missing if role in _REQUIRED]
     if to_name:
         other_names = {options.name(role) for role in roles_read}
@@ -537,6 +545,9 @@ def _remedies(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator
     if missing == ["n_equal"] and options.name("n_trials") in names:
         count = (("n_second", "NAME"),)
         yield Remedy("columns", count, "if it counts 'the second was stronger' (2AFC)")
+        if options.has_standard:
+            count = (("n_comparison", "NAME"),)
+            yield Remedy("columns", count, "if it counts 'the comparison was stronger' (2AFC)")
 
     scores = names_like(names, "correct")
     if "response" in missing:
@@ -547,13 +558,30 @@ def _remedies(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator
         yield Remedy("subject_from", "{}.*", "if the name of the file is the subject")
 
 
-def _wide_remedies(names: Texts) -> Iterator[Remedy]:
-    """The option to type if most names are of one shape with two numbers, such as 100_112."""
-    shapes = Counter(re.sub("[0-9.,]+", "{}", name) for name in names)
-    shape, n_names = shapes.most_common(1)[0]
-    if n_names > 1 and re.fullmatch("[^{}]*{}[^{}]+{}[^{}]*", shape):
-        meaning = f"if the names of {n_names} columns are pairs of stimuli"
-        yield Remedy("wide", re.sub("{}(.+){}", r"{first}\1{second}", shape), meaning)
+def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:
+    """Options to type if names of columns, or all cells of one, are pairs such as 100_112."""
+    pattern, n_names = _pair_pattern(names)
+    if n_names > 1:
+        yield Remedy("wide", pattern, f"if the names of {n_names} columns are pairs of stimuli")
+    for column in columns:
+        pattern, n_texts = _pair_pattern(column.texts)
+        if n_texts == len(column.texts) > 1:
+            yield Remedy("wide", pattern, f"if the cells of {column} are pairs of stimuli")
+
+
+def _pair_pattern(texts: Texts) -> tuple[str, int]:
+    """The commonest shape of texts with two numbers, as --wide has it, and how many have it.
+
+    Examples
+    --------
+    >>> _pair_pattern(["rt", "440 Hz vs 460 Hz", "460 Hz vs 440 Hz"]), _pair_pattern(["1.5"])
+    (('{first} Hz vs {second} Hz', 2), ('', 0))
+    """
+    shapes = Counter(re.sub("[0-9.,]+", "{}", text) for text in texts)
+    for shape, n_texts in shapes.most_common(1):
+        if re.fullmatch("[^{}]*{}[^{}]+{}[^{}]*", shape):
+            return re.sub("{}(.+){}", r"{first}\1{second}", shape), n_texts
+    return "", 0
 
 
 def _score_remedies(names: Texts) -> list[Remedy]:

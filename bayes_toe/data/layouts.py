@@ -282,7 +282,7 @@ def require_logs(
 
 # --- Pairs in the names of columns ----------------------------------------------------------------
 
-_STIMULUS = r"(-?[\d.,]+)"
+_STIMULUS = r"(-?[\d.,]+ ?(?:[^\W\d_]+|%)?)"  # with a unit or without
 
 
 def pair_regex(pattern: str) -> re.Pattern[str]:

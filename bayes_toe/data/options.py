@@ -1,7 +1,8 @@
 """The options with which a file is read: intensities, codes of responses, names of columns.
 
-`ReadOptions` has and checks them. `parse_pairs` reads NAME=TEXT from the command line. `changed`
-swaps answers and excludes subjects. `subject_in` finds the subject in the name of a file.
+`ReadOptions` has and checks them. `parse_pairs` and `parse_columns` read NAME=TEXT from the command
+line. `changed` swaps answers and excludes subjects. `subject_in` finds the subject in the name of a
+file.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from bayes_toe.errors import InputError, require_kind
 
 COLUMNS = (
     *("subject", "s1", "s2", "i1", "i2", "standard", "comparison", "response"),
-    *("n_first", "n_equal", "n_second", "n_trials"),
+    *("n_first", "n_equal", "n_second", "n_comparison", "n_trials"),
     *("session", "block", "trial", "iti", "condition"),
 )
 #: Columns by which counts are no other: which trial came after which, for a look before answers are
@@ -347,6 +348,20 @@ def _as_text(value: object) -> str:
     if isinstance(value, bool | float):
         value = f"{value:.15g}"
     return str(value).strip()
+
+
+def parse_columns(text: str) -> dict[str, str]:
+    """The file's names of columns by ours, from OURS=NAME,OURS=NAME.
+
+    A name may have commas and signs of equality.
+
+    Examples
+    --------
+    >>> parse_columns("s1=first,response=key (1=first, 2=second)")
+    {'s1': 'first', 'response': 'key (1=first, 2=second)'}
+    """
+    entries = re.split(r",(?=\s*[^\W\d]\w*\s*=)|,$", text)
+    return parse_pairs("--columns", filter(None, entries), "OURS=NAME")
 
 
 def parse_pairs(option: str, entries: Iterable[str], form: str) -> dict[str, str]:

@@ -139,7 +139,8 @@ def read_study(
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same), or 'second'
     or 'first' (also s2/s1, 2nd/1st), or 'first', 'equal' and 'second', which decides the task;
     numbers do not. Counts: ``subject,s1,s2,n_equal,n_trials``, or ``n_second``, or
-    ``n_first,n_equal,n_second``. s1 and s2 are natural-log intensities.
+    ``n_first,n_equal,n_second``, or ``n_comparison`` of a standard and a comparison. s1 and s2 are
+    natural-log intensities.
     Columns ``trial`` (numbers, over all trials or within each block or session), ``block`` and
     ``session`` (any text) and ``iti`` (seconds since the trial before) change no count. Checks of
     the responses and models of serial dependence use them. These models also use trials without an
@@ -411,7 +412,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     _require_header(table, options)
     table, options = chosen_rows(table, options)
     options = with_likely_columns(table.names, options)
-    roles_read, problems, remedies = columns_to_read(table.names, options, _order_columns(table))
+    roles_read, problems, remedies = columns_to_read(table.names, options, table.columns.values())
     table.require(problems, remedies)
     table = trial_rows(table, options, roles_read)
     frequency = frequency_column(table, options, roles_read)
@@ -420,6 +421,8 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     if frequency is not None:
         columns["n_trials"] = table.columns[frequency.name]
+    if "n_comparison" in columns:
+        columns["n_second"] = columns["n_comparison"]  # until the order of the stimuli is known
     columns |= _columns_of_file(table)
     if options.subject_from is not None:
         subject = subject_in(path, options.subject_from)
@@ -452,16 +455,6 @@ def _require_header(table: TextTable, options: ReadOptions) -> None:
         )
 
 
-def _order_columns(table: TextTable) -> list[str]:
-    """Columns that may say which of a standard and a comparison came first."""
-    names = []
-    for name, column in table.columns.items():
-        codes = [*filterfalse(is_no_response, column.texts)]
-        if len(codes) <= 2 and looks_like(name, "standard_interval"):
-            names.append(name)
-    return names
-
-
 def _columns_of_file(table: TextTable) -> Columns:
     """The columns that tell something of the whole file, by our names."""
     columns = {}
@@ -479,8 +472,6 @@ def _known_names(names: Texts, options: ReadOptions) -> set[str]:
     pairs = []
     if options.wide is not None:
         pairs = list(filter(pair_regex(options.wide).fullmatch, names))
-        if not pairs:  # the cells of some column tell the pairs
-            return set(names)
     likely = with_likely_columns(names, options)
     roles = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
     return {*roles, "synthetic", *options.where, *pairs} & set(names)
@@ -655,6 +646,8 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         is_wrong = (n >= k) & (n_other >= 0) & (k + n_other != n)
         rule = f"the sum of {display_name(column.name)} and {display_name(other.name)}, "
         table.fault(trials, is_wrong, lambda index: f"{rule}{k[index] + n_other[index]}")
+    if "n_comparison" in rows.columns:
+        k = np.where(rows.order.is_first, k, n - k)
     _require_counts(rows, n, task)
     answered = f" trials answered '{task.yes}'"
     notes = rows.layout("grouped", [k.sum(), " of ", n.sum(), answered])

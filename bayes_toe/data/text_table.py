@@ -41,6 +41,8 @@ DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "spa
 
 #: Of a table; Excel has as many columns. More would fill the memory.
 _MOST_COLUMNS, _MOST_CELLS = 2**14, 5 * 10**7
+#: Programs that write logs, and how these begin.
+_LOGS = {"E-Prime": "*** Header Start ***", "Presentation": "Scenario - "}
 #: Records among which the names are looked for.
 MOST_RECORDS = 10
 #: A column that is not chosen and has more texts marks no rows, and is left out.
@@ -327,6 +329,11 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     Lines above the names are left out if the names are among the first ten records.
     """
     text, label = decoded(source, data, encoding)
+    for program, start in _LOGS.items():
+        if text.startswith(start):
+            raise InputError(
+                f"{source}: found a log of {program}, allowed: a table of its trials as CSV"
+            )
     # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they
     # are.
     text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)
@@ -400,12 +407,18 @@ def _names(cells: list[str] | csv.Error) -> list[str]:
 
 
 def header_place(names: Sequence[Texts], choice: Choice) -> int:
-    """The index of the record with the names: the first, unless a later one is clearer."""
+    """The index of the record with the names: the first, unless a later one is clearer.
+
+    The first one with several names comes after lines of a title.
+    """
     counts = [n_chosen(record, choice) for record in names]
     if not counts or counts[0] > 1:
         return 0
     largest_count = max(counts)
-    return counts.index(largest_count) if largest_count - counts[0] >= 2 else 0
+    if largest_count - counts[0] >= 2:
+        return counts.index(largest_count)
+    has_several = [sum(name != "" for name in record) > 1 for record in names]
+    return has_several.index(True) if True in has_several else 0
 
 
 def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str, str]:

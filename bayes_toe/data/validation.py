@@ -193,7 +193,10 @@ def require_texts(
     If each text may stand `once`, note those that an earlier row has.
     """
     blank = empty(column)
-    table.fault(column, blank if rows is None else blank & rows, "a text that is not empty")
+    rule = "a text that is not empty"
+    if blank.mean() > 0.5:
+        rule += "; repeat the text of merged cells in each row"
+    table.fault(column, blank if rows is None else blank & rows, rule)
     if once:
         first = np.unique(column.codes, return_index=True)[1][column.codes]
         table.fault(

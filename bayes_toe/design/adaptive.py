@@ -34,8 +34,6 @@ from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
 
-#: A pair: s1 and s2, natural-log intensities.
-Pair = tuple[float, float]
 #: An answer: whether it is the one that the task counts; of three answers, its word.
 Response = bool | str
 #: What answers may be asked about: which of the four models, or all of their parameters too.
@@ -152,7 +150,13 @@ class Adaptive:
         require_number("draws", draws, _FEWEST_JUDGES)
         task = task_of(task)
         if not isinstance(pairs, StudyDesign):
-            pairs = _make_design(pairs, task)
+            try:
+                columns = np.asarray(pairs, np.float64).T
+            except (TypeError, ValueError) as error:
+                raise InputError(f"pairs: allowed are rows of s1 and s2 ({error})") from error
+            if columns.ndim != 2 or len(columns) != 2:
+                raise InputError(f"pairs: found shape {columns.T.shape}, allowed: (pairs, 2)")
+            pairs = each_once(*columns, task=task)
         self.pairs = pairs
         self.prior = observer_prior(prior)
         self.seed = root_seed(seed)
@@ -160,7 +164,7 @@ class Adaptive:
         self.draws = draws
         # About 512,000 predicted answers are kept of each model.
         self._n_judges = min(draws, max(_FEWEST_JUDGES, 512_000 // self.pairs.n_pairs))
-        self._answers: list[tuple[Pair, Response]] = []
+        self._answers: list[tuple[float, float, Response]] = []
         self._particles = {}
         for name in MODEL_NAMES:
             rule = OrderModel(name).posterior(self.pairs.unanswered, self.prior)
@@ -169,7 +173,7 @@ class Adaptive:
 
     # --- A session --------------------------------------------------------------------------------
 
-    def next(self) -> Pair:
+    def next(self) -> tuple[float, float]:
         """The pair whose answer is expected to tell most; of equals any, by chance."""
         worth = self.information()
         best = np.flatnonzero(worth >= worth.max() - 1e-12)
@@ -198,9 +202,9 @@ class Adaptive:
             yes = bool(yes)
         if len(pair) != 2:
             raise InputError(f"pair {tuple(pair)}: allowed are s1 and s2")
-        own_pair = float(pair[0]), float(pair[1])
-        single = self._make_subject([(own_pair, yes)])  # refuses what is not finite
-        self._answers.append((own_pair, yes))
+        trial = float(pair[0]), float(pair[1]), yes
+        single = self._make_subject([trial])  # refuses what is not finite
+        self._answers.append(trial)
         for particles in self._particles.values():
             particles.add(single)
         self._renew_worst()
@@ -245,7 +249,7 @@ class Adaptive:
     @property
     def answers(self) -> list[tuple[float, float, Response]]:
         """s1, s2 and the answer of every trial in order."""
-        return [(s1, s2, yes) for (s1, s2), yes in self._answers]
+        return list(self._answers)
 
     @property
     def subject(self) -> Subject:
@@ -300,8 +304,9 @@ class Adaptive:
         names = widest_rule.names.all
         if quantity not in names:
             raise InputError(f"quantity {quantity!r}: allowed: {', '.join(names)}")
-        rules = [particles.rule for particles in self._particles.values()]
-        draws = self._models.averaged(np.array([quantity in rule.names.all for rule in rules]))
+        models = self._particles.values()
+        has_quantity = [quantity in particles.rule.names.all for particles in models]
+        draws = self._models.averaged(np.array(has_quantity))
         return draws.quantiles(widest_rule.quantities(draws.x)[quantity], levels)
 
     # --- Files ------------------------------------------------------------------------------------
@@ -350,22 +355,11 @@ class Adaptive:
             ) from error
         return session
 
-    def _make_subject(self, answers: Sequence[tuple[Pair, Response]]) -> Subject:
-        pairs, responses = zip(*answers, strict=True)
-        s1, s2 = np.array(pairs).T
+    def _make_subject(self, answers: Sequence[tuple[float, float, Response]]) -> Subject:
+        s1, s2, responses = zip(*answers, strict=True)
         return Subject.from_trials("adaptive", s1, s2, responses, task=self.pairs.task)
 
 
 def _entropy(p_answers: FloatArray) -> FloatArray:
     """Entropy of an answer, nats, (answers, ...) -> (...)."""
     return np.asarray(entr(p_answers).sum(axis=0))
-
-
-def _make_design(pairs: npt.ArrayLike, task: Task) -> StudyDesign:
-    try:
-        columns = np.asarray(pairs, np.float64).T
-    except (TypeError, ValueError) as error:
-        raise InputError(f"pairs: allowed are rows of s1 and s2 ({error})") from error
-    if columns.ndim != 2 or len(columns) != 2:
-        raise InputError(f"pairs: found shape {columns.T.shape}, allowed: (pairs, 2)")
-    return each_once(*columns, task=task)

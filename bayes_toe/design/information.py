@@ -124,53 +124,6 @@ def information(
 # --- Exchange -------------------------------------------------------------------------------------
 
 
-@dataclass(eq=False)
-class _Exchange:
-    """Trials that move between pairs, beside some that are fixed.
-
-    A pair and the same stimuli in the other order share the trials that move.
-    """
-
-    information: Information
-    fixed: IntArray
-    turned: IndexArray
-    most_pairs: int
-    movable: IntArray
-
-    def n_trials(self) -> IntArray:
-        """Trials of every pair: half of those that move are of the pair in the other order."""
-        return self.fixed + (self.movable + self.movable[self.turned]) // 2
-
-    def utility(self) -> float:
-        """The utility of the present trials."""
-        return self.information.utility(self.information.total(self.n_trials()))
-
-    def best(self, size: int) -> int:
-        """The pair where so many trials more tell most, among those that are still allowed."""
-        n_trials = self.n_trials()
-        utilities = self.information.utilities(self.information.total(n_trials), size)
-        is_new = n_trials == 0
-        has_turn = self.turned != np.arange(len(n_trials))
-        n_new = is_new + (is_new[self.turned] & has_turn).astype(int)
-        is_possible = (n_new == 0) | (np.count_nonzero(n_trials) + n_new <= self.most_pairs)
-        both_orders = utilities + utilities[self.turned]
-        return int(np.where(is_possible, both_orders, -np.inf).argmax())
-
-    def move(self, pair: int, portion: int, utility: float) -> float:
-        """Move portions of a pair elsewhere as long as that is worth it; the utility afterwards."""
-        while self.movable[pair]:
-            self.movable[pair] -= portion
-            target = self.best(portion)
-            self.movable[target] += portion
-            moved = self.utility()
-            if moved < utility + _GAIN:
-                self.movable[target] -= portion
-                self.movable[pair] += portion
-                return utility
-            utility = moved
-        return utility
-
-
 def exchange_trials(
     information: Information,
     trials: int,
@@ -179,6 +132,8 @@ def exchange_trials(
     turned: IndexArray,
 ) -> IntArray:
     """Trials of every pair, (pairs,): so many beside those that are fixed, over few enough pairs.
+
+    A pair and the same stimuli in the other order share the trials that move.
 
     Parameters
     ----------
@@ -190,22 +145,48 @@ def exchange_trials(
     turned : ndarray of int, shape (pairs,)
         The place of each pair in the other order; both are shown equally often.
     """
-    exchange = _Exchange(information, fixed, turned, most_pairs, np.zeros_like(fixed))
+    movable = np.zeros_like(fixed)
+    has_turn = turned != np.arange(len(turned))
+
+    def present_trials() -> IntArray:
+        """Trials of every pair: half of those that move are of the pair in the other order."""
+        return fixed + (movable + movable[turned]) // 2
+
+    def best_pair(size: int, most_pairs: int) -> int:
+        """The pair where so many trials more tell most, among those that are still allowed."""
+        n_trials = present_trials()
+        utilities = information.utilities(information.total(n_trials), size)
+        is_new = n_trials == 0
+        n_new = is_new + (is_new[turned] & has_turn).astype(int)
+        is_possible = (n_new == 0) | (np.count_nonzero(n_trials) + n_new <= most_pairs)
+        both_orders = utilities + utilities[turned]
+        return int(np.where(is_possible, both_orders, -np.inf).argmax())
+
     # About two portions for each pair.
     portion = 2 * max(1, trials // (4 * most_pairs))
     for _ in range(trials // portion):
-        exchange.movable[exchange.best(portion)] += portion
+        movable[best_pair(portion, most_pairs)] += portion
 
-    utility, last_utility = exchange.utility(), -np.inf
+    utility, last_utility = information.utility(information.total(present_trials())), -np.inf
     while utility > last_utility + _GAIN:
         last_utility = utility
-        for pair in np.flatnonzero(exchange.movable).tolist():
-            utility = exchange.move(pair, portion, utility)
+        for pair in np.flatnonzero(movable).tolist():
+            # Portions of the pair move elsewhere as long as that is worth it.
+            while movable[pair]:
+                movable[pair] -= portion
+                target = best_pair(portion, most_pairs)
+                movable[target] += portion
+                moved = information.utility(information.total(present_trials()))
+                if moved < utility + _GAIN:
+                    movable[target] -= portion
+                    movable[pair] += portion
+                    break
+                utility = moved
 
-    exchange.most_pairs = 0  # what is left goes to pairs that there are
+    # What is left goes to pairs that there are.
     for _ in range(trials % portion // 2):
-        exchange.movable[exchange.best(2)] += 2
-    n_trials = exchange.n_trials()
+        movable[best_pair(2, 0)] += 2
+    n_trials = present_trials()
     if (n_trials - fixed).sum() < trials:
-        n_trials[exchange.best(1)] += 1
+        n_trials[best_pair(1, 0)] += 1
     return n_trials

@@ -34,6 +34,7 @@ from bayes_toe.model.parameters import (
     real,
     task_parameters,
 )
+from bayes_toe.model.posterior import SubjectPosterior
 from bayes_toe.model.trial_history import expectations
 from bayes_toe.seeds import generator
 
@@ -349,10 +350,10 @@ def _from_prior(prior: ObserverPrior, pairs: Subject, size: int, seed: int) -> l
     return observers
 
 
-def _from_point(name: str, kind: str, posterior: ObserverPosterior, x: FloatArray) -> Observer:
+def _from_point(name: str, kind: str, posterior: SubjectPosterior, x: FloatArray) -> Observer:
     """The observer at a point, shape (1, k), of a posterior."""
     quantities = posterior.quantities(x)
-    values = {key: float(quantities[key][0]) for key in posterior.coordinates}
+    values = {key: float(quantities[key][0]) for key in posterior.names.natural}
     return make_observer(name, kind, values, posterior.subject.task)
 
 
@@ -375,8 +376,7 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
         rng = generator(seed, "earlier study", number, "observer")
         subject = draws.names[rng.integers(len(draws.names))]
         posterior = draws.posterior(subject)
-        assert isinstance(posterior, ObserverPosterior)
-        points = draws.points(subject).reshape(-1, len(posterior.coordinates))
+        points = np.concatenate(draws.points(subject))
         x = points[[rng.integers(len(points))]]
         observer = _from_point(f"earlier study {number}", "earlier study", posterior, x)
         observers.append(observer)

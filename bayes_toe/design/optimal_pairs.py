@@ -114,7 +114,7 @@ class OptimalDesign:
     @property
     def design(self) -> StudyDesign:
         """The design that is asked for."""
-        return self.designs[self.name]
+        return next(iter(self.designs.values()))
 
     def reasons(self) -> list[str]:
         """The first stimuli, and what these pairs cannot show, in sentences."""
@@ -203,7 +203,7 @@ def levels_between(
     """Levels from the lowest to the highest stimulus in a unit, natural-log intensity.
 
     A step is a number in the unit, or per cent of intensity, which is adjusted so that both ends
-    are levels. Intensities have four digits at most.
+    are levels; without one, it is 5 per cent. Intensities have four digits at most.
 
     Examples
     --------
@@ -212,9 +212,16 @@ def levels_between(
     >>> levels_between(0.0, 20.0, "10", ReadOptions(unit="dB")).round(3).tolist()
     [0.0, 1.151, 2.303]
     """
-    step = step or _default_step(options)
-    ends, size = np.array([lowest, highest]), _step_size(step)
-    is_percent = step.endswith("%")
+    if not step:
+        # 0.05 natural logs, as a round number of the log unit.
+        step = "5%" if options.has_intensities else f"{0.05 / LOG_UNITS[options.unit or 'ln']:.1g}"
+    is_percent, size = step.endswith("%"), number(step.removesuffix("%"))
+    if not size > 0.0:
+        raise InputError(
+            f"--step {step}: allowed is a number above 0 in the unit of the levels, or per cent of "
+            "intensity, such as 5%"
+        )
+    ends = np.array([lowest, highest])
     if is_percent:
         ends, size = log_levels(ends, options), float(np.log1p(0.01 * size))
     if not (np.isfinite(ends).all() and lowest < highest):
@@ -239,24 +246,6 @@ def levels_between(
         stimuli = [float(f"{value:.4g}") for value in options.stimulus_unit.stimuli(levels)]
         levels = np.unique(log_levels(np.array(stimuli), options))
     return levels
-
-
-def _default_step(options: ReadOptions) -> str:
-    """5 per cent of intensity, or 0.05 natural logs as a round number of the log unit."""
-    if options.has_intensities:
-        return "5%"
-    return f"{0.05 / LOG_UNITS[options.unit or 'ln']:.1g}"
-
-
-def _step_size(step: str) -> float:
-    """The number of a step, which is above 0."""
-    size = number(step.removesuffix("%"))
-    if not size > 0.0:
-        raise InputError(
-            f"--step {step}: allowed is a number above 0 in the unit of the levels, or per cent of "
-            "intensity, such as 5%"
-        )
-    return size
 
 
 def read_levels(path: StrPath, options: ReadOptions) -> FloatArray:

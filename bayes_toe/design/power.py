@@ -151,8 +151,17 @@ class PowerTable(Table[PowerEstimate]):
     def from_data_sets(cls, data_sets: Iterable[DataSet], seed: int) -> PowerTable:
         """The table that counts, in each group of data sets, how often each word was given."""
         table = cls((), tuple(data_sets), seed)
-        rows = starmap(_count_words, table.groups.items())
-        return replace(table, rows=tuple(chain.from_iterable(rows)))
+        counted = [word for word in Word if word is not Word.NOT_INTERPRETABLE]
+        rows = []
+        for key, members in table.groups.items():
+            for question in QUESTIONS:
+                words = [member.answer.words[question] for member in members]
+                counts = {word.value: words.count(word) for word in counted}
+                counts[DETECTED] = sum(word.is_positive for word in words)
+                n = len(words)
+                for answer, count in counts.items():
+                    rows.append(PowerEstimate(*key, question, answer, *share(count, n), n))
+        return replace(table, rows=tuple(rows))
 
     @cached_property
     def groups(self) -> Mapping[tuple[str, int, str], Sequence[DataSet]]:
@@ -230,25 +239,6 @@ class PowerTable(Table[PowerEstimate]):
         unknown = Word.CANNOT_BE_TOLD.value
         kinds = self.different("observers")
         return all(self[design, trials, kind, question, unknown].value == 1.0 for kind in kinds)
-
-
-def _count_words(key: tuple[str, int, str], members: Sequence[DataSet]) -> list[PowerEstimate]:
-    """The share of each word about each question."""
-    rows = []
-    for question in QUESTIONS:
-        words = [member.answer.words[question] for member in members]
-        counts = {word.value: words.count(word) for word in Word}
-        del counts[Word.NOT_INTERPRETABLE.value]
-        counts[DETECTED] = _count_detected(members, question)
-        for answer, count in counts.items():
-            n = len(words)
-            rows.append(PowerEstimate(*key, question, answer, *share(count, n), n))
-    return rows
-
-
-def _count_detected(members: Sequence[DataSet], question: str) -> int:
-    """The number of data sets with 'yes' or 'probably' about a question."""
-    return sum(member.answer.words[question].is_positive for member in members)
 
 
 def share(hits: int, size: int) -> tuple[float, float, float]:
@@ -508,7 +498,7 @@ def group_power(
     rows = []
     for key, members in table.groups.items():
         for question in QUESTIONS:
-            n_detected = _count_detected(members, question)
+            n_detected = sum(member.answer.words[question].is_positive for member in members)
             for size in subjects:
                 counts = predicted_count(n_detected, len(members), size)
                 row = GroupPower(*key, question, size, np.nan, np.nan, *counts)
@@ -532,14 +522,18 @@ def _with_group_mean(
     if row.question == CONTRACTION.name:
         unit, hyperprior = 1.0, Hyperprior().contraction.narrowed(scales.roving_share)
         prior_sd = prior.contraction_sd * scales.roving_share
-    posterior_sd = np.array([_posterior_sd(member, row.question) for member in members]) / unit
+    intervals = np.array([member.answer.sizes[SIZE_OF[row.question]] for member in members])
+    low, _, high = intervals.T
+    if row.question == CONSTANT_ERROR.name:
+        low, high = np.log1p([low / 100.0, high / 100.0])
+    posterior_sd = (high - low) / 3.92 / unit  # standard deviations in a 95 % interval
     # The posterior may be as wide as the prior.
     precision = np.maximum(posterior_sd**-2.0 - prior_sd**-2.0, 1e-4)
     standard_errors = (precision**-0.5)[drawn]
 
     estimates = truth[drawn] / unit + standard_errors * rng.standard_normal(drawn.shape)
     numbers = HyperpriorNumbers.from_rows([hyperprior])
-    log_factors = -approximate_zero_mean(estimates, standard_errors, numbers, 0)
+    log_factors = -approximate_zero_mean(estimates, standard_errors, numbers)
     hits = sum(word_of_bayes_factor(value).is_positive for value in log_factors.tolist())
     power_share, low, high = share(hits, _STUDIES)
     return row._replace(
@@ -549,14 +543,6 @@ def _with_group_mean(
         power_low=low,
         power_high=high,
     )
-
-
-def _posterior_sd(data_set: DataSet, question: str) -> float:
-    """Posterior SD of an effect: constant error (natural-log intensity) or contraction."""
-    low, _, high = data_set.answer.sizes[SIZE_OF[question]]
-    if question == CONSTANT_ERROR.name:
-        low, high = np.log1p([low / 100.0, high / 100.0])
-    return float(high - low) / 3.92  # standard deviations in a 95 % interval
 
 
 def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]:

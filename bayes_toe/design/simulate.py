@@ -10,7 +10,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -183,22 +183,18 @@ class ConditionDifferences:
                 "--differ: allowed with observers of the four models, such as --observers both"
             )
         rng = generator(seed, observer.name, "differences between conditions")
-        drawn = {}
-        for key, (size, sd) in self.sizes.items():
-            drawn[key] = size + sd * rng.standard_normal()
-        moved = dict[str, SimulatedObserver]()
+        drawn = {key: mean + sd * rng.standard_normal() for key, (mean, sd) in self.sizes.items()}
+        moved = {}
         for level, step in zip(self.conditions.levels, self.steps.tolist(), strict=True):
-            name = f"{observer.name}{CONDITION_SEPARATOR}{level}"
-            if isinstance(observer, PaperObserver):
-                moved[level] = replace(observer, name=name)
-                continue
-            parameters = dict(observer.parameters)
-            for key, size in drawn.items():
-                if key == "noise":
-                    parameters[key] *= float(np.exp(step * size))
-                else:
-                    parameters[key] += step * size
-            moved[level] = replace(observer, name=name, parameters=parameters)
+            changes: dict[str, Any] = {"name": f"{observer.name}{CONDITION_SEPARATOR}{level}"}
+            if drawn:
+                parameters = changes["parameters"] = dict(observer.parameters)
+                for key, size in drawn.items():
+                    if key == "noise":
+                        parameters[key] *= float(np.exp(step * size))
+                    else:
+                        parameters[key] += step * size
+            moved[level] = replace(observer, **changes)
         return moved
 
 
@@ -288,7 +284,7 @@ class SimulatedTrials:
     observer: SimulatedObserver
     batch: IntArray
     answers: Answers
-    condition: str = ""
+    condition: str
 
     @property
     def subject(self) -> str:
@@ -338,15 +334,15 @@ def simulate_trials(
         if differences is not None:
             by_condition = differences.observers(observer, seed)
         for condition, moved in by_condition.items():
-            answered = _observer_trials(moved, design, seed, carry_over, missed)
-            trials.append(replace(answered, condition=condition))
+            batch, answers = _answer_trials(moved, design, seed, carry_over, missed)
+            trials.append(SimulatedTrials(moved, batch, answers, condition))
     return trials
 
 
-def _observer_trials(
+def _answer_trials(
     observer: SimulatedObserver, design: StudyDesign, seed: int, carry_over: float, missed: float
-) -> SimulatedTrials:
-    """The trials of one observer."""
+) -> tuple[IntArray, Answers]:
+    """The batches of one observer's trials, and the answers."""
     rng = generator(seed, observer.name, "trials")
     n_batches = np.gcd.reduce(design.n_trials)
     in_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // n_batches)
@@ -358,12 +354,10 @@ def _observer_trials(
     batch = np.repeat(np.arange(1, n_batches + 1), len(in_batch))
     yes = rng.uniform(size=len(pair)) < p_yes
     n_trials = np.where(rng.uniform(size=len(pair)) < missed, 0, 1)
-    keys, place = np.column_stack([s1, s2]), np.arange(len(pair))
-    answers = Answers(keys, n_trials * yes, n_trials, has_trial_rows=True, place=place)
+    counts = {"n_yes": n_trials * yes, "n_trials": n_trials, "place": np.arange(len(pair))}
     for p in p_second:  # of three answers, 'second' where the answer is not 'equal'
-        is_second = ~yes & (rng.uniform(size=len(pair)) < p)
-        answers = replace(answers, n_second=n_trials * is_second)
-    return SimulatedTrials(observer, batch, answers)
+        counts["n_second"] = n_trials * (~yes & (rng.uniform(size=len(pair)) < p))
+    return batch, Answers(np.column_stack([s1, s2]), has_trial_rows=True, **counts)
 
 
 # --- A study --------------------------------------------------------------------------------------
@@ -605,7 +599,7 @@ def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.Dat
         columns |= stimulus_columns(s1, s2, unit)
         columns |= {"response": answered.responses, "synthetic": 1}
         parts.append(pd.DataFrame(columns))
-    frame = pd.concat(parts, ignore_index=True)
+    frame = pd.concat(parts)
     subject, _ = pd.factorize(frame["subject"])
     order = np.lexsort([frame["batch"].to_numpy(), subject])
     frame = frame.iloc[order].reset_index(drop=True)

@@ -128,14 +128,14 @@ class StudyDesign:
             return self
         return replace(self, n_trials=apportioned(self.n_trials / self.total, trials))
 
-    def select(self, index: IndexArray, n_trials: IntArray | None = None) -> StudyDesign:
-        """Some of the pairs, with as many trials as before or with others."""
-        n_trials = self.n_trials[index] if n_trials is None else n_trials
+    def select(self, index: IndexArray, n_trials: IntArray) -> StudyDesign:
+        """Some of the pairs, with these numbers of trials."""
         return replace(self, s1=self.s1[index], s2=self.s2[index], n_trials=n_trials)
 
     def in_order(self) -> StudyDesign:
         """The same pairs, sorted by (s1, s2)."""
-        return self.select(np.lexsort([self.s2, self.s1]))
+        index = np.lexsort([self.s2, self.s1])
+        return self.select(index, self.n_trials[index])
 
     def frame(self) -> pd.DataFrame:
         """A row a pair, with the columns s1, s2, n_trials."""

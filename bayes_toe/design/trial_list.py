@@ -22,8 +22,6 @@ from bayes_toe.seeds import generator
 
 #: Equal pairs that may follow each other.
 MOST_EQUAL = 3
-#: Pairs that stay together in a block, and how often they come.
-Unit = tuple[list[int], int]
 
 
 def trial_list(
@@ -88,7 +86,16 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
 
     Two stimuli in both orders are dealt together, before the trials that are left.
     """
-    together, single = _units(design)
+    n_left = design.n_trials.copy()
+    # Pairs that stay together in a block, and how often they come.
+    together = []
+    for i, turned in enumerate(design.turned.tolist()):
+        if turned > i:
+            n_common = int(min(n_left[i], n_left[turned]))
+            n_left[[i, turned]] -= n_common
+            together.append(([i, turned], n_common))
+    single = [([i], count) for i, count in enumerate(n_left.tolist())]
+
     hands: list[IndexArray] = []
     for units in (together, single):
         repeated = units * n_levels
@@ -104,18 +111,6 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
     return [np.concatenate(hands[start::blocks]) for start in rng.permutation(blocks).tolist()]
 
 
-def _units(design: StudyDesign) -> tuple[list[Unit], list[Unit]]:
-    """Pairs in both orders, and those that are left, each with how often it comes."""
-    n_left = design.n_trials.copy()
-    together = []
-    for i, turned in enumerate(design.turned.tolist()):
-        if turned > i:
-            n_common = int(min(n_left[i], n_left[turned]))
-            n_left[[i, turned]] -= n_common
-            together.append(([i, turned], n_common))
-    return together, [([i], count) for i, count in enumerate(n_left.tolist())]
-
-
 def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> list[IndexArray]:
     """The trials of each block in a random order, without too many equal pairs in a row.
 
@@ -125,15 +120,14 @@ def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> li
     n_last = 0  # equal pairs that came last
     for i, trials in enumerate(blocks):
         shuffled = rng.permutation(trials)
-        lengths = _run_lengths(is_equal[shuffled], n_last)
         for _ in range(10_000):
+            lengths = _run_lengths(is_equal[shuffled], n_last)
             too_late = np.flatnonzero(lengths > MOST_EQUAL)
             different = np.flatnonzero(~is_equal[shuffled])
             if not len(too_late) or not len(different):
                 break
             places = [too_late[0], rng.choice(different)]
             shuffled[places] = shuffled[places[::-1]]
-            lengths = _run_lengths(is_equal[shuffled], n_last)
 
         if lengths.max() > MOST_EQUAL:
             raise InputError(

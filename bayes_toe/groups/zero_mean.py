@@ -63,7 +63,7 @@ def zero_mean(
 
 
 def approximate_zero_mean(
-    estimates: FloatArray, standard_errors: FloatArray, numbers: HyperpriorNumbers, j: int
+    estimates: FloatArray, standard_errors: FloatArray, numbers: HyperpriorNumbers
 ) -> FloatArray:
     """Log Bayes factors of a mean of 0, from a normal likelihood of each subject.
 
@@ -74,8 +74,7 @@ def approximate_zero_mean(
     estimates, standard_errors : ndarray, shape (groups, subjects)
         In the unit of the group's parameters.
     numbers : HyperpriorNumbers
-    j : int
-        The coefficient.
+        Those of one coefficient.
 
     Returns
     -------
@@ -86,20 +85,20 @@ def approximate_zero_mean(
     >>> from bayes_toe.model.prior import Hyperprior
     >>> numbers = HyperpriorNumbers.from_rows([Hyperprior().contraction])
     >>> estimates = np.array([[0.2, 0.3, 0.25, 0.22], [-0.2, 0.1, 0.2, -0.1]])
-    >>> log_factors = approximate_zero_mean(estimates, np.full((2, 4), 0.05), numbers, 0)
+    >>> log_factors = approximate_zero_mean(estimates, np.full((2, 4), 0.05), numbers)
     >>> (log_factors > 0.0).tolist()
     [False, True]
     """
     quantile = 0.5 + 0.5 * _SD_PROBABILITIES
-    score = stdtrit(3.0, quantile) if numbers.has_heavy_tails[j] else ndtri(quantile)
-    tau_squared = np.square(numbers.sd_scale[j] * score)[:, None]
+    score = stdtrit(3.0, quantile) if numbers.has_heavy_tails else ndtri(quantile)
+    tau_squared = np.square(numbers.sd_scale * score)[:, None]
     variance = tau_squared + np.square(standard_errors)[:, None]
     total = (1.0 / variance).sum(axis=-1)
     centre = (estimates[:, None] / variance).sum(axis=-1) / total
     squares = np.square(estimates[:, None] - centre[..., None]) / variance
     log_mass = -0.5 * ((squares + np.log(variance)).sum(axis=-1) + np.log(total))
     at_zero = logsumexp(log_mass + _log_normal(centre, 1.0 / total), axis=-1)
-    log_prior = _log_average_prior(centre, 1.0 / np.sqrt(total), numbers, j)
+    log_prior = _log_average_prior(centre, 1.0 / np.sqrt(total), numbers, 0)
     return np.asarray(at_zero - logsumexp(log_mass + log_prior, axis=-1))
 
 

@@ -245,7 +245,7 @@ def fitted_draws(
     mixtures: Sequence[PriorMixture],
     generators: Sequence[Rng],
     families: IndexArray,
-    precision: Precision = USUAL,
+    precision: Precision,
 ) -> tuple[list[PriorMixture], list[WeightedDraws]]:
     """Mixtures that are adapted to posteriors, and fresh draws of each.
 

@@ -52,10 +52,6 @@ class Ascent(NamedTuple):
         """These searches and those of another ascent."""
         return Ascent._make([np.concatenate(pair) for pair in zip(self, other, strict=True)])
 
-    def by_owner(self, owners: IndexArray) -> list[Ascent]:
-        """The searches of each posterior; `owners` has the index of each search's posterior."""
-        return [self.part(owners == i) for i in range(int(owners.max()) + 1)]
-
     def distinct(self) -> Ascent:
         """The distinct ends that matter, the highest first.
 

@@ -54,8 +54,9 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
         parts.append((np.full(len(starts), i), starts, is_held))
 
     owners, starts, is_held = map(np.concatenate, zip(*parts, strict=True))
-    second = ascend_from(array, owners, starts, is_held)
-    return profile.joined(second).by_owner(np.append(profile_owners, owners))
+    searches = profile.joined(ascend_from(array, owners, starts, is_held))
+    all_owners = np.append(profile_owners, owners)
+    return [searches.part(all_owners == i) for i in range(len(array))]
 
 
 def _profile(array: PosteriorArray, has_error: BoolArray) -> tuple[Ascent, IndexArray]:

@@ -177,10 +177,6 @@ class ConditionModels:
         is_free = [np.isin(array.names, model.coordinates(task)) for model in models]
         return replace(array, is_free=np.array(is_free))
 
-    def in_conditions(self, points: FloatArray) -> FloatArray:
-        """The observer's coordinates in each condition, (points, d) -> (conditions, points, k)."""
-        return points @ self.loading.swapaxes(1, 2)
-
     def quantities(self, points: FloatArray) -> NamedArrays:
         """The observer's quantities in each condition, natural units, (conditions, points) each."""
-        return self.shared.quantities(self.in_conditions(points))
+        return self.shared.quantities(points @ self.loading.swapaxes(1, 2))

@@ -9,6 +9,7 @@ expected counts, so a case has no seed.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,27 +17,24 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
-from bayes_toe.design.study_design import PAPER_AMPLITUDES, reference_design
+from bayes_toe.design.study_design import PAPER_AMPLITUDES, all_pairs, reference_design
 from bayes_toe.model.paper_equations import equal_probability
 
 
 def hard_cases() -> dict[str, Subject]:
     """The collection, by name."""
-    s1, s2 = _pairs()
-    apart = np.abs(s2 - s1)
+    design = reference_design()
+    apart = np.abs(design.s2 - design.s1)
     one_order = _observer()
     kept = one_order.s1 <= one_order.s2
     columns = (one_order.s1, one_order.s2, one_order.n_yes, one_order.n_trials)
     cases = {
         "all equal": _counts(50),
         "all different": _counts(0),
-        "perfect observer": _counts(np.where(s1 == s2, 50, 0)),
+        "perfect observer": _counts(np.where(apart == 0.0, 50, 0)),
         "guessing at 0.5": _counts(25),
-        "reversed answers": _counts(
-            np.rint(50 * (0.2 + 0.7 * apart / apart.max())).astype(np.int64)
-        ),
+        "reversed answers": _counts(np.rint(50 * (0.2 + 0.7 * apart / apart.max()))),
         "funnel": _observer(mu1=-8.0, gamma=0.004),
         "maximum on gamma = 1": _observer(mu1=-0.7, gamma=0.999),
         "q0 = 1": _observer(q0=1.0),
@@ -57,14 +55,9 @@ def hard_cases() -> dict[str, Subject]:
     return {name: replace(case, name=name) for name, case in cases.items()}
 
 
-def _pairs(amplitudes: npt.ArrayLike = PAPER_AMPLITUDES) -> tuple[FloatArray, FloatArray]:
-    design = reference_design(np.asarray(amplitudes, np.float64), batches=1)
-    return design.s1, design.s2
-
-
 def _counts(n_equal: npt.ArrayLike, n: int = 50) -> Subject:
-    s1, s2 = _pairs()
-    return Subject("case", s1, s2, np.broadcast_to(n_equal, s1.shape), np.full(len(s1), n))
+    design = reference_design(batches=n)
+    return design.answered(np.broadcast_to(n_equal, design.n_pairs).astype(np.int64))
 
 
 def _observer(
@@ -73,11 +66,11 @@ def _observer(
     gamma: float = 0.3,
     q0: float = 0.9,
     n: int = 50,
-    amplitudes: npt.ArrayLike = PAPER_AMPLITUDES,
+    amplitudes: Iterable[float] = PAPER_AMPLITUDES,
 ) -> Subject:
-    s1, s2 = _pairs(amplitudes)
-    q = equal_probability(s1, s2, mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
-    return Subject("case", s1, s2, np.rint(q * n).astype(np.int64), np.full(len(s1), n))
+    design = reference_design(amplitudes, n)
+    q = equal_probability(design.s1, design.s2, mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
+    return design.answered(np.rint(q * n).astype(np.int64))
 
 
 def _many_pairs() -> Subject:
@@ -85,13 +78,11 @@ def _many_pairs() -> Subject:
 
     Counts are expected counts rounded by a golden-ratio sequence, so they vary without a seed.
     """
-    grid = np.linspace(0.0, 0.6, 20)
-    s1, s2 = (side.ravel() for side in np.meshgrid(grid, grid, indexing="ij"))
-    q = equal_probability(s1, s2, -0.4, 0.25, 0.25 * np.sqrt(0.3), 0.9)
-    thresholds = (np.arange(3 * len(s1)) * (np.sqrt(5.0) - 1) / 2) % 1.0
-    return Subject(
-        "case", s1, s2, (thresholds.reshape(-1, 3) < q[:, None]).sum(axis=1), np.full(len(s1), 3)
-    )
+    design = all_pairs(np.linspace(0.0, 0.6, 20))
+    q = equal_probability(design.s1, design.s2, -0.4, 0.25, 0.25 * np.sqrt(0.3), 0.9)
+    thresholds = (np.arange(3 * len(q)) * (np.sqrt(5.0) - 1) / 2) % 1.0
+    n_equal = (thresholds.reshape(-1, 3) < q[:, None]).sum(axis=1)
+    return Subject("case", design.s1, design.s2, n_equal, 3 * design.n_trials)
 
 
 def stored_references(file: str) -> pd.DataFrame:

@@ -10,14 +10,12 @@ from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
-import numpy.typing as npt
-from scipy.special import ndtri
 
 import bayes_toe as bt
-from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from bayes_toe.design.observers import make_observer
+from bayes_toe.design.study_design import StudyDesign
 from reference.hard_cases import hard_cases
-from reference.tempering import answer_probabilities
 
 _LEVELS = 0.25 * np.arange(6)
 #: Every level before and after the next one, and the same with identical pairs.
@@ -39,43 +37,37 @@ def order_cases() -> dict[str, bt.Subject]:
         "same/different, always equal": hard["all equal"],
         "same/different, guesses": hard["guessing at 0.5"],
         "same/different, one trial a pair": hard["one batch"],
-        "same/different, lapses": _observer(SAME_DIFFERENT, WITH_IDENTICAL, 40, lapse=0.3, c=0.2),
-        "same/different, repulsion": _observer(SAME_DIFFERENT, WITH_IDENTICAL, 40, p=-0.5),
+        "same/different, lapses": _observer(
+            SAME_DIFFERENT, WITH_IDENTICAL, 40, lapse_rate=0.3, constant_error=0.2
+        ),
+        "same/different, repulsion": _observer(
+            SAME_DIFFERENT, WITH_IDENTICAL, 40, contraction=-0.5
+        ),
         "2AFC, simulated S01": stronger["S01"],
         "2AFC, simulated S07": stronger["S07"],
-        "2AFC, perfect": _observer(WHICH_STRONGER, NEIGHBOURS, 40, sigma_d=1e-3),
-        "2AFC, always second": _observer(WHICH_STRONGER, NEIGHBOURS, 40, c=-50.0),
-        "2AFC, two trials a pair": _observer(WHICH_STRONGER, NEIGHBOURS, 2, c=0.2),
-        "2AFC, lapses": _observer(WHICH_STRONGER, NEIGHBOURS, 65, lapse=0.3, c=0.25),
-        "2AFC, repulsion": _observer(WHICH_STRONGER, NEIGHBOURS, 65, p=-0.5, c=0.25),
-        "2AFC, roved stimuli": _observer(WHICH_STRONGER, _ROVED, 30, p=0.03),
+        "2AFC, perfect": _observer(WHICH_STRONGER, NEIGHBOURS, 40, noise=1e-3),
+        "2AFC, always second": _observer(WHICH_STRONGER, NEIGHBOURS, 40, constant_error=-50.0),
+        "2AFC, two trials a pair": _observer(WHICH_STRONGER, NEIGHBOURS, 2, constant_error=0.2),
+        "2AFC, lapses": _observer(
+            WHICH_STRONGER, NEIGHBOURS, 65, lapse_rate=0.3, constant_error=0.25
+        ),
+        "2AFC, repulsion": _observer(
+            WHICH_STRONGER, NEIGHBOURS, 65, contraction=-0.5, constant_error=0.25
+        ),
+        "2AFC, roved stimuli": _observer(WHICH_STRONGER, _ROVED, 30, contraction=0.03),
     }
     return {name: replace(case, name=name) for name, case in cases.items()}
 
 
 def _observer(
-    task: Task,
-    pairs: Sequence[tuple[float, float]],
-    n: int,
-    *,
-    sigma_d: float = 0.2,
-    lapse: float = 0.02,
-    c: float = 0.0,
-    p: float = 0.0,
+    task: Task, pairs: Sequence[tuple[float, float]], n: int, **parameters: float
 ) -> bt.Subject:
-    """Expected counts of an observer with slopes of 0 and q0 = .95, n trials a pair."""
-    s1, s2 = np.array(pairs).T
-    n_trials = np.full(len(s1), n)
-    asked = bt.Subject("asked", s1, s2, np.zeros_like(n_trials), n_trials, task=task)
-    values: dict[str, FloatArray | float] = {
-        "sigma_d": sigma_d,
-        "k": float(ndtri(0.975)),
-        "lambda": lapse,
-        "b": 0.0,
-        "g": 0.0,
-        "c": c,
-        "p": p,
-    }
-    yes, _ = answer_probabilities(asked, float(asked.s1.mean()), values)
-    counts: npt.NDArray[np.int64] = np.rint(n * yes).astype(np.int64)
-    return replace(asked, n_yes=counts)
+    """Expected counts of an observer with q0 = .95, n trials a pair."""
+    s1, s2 = np.transpose(pairs)
+    design = StudyDesign(s1, s2, np.full(len(s1), n), task=task)
+    values = {"noise": 0.2, "lapse_rate": 0.02, **parameters}
+    if task == SAME_DIFFERENT:
+        values["q0"] = 0.95
+    p_yes = make_observer("case", "case", values, task).p_design(design)[0]
+    # Halves go to even numbers, whatever the last digit is.
+    return design.answered(np.rint((n * p_yes).round(9)).astype(np.int64))

@@ -10,10 +10,31 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from jinja2 import Template
 
 import bayes_toe as bt
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_writable, whole_file
+from reference.calibration_statistics import LEAST_P
+
+#: Titles of the columns of a table of judgements, in their order.
+TITLES = {
+    "design": "design",
+    "what": "what",
+    "data_sets": "data sets",
+    "with_effect": "with the effect",
+    "missing_h1": "none, H1",
+    "missing_h0": "none, H0",
+    "ece": "ECE",
+    "floor": "floor",
+    "largest_difference": "largest difference",
+    "at": "at",
+    "p_value": "p",
+    "log_score_bits": "log score",
+    "default_bits": "default's",
+    "largest_shift": "largest shift",
+    "calibrated": "calibrated",
+}
 
 
 def markdown(table: pd.DataFrame) -> str:
@@ -38,17 +59,18 @@ def markdown(table: pd.DataFrame) -> str:
 
 
 def judgement_tables(
-    table: pd.DataFrame, columns: Mapping[str, Mapping[str, str]]
+    table: pd.DataFrame, titles: Mapping[str, Mapping[str, str]]
 ) -> dict[str, str]:
-    """The rows of each part of a table of judgements in Markdown; `columns` has their titles."""
-    shown = table.convert_dtypes().assign(
+    """The rows of each part of a table of judgements in Markdown; `titles` has its own titles."""
+    texts = table.convert_dtypes().assign(
         what=table["what"].str.replace("_", " ").replace("jnd", "JND"),
         calibrated=table["calibrated"].map({True: "yes", False: "**no**"}),
     )
     tables = {}
-    for part, titles in columns.items():
-        rows = shown.loc[shown["part"] == part, list(titles)]
-        tables[part] = markdown(rows.rename(columns=titles))
+    for part, own_titles in titles.items():
+        rows = texts[texts["part"] == part].dropna(axis=1, how="all")
+        columns = [column for column in TITLES if column in rows]
+        tables[part] = markdown(rows[columns].rename(columns={**TITLES, **own_titles}))
     return tables
 
 
@@ -64,6 +86,25 @@ def judgement_lines(table: pd.DataFrame) -> list[str]:
             line += f" These rows are not calibrated: {', '.join(names)}."
         lines.append(line)
     return lines
+
+
+def judgement_page(
+    script: str,
+    table: pd.DataFrame,
+    conclusive: pd.DataFrame,
+    titles: Mapping[str, Mapping[str, str]],
+    **values: object,
+) -> str:
+    """The page of a table of judgements, by the template beside a script."""
+    text = Path(script).with_suffix(".md").read_text("utf-8")
+    page = Template(text, trim_blocks=True).render(
+        conclusion=judgement_lines(conclusive),
+        tables=judgement_tables(table, titles),
+        least_p=LEAST_P,
+        versions=versions(),
+        **values,
+    )
+    return f"{page}\n"
 
 
 def print_judgements(table: pd.DataFrame) -> int:

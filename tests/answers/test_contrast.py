@@ -1,6 +1,7 @@
 """What differs between conditions: Bayes factors, words, signs, units, and the command."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -34,16 +35,13 @@ def answers(
     trials=50,
 ):
     """Subjects whose constant error, or contraction, depends on the condition."""
-    rng = default_rng(3)
-    pairs = {"s1": FIRST, "s2": SECOND}
-    rows = []
-    for subject_name in subjects:
-        for level, offset, contraction in zip(levels, offsets, contractions, strict=False):
-            distance = SECOND - FIRST - offset + contraction * (FIRST - 0.45)
-            counts = {"n_second": rng.binomial(trials, ndtr(distance / 0.25)), "n_trials": trials}
-            rows.append(
-                pd.DataFrame({"subject": subject_name, "condition": level, **pairs, **counts})
-            )
+    rng, rows = default_rng(3), []
+    kinds = list(zip(levels, offsets, contractions, strict=False))
+    for name, (level, offset, contraction) in product(subjects, kinds):
+        distance = SECOND - FIRST - offset + contraction * (FIRST - 0.45)
+        n_second = rng.binomial(trials, ndtr(distance / 0.25))
+        fields = {"subject": name, "condition": level, "n_second": n_second, "n_trials": trials}
+        rows.append(pd.DataFrame({"s1": FIRST, "s2": SECOND, **fields}))
     return pd.concat(rows)
 
 

@@ -18,7 +18,7 @@ KINDS = {
     "none": {},
     "carries": {"carry_over": 0.9},
     "repeats": {"share_repeated": 0.2},
-    "alternates": {"share_repeated": 0.0, "share_alternated": 0.2},
+    "alternates": {"share_repeated": -0.2},
 }
 
 

@@ -10,6 +10,7 @@ import pytest
 from conftest import BOTH_TASKS
 from numpy.random import default_rng
 from scipy.special import ndtr
+from serial_observers import neighbouring_pairs
 
 import bayes_toe as bt
 from bayes_toe.checks.answer_checks import (
@@ -23,12 +24,12 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.observers import make_observer
+from bayes_toe.design.study_design import StudyDesign
 
 OTHER_TASK = {SAME_DIFFERENT: WHICH_STRONGER, WHICH_STRONGER: SAME_DIFFERENT}
 #: The flag of subjects whose responses are those of the other task.
 LIKE_OTHER = {SAME_DIFFERENT: "like_2afc", WHICH_STRONGER: "other_task"}
 LEVELS = np.arange(6) * 0.25
-NEIGHBOURS = [(a, b) for a, b in itertools.product(LEVELS, repeat=2) if abs(a - b) < 0.3]
 
 
 def make_subject(seed, count=650, blocks=10, name="S"):
@@ -45,14 +46,9 @@ def from_trials(keys, yes, block=None, task=SAME_DIFFERENT):
     return Subject.from_answers("S", answers, task)
 
 
-def neighbours_of(task):
-    """Neighbouring levels in both orders, and equal pairs in the task same/different."""
-    return np.array([pair for pair in NEIGHBOURS if task == SAME_DIFFERENT or pair[0] != pair[1]])
-
-
 def signal_trials(rng, task, shifts, reversed_=False, noise=0.2):
     """Trials of neighbours with a PSE that moves by `shifts` (in steps), one of each trial."""
-    pairs = neighbours_of(task)
+    pairs = neighbouring_pairs(task)
     count = len(shifts)
     pair = np.concatenate([rng.permutation(len(pairs)) for _ in range(-(-count // len(pairs)))])
     keys = pairs[pair[:count]]
@@ -167,7 +163,7 @@ def test_repeated_counts_of_a_pair_are_no_repetition():
 @pytest.mark.parametrize("count", [0, 40])
 @BOTH_TASKS
 def test_one_answer_only(task, count):
-    s1, s2 = np.transpose(NEIGHBOURS)
+    s1, s2 = neighbouring_pairs(SAME_DIFFERENT).T
     (finding,) = findings_of(Subject("A", s1, s2, [count] * len(s1), [40] * len(s1), task=task))
     assert (finding.code, finding.option) == ("one_answer", "")
     response = {0: task.no, 40: task.yes}[count]
@@ -198,24 +194,24 @@ def test_a_guess_is_said_and_the_subject_stays(task):
         rng = default_rng(seed)
         keys, _ = signal_trials(rng, task, np.zeros(960))
         guesses = from_trials(keys, (rng.random(960) < 0.5).astype(int), task=task)
-        findings = findings_of(guesses)
+        study = Study((guesses,))
+        findings = check_answers(study)
         codes += [finding.code for finding in findings]
         assert {finding.option for finding in findings} <= {""}
-        assert not_interpreted(Study((guesses,))) == {}
+        assert not_interpreted(study) == {}
     assert codes.count("independent_answers") >= 4
-    few = from_trials(keys[:100], guesses.answers.n_yes[:100], task=task)
+    few = from_trials(keys[:60], guesses.answers.n_yes[:60], task=task)
     assert findings_of(few) == (), "so few trials do not exclude a dependence"
 
 
 def simulated(seed, task, *, p=0.0, noise=0.25, name="S"):
     """Counts of an observer of the four models for neighbouring pairs."""
-    s1, s2 = neighbours_of(task).T
+    pairs = neighbouring_pairs(task)
+    design = StudyDesign(*pairs.T, [30] * len(pairs), task=task)
     parameters = {"noise": noise, "lapse_rate": 0.02, "contraction": p}
     if task == SAME_DIFFERENT:
         parameters["q0"] = 0.8
-    p_yes = make_observer(name, "simulated", parameters, task).p_yes(s1, s2, s1.mean())
-    counts = default_rng(seed).binomial(30, p_yes)
-    return Subject(name, s1, s2, counts, np.full(len(s1), 30), task=task)
+    return make_observer(name, "simulated", parameters, task).answers(design, seed)
 
 
 @pytest.mark.parametrize("p", [0.5, 0.65, -0.4])
@@ -267,7 +263,7 @@ def p_yes(distance, task):
 def test_billions_of_trials_are_checked_by_their_counts(task):
     """Shares scatter by .08 about the curve: not a sound fit, but no fault of the responses."""
     n_trials = 10**10
-    keys = np.array(NEIGHBOURS)
+    keys = neighbouring_pairs(SAME_DIFFERENT)
     scatter = default_rng(1).normal(0, 0.08, len(keys))
     share = np.clip(p_yes(keys[:, 1] - keys[:, 0], task) + scatter, 0.0, 1.0)
     counts = (share * n_trials).astype(np.int64)

@@ -113,6 +113,16 @@ def test_stimuli_on_two_scales():
     assert finding.option == "--exclude 'S 1'", "a fault of recording needs a decision"
 
 
+def test_subjects_whose_stimuli_have_another_unit():
+    subjects = [make_subject([(shift, shift + 0.1)], name=f"S{shift}") for shift in (0, 1, 7)]
+    (finding,) = [item for item in check_design(Study(subjects)) if item.code == "two_scales"]
+    groups = "Subjects have stimuli in two groups, 0 to 1.1 and 7 to 7.1."
+    assert finding.message.startswith(groups)
+    assert finding.message.endswith("The smaller group is S7.")
+    near = [item for item in check_design(Study(subjects[:2])) if item.code == "two_scales"]
+    assert near == []
+
+
 def test_a_lone_stimulus_far_from_the_others():
     pairs = [*itertools.product([0.0, 0.1, 0.3], repeat=2), (3.0, 3.0)]
     subject = Subject.from_counts("S01", *np.transpose(pairs), [0] * 10, [40] * 9 + [1])

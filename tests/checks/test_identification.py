@@ -6,16 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import BOTH_TASKS
+from serial_observers import neighbouring_pairs
 
 import bayes_toe as bt
 from bayes_toe.checks.identification import IMITATION, QUESTIONS, identify
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.design.study_design import reference_design
 
 LEVELS = (0.0, 0.14, 0.31, 0.44, 0.51)
 GRID = list(itertools.product(LEVELS, repeat=2))
-NEIGHBOURS = [(a, b) for a, b in itertools.product(np.arange(6) / 4, repeat=2) if abs(a - b) < 0.3]
-#: The paper's design: identical pairs, and the first level with every other one in both orders.
-PAPER = [(a, a) for a in LEVELS] + [(0.0, b) for b in LEVELS[1:]] + [(b, 0.0) for b in LEVELS[1:]]
 CONTRACTION = ("contraction",)
 CRITERION = "a response bias predict the same responses"
 
@@ -110,8 +109,9 @@ def is_imitated(pairs, task, n_trials=20):
 
 
 def test_the_papers_pairs_cannot_show_a_contraction_whatever_the_trials():
+    paper = reference_design().pairs
     for n_trials in (2, 20, 10**9):
-        assert is_imitated(PAPER, SAME_DIFFERENT, n_trials)
-        assert not is_imitated(PAPER, WHICH_STRONGER, n_trials)
+        assert is_imitated(paper, SAME_DIFFERENT, n_trials)
+        assert not is_imitated(paper, WHICH_STRONGER, n_trials)
         assert not is_imitated(GRID, SAME_DIFFERENT, n_trials)
-        assert not is_imitated(NEIGHBOURS, SAME_DIFFERENT, n_trials)
+        assert not is_imitated(neighbouring_pairs(SAME_DIFFERENT), SAME_DIFFERENT, n_trials)

@@ -33,14 +33,14 @@ def minus_objective(subject, prior):
     return value
 
 
-def best_of_random_starts(subject, prior, n_starts=3):
+def best_of_random_starts(subject, prior):
     """The highest value that a general optimiser finds inside the bounds of the model."""
     rng = default_rng(0)
     objective = minus_objective(subject, prior)
     scale = max(np.ptp(subject.stimuli), 0.1)
     bounds = [(-200, 200), (1e-6, 1e6), (0, 1), (0, 1)]
     lowest = np.inf
-    for _ in range(n_starts):
+    for _ in range(3):
         mu1, sigma_p = subject.s1.mean() + 3 * scale * rng.normal(), scale * np.exp(rng.normal())
         start = [mu1, sigma_p, rng.uniform(), rng.uniform(0.3, 1)]
         result = minimize(objective, start, method="Nelder-Mead", bounds=bounds)

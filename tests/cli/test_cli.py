@@ -86,14 +86,23 @@ def test_the_report_has_its_sections_and_needs_nothing_but_the_files_beside_it(o
     assert all(f'id="{anchor}"' in text for anchor in re.findall(r'href="#([^"]+)"', text))
 
 
+#: Half of the responses to each pair are 'equal'.
+GUESSES = """subject,s1,s2,n_equal,n_trials
+x,0,0,25,50
+x,0,0.3,25,50
+x,0.3,0,25,50
+x,0.3,0.3,25,50
+x,0,0.5,25,50
+x,0.5,0,25,50
+"""
+
+
 def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path, blank_pictures):
     # One pass and an R-hat that chance alone exceeds.
     defaults = SamplerSettings.__init__.__defaults__
     strict = (*defaults[:-3], 1.000001, 1, 0.05)
     monkeypatch.setattr(SamplerSettings.__init__, "__defaults__", strict)
-    pairs = ["0,0", "0,0.3", "0.3,0", "0.3,0.3", "0,0.5", "0.5,0"]
-    rows = ["subject,s1,s2,n_equal,n_trials", *(f"x,{pair},25,50" for pair in pairs)]
-    (tmp_path / "s.csv").write_text("\n".join(rows))
+    (tmp_path / "s.csv").write_text(GUESSES)
     finished = inside("run s.csv -o out --draws 500 --seed 1", cwd=tmp_path)
     assert (finished.returncode, finished.stderr) == (3, "")
     assert "! x  The draws did not converge: " in finished.stdout

@@ -27,23 +27,15 @@ def folder(tmp_path):
     return tmp_path
 
 
-@pytest.fixture
-def without_the_first(monkeypatch):
-    """Commands whose first subject fails, as where there is no maximum."""
-
-    def few_jobs(jobs, workers):
+def test_a_subject_that_fails_is_marked_and_the_study_goes_on(folder, monkeypatch, blank_pictures):
+    def run_without_the_first(jobs, workers):
         for index, job in enumerate(jobs):
             results = job()
             if index == 0:
                 results[0] = NumericalError(FAILURE)
             yield index, results
 
-    monkeypatch.setattr("bayes_toe.result_store.run_jobs", few_jobs)
-
-
-def test_a_subject_that_fails_is_marked_and_the_study_goes_on(
-    folder, without_the_first, blank_pictures
-):
+    monkeypatch.setattr("bayes_toe.result_store.run_jobs", run_without_the_first)
     completed = inside("run study.csv -o out --draws 100 --figures none --seed 1", cwd=folder)
     assert (completed.returncode, completed.stderr) == (3, "")
     assert f"! A  No result: {FAILURE}" in completed.stdout

@@ -42,7 +42,7 @@ def content(study):
 EQUAL = "a 0.0 0.0 1 1"
 BOTH_ORDERS = "a 0.0 0.3 1 1, a 0.3 0.0 0 1"
 
-#: Rows of trials, options, and what is read.
+#: Rows of trials, options, and what is read: subjects in the order of their first rows.
 READ_TRIALS = """
     b,0.1,0.3,equal b,0.1,0.3,different a,0,0,different |  | b 0.1 0.3 1 2, a 0.0 0.0 0 1
     b,0,0, a,0,0,equal b,0,0,equal |  | b 0.0 0.0 1 1, a 0.0 0.0 1 1
@@ -733,6 +733,12 @@ def test_bytes_that_are_no_text_are_refused(data, problem):
 )
 def test_files_that_do_not_fit_the_options_are_refused(text, options, problem):
     assert refused(text, options) == [problem]
+
+
+def test_a_word_in_other_case_than_the_code_of_another_answer_is_not_read():
+    rows = "a,0,0,Different\na,0,0,different\n"
+    (problem,) = refused(TRIALS + rows, "--equal-code Different")
+    assert problem.startswith("row 3, column response: found 'different'")
 
 
 @pytest.mark.parametrize(

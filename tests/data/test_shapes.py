@@ -51,6 +51,17 @@ COUNTS = (
     .set_axis(["subject", "s1", "s2", "n_second", "n_trials"], axis=1)
 )
 PROPORTIONS = COUNTS.assign(n_second=(COUNTS.n_second / COUNTS.n_trials).round(3))
+STANDARD_FIRST = COUNTS.s1 <= COUNTS.s2
+BY_COMPARISON = pd.DataFrame(
+    {
+        "subject": COUNTS.subject,
+        "standard": COUNTS.s1.where(STANDARD_FIRST, COUNTS.s2),
+        "comparison": COUNTS.s2.where(STANDARD_FIRST, COUNTS.s1),
+        "order": np.where(STANDARD_FIRST, "SC", "CS"),
+        "n_chosen": COUNTS.n_second.where(STANDARD_FIRST, COUNTS.n_trials - COUNTS.n_second),
+        "n_trials": COUNTS.n_trials,
+    }
+)
 IN_PERCENT = PROPORTIONS.assign(n_second=PROPORTIONS.n_second.map("{:.1%}".format))
 
 THREE = IN_LOGS.assign(response=TRIALS.response.where(TRIALS.s1 != TRIALS.s2, "same"))
@@ -77,11 +88,6 @@ def excel(**sheets):
         for name, table in sheets.items():
             table.to_excel(writer, sheet_name=name, index=False)
     return data.getvalue()
-
-
-def with_empty_texts(workbook):
-    """A workbook as Excel saves it if all formulas give an empty text."""
-    return with_part(workbook, rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"')
 
 
 def matlab(variables):
@@ -259,6 +265,10 @@ READ = {
     "counts.csv": COUNTS,
     "other_counts.csv": labelled(COUNTS, n_second="second", n_trials="total"),
     "proportions.csv": PROPORTIONS,
+    "counts_of_the_comparison.csv --standard-interval order": labelled(
+        BY_COMPARISON, n_chosen="n_comparison"
+    ),
+    "counts_by_a_name.csv --standard-interval order --columns n_comparison=n_chosen": BY_COMPARISON,
     "percent_and_n.csv": labelled(IN_PERCENT, n_second="% second", n_trials="N"),
     "grams.csv --intensity 1000 --columns i1=w1,i2=w2": IN_GRAMS,
     "grams_by_unit.csv --unit g": labelled(IN_GRAMS, w1="i1", w2="i2"),
@@ -272,6 +282,15 @@ READ = {
     ),
     "wide.csv --wide {first}_{second} --unit g": WIDE,
     "pair_in_a_cell.csv --wide {first}_{second} --unit g": PAIRS[["subject", "pair", "response"]],
+    "pair_with_units.csv --wide '{first} vs {second}' --unit Hz": PAIRS.assign(
+        pair=TRIALS.w1.map("{} Hz vs ".format) + TRIALS.w2.map("{} Hz".format)
+    )[["subject", "pair", "response"]],
+    "units_in_the_pattern.csv --wide '{first} Hz vs {second} Hz' --unit Hz": PAIRS.assign(
+        pair=TRIALS.w1.map("{} Hz vs ".format) + TRIALS.w2.map("{} Hz".format)
+    )[["subject", "pair", "response"]],
+    "signs_in_a_name.csv --columns 'response=key (1=first, 2=second)'": labelled(
+        IN_LOGS, response="key (1=first, 2=second)"
+    ),
     "missing_words.csv": with_rows(
         IN_LOGS, [["P03", 0, 0.3, word] for word in NO_RESPONSES.split("|")]
     ),
@@ -358,6 +377,11 @@ REFUSED = {
         [*RECORDS[:2], {**RECORDS[2], "subject": "A\ud800"}],
         "row 3, column subject: found 'A\\ud800' of type str",
     ),
+    "numbers.json": ("[1, 2]", "error: numbers.json: found "),
+    "one_number.json": ("3", "error: one_number.json: found "),
+    "cut.json": ("{", "error: cut.json: found "),
+    "deep.json": ("[" * 100_000, "error: deep.json: found "),
+    "a.csv --encoding klingon": (IN_LOGS, "--encoding: found 'klingon', allowed: a name such"),
     "third_code.csv --second-code 39 --first-code 37": (
         with_rows(answered(IN_LOGS, 37, 39), [["P03", 0, 0.3, 0]] * 3),
         "type:  --missed 0",
@@ -452,6 +476,31 @@ REFUSED = {
         WIDE_COUNTS.replace(",n", "").replace(",40", ""),
         "--columns n_second=cell --columns n_trials=NAME",
         "if they count 'second'",
+    ),
+    "counts_of_what.csv --standard-interval order": (
+        BY_COMPARISON,
+        "there is no column n_equal",
+        "--columns n_comparison=NAME",
+        "if it counts 'the comparison was stronger' (2AFC)",
+    ),
+    "e_prime.txt": (
+        "*** Header Start ***\nSubject: 12\n*** Header End ***\n",
+        "found a log of E-Prime, allowed: a table of its trials as CSV",
+    ),
+    "presentation.log": ("Scenario - pitch\n", "found a log of Presentation, allowed: a table"),
+    "below_a_title.csv": (
+        "Experiment 1\nvp,dur1,dur2,key\na,1,2,f\na,2,1,j\n",
+        "The columns are vp, dur1, dur2, key.",
+    ),
+    "merged_cells.csv": (
+        "subject,s1,s2,response\na,0,0.3,first\n,0,0.3,second\n,0.3,0,first\n",
+        "column subject: found '' in 2 rows",
+        "repeat the text of merged cells in each row",
+    ),
+    "pairs_without_a_pattern.csv": (
+        "subject,pair,response\na,4-6,second\na,6-4,first\n",
+        "--wide '{first}-{second}'",
+        "if the cells of column pair are pairs of stimuli",
     ),
     "wide_counts_without_a_pattern.csv": (
         WIDE_COUNTS,
@@ -638,7 +687,7 @@ def test_a_frequent_third_answer_is_no_missed_trial(first, equal, second, option
         bt.read_study(table, typed_options(options))
     chosen, _ = caught.value.choices[0]
     assert " ".join(remedy.typed for remedy in chosen) == advice
-    assert "--missed" not in str(caught.value.remedies)
+    assert "missed=" not in str(caught.value)
     study = bt.read_study(table, typed_options(advice))
     assert study.frame().equals(bt.read_study(THREE).frame())
 

@@ -176,6 +176,13 @@ def test_a_study_gives_the_frame_that_it_is_read_from():
     }
 
 
+def test_numbers_of_single_precision_are_read_as_they_are_written():
+    s2 = [0.1, 0.3, 0.7]
+    columns = {"subject": ["a"] * 3, "s1": np.array(s2, np.float32), "s2": s2}
+    frame = pytest.importorskip("polars").DataFrame({**columns, "response": ["equal"] * 3})
+    assert bt.read_study(frame)["a"].s1.tolist() == s2
+
+
 # --- Files that are damaged, too large, or none ---------------------------------------------------
 
 
@@ -293,26 +300,3 @@ def test_commands_read_and_write_parquet(tmp_path):
     options = "--asymmetry a.parquet --replicates 2 --seed 1"
     good(f"fit study.parquet -o f.parquet {options}", cwd=tmp_path)
     assert set(pd.read_parquet(tmp_path / "a.parquet")["subject"]) >= {"S01", "S02"}
-
-
-# --- JSON, encodings ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("text", ["[1, 2]", "{", "[" * 100_000, "3"])
-def test_json_that_is_no_table_is_one_line(tmp_path, text):
-    (tmp_path / "study.json").write_text(text)
-    (problem,) = problems(bt.read_study, tmp_path / "study.json")
-    assert problem.startswith("study.json: found ")
-
-
-def test_an_unknown_encoding_is_refused(tmp_path):
-    (tmp_path / "study.csv").write_text("subject\n")
-    with pytest.raises(bt.InputError, match=r"^--encoding: found 'klingon', allowed: a name such"):
-        bt.read_study(tmp_path / "study.csv", bt.ReadOptions(encoding="klingon"))
-
-
-def test_numbers_of_single_precision_are_read_as_they_are_written():
-    s2 = [0.1, 0.3, 0.7]
-    columns = {"subject": ["a"] * 3, "s1": np.array(s2, np.float32), "s2": s2}
-    frame = pytest.importorskip("polars").DataFrame({**columns, "response": ["equal"] * 3})
-    assert bt.read_study(frame)["a"].s1.tolist() == s2

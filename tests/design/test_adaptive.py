@@ -32,8 +32,8 @@ def answer_pair(session, pair, rng, observer=CONTRACTION):
     session.answer(pair, bool(rng.uniform() < p_yes))
 
 
-def start_session(**options):
-    return Adaptive(PAIRS, seed=1, **options)
+def start_session(draws=512, **options):
+    return Adaptive(PAIRS, seed=1, draws=draws, **options)
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
 def test_sessions_of_which_is_stronger_take_true_for_second():
     parameters = {"noise": 0.2, "lapse_rate": 0.02, "constant_error": 0.3}
     observer = make_observer("O", "k", parameters, WHICH_STRONGER)
-    session, rng = start_session(task="2afc", draws=512), default_rng(1)
+    session, rng = start_session(task="2afc"), default_rng(1)
     for _ in range(60):
         answer_pair(session, session.next(), rng, observer)
     assert session.quantiles("constant_error")[0] > 0.0

@@ -9,10 +9,8 @@ from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 from commands import good, refused
-from numpy.random import default_rng
 from scipy.stats import norm
 
 import bayes_toe as bt
@@ -94,14 +92,10 @@ def test_draws_of_the_four_models_open_with_shift_contraction_and_jnd(small_stud
 
 
 def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
-    rng = default_rng(1)
-    block = np.repeat(np.arange(1, 5), 100)
-    s1 = rng.choice([0.0, 0.2, 0.4], 400)
-    s2 = s1 + rng.choice([-0.4, -0.2, 0.2, 0.4], 400)
-    is_second = (s2 - s1 + rng.normal(0.0, 0.1, 400) > 0.0) != (block == 2)
-    response = np.where(is_second, "second", "first")
-    trials = {"subject": "A", "block": block, "s1": s1, "s2": s2, "response": response}
-    study = bt.read_study(pd.DataFrame(trials))
+    subject = bt.example_study("2afc")["S01"]
+    block = np.arange(subject.total_trials) * 4 // subject.total_trials
+    answers = replace(subject.answers, block=block, blocks=tuple("1234"))
+    study = bt.Study([replace(subject, answers=answers)]).swap("S01", 2)
     draws = bt.sample(study, model="none", draws=100, seed=1)
     # The counts, which the draws have, do not show it.
     loaded = bt.load(draws.save(tmp_path / "posterior.nc"))

@@ -1,11 +1,9 @@
 """Fitted mixtures of every hard case, and what their draws average to."""
 
-import numpy as np
 import pytest
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 
-from bayes_toe.data.study import Subject
 from bayes_toe.design.study_design import reference_design
 from bayes_toe.inference.fitted import fit_posterior
 from bayes_toe.model.models import OrderModel
@@ -32,11 +30,8 @@ def test_mixtures_fit_the_smallest_and_the_largest_of_the_four_models(model):
 
 def test_a_fit_survives_sparse_answers():
     """Five trials a pair, for which Laplace's normal reaches far beyond the posterior."""
-    design = reference_design(batches=5)
-    order = np.lexsort((design.s2, design.s1))
-    answers = [0, 2, 3, 2, 1, 3, 5, 3, 1, 2, 5, 1, 5]
-    pairs = design.s1[order], design.s2[order]
-    posterior = paper_posterior(Subject("any", *pairs, answers, [5] * 13))
+    n_equal = [0, 5, 1, 5, 5, 2, 3, 2, 1, 3, 3, 2, 1]
+    posterior = paper_posterior(reference_design(batches=5).answered(n_equal, "any"))
     fitted = fit_posterior(posterior, generator(1, "sparse-h0-0291", "proposal"))
     assert fitted.is_trusted
     assert fitted.efficiency > 0.5

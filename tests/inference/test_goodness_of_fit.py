@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
-from serial_observers import neighbours
+from serial_observers import neighbouring_pairs
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import best_model_fit
-from bayes_toe.design.observers import Observer, parameter_names
+from bayes_toe.design.observers import make_observer
+from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.inference import goodness_of_fit as gof
 from bayes_toe.inference.fitted import find_maxima
 from bayes_toe.inference.order_evidence import Precision, order_evidence
@@ -98,20 +99,18 @@ def test_no_more_pairs_than_parameters_have_no_p(small_study):
 @BOTH_TASKS
 def test_sound_observers_are_flagged_as_often_as_the_limit_says(task):
     """P(more than 10 of 100) is .011 at a rate of .05."""
-    s1, s2 = neighbours(task, 1).T
-    n_trials = np.full(len(s1), 15)
+    pairs = neighbouring_pairs(task)
+    design = StudyDesign(*pairs.T, [15] * len(pairs), task=task)
     subjects = []
     for seed in range(100):
         rng = default_rng(seed)
-        parameters = dict.fromkeys(parameter_names(task), 0.0)
-        parameters |= {"noise": rng.uniform(0.15, 0.5), "lapse_rate": rng.uniform(0.0, 0.05)}
+        parameters = {"noise": rng.uniform(0.15, 0.5), "lapse_rate": rng.uniform(0.0, 0.05)}
         parameters["constant_error"] = rng.choice([-0.2, 0.0, 0.2])
         parameters["contraction"] = rng.choice([-0.3, 0.0, 0.3])
         if task.has_criterion:
             parameters["q0"] = 0.85
-        p_yes = Observer(str(seed), "sound", parameters, task).p_yes(s1, s2, s1.mean())
-        n_yes = rng.binomial(n_trials, p_yes)
-        subjects.append(bt.Subject(str(seed), s1, s2, n_yes, n_trials, task=task))
+        observer = make_observer(str(seed), "sound", parameters, task)
+        subjects.append(observer.answers(design, seed))
 
     n_flagged = 0
     for evidence in order_evidence(subjects, seed=1, precision=Precision(0.2, 100.0, 1000)):

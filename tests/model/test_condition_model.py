@@ -59,7 +59,8 @@ EACH_MODEL = pytest.mark.parametrize("models", MODELS.values(), ids=MODELS)
 def product_of_likelihoods(models, points):
     """The log likelihood as a sum over conditions, each with an observer of its own."""
     total = 0.0
-    for unit, coordinates in zip(models.units, models.in_conditions(points), strict=True):
+    in_conditions = points @ models.loading.swapaxes(1, 2)
+    for unit, coordinates in zip(models.units, in_conditions, strict=True):
         posterior = OrderModel("both").posterior(unit)
         columns = [models.shared.coordinates.index(name) for name in posterior.coordinates]
         total = total + posterior.log_likelihood(coordinates[:, columns])
