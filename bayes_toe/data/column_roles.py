@@ -295,7 +295,8 @@ def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
 
 def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     """The file's names for the responses, or for counts, if they are other names than ours."""
-    present = {role for role in (*_ALL_COUNTS, "response") if options.name(role) in names}
+    roles = (*_ALL_COUNTS, "n_correct", "response")
+    present = {role for role in roles if options.name(role) in names}
     counts = _likely(names, options, _ALL_COUNTS)
     response = _likely(names, options, ("response",))
 
@@ -460,6 +461,8 @@ def _answer_roles(names: Texts, options: ReadOptions) -> list[str]:
     """Our names of the columns of responses or counts."""
     if options.correct is not None:
         return ["correct"]
+    if "n_correct" in options.columns:  # without the option, they may be those of another task
+        return ["n_correct", "n_trials"]
     counts = [role for role in _COUNTS if options.name(role) in names]
     if options.name("response") in names or not counts:
         return ["response", *counts]
@@ -545,6 +548,8 @@ def _remedies(
     if missing == ["n_equal"] and options.name("n_trials") in names:
         count = (("n_second", "NAME"),)
         yield Remedy("columns", count, "if it counts 'the second was stronger' (2AFC)")
+        count = (("n_correct", [*names_like(names, "n_correct"), "NAME"][0]),)
+        yield Remedy("columns", count, "if it counts right responses (2AFC)")
         if options.has_standard:
             count = (("n_comparison", "NAME"),)
             yield Remedy("columns", count, "if it counts 'the comparison was stronger' (2AFC)")

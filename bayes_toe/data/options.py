@@ -25,7 +25,7 @@ from bayes_toe.errors import InputError, require_kind
 
 COLUMNS = (
     *("subject", "s1", "s2", "i1", "i2", "standard", "comparison", "response"),
-    *("n_first", "n_equal", "n_second", "n_comparison", "n_trials"),
+    *("n_first", "n_equal", "n_second", "n_comparison", "n_correct", "n_trials"),
     *("session", "block", "trial", "iti", "condition"),
 )
 #: Columns by which counts are no other: which trial came after which, for a look before answers are

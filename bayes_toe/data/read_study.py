@@ -139,8 +139,8 @@ def read_study(
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same), or 'second'
     or 'first' (also s2/s1, 2nd/1st), or 'first', 'equal' and 'second', which decides the task;
     numbers do not. Counts: ``subject,s1,s2,n_equal,n_trials``, or ``n_second``, or
-    ``n_first,n_equal,n_second``, or ``n_comparison`` of a standard and a comparison. s1 and s2 are
-    natural-log intensities.
+    ``n_first,n_equal,n_second``, or ``n_comparison`` of a standard and a comparison. An option
+    names a count of right responses (2AFC). s1 and s2 are natural-log intensities.
     Columns ``trial`` (numbers, over all trials or within each block or session), ``block`` and
     ``session`` (any text) and ``iti`` (seconds since the trial before) change no count. Checks of
     the responses and models of serial dependence use them. These models also use trials without an
@@ -421,8 +421,9 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     if frequency is not None:
         columns["n_trials"] = table.columns[frequency.name]
-    if "n_comparison" in columns:
-        columns["n_second"] = columns["n_comparison"]  # until the order of the stimuli is known
+    for role in ("n_comparison", "n_correct"):
+        if role in columns:
+            columns["n_second"] = columns[role]  # until the order of the stimuli is known
     columns |= _columns_of_file(table)
     if options.subject_from is not None:
         subject = subject_in(path, options.subject_from)
@@ -646,8 +647,12 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         is_wrong = (n >= k) & (n_other >= 0) & (k + n_other != n)
         rule = f"the sum of {display_name(column.name)} and {display_name(other.name)}, "
         table.fault(trials, is_wrong, lambda index: f"{rule}{k[index] + n_other[index]}")
+    difference = np.diff(rows.pairs)[:, 0]
     if "n_comparison" in rows.columns:
         k = np.where(rows.order.is_first, k, n - k)
+    elif "n_correct" in rows.columns:
+        k = np.where(difference > 0.0, k, n - k)
+        table.fault(trials, (difference == 0.0) & (n > 0), "0 where stimuli are equal")
     _require_counts(rows, n, task)
     answered = f" trials answered '{task.yes}'"
     notes = rows.layout("grouped", [k.sum(), " of ", n.sum(), answered])

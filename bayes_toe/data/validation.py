@@ -194,7 +194,7 @@ def require_texts(
     """
     blank = empty(column)
     rule = "a text that is not empty"
-    if blank.mean() > 0.5:
+    if 2 * blank.sum() > len(blank):
         rule += "; repeat the text of merged cells in each row"
     table.fault(column, blank if rows is None else blank & rows, rule)
     if once:

@@ -51,6 +51,9 @@ COUNTS = (
     .set_axis(["subject", "s1", "s2", "n_second", "n_trials"], axis=1)
 )
 PROPORTIONS = COUNTS.assign(n_second=(COUNTS.n_second / COUNTS.n_trials).round(3))
+RIGHT_COUNTS = COUNTS[COUNTS.s1 != COUNTS.s2].assign(
+    hits=COUNTS.n_second.where(COUNTS.s2 > COUNTS.s1, COUNTS.n_trials - COUNTS.n_second)
+)
 STANDARD_FIRST = COUNTS.s1 <= COUNTS.s2
 BY_COMPARISON = pd.DataFrame(
     {
@@ -268,6 +271,7 @@ READ = {
     "counts_of_the_comparison.csv --standard-interval order": labelled(
         BY_COMPARISON, n_chosen="n_comparison"
     ),
+    "right_answers.csv --columns n_correct=hits": RIGHT_COUNTS.drop(columns="n_second"),
     "counts_by_a_name.csv --standard-interval order --columns n_comparison=n_chosen": BY_COMPARISON,
     "percent_and_n.csv": labelled(IN_PERCENT, n_second="% second", n_trials="N"),
     "grams.csv --intensity 1000 --columns i1=w1,i2=w2": IN_GRAMS,
@@ -326,6 +330,7 @@ READ = {
 READ_IN_PART = {
     **dict.fromkeys(["nested.mat", "nested.json", "7.csv", "7.txt", "7.xlsx"], P03),
     "missed_trials.csv": UNEQUAL[IN_LOGS.columns],
+    "right_answers.csv": UNEQUAL[IN_LOGS.columns],
 }
 #: What the notes say of some of these.
 NOTES = """
@@ -496,6 +501,14 @@ REFUSED = {
         "subject,s1,s2,response\na,0,0.3,first\n,0,0.3,second\n,0.3,0,first\n",
         "column subject: found '' in 2 rows",
         "repeat the text of merged cells in each row",
+    ),
+    "right_answers_of_equal_stimuli.csv --columns n_correct=hits": (
+        "subject,s1,s2,hits,n_trials\na,0,0.3,5,6\na,0.3,0.3,5,6\n",
+        "row 3, column n_trials: found '6', allowed: 0 where stimuli are equal",
+    ),
+    "right_answers.csv": (
+        RIGHT_COUNTS.drop(columns="n_second").rename(columns={"hits": "n_correct"}),
+        "--columns n_correct=n_correct  if it counts right responses (2AFC)",
     ),
     "pairs_without_a_pattern.csv": (
         "subject,pair,response\na,4-6,second\na,6-4,first\n",
