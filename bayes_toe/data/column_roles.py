@@ -378,6 +378,7 @@ def columns_to_read(
         return roles_read, problems, []
 
     absent = join_words([f"no column {display_name(name)}" for name in missing])
+    absent = absent.replace("no column n_equal", "no column n_equal or n_second")
     column_list = join_names(map(display_name, filter(None, names)))
     finding = f"there is {absent}. The columns are {column_list}."
     is_stimulus_missing = not {"standard", *_STIMULI}.isdisjoint(missing)

@@ -350,7 +350,7 @@ def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:
     fitting = [column for column in columns if all(map(regex.fullmatch, column.texts))]
     if len(fitting) != 1:
         raise InputError(
-            f"{table.source}: found {len(fitting)} columns with names or cells as --wide has it, "
-            "allowed: columns whose names are pairs, or one whose cells are"
+            f"{table.source}: found {len(fitting)} columns whose cells all fit --wide, and none "
+            "whose name does; allowed: one whose cells fit, or several whose names fit"
         )
     return fitting[0]

@@ -560,7 +560,7 @@ REFUSED_FILES = {
         "row 1: there is no column n_trials. The columns are subject, s1, s2, n_equal."
     ),
     "subject,s1,s2,n_trials\na,0,1,5\n": (
-        "row 1: there is no column n_equal. The columns are subject, s1, s2, n_trials."
+        "row 1: there is no column n_equal or n_second. The columns are subject, s1, s2, n_trials."
     ),
     "subject,i1,i2,response\na,1,2,equal\n": "row 1, columns i1 and i2 seem to be intensities.",
     "subject,s1,s2,response,n_equal\n": (

@@ -535,7 +535,7 @@ REFUSED = {
     ),
     "wide_by_another_name.csv --wide {first}-{second}": (
         WIDE,
-        "found 0 columns with names or cells as --wide has it",
+        "found 0 columns whose cells all fit --wide",
     ),
     "wide_and_unknown.csv --wide {first}_{second} --columns response=cell": (
         "subject,1_2,2_1\nP03,first,second\nP04,first,maybe\n",
