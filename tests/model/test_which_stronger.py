@@ -1,0 +1,31 @@
+"""The paper's observer who says which stimulus was stronger, against other routes."""
+
+import numpy as np
+from numpy.random import default_rng
+from populations import S1, S2
+
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.model.paper_equations import pull, variance_ratio
+from bayes_toe.model.paper_model import paper_posterior
+from bayes_toe.model.prior import Prior
+
+PAIRS = Subject("A", S1, S2, [0] * 10, [50] * 10, task=WHICH_STRONGER)
+
+
+def test_answers_are_those_of_a_simulated_belief():
+    """'Second' where a draw of the second percept exceeds one of what memory expects.
+
+    These are N(s2, sigma_l^2) and N(mu_2, sigma_2^2).
+    """
+    mu1, sigma_p, sigma_l, n = -0.3, 0.2, 0.15, 400_000
+    gamma = (sigma_l / sigma_p) ** 2
+    ratio = variance_ratio(gamma)
+    target = paper_posterior(PAIRS, Prior())
+    theta = {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_l, "lapse_rate": 1e-12}
+    x = target.points({name: np.array([value]) for name, value in theta.items()})
+    p = np.exp(target.log_answers(x)[0][0])
+    rng, s1, s2 = default_rng(1), target.subject.s1, target.subject.s2
+    memory = s1 + pull(gamma) * (mu1 - s1) + sigma_p * np.sqrt(ratio) * rng.standard_normal((n, 1))
+    simulated = (s2 + sigma_l * rng.standard_normal((n, 1)) > memory).mean(axis=0)
+    assert np.abs(p - simulated).max() < 4.5 * np.sqrt(0.25 / n)
