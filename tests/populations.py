@@ -1,4 +1,4 @@
-"""Groups for tests: simulated subjects by formulas of their own, and results without a sampler."""
+"""Subjects and groups for tests: by formulas of their own, and results without a sampler."""
 
 from dataclasses import replace
 
@@ -32,6 +32,13 @@ def neighbours(name, c, p, sigma, n_each, rng, **fields):
     n_trials = np.full(len(S1), n_each)
     n_second = rng.binomial(n_trials, p_second)
     return bt.Subject(name, S1, S2, n_second, n_trials, task=WHICH_STRONGER, **fields)
+
+
+def some_pairs(subject, selected):
+    """The subject with a slice of the pairs."""
+    columns = ("s1", "s2", *subject.task.counts)
+    pairs = {name: getattr(subject, name)[selected] for name in columns}
+    return replace(subject, answers=None, **pairs)
 
 
 def simulated_group(seed, n_subjects=10, n_each=20, mean_c=0.0, sd_c=0.0, mean_p=0.0):

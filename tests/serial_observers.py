@@ -20,6 +20,12 @@ def neighbouring_pairs(task, repeats=1):
     return np.tile(np.column_stack([first, second]), (repeats, 1))
 
 
+def in_order(keys, n_yes, position, task=WHICH_STRONGER, name="S"):
+    """A subject of trials at these positions."""
+    answers = Answers(keys, n_yes, np.ones_like(n_yes), has_trial_rows=True, place=position)
+    return Subject.from_answers(name, answers, task)
+
+
 def answered(
     seed,
     task=WHICH_STRONGER,
@@ -62,6 +68,4 @@ def answered(
             n_yes[t] = n_yes[t - 1] == is_the_same
         weight = (1.0 - p) * (s2 - centre) + p * (1.0 - p) * (s1 - centre)
         expectation = carry_over * (weight + p**2 * expectation)
-    position = np.arange(n_trials) + session
-    answers = Answers(keys, n_yes, np.ones(n_trials, int), has_trial_rows=True, place=position)
-    return Subject.from_answers(f"observer {seed}", answers, task)
+    return in_order(keys, n_yes, np.arange(n_trials) + session, task, f"observer {seed}")

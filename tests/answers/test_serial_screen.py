@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from scipy.stats import kstest, norm
-from serial_observers import LAPSE_RATE, NOISE, Q0, answered
+from serial_observers import LAPSE_RATE, NOISE, Q0, answered, in_order
 
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
-from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.models import OrderModel
@@ -23,12 +22,6 @@ def screen(subject, p=0.0):
     for name in point.keys() & reference.keys():
         point[name] = np.array(reference[name])
     return serial_screen(posterior, posterior.points(point))
-
-
-def in_order(keys, n_yes, position):
-    """A subject of trials at these positions."""
-    answers = Answers(keys, n_yes, np.ones_like(n_yes), has_trial_rows=True, place=position)
-    return Subject.from_answers("S", answers, WHICH_STRONGER)
 
 
 def p_values(screens, name):

@@ -7,6 +7,7 @@ import arviz as az
 import numpy as np
 import pytest
 from commands import good, refused
+from populations import some_pairs
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
@@ -25,10 +26,10 @@ PARAMETERS = (*NATURAL, "gamma", "sigma1", "gain", "width", "pse_shift", "jnd")
 @pytest.fixture(scope="module", params=["none", "both", "paper"])
 def draws(small_study, request):
     """Draws of two subjects, one of them without two of the pairs."""
-    first, second = small_study["A"], small_study["B"]
-    columns = (column[2:] for column in (second.s1, second.s2, second.n_yes, second.n_trials))
-    study = bt.Study([first, bt.Subject("fewer", *columns)])
-    return bt.sample(study, model=request.param, draws=500, seed=np.int64(2**62))
+    fewer = some_pairs(small_study["B"], slice(2, None))
+    return bt.sample(
+        bt.Study([small_study["A"], fewer]), model=request.param, draws=500, seed=np.int64(2**62)
+    )
 
 
 def test_a_file_says_which_model_and_which_prior_and_comes_back(draws, tmp_path):

@@ -1,5 +1,7 @@
 """Deviance against many digits and against the log likelihood, its p-value against simulation."""
 
+from dataclasses import replace
+
 import mpmath
 import numpy as np
 import pytest
@@ -75,7 +77,7 @@ def test_a_misfit_has_a_small_p_and_names_its_worst_pairs(small_study, is_bent):
     if is_bent:
         n_yes = subject.n_yes.copy()
         n_yes[[2, 5]] = subject.n_trials[[2, 5]] - n_yes[[2, 5]]
-        subject = bt.Subject("bent", subject.s1, subject.s2, n_yes, subject.n_trials)
+        subject = replace(subject, n_yes=n_yes)
 
     posterior = bt.model.paper_posterior(subject)
     maximum = find_maxima(posterior).x[0]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import made_subject
+from populations import some_pairs
 
 import bayes_toe as bt
 from bayes_toe.data.study import Subject
@@ -32,15 +33,11 @@ def test_laplace_is_near(evidence):
     assert np.abs(evidence.laplace - evidence.log_evidence).max() < 0.5
 
 
-def without_a_pair(subject):
-    columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
-    return Subject(subject.name, *(column[1:] for column in columns), task=subject.task)
-
-
 @pytest.mark.parametrize("task", ["2afc", "same/different"])
 def test_companions_and_their_order_change_no_bit(task):
     study = list(bt.example_study(task))[:11]
-    subjects = [*study[:4], without_a_pair(study[0]), *study[4:], without_a_pair(study[1])]
+    first, second = (some_pairs(subject, slice(1, None)) for subject in study[:2])
+    subjects = [*study[:4], first, *study[4:], second]
     for position, together in enumerate(order_evidence(subjects, seed=3)):
         (alone,) = order_evidence([subjects[position]], seed=3)
         assert together.subject is subjects[position]

@@ -7,6 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 from numpy.random import default_rng
+from populations import some_pairs
 from scipy import stats
 from scipy.integrate import quad
 from scipy.special import betaln
@@ -58,12 +59,6 @@ def example_subjects(task):
 @pytest.fixture
 def posterior(subject):
     return posterior_of(subject)
-
-
-def some_pairs(subject, selected):
-    """The subject with a slice of the pairs."""
-    columns = ("s1", "s2", *subject.task.counts)
-    return replace(subject, **{name: getattr(subject, name)[selected] for name in columns})
 
 
 def posterior_of(subject, model="both"):

@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.random import default_rng
+from populations import S1, S2
 
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -9,9 +10,7 @@ from bayes_toe.model.paper_equations import pull, variance_ratio
 from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.prior import Prior
 
-S1 = np.array([0.0, 0.2, 0.4, 0.6, 0.2, 0.4, 0.6, 0.8])
-S2 = np.array([0.2, 0.4, 0.6, 0.8, 0.0, 0.2, 0.4, 0.6])
-PAIRS = Subject("A", S1, S2, [0] * 8, [50] * 8, task=WHICH_STRONGER)
+PAIRS = Subject("A", S1, S2, [0] * 10, [50] * 10, task=WHICH_STRONGER)
 
 
 def test_answers_are_those_of_a_simulated_belief():
