@@ -1,21 +1,21 @@
-"""An adaptive session: show a pair, wait for an answer, choose the next pair.
+"""An adaptive session: choose a pair, show it, wait for an answer, and so on.
 
 The session can stop and go on at any time.
 
-    python scripts/adaptive_session.py session.json --subject S01 --trials 40 --simulate
+    python scripts/adaptive_session.py session.json --subject S01 --trials 40
 
-In an experiment `show` and `ask` are those of PsychoPy, pygame or a vibrator's driver; here
-`--simulate` answers in the place of a person, and without it the terminal asks. The session is
-saved after every answer, and the same command goes on with it. At the end its trials are in
-session.csv, which `bayes-toe run` reads.
+Here a simulated observer responds. In an experiment, `respond` presents the stimuli and waits for a
+key, by PsychoPy, pygame or the driver of a vibrator. The session is saved after every answer, and
+the same command goes on with it. At the end its trials are in session.csv, which `bayes-toe run`
+reads.
 """
 
-import argparse
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from reference.pages import number_parser
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import SAME_DIFFERENT
@@ -25,29 +25,17 @@ LEVELS = np.round(np.arange(-0.75, 1.26, 0.1), 10)
 OBSERVER = {"noise": 0.2, "q0": 0.93, "lapse_rate": 0.03, "contraction": 0.3}
 
 
-def show(pair: tuple[float, ...]) -> None:
-    """Present both stimuli, one after the other."""
-    print(f"first {np.exp(pair[0]):.3f}, second {np.exp(pair[1]):.3f} of the reference")
-
-
-def ask() -> bool:
-    """Wait for a key."""
-    return input("equal (e) or different (d)? ").strip().lower().startswith("e")
-
-
-def simulated(pair: tuple[float, ...], rng: np.random.Generator) -> bool:
-    """The answer of an observer who draws the first stimulus to the mean."""
+def respond(pair: tuple[float, ...], rng: np.random.Generator) -> bool:
+    """Whether an observer who draws the first stimulus to the mean responds 'equal'."""
     observer = make_observer("O1", "contraction", OBSERVER, SAME_DIFFERENT)
     return bool(rng.uniform() < observer.p_yes(*pair, sbar=float(LEVELS.mean())))
 
 
 def main() -> None:
     """One session."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = number_parser(__doc__, trials=40)
     parser.add_argument("file", type=Path)
     parser.add_argument("--subject", default="S01")
-    parser.add_argument("--trials", type=int, default=40)
-    parser.add_argument("--simulate", action="store_true")
     asked = parser.parse_args()
     if asked.file.exists():
         session = bt.design.Adaptive.resume(asked.file)
@@ -56,8 +44,7 @@ def main() -> None:
     rng = np.random.default_rng(session.trials)
     while session.trials < asked.trials:
         pair = session.next()
-        show(pair)
-        session.answer(pair, simulated(pair, rng) if asked.simulate else ask())
+        session.answer(pair, respond(pair, rng))
         session.save(asked.file)
     frame = pd.DataFrame(session.answers, columns=["s1", "s2", "response"])
     frame["response"] = frame["response"].map({True: "equal", False: "different"})

@@ -31,7 +31,13 @@ from reference.calibration_statistics import (
     log_score,
     place,
 )
-from reference.pages import judgement_page, page_parser, print_judgements, write_page
+from reference.pages import (
+    judgement_page,
+    page_parser,
+    print_judgements,
+    run_rows,
+    write_page,
+)
 from scipy import stats
 
 import bayes_toe as bt
@@ -45,7 +51,6 @@ from bayes_toe.model.paper_model import PaperPosterior, paper_posterior
 from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
-from bayes_toe.workers import run_in_order
 
 #: Batches of the paper's 13 pairs that each design has.
 DESIGNS = {"paper": PAPER_BATCHES, "sparse": 5}
@@ -90,13 +95,6 @@ def simulate_h1(
     return subject, drawn.for_subject(subject), true_point
 
 
-def simulate_h0(design: str, name: str, seed: int) -> bt.Subject:
-    """A subject with a uniformly distributed probability for each pair."""
-    pairs, rng = reference_design(batches=DESIGNS[design]), generator(seed, name, "observer")
-    counts = rng.binomial(pairs.n_trials, rng.uniform(size=pairs.n_pairs))
-    return pairs.answered(counts, name)
-
-
 def rank_truth(
     design: str, name: str, seed: int, prior: Prior = PRIOR, truth: Prior = PRIOR
 ) -> Row:
@@ -122,11 +120,16 @@ def rank_truth(
 
 
 def estimate_evidence(design: str, name: str, origin: str, seed: int) -> Row:
-    """The log Bayes factors of a subject from H1 or H0, with the streams of `evidence`."""
+    """The log Bayes factors of a subject from H1 or H0, with the streams of `evidence`.
+
+    Under H0, each pair has a uniformly distributed probability.
+    """
     if origin == "H1":
         subject, *_ = simulate_h1(design, name, seed)
     else:
-        subject = simulate_h0(design, name, seed)
+        pairs, rng = reference_design(batches=DESIGNS[design]), generator(seed, name, "observer")
+        frequencies = rng.uniform(size=pairs.n_pairs)
+        subject = pairs.answered(rng.binomial(pairs.n_trials, frequencies), name)
     request = AnalysisRequest(evidence_draws=EVIDENCE_DRAWS)
     evidence = subject_evidence(fitted_result(paper_posterior(subject, PRIOR), seed, request))
     fit = subject_fit(subject, PRIOR, seed=seed, replicates=REPLICATES)
@@ -188,17 +191,14 @@ def analysed(options: Namespace) -> tuple[pd.DataFrame, pd.DataFrame]:
     """
     seed, ranks, evidences = options.seed, [], []
     for design in DESIGNS:
-        for i in range(1, options.studies + 1):
-            ranks.append(partial(rank_truth, design, f"{design}-h1-{i:04d}", seed))
         is_h1 = generator(seed, design, "hypothesis").uniform(size=options.data_sets) < 0.5
+        for i in range(options.studies):
+            ranks.append(partial(rank_truth, design, f"{design}-h1-{i + 1:04d}", seed))
         for origin, size in (("H1", is_h1.sum()), ("H0", (~is_h1).sum())):
-            for i in range(1, size + 1):
-                name = f"{design}-{origin.lower()}-{i:04d}"
+            for i in range(size):
+                name = f"{design}-{origin.lower()}-{i + 1:04d}"
                 evidences.append(partial(estimate_evidence, design, name, origin, seed))
-
-    jobs = [*ranks, *evidences]
-    rows = run_in_order(jobs, options.workers, None, [()] * len(jobs))
-    return pd.DataFrame(rows[: len(ranks)]), pd.DataFrame(rows[len(ranks) :])
+    return run_rows(ranks, options.workers), run_rows(evidences, options.workers)
 
 
 def judged_probabilities(rows: pd.DataFrame, seed: int) -> Iterator[Row]:

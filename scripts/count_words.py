@@ -52,13 +52,12 @@ def count_dictionary_tables() -> int:
 
 def main() -> None:
     """Print the table."""
-    counts = {path.name: count_words(path) for path in sorted(DOCUMENTS)}
-    total = sum(counts.values())
-    counts[f"all, at most {MOST_WORDS:,}"] = total
-    title = f"all with columns, at most {MOST_WORDS_WITH_DICTIONARY:,}"
-    counts[title] = total + count_dictionary_tables()
-    for name, count in counts.items():
-        print(f"{name:<34}{count:>7,}")
+    for path in sorted(DOCUMENTS):
+        print(f"{count_words(path):7,}  {path.name}")
+    total = sum(map(count_words, DOCUMENTS))
+    print(f"{total:7,}  all, at most {MOST_WORDS:,}")
+    total += count_dictionary_tables()
+    print(f"{total:7,}  all with columns, at most {MOST_WORDS_WITH_DICTIONARY:,}")
 
 
 if __name__ == "__main__":

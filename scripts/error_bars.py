@@ -12,6 +12,7 @@ Example: python scripts/error_bars.py -o docs --seeds 100 --overwrite
 """
 
 import sys
+from argparse import Namespace
 from functools import partial
 from itertools import chain
 
@@ -19,7 +20,7 @@ import numpy as np
 import pandas as pd
 from reference.hard_cases import hard_cases, stored_references
 from reference.order_cases import order_cases
-from reference.pages import markdown, page_parser, versions, write_page
+from reference.pages import markdown, page_parser, render, write_page
 
 import bayes_toe as bt
 from bayes_toe.inference.fitted import fit_posterior, importance_evidence
@@ -29,8 +30,6 @@ from bayes_toe.workers import run_in_order
 BAND, PRECISE = (0.8, 1.25), 0.012
 #: Nats below the best model of a subject from which on a model is left out.
 FAR = 6.0
-#: What is estimated, by the stem of the files.
-EVIDENCES = {"error_bars": "the evidence", "error_bars_order": "the four models' evidences"}
 #: The worst value of each number that judges an estimate.
 QUALITIES = {"largest_pareto_k": "max", "least_effective_draws": "min"}
 #: Titles of the columns on the page.
@@ -44,18 +43,6 @@ TITLES = {
     "largest_pareto_k": "largest k-hat",
     "least_effective_draws": "least effective draws",
 }
-PAGE = """# Are the standard errors of {evidences} right?
-
-We estimate each case with {seeds} seeds. The number z is the difference between an estimate and the reference, divided by
-the reported standard error. If the standard errors are right, the standard deviation of z is 1. Chance
-changes this standard deviation by about {precision:.0f} %, because the seeds are few. We accept values between {band[0]} and {band[1]}.
-{conclusion}
-
-`python scripts/error_bars.py -o docs --seeds {seeds} {option}--overwrite` writes this page and [{stem}.csv]({stem}.csv). The references are in
-`tests/reference`. The versions were bayes_toe {version}, Python {python} and numpy {numpy}.
-
-{rows}
-"""
 
 
 def main() -> int:
@@ -76,7 +63,7 @@ def main() -> int:
         jobs = [partial(estimate, subjects[name], options.seeds) for name in names]
         rows = run_in_order(jobs, options.workers, print, [(name,) for name in names])
         table = judged(pd.DataFrame(chain.from_iterable(rows)))
-        return table, page(table, stem)
+        return table, page(table, stem, options)
 
     return 0 if write_page(options, stem, work)["honest"].all() else 3
 
@@ -143,32 +130,17 @@ def judged(estimates: pd.DataFrame) -> pd.DataFrame:
     return table.reset_index()
 
 
-def page(table: pd.DataFrame, stem: str) -> str:
+def page(table: pd.DataFrame, stem: str, options: Namespace) -> str:
     """The table as Markdown, what it shows, and single estimates that are far off."""
-    bad, seeds = table.loc[~table["honest"], "case"], int(table["seeds"].iloc[0])
-    conclusion = "All cases lie in this range."
-    if not bad.empty:
-        conclusion = f"These cases lie outside this range: `{'`, `'.join(bad)}`."
-    far = []
-    for row in table[table["largest_z"] > 5.0].itertuples():
-        nats = row.largest_z * row.median_se
-        far.append(f"`{row.case}` ({row.largest_z:.1f} standard errors, about {nats:.2f} nat)")
-    if far:
-        conclusion += (
-            "\nIn these cases, the largest error of an estimate exceeds 5 standard errors without a "
-            f"warning: {'; '.join(far)}."
-        )
-    shown = table.drop(columns=["seeds", "honest"]).round({"least_effective_draws": 0})
-    return PAGE.format(
+    columns = table.drop(columns=["seeds", "honest"]).round({"least_effective_draws": 0})
+    return render(
+        __file__,
         stem=stem,
-        evidences=EVIDENCES[stem],
-        option="--order " if "order" in stem else "",
-        seeds=seeds,
+        options=options,
         band=BAND,
-        precision=100 / np.sqrt(2 * (seeds - 1)),
-        conclusion=conclusion,
-        rows=markdown(shown.convert_dtypes().rename(columns=TITLES)),
-        **versions(),
+        bad=table.loc[~table["honest"], "case"].tolist(),
+        far=table[table["largest_z"] > 5.0].to_dict("records"),
+        rows=markdown(columns.convert_dtypes().rename(columns=TITLES)),
     )
 
 

@@ -27,8 +27,6 @@ from reference.tempering import (
 )
 
 import bayes_toe as bt
-from bayes_toe.arrays import FloatArray
-from bayes_toe.data.whole_files import whole_file
 from bayes_toe.libraries import library_versions
 
 LEVELS = (0.05, 0.5, 0.95)
@@ -45,34 +43,26 @@ def belongs(subject: bt.Subject, model: str | None) -> dict[str, str]:
 
 def case(subject: bt.Subject, model: str | None) -> dict[str, object]:
     """One reference as plain numbers; of the four models it is the evidence alone."""
+    moments = {}
     if model is None:
         scores = PaperScores(subject)
         points, log_weights = tempered_points(scores, 4, particles=4000, size=100_000)
         theta = np.stack(scores.natural(points.reshape(-1, 4)))
-        moments = weighted_moments(theta, np.exp(log_weights.ravel() - log_weights.max()))
+        options = {"axis": 1, "weights": np.exp(log_weights.ravel() - log_weights.max())}
+        means = np.average(theta, **options)
+        variances = np.average(np.square(theta - means[:, None]), **options)
+        quantiles = np.quantile(theta, LEVELS, method="inverted_cdf", **options)
+        moments = {"means": means, "sds": np.sqrt(variances), "quantiles": quantiles.T}
     else:
         observer = Observer(subject, model)
         _, log_weights = tempered_points(observer, len(observer.parameters), size=10_000)
-        moments = {}
     value, error = tempered_evidence(log_weights)
-    return {"method": METHOD, "log_evidence": value, "log_evidence_error": error, **moments}
-
-
-def weighted_moments(theta: FloatArray, weights: FloatArray) -> dict[str, object]:
-    """Means, standard deviations and quantiles of parameters, (parameters, points)."""
-    options = {"axis": 1, "weights": weights}
-    means = np.average(theta, **options)
-    variances = np.average(np.square(theta - means[:, None]), **options)
-    quantiles = np.quantile(theta, LEVELS, method="inverted_cdf", **options)
-    return {
-        "means": means.tolist(),
-        "sds": np.sqrt(variances).tolist(),
-        "quantiles": quantiles.T.tolist(),
-    }
+    numbers = {name: values.tolist() for name, values in moments.items()}
+    return {"method": METHOD, "log_evidence": value, "log_evidence_error": error, **numbers}
 
 
 def main() -> None:
-    """Compute what is missing, one case at a time; the file is whole after each."""
+    """Compute what is missing, one case at a time."""
     parser = number_parser(__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("tests/reference"))
     parser.add_argument("--order", action="store_true", help="the four models of the observer")
@@ -92,8 +82,7 @@ def main() -> None:
             continue
         new_case = stored["cases"][name] = {**key, **case(subject, model)}
         stored["versions"] = library_versions()
-        with whole_file(path, overwrite=True) as target:
-            target.write_text(json.dumps(stored, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(stored, indent=1, sort_keys=True) + "\n", encoding="utf-8")
         print(name, new_case["log_evidence"], "+-", new_case["log_evidence_error"], flush=True)
 
 

@@ -73,11 +73,11 @@ def simulate(
     model = str(rng.choice(list(PROBABILITIES), p=list(PROBABILITIES.values())))
     observer = Observer(everything, model)
     values = observer.natural(rng.standard_normal((1, len(observer.parameters))))
-    truth = {"jnd": JND_OVER_NOISE * values["sigma_d"].item()}
-    for symbol, quantity in (("c", "constant_error"), ("p", "contraction")):
-        if symbol in values:
-            truth[quantity] = values[symbol].item()
-    return [respond(part, observer.sbar, values, rng) for part in asked], truth
+    units = [respond(part, observer.sbar, values, rng) for part in asked]
+    quantities = {"jnd": "sigma_d", "constant_error": "c", "contraction": "p"}
+    truth = {name: values[key].item() for name, key in quantities.items() if key in values}
+    truth["jnd"] *= JND_OVER_NOISE
+    return units, truth
 
 
 def respond(

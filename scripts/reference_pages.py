@@ -26,7 +26,6 @@ FACES = {
     "bayes_toe.design": "api_design.md",
     "bayes_toe.model": "api_model.md",
 }
-HELP = "--help"
 #: An option that this many commands share, in the same words, is listed once.
 FEWEST_SHARING = 4
 LONGEST_DEFAULT = 20
@@ -70,7 +69,7 @@ def command_reference() -> str:
 def _option_rows(command: Any) -> Iterator[str]:
     """A row for each option of a command."""
     for option in command.params:
-        if option.param_type_name == "option" and HELP not in option.opts:
+        if option.param_type_name == "option":
             yield f"| {_spelling(option)} | {_meaning(option)} |"
 
 
@@ -174,12 +173,10 @@ def _methods(record: type) -> str:
 
 def _comment(face: str, name: str) -> str:
     """The comment above the definition of a value, in the module that defines it."""
-    for path in sorted((ROOT / face.replace(".", "/")).rglob("*.py")):
-        pattern = rf"((?:^#: [^\n]*\n)+)^{name}\b[^\n]* = "
-        comment = re.search(pattern, path.read_text(encoding="utf-8"), flags=re.MULTILINE)
-        if comment:
-            return comment[1].replace("#: ", "")
-    return ""
+    files = (ROOT / face.replace(".", "/")).rglob("*.py")
+    source = "".join(path.read_text(encoding="utf-8") for path in files)
+    pattern = rf"((?:^#: [^\n]*\n)+)^{name}\b[^\n]* = "
+    return re.search(pattern, source, flags=re.MULTILINE)[1].replace("#: ", "")
 
 
 #: The tables of each page.

@@ -43,8 +43,8 @@ def place(truth: float, among: FloatArray, rng: Rng) -> float:
     """
     if np.isnan(truth) or np.isnan(among).any():
         raise NumericalError("a ranked quantity is NaN")
-    below, tied = int((among < truth).sum()), int((among == truth).sum())
-    return float((below + rng.integers(0, tied + 1) + rng.uniform()) / (len(among) + 1))
+    below, tied = (among < truth).sum(), (among == truth).sum()
+    return (below + rng.integers(0, tied + 1) + rng.uniform()) / (len(among) + 1)
 
 
 def counts_below(values: npt.ArrayLike) -> IntArray:
@@ -56,7 +56,7 @@ def uniformity(values: npt.ArrayLike) -> float:
     """P-value of the largest deviation of these values from uniform numbers."""
     counts, size = counts_below(values), int(np.size(values))
     tails = np.minimum(binom.logcdf(counts, size, POINTS), binom.logsf(counts - 1, size, POINTS))
-    rarest = float(tails.min()) + np.log(2.0)
+    rarest = tails.min() + np.log(2.0)
     if rarest <= _SMALLEST:
         return 0.0
     # A hair more: the values themselves are then outside.
@@ -79,7 +79,7 @@ def probability_inside(lower: IntArray, upper: IntArray, size: int) -> float:
         rises = poisson.pmf(np.arange(high - start + 1), step)
         inside = np.convolve(inside, rises)[low - start : high - start + 1]
         start = low
-    return float(min(1.0, inside[0] / poisson.pmf(size, size)))
+    return min(1.0, inside[0] / poisson.pmf(size, size))
 
 
 def judge_ranks(values: npt.ArrayLike) -> dict[str, float | bool]:
@@ -88,8 +88,8 @@ def judge_ranks(values: npt.ArrayLike) -> dict[str, float | bool]:
     farthest = int(np.abs(difference).argmax())
     p_value = uniformity(values)
     return {
-        "largest_difference": float(difference[farthest]),
-        "at": float(POINTS[farthest]),
+        "largest_difference": difference[farthest],
+        "at": POINTS[farthest],
         "p_value": p_value,
         "calibrated": p_value >= LEAST_P,
     }
@@ -134,10 +134,10 @@ def judge_probabilities(
 
     observed = error(y[None])[0]
     floor = error(rng.uniform(size=(_SIMULATIONS, len(p))) < p)
-    p_value = float((1 + (floor >= observed).sum()) / (1 + _SIMULATIONS))
+    p_value = (1 + (floor >= observed).sum()) / (1 + _SIMULATIONS)
     return {
-        "ece": float(observed),
-        "floor": float(floor.mean()),
+        "ece": observed,
+        "floor": floor.mean(),
         "p_value": p_value,
         "log_score_bits": log_score(odds, y),
         "calibrated": p_value >= LEAST_P,
@@ -147,4 +147,4 @@ def judge_probabilities(
 def log_score(log_odds: npt.ArrayLike, true: npt.ArrayLike) -> float:
     """Mean of minus the log probability given to what was true, bits; infinite where it was 0."""
     odds = np.where(true, log_odds, np.negative(log_odds))
-    return float(-np.mean(log_expit(odds)) / np.log(2.0))
+    return -np.mean(log_expit(odds)) / np.log(2.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import sys
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from jinja2 import Template
 import bayes_toe as bt
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_writable, whole_file
+from bayes_toe.workers import run_in_order
 from reference.calibration_statistics import LEAST_P
 
 #: Titles of the columns of a table of judgements, in their order.
@@ -48,13 +49,12 @@ def markdown(table: pd.DataFrame) -> str:
     | funnel | 0.1 |
     | peak | - |
     """
-    lines = ["| " + " | ".join(map(str, table.columns)) + " |"]
-    lines.append("|---" * len(table.columns) + "|")
     texts = table.copy()
     for name in table.select_dtypes("float"):
         texts[name] = table[name].map("{:,.3g}".format).replace("nan", "-")
-    for row in texts.fillna("-").itertuples(index=False):
-        lines.append("| " + " | ".join(map(str, row)) + " |")
+    rows = [list(texts.columns), *texts.fillna("-").to_numpy(object).tolist()]
+    lines = [f"| {' | '.join(map(str, row))} |" for row in rows]
+    lines.insert(1, "|---" * len(table.columns) + "|")
     return "\n".join(lines)
 
 
@@ -82,10 +82,19 @@ def judgement_lines(table: pd.DataFrame) -> list[str]:
         bad = rows[~rows["calibrated"].astype(bool)]
         line = f"In the table *{title}*, {len(rows) - len(bad)} of {len(rows)} rows are calibrated."
         if len(bad):
-            names = (bad["design"] + " " + bad["what"].str.replace("_", " ")).tolist()
+            names = bad["design"] + " " + bad["what"].str.replace("_", " ")
             line += f" These rows are not calibrated: {', '.join(names)}."
         lines.append(line)
     return lines
+
+
+def render(script: str, **values: object) -> str:
+    """The page of a script, by the template beside it."""
+    text = Path(script).with_suffix(".md").read_text("utf-8")
+    versions = {"python": platform.python_version(), "numpy": np.__version__}
+    versions["version"] = bt.__version__
+    page = Template(text, trim_blocks=True).render(versions=versions, **values)
+    return f"{page}\n"
 
 
 def judgement_page(
@@ -95,16 +104,14 @@ def judgement_page(
     titles: Mapping[str, Mapping[str, str]],
     **values: object,
 ) -> str:
-    """The page of a table of judgements, by the template beside a script."""
-    text = Path(script).with_suffix(".md").read_text("utf-8")
-    page = Template(text, trim_blocks=True).render(
+    """The page of a table of judgements."""
+    return render(
+        script,
         conclusion=judgement_lines(conclusive),
         tables=judgement_tables(table, titles),
         least_p=LEAST_P,
-        versions=versions(),
         **values,
     )
-    return f"{page}\n"
 
 
 def print_judgements(table: pd.DataFrame) -> int:
@@ -117,8 +124,7 @@ def number_parser(description: str, **numbers: int) -> ArgumentParser:
     """A parser with options that take whole numbers, by name their defaults."""
     parser = ArgumentParser(description=description, formatter_class=RawDescriptionHelpFormatter)
     for name, default in numbers.items():
-        option = f"--{name.replace('_', '-')}"
-        parser.add_argument(option, type=int, default=default, help=f"by default {default}")
+        parser.add_argument(f"--{name.replace('_', '-')}", type=int, default=default)
     return parser
 
 
@@ -131,13 +137,9 @@ def page_parser(description: str, **numbers: int) -> ArgumentParser:
     return parser
 
 
-def versions() -> dict[str, str]:
-    """The versions that a page states, as arguments of its text."""
-    return {
-        "version": bt.__version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-    }
+def run_rows(jobs: Sequence[Callable[[], object]], workers: int | None) -> pd.DataFrame:
+    """The rows that jobs return, in their order."""
+    return pd.DataFrame(run_in_order(jobs, workers, None, [()] * len(jobs)))
 
 
 def write_page(

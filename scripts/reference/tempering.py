@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -73,19 +73,18 @@ class Observer:
     @cached_property
     def sbar(self) -> float:
         """Mean first stimulus."""
-        return float(self.trials[0].mean())
+        return self.trials[0].mean()
 
     @cached_property
     def step(self) -> float:
         """D: root mean square of s2 - s1 over the trials with two different stimuli."""
-        first, second = self.trials
-        difference = (second - first)[second != first]
-        return float(np.sqrt(np.mean(difference**2)))
+        difference = np.subtract(*self.trials)
+        return np.sqrt(np.mean(np.square(difference[difference != 0.0])))
 
     @cached_property
     def spread(self) -> float:
         """R: standard deviation of all stimuli."""
-        return float(np.concatenate(self.trials).std())
+        return np.concatenate(self.trials).std()
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -120,28 +119,24 @@ class Observer:
 
     def _contraction(self, x: FloatArray) -> FloatArray:
         """The normal quantile of p on (-1, 1)."""
-        sd, first_spread = CONTRACTION_SD, float(self.trials[0].std())
+        sd, first_spread = CONTRACTION_SD, self.trials[0].std()
         if first_spread > 0.0:
             sd = min(sd, self.step / first_spread)
         outside = ndtr(-1.0 / sd)
         lower_half = outside + ndtr(-np.abs(x)) * (1.0 - 2.0 * outside)
-        return np.asarray(-np.sign(x) * sd * ndtri(lower_half))
+        return -np.sign(x) * sd * ndtri(lower_half)
 
     def __call__(self, scores: FloatArray) -> FloatArray:
         """Log likelihood without binomial coefficients, (particles, parameters) -> (particles,)."""
-        # Beyond 20 standard deviations there is less than 1e-88 of the prior.
-        is_near = (np.abs(scores) < 20.0).all(axis=1)
-        yes, no = answer_probabilities(self.subject, self.sbar, self.natural(scores[is_near]))
+        yes, no = answer_probabilities(self.subject, self.sbar, self.natural(scores))
         n_yes = self.subject.n_yes
         terms = xlogy(n_yes, yes) + xlogy(self.subject.n_trials - n_yes, no)
-        value = np.full(len(scores), -np.inf)
-        value[is_near] = terms.sum(axis=1)
-        return value
+        return terms.sum(axis=1)
 
 
 def _student(x: FloatArray) -> FloatArray:
     """Quantile of Student's t with 3 degrees of freedom at normal scores."""
-    return np.asarray(-np.sign(x) * stdtrit(3.0, ndtr(-np.abs(x))))
+    return -np.sign(x) * stdtrit(3.0, ndtr(-np.abs(x)))
 
 
 def shifted_difference(
@@ -184,7 +179,15 @@ def _difference(log_a: FloatArray, log_b: FloatArray) -> FloatArray:
     """a - b from their logs, also where both leave the floats."""
     ratio = log_a - log_b
     larger = np.exp(np.maximum(log_a, log_b))
-    return np.asarray(-np.sign(ratio) * larger * np.expm1(-np.abs(ratio)))
+    return -np.sign(ratio) * larger * np.expm1(-np.abs(ratio))
+
+
+def _near_prior(log_likelihood: LogLikelihood, scores: FloatArray) -> FloatArray:
+    """The log likelihood, and -inf beyond 20 standard deviations: 1e-88 of the prior is there."""
+    is_near = (np.abs(scores) < 20.0).all(axis=1)
+    value = np.full(len(scores), -np.inf)
+    value[is_near] = log_likelihood(scores[is_near])
+    return value
 
 
 def tempered(
@@ -223,11 +226,11 @@ def weighted_points(
     >>> bool(abs(log_mean(log_weights)[0] + np.log(101) + 100 / 101) < 0.1)
     True
     """
+    log_likelihood = partial(_near_prior, log_likelihood)
     x = tempered(log_likelihood, k, rng, particles)
     centres = x[rng.choice(len(x), _KERNELS, replace=False)]
     factor = np.linalg.cholesky(np.cov(x.T).reshape(k, k) + 1e-9 * np.eye(k))
-    whole: FloatArray = np.asarray(1.5 * factor, np.float64)
-    narrow: FloatArray = np.asarray(_NARROW * factor, np.float64)
+    whole, narrow = 1.5 * factor, _NARROW * factor
 
     n_near, n_whole, n_prior = rng.multinomial(size, [0.5, 0.25, 0.25])
     near = centres[rng.integers(_KERNELS, size=n_near)] + _draw_t(rng, n_near, narrow)
@@ -239,18 +242,17 @@ def weighted_points(
         log_prior = -0.5 * (np.square(part).sum(axis=1) + k * np.log(2.0 * np.pi))
         log_near = logsumexp(_log_t(part, centres, narrow), axis=1) + np.log(0.5 / _KERNELS)
         log_around = _log_t(part, x.mean(axis=0)[None], whole)[:, 0] + np.log(0.25)
-        log_proposal = np.logaddexp(log_near, log_around)
-        log_proposal = np.logaddexp(log_proposal, np.log(0.25) + log_prior)
-        log_weights.append(log_likelihood(part) + log_prior - log_proposal)
+        parts = [log_near, log_around, np.log(0.25) + log_prior]
+        log_weights.append(log_likelihood(part) + log_prior - np.logaddexp.reduce(parts))
     return points, np.concatenate(log_weights)
 
 
 def log_mean(log_weights: FloatArray) -> tuple[float, float]:
     """Log of the mean weight, and its standard error."""
     size = len(log_weights)
-    log_total = float(logsumexp(log_weights))
+    log_total = logsumexp(log_weights)
     error = np.sqrt(np.exp(logsumexp(2.0 * log_weights) - 2.0 * log_total) - 1.0 / size)
-    return log_total - float(np.log(size)), float(error)
+    return log_total - np.log(size), error
 
 
 def estimate_by_tempering(
@@ -262,19 +264,19 @@ def estimate_by_tempering(
     return points, log_weights, log_mean(log_weights)[0]
 
 
-def _draw_t(rng: np.random.Generator, n: int, factor: FloatArray) -> FloatArray:
+def _draw_t(rng: np.random.Generator, n: int, factor: np.ndarray) -> FloatArray:
     """Draws of a Student-t kernel about 0, 4 degrees of freedom, (n, k)."""
     stretch = np.sqrt(rng.chisquare(4, size=(n, 1)) / 4.0)
-    return np.asarray(rng.standard_normal((n, len(factor))) / stretch @ factor.T)
+    return rng.standard_normal((n, len(factor))) / stretch @ factor.T
 
 
-def _log_t(points: FloatArray, centres: FloatArray, factor: FloatArray) -> FloatArray:
+def _log_t(points: FloatArray, centres: FloatArray, factor: np.ndarray) -> FloatArray:
     """Log density of Student-t kernels, 4 degrees of freedom, (points, centres)."""
     k = len(factor)
     peak = multivariate_t(np.zeros(k), factor @ factor.T, df=4).logpdf(np.zeros(k))
     a, b = (np.linalg.solve(factor, part.T).T for part in (points, centres))
     far = cdist(a, b, "sqeuclidean")
-    return np.asarray(peak - 0.5 * (4 + k) * np.log1p(far / 4.0))
+    return peak - 0.5 * (4 + k) * np.log1p(far / 4.0)
 
 
 def _step(value: FloatArray, largest: float) -> float:
@@ -282,7 +284,7 @@ def _step(value: FloatArray, largest: float) -> float:
 
     def share(step: float) -> float:
         log_effective = 2.0 * logsumexp(step * value) - logsumexp(2.0 * step * value)
-        return float(np.exp(log_effective)) / len(value)
+        return np.exp(log_effective) / len(value)
 
     if share(largest) >= _COUNTING:
         return largest
@@ -349,5 +351,5 @@ def tempered_evidence(log_weights: FloatArray) -> tuple[float, float]:
     values, errors = np.array([log_mean(of_run) for of_run in log_weights]).T
     relative = np.exp(values - values.max())
     between = relative.std(ddof=1) / relative.mean() / np.sqrt(len(values))
-    within = float(np.sqrt(np.square(relative * errors).sum()) / relative.sum())
-    return float(values.max() + np.log(relative.mean())), max(float(between), within)
+    within = np.sqrt(np.square(relative * errors).sum()) / relative.sum()
+    return float(values.max() + np.log(relative.mean())), float(max(between, within))

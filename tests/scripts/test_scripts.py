@@ -91,7 +91,7 @@ def test_a_script_writes_what_it_found(tmp_path, line, name):
 
 def test_a_session_is_saved_goes_on_and_leaves_a_study(tmp_path):
     for n_trials in (3, 6):
-        line = f"adaptive_session.py a.json --trials {n_trials} --simulate --subject P7"
+        line = f"adaptive_session.py a.json --trials {n_trials} --subject P7"
         assert "P(contraction) = " in good(line, tmp_path)
         study = bt.read_study(tmp_path / "a.csv")
         assert (study.names, study["P7"].total_trials) == (("P7",), n_trials)
