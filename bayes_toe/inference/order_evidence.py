@@ -191,7 +191,7 @@ def evidences_of(
         generators += [generator(seed, subject.name, "order evidence")] * _N_MODELS
     _, draws = fitted_draws(array, mixtures, generators, families, precision)
 
-    results = list[OrderEvidence | NumericalError]()
+    results = []
     for i, subject in enumerate(subjects):
         models = slice(_N_MODELS * i, _N_MODELS * (i + 1))
         evidence = OrderEvidence.from_draws(
@@ -202,10 +202,17 @@ def evidences_of(
             laplace=by_laplace[models],
             modes=modes[models],
         )
-        is_finite = np.isfinite(evidence.log_evidence)
-        if is_finite.all():
-            results.append(evidence)
-            continue
-        message = f"the evidence of the model {MODEL_NAMES[np.argmin(is_finite)]!r} is not a finite"
-        results.append(NumericalError(f"subject {subject.name!r}: {message} number"))
+        results.append(_finite(evidence))
     return results
+
+
+def _finite(evidence: OrderEvidence) -> OrderEvidence | NumericalError:
+    """The evidences, or an error where one is not a finite number."""
+    is_finite = np.isfinite(evidence.log_evidence)
+    if is_finite.all():
+        return evidence
+    model = MODEL_NAMES[np.argmin(is_finite)]
+    return NumericalError(
+        f"subject {evidence.subject.name!r}: the evidence of the model {model!r} is not a finite "
+        "number"
+    )
