@@ -20,6 +20,7 @@ from bayes_toe.answers.order_effect import (
 )
 from bayes_toe.answers.words import Word, claim
 from bayes_toe.data.messages import capitalized, format_estimate, plural
+from bayes_toe.groups.population_table import COMPUTED
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 
 if TYPE_CHECKING:
@@ -37,12 +38,6 @@ _ROW_LABELS = {
     PEAK.name: "largest P('equal')",
 }
 _DIFFERENCE_LABELS = {**LABELS, NOISE.name: "JND (ratio)", PEAK.name: "P(equal), logit"}
-#: Rows of the group's table that have these parameters in the unit of screens.
-_QUANTITY_OF = {
-    CONSTANT_ERROR.name: "pse_shift_percent",
-    NOISE.name: "jnd_percent",
-    PEAK.name: "peak_probability",
-}
 #: An SD whose 2.5 % quantile is below this is given as 'at most' its 95 % quantile.
 _SMALL_SD = {CONSTANT_ERROR.name: 0.03, CONTRACTION.name: 0.015}
 #: Title, headings and rows of a table.
@@ -62,7 +57,7 @@ def parameter_row(result: PopulationResult, name: str) -> list[str]:
 
 def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") -> str:
     """Median and 95 % interval of a mean, or of a new subject, in the unit of the table."""
-    row = result.table.row(quantity, _QUANTITY_OF.get(name, name))
+    row = result.table.row(quantity, COMPUTED.get(name, name))
     if name in _SHARES:
         return format_share(row.interval)
     sign = "+" if name == CONSTANT_ERROR.name else ""
@@ -193,7 +188,8 @@ def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
     """An effect on a mean: a shift of the PSE, p, the ratio of JNDs, or a logit."""
     values, sign = row.interval, "+"
     if row.parameter == CONSTANT_ERROR.name:
-        return format_difference(result.shift_percent(values), result.study.unit)
+        shift = result.in_units(row.parameter, values)
+        return format_difference(shift, result.study.unit)
     if row.parameter == CONTRACTION.name:
         return format_share(values)
     if row.parameter == NOISE.name:

@@ -71,13 +71,6 @@ class Particles:
     mixture: PriorMixture | None = None
     p_answers: FloatArray | None = None
 
-    @classmethod
-    def from_prior(cls, rule: ObserverPosterior, n_draws: int, rng: Rng) -> Particles:
-        """Before any answer."""
-        full = rule.full_points(rule.sample_prior(rng, n_draws))
-        log_prior = rule.array.log_prior(full)[0]
-        return cls(rule, WeightedDraws(full[0], log_prior, log_prior, log_prior))
-
     @property
     def x(self) -> FloatArray:
         """The draws in the coordinates of the model, shape (draws, k)."""
@@ -169,7 +162,10 @@ class Adaptive:
         for name in MODEL_NAMES:
             rule = OrderModel(name).posterior(self.pairs.unanswered, self.prior)
             rng = generator(self.seed, "adaptive", name, "prior")
-            self._particles[name] = Particles.from_prior(rule, draws, rng)
+            points = rule.full_points(rule.sample_prior(rng, draws))
+            log_prior = rule.array.log_prior(points)[0]
+            prior_draws = WeightedDraws(points[0], log_prior, log_prior, log_prior)
+            self._particles[name] = Particles(rule, prior_draws)
 
     # --- A session --------------------------------------------------------------------------------
 

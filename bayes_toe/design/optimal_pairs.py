@@ -15,10 +15,9 @@ from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.checks.identification import TYPICAL_TRIALS, contraction_information
 from bayes_toe.data.messages import join_words
 from bayes_toe.data.options import ReadOptions
-from bayes_toe.data.read_table import read_table
 from bayes_toe.data.stimulus_unit import LOG_UNITS, UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
-from bayes_toe.data.validation import number, read_numbers
+from bayes_toe.data.validation import number
 from bayes_toe.design.information import AIMS, exchange_trials, information
 from bayes_toe.design.observers import Observer, assume_observers
 from bayes_toe.design.power import PowerTable, observer_prior, simulate_power
@@ -27,9 +26,8 @@ from bayes_toe.design.study_design import (
     all_pairs,
     each_once,
     log_levels,
+    read_stimuli,
     stimulus_columns,
-    stimulus_names,
-    to_logs,
 )
 from bayes_toe.errors import InputError, Remedy, require_number
 from bayes_toe.model.observer import DEFAULT_PRIOR
@@ -250,13 +248,11 @@ def levels_between(
 
 def read_levels(path: StrPath, options: ReadOptions) -> FloatArray:
     """Levels in the column s or i of a CSV file, in the unit of these options, as natural logs."""
-    table = read_table(path, lambda _: {"s", "i"})
-    (name,) = stimulus_names(table, ("s",), ("i",), options)
-    (logs,) = to_logs(path, [read_numbers(table, (name,))[1][name]], options)
-    levels = np.unique(logs)
+    (column,), columns = read_stimuli(path, options, ("s",), ("i",))
+    levels = np.unique(columns["s"])
     if len(levels) < 2:
         raise InputError(
-            f"{path}: column {name}: found {len(levels)} level, allowed: at least two different "
+            f"{path}: column {column}: found {len(levels)} level, allowed: at least two different "
             "ones"
         )
     return np.asarray(levels)

@@ -41,7 +41,7 @@ from bayes_toe.design.study_design import (
     StudyDesign,
     full_design,
     log_levels,
-    read_pairs,
+    read_stimuli,
     reference_design,
     stimulus_columns,
 )
@@ -560,7 +560,7 @@ def make_design(
         study_design = _DESIGNS[design](_amplitudes(amplitudes, options), batches)
     else:
         require_file(design, "--design", _DESIGNS)
-        columns = read_pairs(design, options, optional=("n_trials",))
+        _, columns = read_stimuli(design, options, optional=("n_trials",))
         s1, s2 = columns["s1"], columns["s2"]
         n_trials = columns.get("n_trials", np.full(len(s1), batches)).astype(np.int64)
         study_design = StudyDesign(s1, s2, n_trials)

@@ -25,7 +25,6 @@ from bayes_toe.data.stimulus_unit import (
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
-from bayes_toe.data.text_table import TextTable
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError, Remedy, require_number
 
@@ -193,7 +192,7 @@ def read_study_design(
     InputError
         One line per problem of the file, with row and column.
     """
-    columns = read_pairs(path, ReadOptions(unit=unit), ("n_trials",))
+    _, columns = read_stimuli(path, ReadOptions(unit=unit), required=("n_trials",))
     n_trials = columns["n_trials"].astype(np.int64)
     try:
         design = StudyDesign(columns["s1"], columns["s2"], n_trials, task=task_of(task))
@@ -202,37 +201,36 @@ def read_study_design(
     return design.in_order()
 
 
-def read_pairs(
+def read_stimuli(
     path: StrPath,
     options: ReadOptions,
+    logs: tuple[str, ...] = ("s1", "s2"),
+    intensities: tuple[str, ...] = ("i1", "i2"),
+    *,
     required: tuple[str, ...] = (),
     optional: tuple[str, ...] = (),
-) -> dict[str, FloatArray]:
-    """The columns s1 and s2 of a CSV file in natural logs, and these counts."""
-    table = read_table(path, lambda _: {"s1", "s2", "i1", "i2", *required, *optional})
-    names = stimulus_names(table, ("s1", "s2"), ("i1", "i2"), options)
+) -> tuple[tuple[str, ...], dict[str, FloatArray]]:
+    """The stimuli of a CSV file in natural logs, by the names of these columns, and these counts.
+
+    The columns of intensities are read if there is a unit for them. The first value is the columns
+    that were read.
+    """
+    table = read_table(path, lambda _: {*logs, *intensities, *required, *optional})
+    header, names = {*table.names}, logs
+    if header.issuperset(intensities):
+        if options.has_intensities:
+            names = intensities
+        elif not header.intersection(logs):
+            raise InputError(
+                f"{table.source}: columns {join_names(intensities)} are intensities without a unit",
+                [Remedy("unit", ANY_UNIT, "or the name of their unit")],
+            )
     _, columns = read_numbers(table, (*names, *required), optional=optional, counts=("n_trials",))
     stimuli = [columns.pop(name) for name in names]
-    columns["s1"], columns["s2"] = to_logs(path, stimuli, options)
-    return columns
+    return names, columns | dict(zip(logs, _to_logs(path, stimuli, options), strict=True))
 
 
-def stimulus_names(
-    table: TextTable, logs: tuple[str, ...], intensities: tuple[str, ...], options: ReadOptions
-) -> tuple[str, ...]:
-    """The columns of the stimuli in a table: those of intensities if there is a unit for them."""
-    header = {*table.names}
-    if not header.issuperset(intensities):
-        return logs
-    if not options.has_intensities and not header.intersection(logs):
-        raise InputError(
-            f"{table.source}: columns {join_names(intensities)} are intensities without a unit",
-            [Remedy("unit", ANY_UNIT, "or the name of their unit")],
-        )
-    return intensities if options.has_intensities else logs
-
-
-def to_logs(path: StrPath, stimuli: list[FloatArray], options: ReadOptions) -> list[FloatArray]:
+def _to_logs(path: StrPath, stimuli: list[FloatArray], options: ReadOptions) -> list[FloatArray]:
     """Natural logs of stimuli in the unit of these options; a unit that is missing is named."""
     smallest = min(values.min() for values in stimuli)
     if options.has_intensities and smallest <= 0.0:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
@@ -20,7 +20,8 @@ import numpy.typing as npt
 
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
-    OrderEffect,
+    QUESTIONS,
+    SIZE_OF,
     Size,
     answer_subject,
     describe_fit,
@@ -37,25 +38,24 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.engine import Precision
 from bayes_toe.inference.order_evidence import (
     EVERY_MODEL,
-    HAS_CONTRACTION,
-    HAS_ERROR,
     PRIOR_PROBABILITIES,
     order_evidence,
 )
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.models import ObserverPosterior, model_title
 from bayes_toe.model.paper_model import PaperPosterior
-from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, QUANTITY_BY_NAME
+from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.posterior import DOMINATED, RANGE, posterior_contraction
 from bayes_toe.plots.corner import (
-    Density,
     Span,
     all_true_values,
     axis_limits,
     axis_values,
+    contour_grid,
     prior_values,
     quantity_names,
 )
+from bayes_toe.plots.curves import pairs_with_weaker
 from bayes_toe.plots.style import MARKED, Scale, difference_scale, stimulus_scale
 from bayes_toe.seeds import generator
 
@@ -63,8 +63,8 @@ from bayes_toe.seeds import generator
 Pairs = tuple[tuple[str, str], ...]
 #: What the two tabs are called.
 EFFECTS_TAB, PAPER_TAB = "effects", "paper's parameters"
-#: The models that have an effect, by its quantity.
-_MODELS_WITH = {CONSTANT_ERROR.name: HAS_ERROR, CONTRACTION.name: HAS_CONTRACTION}
+#: Sizes of the answer by quantity; differences are in per cent.
+_SIZES = {**SIZE_OF, "jnd": "jnd_percent", "zone": "zone_percent"}
 #: Of every curve; with straight lines between them a bell is a bell.
 POINTS = 21
 
@@ -137,7 +137,7 @@ class Entry:
         columns = {}
         for name in self.names:
             values = self.quantities[name]
-            if name in (CONSTANT_ERROR.name, CONTRACTION.name):
+            if name in QUESTIONS:
                 values = np.where(values == 0.0, np.nan, values)
             if _is_plottable(~np.isnan(values)):
                 columns[name] = axis_values(name, values, self.unit)
@@ -151,8 +151,18 @@ class Entry:
 
         columns = self.columns()
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
-        truth = self._true_values()
+        names = self.target.names.all
+        truth = {name: value for name, value in self.truth.items() if name in names}
+        truth = all_true_values(truth, self.target)
         spans = axis_limits(present.values(), list(columns), self.target, truth)
+
+        prior, quantiles, shares = prior_values(self.target), [], []
+        for name in columns:
+            values = np.quantile(prior[name], np.linspace(0.0, 1.0, 201))
+            quantiles.append(axis_values(name, values, self.unit))
+            # The models of the draws that have the quantity.
+            has_quantity = QUESTIONS.get(name, EVERY_MODEL) if self.is_averaged else EVERY_MODEL
+            shares.append(float(PRIOR_PROBABILITIES[has_quantity].sum()))
 
         return {
             "subject": visible(self.target.subject.name),
@@ -172,8 +182,8 @@ class Entry:
             "truth": truth,
             "spans": spans,
             "contours": outlined(columns, spans),
-            "prior": text_of(self._prior_quantiles(columns)),
-            "priorShares": self._prior_shares(columns),
+            "prior": text_of(quantiles),
+            "priorShares": shares,
             **self._responses(draws[index], index),
         }
 
@@ -185,31 +195,6 @@ class Entry:
         if QUANTITY_BY_NAME[name].display == "difference":
             return self.unit.from_percent(interval).tolist()
         return axis_values(name, interval, self.unit).tolist()
-
-    def _prior_quantiles(self, names: Iterable[str]) -> list[FloatArray]:
-        """Quantiles of the prior of each quantity."""
-        prior = prior_values(self.target)
-        quantiles = []
-        for name in names:
-            values = np.quantile(prior[name], np.linspace(0.0, 1.0, 201))
-            quantiles.append(axis_values(name, values, self.unit))
-        return quantiles
-
-    def _prior_shares(self, names: Iterable[str]) -> list[float]:
-        """Prior probability of each quantity in the models of the draws."""
-        shares = []
-        for name in names:
-            has_quantity = EVERY_MODEL
-            if self.is_averaged:
-                has_quantity = _MODELS_WITH.get(name, EVERY_MODEL)
-            shares.append(float(PRIOR_PROBABILITIES[has_quantity].sum()))
-        return shares
-
-    def _true_values(self) -> dict[str, float]:
-        """True values of the quantities of the model."""
-        names = self.target.names.all
-        truth = {name: value for name, value in self.truth.items() if name in names}
-        return all_true_values(truth, self.target)
 
     def _dominated(self) -> list[tuple[str, str]]:
         """Quantities whose 5 to 95 % range is not much narrower than the prior's."""
@@ -225,6 +210,7 @@ class Entry:
     def _responses(self, x: FloatArray, index: IndexArray) -> Record:
         """Counts, and curves over them at the draws x with this index."""
         counts, target = self.target.subject, self.target
+        shared, position = along(counts)
         low, high = float(counts.stimuli.min()), float(counts.stimuli.max())
         pad = 0.08 * (high - low) or 0.5
         ends = [low - pad, high + pad]
@@ -237,7 +223,7 @@ class Entry:
             "order": presentation_order(counts),
             "estimate": laplace_estimate(counts.n_yes, counts.n_trials),
             "error": laplace_error(counts.n_yes, counts.n_trials),
-            "along": along(counts)[1],
+            "along": position,
         }
 
         stimuli = [", ".join(map(counts.unit.describe, pair)) for pair in counts.pairs]
@@ -245,19 +231,32 @@ class Entry:
         if counts.unit.of_stimuli:
             plane = _packed_scale(stimulus_scale("first stimulus", counts.unit, 0.0, ends), ends)
 
+        # A slice without trials of different stimuli is left out, unless all slices are.
+        keys, index_of_key = np.unique(shared, return_inverse=True)
+        n_trials = np.bincount(index_of_key, counts.n_trials * (counts.s1 != counts.s2))
+        n_slices = max(1, int(np.count_nonzero(n_trials)))
         # The six slices with the most trials, in the order of the fixed stimulus.
-        keys = slice_keys(counts).tolist()
-        shown_keys, fitted = sorted(keys[:6]), Predictor(target, x)
+        most_first = np.argsort(-n_trials, kind="stable")
+        shown_keys = np.sort(keys[most_first][: min(6, n_slices)]).tolist()
+        fitted = Predictor(target, x)
+
+        # The second stimulus that seems equal to the first, at both ends of a line.
+        quantities, first = self.quantities, np.array(ends)[:, None]
+        none = np.zeros_like(quantities["jnd"])
+        share = quantities.get("contraction", quantities.get("pull", none))
+        shift = quantities.get("constant_error", quantities.get("offset", none))
+        equal = first - share * (first - target.sbar) + shift
+
         return {
             "pairs": {
                 **{key: values.tolist() for key, values in pairs.items()},
                 "stimuli": [text.replace("-", "−") for text in stimuli],
             },
             "plane": plane,
-            "slices": [pack_slice(fitted, key, has_title=len(keys) > 1) for key in shown_keys],
-            "undrawn": len(keys) - len(shown_keys),
+            "slices": [pack_slice(fitted, key, has_title=n_slices > 1) for key in shown_keys],
+            "undrawn": n_slices - len(shown_keys),
             "ends": ends,
-            "axis": text_of(axis(self.quantities, target.sbar, ends)[:, index]),
+            "axis": text_of(equal[:, index]),
         }
 
 
@@ -269,27 +268,22 @@ def _is_plottable(is_present: BoolArray) -> bool:
 def outlined(columns: NamedArrays, spans: Sequence[Span]) -> list[list[str]]:
     """Contours that hold shares of the draws, of every two quantities; the inner one first.
 
-    None where few draws have both quantities.
+    Each has its x, then its y, with NaN between two lines. There are none where few draws have
+    both quantities.
     """
-    packed = []
-    for (x, across), (y, up) in combinations(zip(columns.values(), spans, strict=True), 2):
-        is_present = ~np.isnan(x + y)
-        lines = []
-        if _is_plottable(is_present):
-            lines = _contours(Density.from_draws(x[is_present], y[is_present], across, up))
-        packed.append(lines)
-    return packed
-
-
-def _contours(density: Density) -> list[str]:
-    """The x, then the y of the contours of each level; NaN between two lines."""
     from bokeh.plotting.contour import contour_data
 
-    levels = sorted(set(density.levels))
-    x, y, values, _ = density
-    lines = contour_data(x, y, values, levels, want_fill=False, want_line=True).line_data
-    assert lines is not None
-    return [text_of(points) for points in zip(lines.xs[::-1], lines.ys[::-1], strict=True)]
+    packed = list[list[str]]()
+    for (x, across), (y, up) in combinations(zip(columns.values(), spans, strict=True), 2):
+        is_present = ~np.isnan(x + y)
+        packed.append([])
+        if _is_plottable(is_present):
+            grid = contour_grid(x[is_present], y[is_present], across, up)
+            lines = contour_data(*grid, want_fill=False).line_data
+            assert lines is not None
+            for points in zip(lines.xs[::-1], lines.ys[::-1], strict=True):
+                packed[-1].append(text_of(points))
+    return packed
 
 
 def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Truth) -> list[Entry]:
@@ -330,31 +324,23 @@ def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Trut
             [subject], draws.seed, prior, Precision(effective_draws=3000.0)
         )
         average = evidence.averaged()
+        flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
+        sizes = answer.sizes
+        estimates = {name: sizes[size] for name, size in _SIZES.items() if size in sizes}
         points = average.resampled(generator(draws.seed, name, "explorer"), 4000)
         averaged = replace(
             entry,
             label=average_label,
             target=average.posterior,
             x=points[None],
-            badges=_badges_of_answer(answer),
-            estimates=_estimates(answer),
+            badges=(_fit_badge(answer.fit_p, answer.n_subjects), *flags),
+            estimates=estimates,
             is_averaged=True,
             description=f"{average_label} by their posterior probabilities: {source}, prior "
             f"{prior.describe(subject.task)}. Draws are resampled by their weights.",
         )
         entries.append(averaged)
     return entries
-
-
-def _estimates(answer: OrderEffect) -> dict[str, Size]:
-    """The intervals of the answer by quantity, differences in per cent."""
-    sizes = {
-        "constant_error": "pse_shift_percent",
-        "contraction": "contraction_p",
-        "jnd": "jnd_percent",
-        "zone": "zone_percent",
-    }
-    return {name: answer.sizes[size] for name, size in sizes.items() if size in answer.sizes}
 
 
 def badges(draws: Draws, name: str) -> Pairs:
@@ -366,12 +352,6 @@ def badges(draws: Draws, name: str) -> Pairs:
     if is_testable and np.isnan(fit.fit_p):
         return (sampled,)
     return sampled, _fit_badge(fit.fit_p if is_testable else None, len(draws.names))
-
-
-def _badges_of_answer(answer: OrderEffect) -> Pairs:
-    """Whether the best of the four models fits, and what stands against the answer."""
-    flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
-    return (_fit_badge(answer.fit_p, answer.n_subjects), *flags)
 
 
 def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
@@ -403,22 +383,22 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
     counts = fitted.target.subject
     unit, is_by_first = counts.unit, counts.task == WHICH_STRONGER
     shared, position = along(counts)
-    order = presentation_order(counts)
-    is_member = shared == fixed
     if is_by_first:
-        orders, start = [0], float(position.min() - 0.04 * np.ptp(position))
+        is_member, orders = shared == fixed, [0]
+        start, end = float(position.min() - 0.04 * np.ptp(position)), float(position.max())
+        low = start
     else:
-        is_equal = (order == 0) & (position >= fixed)
-        is_member |= is_equal
-        orders, start = [sign for sign in (-1, 1) if sign in order[is_member]], fixed
-        if is_equal.sum() > 1 or not orders:
+        is_member = pairs_with_weaker(counts, fixed)
+        position, order = position[is_member], presentation_order(counts)[is_member]
+        orders = [sign for sign in (-1, 1) if sign in order]
+        if (order == 0).sum() > 1 or not orders:
             orders.append(0)
-        position = position[is_member]
+        start, end = fixed, float(position.max())
+        low = min(fixed, float(position.min()))
 
-    end = float(position.max())
     # A curve goes on beyond its last pair.
     x = np.linspace(start, end + 0.04 * max(end - start, 1e-9), POINTS)
-    ends = [float(x[0]), float(x[-1])]
+    ends = [low, float(x[-1])]
     same = np.full_like(x, fixed)
     presented = {-1: (same, x), 1: (x, same), 0: (x, x)}
     scale = stimulus_scale("stronger stimulus", unit, 0.0, ends)
@@ -431,6 +411,7 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
     return {
         "title": title if has_title else "",
         "pairs": np.flatnonzero(is_member).tolist(),
+        "low": low,
         "x": x.tolist(),
         "scale": _packed_scale(scale, ends) if unit.of_stimuli else None,
         "orders": orders,
@@ -446,19 +427,6 @@ def _packed_scale(scale: Scale, ends: Sequence[float]) -> Record | None:
     return {"label": scale.label, "at": positions.tolist(), "texts": texts}
 
 
-def slice_keys(counts: Subject) -> FloatArray:
-    """The fixed stimulus of every slice, shape (slices,).
-
-    The slice with the most trials of different stimuli comes first. Slices without such trials are
-    left out, unless all slices are.
-    """
-    keys, index = np.unique(along(counts)[0], return_inverse=True)
-    n_different = counts.n_trials * (presentation_order(counts) != 0)
-    n_trials = np.bincount(index, n_different, len(keys))
-    most_first = np.argsort(-n_trials, kind="stable")
-    return keys[most_first][: max(1, np.count_nonzero(n_trials))]
-
-
 def along(counts: Subject) -> ArrayPair:
     """The stimulus that a pair shares with its slice, and its position there, shape (pairs,) each.
 
@@ -468,18 +436,6 @@ def along(counts: Subject) -> ArrayPair:
     if counts.task == WHICH_STRONGER:
         return counts.s1, counts.s2 - counts.s1
     return np.minimum(counts.s1, counts.s2), np.maximum(counts.s1, counts.s2)
-
-
-def axis(quantities: NamedArrays, sbar: float, ends: Sequence[float]) -> FloatArray:
-    """Second stimulus that seems equal to the first, at both ends of a line.
-
-    s2 = s1 - p (s1 - sbar) + c, (draws,) -> (2, draws).
-    """
-    first = np.asarray(ends)[:, None]
-    none = np.zeros(len(next(iter(quantities.values()))))
-    share = quantities.get("contraction", quantities.get("pull", none))
-    shift = quantities.get("constant_error", quantities.get("offset", none))
-    return first - share * (first - sbar) + shift
 
 
 # --- numbers as text ------------------------------------------------------------------------------

@@ -214,12 +214,12 @@ window.explorer = (() => {
         fill: every.map(pair => { const grey = Math.round(255 - 215 * p.k[pair] / p.n[pair]); return `rgb(${grey},${grey},${grey})`; }) });
     }
     if (slice === null) return;
-    const pad = 0.04 * (slice.x.at(-1) - slice.x[0]);
-    model(`stronger-${letter}`).setv({ start: slice.x[0] - pad, end: slice.x.at(-1) });
+    const pad = 0.04 * (slice.x.at(-1) - slice.low);
+    model(`stronger-${letter}`).setv({ start: slice.low - pad, end: slice.x.at(-1) });
     model(`curves-title-${letter}`).text = slice.title;
     model(`plane-${letter}-range`).setv({ start: found.ends[0], end: found.ends[1] });
     const plane = model(`plane-${letter}`), second = found.plane && { ...found.plane, label: found.plane.label.replace("first", "second") };
-    scale(model(`curves-${letter}`).below[0], slice.scale, slice.x[0] - pad, slice.x.at(-1));
+    scale(model(`curves-${letter}`).below[0], slice.scale, slice.low - pad, slice.x.at(-1));
     scale(plane.below[0], found.plane, ...found.ends);
     scale(plane.left[0], second, ...found.ends);
   }

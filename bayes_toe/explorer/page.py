@@ -18,15 +18,10 @@ from typing import TypeAlias
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import join_names, visible, with_policy
 from bayes_toe.data.read_study import Truth, example_truth
-from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.tasks import Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
-from bayes_toe.explorer.entry import (
-    Entry,
-    entries_of,
-    island,
-)
+from bayes_toe.explorer.entry import Entry, entries_of, island
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.libraries import __version__
 from bayes_toe.model.models import model_title
@@ -133,7 +128,7 @@ def entries(
     n_entries = sum(map(len, selected.values()))
     require_few(n_entries, "subjects" if len(by_label) == 1 else "posteriors of subjects")
 
-    page_entries = []
+    page_entries = list[Entry]()
     for label, part in by_label.items():
         true_values = truths or {}
         if not truths and part.study.source == EXAMPLE:
@@ -204,10 +199,15 @@ def page(
         if progress is not None:
             progress(name)
 
+    described = {}
+    for name, quantity in QUANTITY_BY_NAME.items():
+        label = ", ".join(filter(None, (quantity.label, axis_unit(name, unit))))
+        described[name] = label, quantity.words
+
     index = {
         "entries": list_of_entries,
         "tabs": sorted({entry.tab for entry in page_entries}),
-        "quantities": _described_quantities(unit),
+        "quantities": described,
         "slots": SLOTS,
         "fixed": task.slice_stimulus,
         "footer": f"bayes_toe {__version__}. Intensities without a unit are natural logarithms.",
@@ -219,15 +219,6 @@ def page(
         parts.append(f'<script type="application/json" id="{name}">{island(content)}</script>\n')
     # Bokeh makes functions of texts.
     return Explorer(with_policy("".join([*parts, tail]), "'unsafe-eval'"))
-
-
-def _described_quantities(unit: StimulusUnit) -> dict[str, tuple[str, str]]:
-    """Label and words of each quantity."""
-    described = {}
-    for name, quantity in QUANTITY_BY_NAME.items():
-        label = ", ".join(filter(None, (quantity.label, axis_unit(name, unit))))
-        described[name] = (label, quantity.words)
-    return described
 
 
 def require_bokeh() -> None:

@@ -82,18 +82,18 @@ class SubjectRows(LinearLikelihood):
         """
         observer_rows = ObserverRows.from_subjects(rows, PLAIN_UNITS, scales)
         names = [parameter.name for parameter in task_parameters(rows[0].task)]
-        shared = [parameter.name for parameter in group_parameters(rows[0].task)]
-        unshared = [name for name in names if name not in shared]
-        ones = np.ones((len(rows), 1))
-        columns = [(name, ones) for name in shared] + [*differences.items()]
-        n_coefficients = sum(values.shape[1] for _, values in columns)
-        parts = []
-        for name, values in columns + [(name, ones) for name in unshared]:
+        shared = [names.index(parameter.name) for parameter in group_parameters(rows[0].task)]
+        unshared = np.delete(np.arange(len(names)), shared).tolist()
+
+        one_each = np.tile(np.eye(len(names)), (len(rows), 1, 1))
+        parts = [one_each.take(shared, axis=2)]
+        for name, values in differences.items():
             part = np.zeros((len(rows), len(names), values.shape[1]))
             part[:, names.index(name)] = values
             parts.append(part)
-        loading, coordinates = np.concatenate(parts, axis=2), [*map(names.index, unshared)]
-        return cls(observer_rows, loading, first_row, n_coefficients, coordinates)
+        loading = np.concatenate([*parts, one_each.take(unshared, axis=2)], axis=2)
+        n_coefficients = loading.shape[2] - len(unshared)
+        return cls(observer_rows, loading, first_row, n_coefficients, unshared)
 
     @property
     def n_subjects(self) -> int:
@@ -224,8 +224,9 @@ class GroupPosterior:
         log_likelihood, likelihood_slope = self.rows.plain_gradient(w)
         log_unshared, unshared_slope = self.rows.log_own_prior(w[..., q:])
         log_scores = (0.5 * np.log(share) - 0.5 * np.square(score)).sum(axis=-1)
-        log_prior = (numbers.log_prior_of_mean(mean) + log_prior_of_sd).sum(axis=-1)
-        log_prior = log_prior + numbers.log_effect(effects).sum(axis=(1, 2))
+        log_mean, mean_slope = numbers.prior_of_mean(mean)
+        log_effect, effect_slope = numbers.prior_of_effect(effects)
+        log_prior = (log_mean + log_prior_of_sd).sum(axis=-1) + log_effect.sum(axis=(1, 2))
         value = log_prior + (log_likelihood + log_unshared + log_scores).sum(axis=0)
 
         # Slopes in a and in the coordinates of a subject, then in mu and tau.
@@ -238,10 +239,9 @@ class GroupPosterior:
         score_rise = share * pull * (2.0 * share - 1.0) - root * score_fall * xi  # du/dtau
         by_sd = by_coefficient * coefficient_rise - score * score_rise - score_fall
 
-        mean_slope = numbers.slope_of_mean_prior(mean) + by_expected.sum(axis=0)
+        mean_slope = mean_slope + by_expected.sum(axis=0)
         sd_slope = slope_of_sd_prior + by_sd.sum(axis=0) * tau_rise
-        effect_slope = numbers.effect_slope(effects)
-        effect_slope += np.einsum("nr,npq->prq", self.x, by_expected)
+        effect_slope = effect_slope + np.einsum("nr,npq->prq", self.x, by_expected)
         subject_slope = np.concatenate([by_xi, by_unshared], axis=-1).swapaxes(0, 1)
         parts = (mean_slope, sd_slope, effect_slope, subject_slope)
         return value, np.concatenate([part.reshape(len(theta), -1) for part in parts], axis=1)

@@ -27,21 +27,13 @@ from bayes_toe.inference.diagnostics import Convergence, convergence_of, worst
 
 Density = Callable[[FloatArray], ArrayPair]
 
-_TARGET_ACCEPTANCE = 0.9
-#: Mean length of a trajectory.
-_LENGTH = 0.75 * np.pi
-#: Gain of energy, and momentum, at which a trajectory is given up.
-_LARGEST_GAIN, _LARGEST_MOMENTUM = 1000.0, 1000.0
+#: Gain of energy or momentum at which a trajectory is given up.
+_LARGEST = 1000.0
 _MOST_STEPS = 256
-#: Draws while chains settle, and the most steps of each; and of the first round.
-_SETTLING, _FEW_STEPS, _FIRST_STEPS = 40, 8, 32
+#: Draws of the rounds of warm-up.
 _ROUNDS = (40, 40, 60, 80)
 #: Decimals of positions during warm-up. Small differences grow until the metric is learnt.
 _WARM_UP_DECIMALS = 4
-#: Share of trajectories with shorter steps, and how much shorter they are.
-_CAREFUL_SHARE, _CAREFUL_STEP = 0.125, 0.2
-#: Steps of the second attempt over those of the first.
-_SECOND_STEP = 0.4
 #: Draws by which the first guess of a covariance counts.
 _GUESS_WEIGHT = 5.0
 
@@ -138,22 +130,23 @@ class Hamiltonian:
 
     def warm_up(self) -> None:
         """Let the chains settle, then learn step and metric in rounds of :data:`_ROUNDS` draws."""
-        self._adapt_step(_SETTLING, np.min, most_steps=_FEW_STEPS)
+        # While chains settle, and in the first round, trajectories have few steps.
+        self._adapt_step(40, np.min, most_steps=8)
         for i, size in enumerate(_ROUNDS):
-            most_steps = _MOST_STEPS if i else _FIRST_STEPS
-            draws = self._adapt_step(size, most_steps=most_steps)[size // 4 :]
+            draws = self._adapt_step(size, most_steps=_MOST_STEPS if i else 32)[size // 4 :]
             self._metric.learn(draws.reshape(-1, draws.shape[-1]))
         self._adapt_step(_ROUNDS[0])
 
     def advance(self, n_draws: int) -> tuple[FloatArray, int]:
         """More draws of every chain, (draws, chains, coordinates), and how often one diverged.
 
-        Some trajectories have shorter steps, so that a chain can leave a region in which the common
-        step is too long.
+        One in eight trajectories has shorter steps, so that a chain can leave a region in which the
+        common step is too long.
         """
         x, n_divergent = [], 0
-        for is_careful in self._rng.uniform(size=n_draws) < _CAREFUL_SHARE:
-            _, is_divergent = self._move(_CAREFUL_STEP if is_careful else 1.0)
+        is_careful = self._rng.uniform(size=n_draws) < 0.125
+        for factor in np.where(is_careful, 0.2, 1.0).tolist():
+            _, is_divergent = self._move(factor)
             x.append(self._x)
             n_divergent += int(is_divergent.sum())
         return np.stack(x), n_divergent
@@ -164,7 +157,7 @@ class Hamiltonian:
         summary: Callable[[FloatArray], float] = np.mean,
         most_steps: int = _MOST_STEPS,
     ) -> FloatArray:
-        """Draws during which the step follows the acceptance, by dual averaging.
+        """Draws during which the step follows an acceptance of 0.9, by dual averaging.
 
         Source: Hoffman and Gelman 2014, section 3.2.
         """
@@ -177,7 +170,7 @@ class Hamiltonian:
             self._x = np.round(self._x, _WARM_UP_DECIMALS)
             self._value, self._gradient = self._density(self._x)
             draws.append(self._x)
-            shortfall = _TARGET_ACCEPTANCE - float(summary(acceptance))
+            shortfall = 0.9 - float(summary(acceptance))
             error += (shortfall - error) / (t + 10.0)
             log_step = np.round(anchor - error * np.sqrt(t) / 0.1, _WARM_UP_DECIMALS)
             averaged += t**-0.75 * (log_step - averaged)
@@ -189,7 +182,7 @@ class Hamiltonian:
         self, factor: float = 1.0, most_steps: int = _MOST_STEPS
     ) -> tuple[FloatArray, BoolArray]:
         """Move every chain along a trajectory: its acceptance, and whether it diverged."""
-        length = _LENGTH * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
+        length = 0.75 * np.pi * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
         n_steps = min(most_steps, max(1, round(length / self.step)))
         step = factor * min(length / n_steps, self.step)
         metric = self._metric
@@ -199,13 +192,13 @@ class Hamiltonian:
         is_divergent = np.zeros(len(x), bool)
         for _ in range(n_steps):
             momentum = momentum + 0.5 * step * metric.to_momentum(gradient)
-            is_divergent |= ~(np.abs(momentum).max(axis=1) < _LARGEST_MOMENTUM)
+            is_divergent |= ~(np.abs(momentum).max(axis=1) < _LARGEST)
             momentum[is_divergent] = 0.0
             x = x + step * metric.to_position(momentum)
             value, gradient = self._density(x)
             momentum = momentum + 0.5 * step * metric.to_momentum(gradient)
             gain = _kinetic(momentum) - value - first_energy
-            is_divergent |= ~(gain < _LARGEST_GAIN)
+            is_divergent |= ~(gain < _LARGEST)
         log_acceptance = np.where(is_divergent, -np.inf, value - _kinetic(momentum) + first_energy)
         acceptance = np.exp(np.minimum(log_acceptance, 0.0))
         is_accepted = self._rng.uniform(size=len(x)) < acceptance
@@ -291,7 +284,7 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     if not draws.shortfall:
         return draws
     if n_divergent:
-        sampler.step *= _SECOND_STEP
+        sampler.step *= 0.4
         return _group_draws(posterior, *sampler.advance(2 * n_each))
     more_x, n_divergent = sampler.advance(n_each)
     return _group_draws(posterior, np.concatenate([x, more_x]), n_divergent)

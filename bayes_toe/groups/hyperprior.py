@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray
 from bayes_toe.model.densities import (
     StandardStudent,
     from_half_normal_score,
@@ -33,13 +33,10 @@ class HyperpriorNumbers(NamedTuple):
         mean, mean_scale, sd_scale, tails = np.array([astuple(row) for row in rows]).T
         return cls(mean, mean_scale, sd_scale, tails.astype(np.bool_))
 
-    def log_prior_of_mean(self, mean: FloatArray) -> FloatArray:
-        """Log prior density of each mean, (..., coefficients)."""
-        return self._log_density((mean - self.mean) / self.mean_scale) - np.log(self.mean_scale)
-
-    def slope_of_mean_prior(self, mean: FloatArray) -> FloatArray:
-        """Its derivative."""
-        return self._slope((mean - self.mean) / self.mean_scale) / self.mean_scale
+    def prior_of_mean(self, mean: FloatArray) -> ArrayPair:
+        """Log prior density of each mean, (..., coefficients), and its derivative."""
+        log_density, slope = self._density((mean - self.mean) / self.mean_scale)
+        return log_density - np.log(self.mean_scale), slope / self.mean_scale
 
     def sds(self, score: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Standard deviations between subjects from their scores, (..., coefficients) each.
@@ -53,20 +50,17 @@ class HyperpriorNumbers(NamedTuple):
         """
         u = from_half_normal_score(score)
         rise = 0.5 * np.exp(0.5 * (np.square(u) - np.square(score)))
-        log_prior = log_normal(score) + self._log_density(u) - log_normal(u)
-        slope = (self._slope(u) + u) * rise - score
+        log_density, slope = self._density(u)
+        log_prior = log_normal(score) + log_density - log_normal(u)
+        slope = (slope + u) * rise - score
         return self.sd_scale * u, self.sd_scale * rise, log_prior, slope
 
-    def log_effect(self, effect: FloatArray) -> FloatArray:
-        """Log prior density of a covariate's effects: Normal(0, sd_scale)."""
-        return log_normal(effect / self.sd_scale) - np.log(self.sd_scale)
+    def prior_of_effect(self, effect: FloatArray) -> ArrayPair:
+        """Log prior density of a covariate's effects, Normal(0, sd_scale), and its derivative."""
+        log_density = log_normal(effect / self.sd_scale) - np.log(self.sd_scale)
+        return log_density, -effect / np.square(self.sd_scale)
 
-    def effect_slope(self, effect: FloatArray) -> FloatArray:
-        """Its derivative."""
-        return -effect / np.square(self.sd_scale)
-
-    def _log_density(self, u: FloatArray) -> FloatArray:
-        return np.where(self.has_heavy_tails, StandardStudent().log_density(u), log_normal(u))
-
-    def _slope(self, u: FloatArray) -> FloatArray:
-        return np.where(self.has_heavy_tails, StandardStudent().slope(u), -u)
+    def _density(self, u: FloatArray) -> ArrayPair:
+        student = StandardStudent()
+        log_density = np.where(self.has_heavy_tails, student.log_density(u), log_normal(u))
+        return log_density, np.where(self.has_heavy_tails, student.slope(u), -u)

@@ -27,7 +27,7 @@ from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, join_names
-from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
 from bayes_toe.errors import ConvergenceWarning, InputError, require_kind, require_number
 from bayes_toe.groups.group_posterior import (
@@ -39,9 +39,9 @@ from bayes_toe.groups.group_posterior import (
 from bayes_toe.groups.group_sampler import GroupDraws, sample_group
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.population_table import (
+    COMPUTED,
     QUANTILES,
     SUBJECT_COLUMNS,
-    PopulationRow,
     PopulationTable,
     summary,
     summary_row,
@@ -76,7 +76,6 @@ from bayes_toe.seeds import generator, require_seed, root_seed
 
 #: Draws of all chains together; enough for 95 % intervals, and about 5 s of CPU for 10 subjects.
 DRAWS = 3200
-_FEWEST_SUBJECTS, _FEWEST_DRAWS, _MOST_DRAWS = 2, 100, 100_000
 _EFFECTS = (CONSTANT_ERROR.name, CONTRACTION.name)
 #: The draws and the covariates in a file, with the names of their axes.
 _DRAWS = {
@@ -108,7 +107,7 @@ class GroupSettings:
 
     def __post_init__(self) -> None:
         require_seed(self.seed)
-        require_number("draws", self.draws, _FEWEST_DRAWS, _MOST_DRAWS)
+        require_number("draws", self.draws, 100, 100_000)
 
 
 def study_scales(study: Study) -> StimulusScales:
@@ -206,31 +205,23 @@ class PopulationResult:
         """The coefficient of a parameter."""
         return self.names.index(name)
 
-    def shift_percent(self, constant_error: FloatArray) -> FloatArray:
-        """Shift of the point of subjective equality in per cent, of constant errors in D."""
-        return percent(constant_error * self.scales.step)
-
-    def _jnd(self, log_noise: FloatArray) -> FloatArray:
-        """Just noticeable difference, natural-log intensity, of log noises in D."""
-        with np.errstate(over="ignore"):
-            return JND_OVER_NOISE * self.scales.step * np.exp(log_noise)
-
     def in_units(
-        self, name: str, coefficients: FloatArray, unit: StimulusUnit | None = None
+        self, name: str, coefficients: FloatArray, unit: StimulusUnit = UNKNOWN_UNIT
     ) -> FloatArray:
-        """Coefficients of a parameter in a unit of differences, or p, or a probability."""
-        unit = self.study.unit if unit is None else unit
+        """The shift of the PSE or the JND in a unit of differences, or p, or a probability."""
         if name == CONSTANT_ERROR.name:
             return unit.differences(coefficients * self.scales.step)
         if name == NOISE.name:
-            return unit.differences(self._jnd(coefficients))
+            with np.errstate(over="ignore"):
+                jnd = JND_OVER_NOISE * self.scales.step * np.exp(coefficients)
+            return unit.differences(jnd)
         return expit(coefficients) if name == PEAK.name else coefficients
 
     def shown_unit(self, name: str) -> StimulusUnit:
         """The unit in which a figure shows a parameter of all subjects and of a new one."""
         j = self.index(name)
-        new_subject = self.in_units(name, self.new_subject[..., j], UNKNOWN_UNIT)
-        subjects = self.in_units(name, self.draws.subjects[..., j], UNKNOWN_UNIT)
+        new_subject = self.in_units(name, self.new_subject[..., j])
+        subjects = self.in_units(name, self.draws.subjects[..., j])
         ends = np.quantile(new_subject, QUANTILES), np.quantile(subjects, QUANTILES, axis=(0, 1))
         return self.study.unit.for_percent(np.append(*ends))
 
@@ -279,28 +270,17 @@ class PopulationResult:
         The shift of the point of subjective equality and the JND in per cent, and the largest
         probability of 'equal' where that is a response.
         """
-        by_name = {name: coefficients[..., j] for j, name in enumerate(self.names)}
-        values = {
-            "pse_shift_percent": self.shift_percent(by_name[CONSTANT_ERROR.name]),
-            "jnd_percent": percent(self._jnd(by_name[NOISE.name])),
-        }
-        if PEAK.name in by_name:
-            values["peak_probability"] = expit(by_name[PEAK.name])
-        return by_name | values
+        values = {name: coefficients[..., j] for j, name in enumerate(self.names)}
+        for name, quantity in COMPUTED.items():
+            if name in values:
+                values[quantity] = self.in_units(name, values[name])
+        return values
 
     @property
     def own_names(self) -> tuple[str, ...]:
         """The parameters of a subject that the group does not share."""
         names = [parameter.name for parameter in task_parameters(self.study.task)]
         return tuple(name for name in names if name not in self.names)
-
-    def _own_quantity(self, name: str, u: FloatArray) -> FloatArray:
-        """A parameter that the group does not share, from its coordinate."""
-        if name == LAPSE_RATE.name:
-            log_rate, _ = lapse_logs(u, PLAIN_UNITS.lapse_rate_b)
-            return np.exp(log_rate)
-        scale: float = getattr(PLAIN_UNITS, f"{name}_scale")
-        return scale / self.scales.spread * u
 
     @property
     def comparisons(self) -> tuple[tuple[str, str], ...]:
@@ -331,28 +311,18 @@ class PopulationResult:
             rows.append(summary_row(name, "sd", self.draws.sd[..., j]))
         for name, values in self.quantities(self.new_subject).items():
             rows.append(summary_row(name, "new_subject", values))
-        rows += self._covariate_rows()
-        rows += self._condition_rows()
-        return PopulationTable(tuple(rows), self.settings.seed)
-
-    def _covariate_rows(self) -> list[PopulationRow]:
-        rows = []
         for i, label in enumerate(self.regressors.labels):
             for j, name in enumerate(self.names):
                 zero = zero_effect(self.draws, self.numbers, self.regressors.x, i, j)
                 values = self.draws.effects[..., i, j]
                 rows.append(summary_row(name, "effect", values, label, zero))
-        return rows
-
-    def _condition_rows(self) -> list[PopulationRow]:
-        rows = []
         for levels in self.comparisons:
             level = " - ".join(levels)
             for name in DIFFERING:
                 mean, sd, zero = self.difference(name, levels)
                 rows.append(summary_row(name, "difference", mean, level, zero))
                 rows.append(summary_row(name, "difference_sd", sd, level))
-        return rows
+        return PopulationTable(tuple(rows), self.settings.seed)
 
     @cached_property
     def subject_table(self) -> pd.DataFrame:
@@ -365,8 +335,14 @@ class PopulationResult:
         for i, subject in enumerate(self.subjects):
             draws = self.draws.subjects[:, :, i]
             values = self.quantities(draws)
-            for j, name in enumerate(self.own_names):
-                values[name] = self._own_quantity(name, draws[..., n_coefficients + j])
+            for j, name in enumerate(self.own_names, start=n_coefficients):
+                u = draws[..., j]
+                if name == LAPSE_RATE.name:
+                    log_rate, _ = lapse_logs(u, PLAIN_UNITS.lapse_rate_b)
+                    values[name] = np.exp(log_rate)
+                else:
+                    scale = getattr(PLAIN_UNITS, f"{name}_scale")
+                    values[name] = scale / self.scales.spread * u
             rows += [(subject, name, *summary(column)) for name, column in values.items()]
         return pd.DataFrame(rows, columns=list(SUBJECT_COLUMNS))
 
@@ -471,7 +447,7 @@ def population(
     columns = regressors(covariates, tuple(units_by_subject(study)), categorical=categorical)
     if covariates:
         study = study.select(columns.subjects)
-    if len(columns.subjects) < _FEWEST_SUBJECTS:
+    if len(columns.subjects) < 2:
         raise InputError(
             f"population: {join_names(columns.subjects)} is one subject; allowed: 2 and more"
         )
@@ -506,8 +482,8 @@ def subject_rows(study: Study) -> SubjectRows:
 
 def _numbers(hyperprior: Hyperprior, study: Study) -> HyperpriorNumbers:
     """The hyperprior of all coefficients; roved first stimuli narrow that of p."""
-    names = [parameter.name for parameter in group_parameters(study.task)]
-    rows = {name: getattr(hyperprior, name) for name in names}
+    parameters = group_parameters(study.task)
+    rows = {parameter.name: getattr(hyperprior, parameter.name) for parameter in parameters}
     roving_share = study_scales(study).roving_share
     rows[CONTRACTION.name] = hyperprior.contraction.narrowed(roving_share)
     coefficients = list(rows.values())

@@ -15,9 +15,16 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tables import Table
 from bayes_toe.groups.zero_mean import ZeroBayesFactor
 from bayes_toe.inference.diagnostics import convergence
+from bayes_toe.model.parameters import CONSTANT_ERROR, NOISE, PEAK
 
 #: The median and the ends of the 95 % interval.
 QUANTILES = (0.025, 0.5, 0.975)
+#: The quantities that are computed from parameters, in the units of screens.
+COMPUTED = {
+    CONSTANT_ERROR.name: "pse_shift_percent",
+    NOISE.name: "jnd_percent",
+    PEAK.name: "peak_probability",
+}
 
 
 class PopulationRow(NamedTuple):

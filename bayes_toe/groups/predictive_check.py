@@ -23,9 +23,6 @@ from bayes_toe.seeds import generator
 
 #: Below this two-sided tail probability a normal group is contradicted.
 CONTRADICTED = 0.01
-_N_GROUPS = 500
-#: With two subjects, skewness and farthest subject are constant.
-_FEWEST_FOR_SHAPE = 3
 
 
 class Statistic(NamedTuple):
@@ -114,13 +111,13 @@ def predictive_check(result: PopulationResult) -> PredictiveCheck:
 
 
 def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
-    """Points of new subjects, (subjects, groups, coordinates).
+    """Points of new subjects in 500 groups, (subjects, groups, coordinates).
 
     The first q coordinates have a distribution over subjects. The others are those of the subjects.
     """
     draws = result.draws
     *shape, q = draws.mean.shape
-    index = np.unravel_index(np.linspace(0, np.prod(shape) - 1, _N_GROUPS).astype(int), shape)
+    index = np.unravel_index(np.linspace(0, np.prod(shape) - 1, 500).astype(int), shape)
     mean, sd, effects = draws.mean[index], draws.sd[index], draws.effects[index]
 
     expected = mean[:, None] + result.regressors.x @ effects
@@ -177,7 +174,7 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
         "farthest": np.abs(scores).max(axis=0),
     }
     for kind in kinds:
-        if kind != "spread" and len(values) < _FEWEST_FOR_SHAPE:
+        if kind != "spread" and len(values) < 3:  # of two subjects, the others are constant
             continue
         observed, simulated = float(measures[kind][0]), measures[kind][1:]
         tail = int(min((simulated >= observed).sum(), (simulated <= observed).sum()))

@@ -100,23 +100,25 @@ def regressors(
     >>> [column.meaning for column in found.columns]
     ['age, per sd of 8.539 about 28.75', 'group y against x']
     """
-    _require_known(categorical, covariates)
+    for name in categorical:
+        if name not in covariates:
+            names = join_names(map(quoted, covariates)) or "none, without covariates"
+            raise InputError(f"categorical: found {quoted(name)}, allowed: {names}")
     incomplete = _incomplete_subjects(covariates, subjects)
     reasons = join_names(f"{quoted(name)} ({reason})" for name, reason in incomplete.items())
     complete = tuple(name for name in subjects if name not in incomplete)
     _require_subjects(complete, len(covariates), reasons)
-    columns = []
-    parts = [np.empty((len(complete), 0))]
+    columns = list[Regressor]()
+    x = np.empty((len(complete), 0))
     for name, by_subject in covariates.items():
         values = [by_subject[subject] for subject in complete]
         has_text = any(isinstance(value, str) for value in by_subject.values())
         if has_text or name in categorical:
-            new_columns, x = _columns_of_category(name, values)
+            new_columns, new_x = _columns_of_category(name, values)
         else:
-            new_columns, x = _column_of_numbers(name, np.array(values, np.float64))
+            new_columns, new_x = _column_of_numbers(name, np.array(values, np.float64))
         columns += new_columns
-        parts.append(x)
-    x = np.hstack(parts)
+        x = np.hstack([x, new_x])
     _require_subjects(complete, len(columns), reasons)
     _require_independent(columns, x)
     notes = []
@@ -127,14 +129,6 @@ def regressors(
     if reasons:
         notes.append(f"subjects left out: {reasons}")
     return Regressors(complete, x, tuple(columns), tuple(notes))
-
-
-def _require_known(categorical: Collection[str], names: Collection[str]) -> None:
-    """Refuse a categorical covariate that is not in the table."""
-    for name in categorical:
-        if name not in names:
-            covariates = join_names(map(quoted, names)) or "none, without covariates"
-            raise InputError(f"categorical: found {quoted(name)}, allowed: {covariates}")
 
 
 def _incomplete_subjects(covariates: Covariates, subjects: Sequence[str]) -> dict[str, str]:

@@ -20,7 +20,6 @@ from bayes_toe.plots.style import (
     MAX_NAMES,
     PAGE,
     POSTERIOR,
-    Style,
     draw_intervals,
     legend_below,
     name_rows,
@@ -30,8 +29,6 @@ from bayes_toe.plots.style import (
     zero_line,
 )
 
-#: Quantities whose mean difference in a group has the unit of a subject's difference.
-_OF_GROUPS = (CONSTANT_ERROR, CONTRACTION)
 _NONE = "no difference, or probably none"
 #: How a difference is drawn, in the order of the words: face of the mark, colour, words of the
 #: legend.
@@ -72,9 +69,10 @@ def contrast(
         # p is small in any unit.
         unit = table.unit.for_percent([row.interval(UNKNOWN_UNIT) for row in rows])
         _draw_subjects(ax, table, rows, unit)
-        if group is not None:
-            _draw_group(ax, group, quantity, comparison, unit)
         parameter, _ = QUANTITIES[quantity]
+        # Their mean difference in a group has the unit of a subject's difference.
+        if group is not None and parameter in (CONSTANT_ERROR, CONTRACTION):
+            _draw_group(ax, group, parameter.name, comparison, unit)
         shown_unit = "%" if parameter.scale != 1.0 else unit.of_differences
         label = f"{quantity}, {plain(comparison)} ({shown_unit})"
         quantity_ticks(ax, parameter.name)
@@ -113,22 +111,17 @@ def _draw_subjects(
         of_word = [row for row in rows if row.word == word]
         y = [subjects.index(row.subject) for row in of_word]
         sizes = np.array([row.interval(unit) for row in of_word]).reshape(-1, 3)
-        style: Style = {"mfc": face, "mew": 0.7, "label": label}
-        draw_intervals(ax, y, sizes.T, colour=colour, line=1.0, **style)
+        draw_intervals(ax, y, sizes.T, colour=colour, line=1.0, mfc=face, mew=0.7, label=label)
     name_rows(ax, len(subjects), names)
 
 
 def _draw_group(
-    ax: Axes, group: PopulationResult, quantity: str, comparison: str, unit: StimulusUnit
+    ax: Axes, group: PopulationResult, parameter: str, comparison: str, unit: StimulusUnit
 ) -> None:
     """The mean difference of the group as a band, in the unit of the panel."""
-    parameter, _ = QUANTITIES[quantity]
-    if parameter not in _OF_GROUPS:
-        return
-    for row in group.table.select("difference", parameter.name):
+    for row in group.table.select("difference", parameter):
         if row.level == comparison:
-            size = group.in_units(parameter.name, row.interval, unit)
-            low, middle, high = size.tolist()
+            low, middle, high = group.in_units(parameter, row.interval, unit)
             label = "group mean, 95 % interval"
             ax.axvspan(low, high, color="#BDB3DD", lw=0, zorder=0, label=label)
             ax.axvline(middle, color=BELIEF, lw=0.9, zorder=0)

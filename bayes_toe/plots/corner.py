@@ -1,7 +1,7 @@
 """Corner plots of posterior draws by the corner package.
 
 `corner` draws one subject, or two to four in the same panels, with prior and true values if wanted.
-The explorer uses `Density`, `axis_limits` and other functions for panels of its own.
+The explorer uses `contour_grid`, `axis_limits` and other functions for panels of its own.
 
 Contours are computed here. A contour level is a quantile of the smoothed density at the draws, so
 that the contour holds the stated share of the draws. The corner package uses the share of the
@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from matplotlib.artist import Artist
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -110,7 +109,10 @@ def corner(
     """
     require_draws(draws)
     truths = truths or {}
-    _require_by_subject(truths)
+    if not all(isinstance(values, Mapping) for values in truths.values()):
+        raise InputError(
+            "truths: found numbers, allowed: a mapping of each subject's values by its name"
+        )
     subject_names = _subject_names(subject)
     targets = [draws.posterior(name) for name in subject_names]
     names = quantity_names(targets[0], coordinates)
@@ -132,18 +134,15 @@ def corner(
 
     lowest, highest = np.min(limits, axis=0)[:, 0], np.max(limits, axis=0)[:, 1]
     spans = np.column_stack([lowest, highest]).tolist()
-    figure = _new_figure(len(spans)) if fig is None else fig
+    fig = fig or _new_figure(len(spans))
     for panel in subjects:
-        axes = _draw_posterior(figure, panel, spans, is_single=len(subjects) == 1)
+        axes = _draw_posterior(fig, panel, spans, is_single=len(subjects) == 1)
     if prior is not None:
         for panel in subjects:
             _draw_prior(axes.diagonal(), panel, spans, draws.model, prior)
-    for ax in axes.diagonal():
-        densities = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == _FINE]
-        ax.set_ylim(0.0, 1.1 * np.max(densities))
-    _arrange_ticks(axes)
-    _write_key(figure, draws, subjects, spans, has_prior=prior is not None)
-    return figure
+    _arrange_axes(axes)
+    _write_key(fig, draws, subjects, len(spans), has_prior=prior is not None)
+    return fig
 
 
 def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
@@ -157,14 +156,6 @@ def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
             f"allowed: 1 to {len(OVERLAID)}, each once"
         )
     return names
-
-
-def _require_by_subject(truths: Mapping[str, Values]) -> None:
-    """Refuse true values without their subject."""
-    if not all(isinstance(values, Mapping) for values in truths.values()):
-        raise InputError(
-            "truths: found numbers, allowed: a mapping of each subject's values by its name"
-        )
 
 
 # --- quantities -----------------------------------------------------------------------------------
@@ -288,11 +279,10 @@ def axis_limits(
 
 def support(target: SubjectPosterior, name: str) -> Span:
     """The range of a quantity."""
-    if name in ("mu1", "offset", "pse_shift"):
+    # What several parameters determine has no prior of its own.
+    if name in ("offset", "pse_shift"):
         return -np.inf, np.inf
-    if name in ("gamma", "rho") or name.startswith("q"):
-        return 0.0, 1.0
-    if name.startswith("sigma") or name in ("width", "jnd", "zone"):
+    if name in ("zone", "width", "jnd") or name.startswith("sigma"):
         return 0.0, np.inf
     return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)
 
@@ -338,44 +328,31 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
 # --- panels ---------------------------------------------------------------------------------------
 
 
-class Density(NamedTuple):
-    """Smoothed counts of draws in the bins of a panel, and the levels of its contours.
+def contour_grid(
+    x: FloatArray, y: FloatArray, across: Span, up: Span
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Smoothed counts of draws in the bins of a panel of these limits, and levels of contours.
 
-    There are two more bins on every side.
-
-    Attributes
-    ----------
-    x, y : ndarray, shape (BINS + 4,)
-        Middles of the bins.
-    values : ndarray, shape (BINS + 4, BINS + 4)
-        Upward and across. The outermost bins have the least of all, the next ones those of their
-        inner neighbours.
-    levels : tuple of float
-        Densities above which the shares :data:`LEVELS` of all draws lie, linear between middles.
+    Returns the middles of the bins across and upward, (BINS + 4,) each, since there are two more
+    bins on every side; the counts, upward and across; and their levels in ascending order. The
+    outermost bins have the least of all, the next ones those of their inner neighbours. The shares
+    :data:`LEVELS` of all draws, shape (draws,) each, lie above the levels, linear between middles.
+    Where all draws are one point there is one level.
     """
-
-    x: FloatArray
-    y: FloatArray
-    values: FloatArray
-    levels: tuple[float, ...]
-
-    @classmethod
-    def from_draws(cls, x: FloatArray, y: FloatArray, across: Span, up: Span) -> Density:
-        """The density of draws, shape (draws,) each, in a panel of these limits."""
-        counts, _, _ = np.histogram2d(y, x, BINS, [up, across])
-        n_distinct = len(np.unique(x))  # a draw that is repeated says nothing new
-        smooth = gaussian_filter(counts, _SMOOTHING * n_distinct ** (-1.0 / 6.0))
-        continued = np.pad(smooth, 1, mode="edge")
-        values = np.pad(continued, 1, constant_values=smooth.min())
-        shares = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS  # of a panel, at bin middles
-        middle_x = across[0] + (across[1] - across[0]) * shares
-        middle_y = up[0] + (up[1] - up[0]) * shares
-        # Outside it is less than any density.
-        density = RegularGridInterpolator(
-            (middle_y, middle_x), values, bounds_error=False, fill_value=-1.0
-        )
-        levels = np.quantile(density((y, x)), 1.0 - np.array(LEVELS)).tolist()
-        return cls(middle_x, middle_y, values, tuple(levels))
+    counts, _, _ = np.histogram2d(y, x, BINS, [up, across])
+    n_distinct = len(np.unique(x))  # a draw that is repeated says nothing new
+    smooth = gaussian_filter(counts, _SMOOTHING * n_distinct ** (-1.0 / 6.0))
+    continued = np.pad(smooth, 1, mode="edge")
+    values = np.pad(continued, 1, constant_values=smooth.min())
+    shares = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS  # of a panel, at bin middles
+    middle_x = across[0] + (across[1] - across[0]) * shares
+    middle_y = up[0] + (up[1] - up[0]) * shares
+    # Outside it is less than any density.
+    density = RegularGridInterpolator(
+        (middle_y, middle_x), values, bounds_error=False, fill_value=-1.0
+    )
+    levels = np.unique(np.quantile(density((y, x)), 1.0 - np.array(LEVELS)))
+    return middle_x, middle_y, values, levels
 
 
 def corner_package() -> Any:
@@ -419,11 +396,15 @@ def _draw_posterior(
 
     axes = np.array(figure.axes).reshape(len(spans), len(spans))
     style: Style = {"color": panel.colour, "mec": "black", "mew": 0.8, "zorder": 5}
+    lines: Style = {"colors": panel.colour, "linestyles": panel.line}
     for j, i in combinations(range(len(spans)), 2):
         ax, x, y = axes[i, j], panel.truth[j], panel.truth[i]
-        density = Density.from_draws(panel.columns[j], panel.columns[i], spans[j], spans[i])
-        _draw_contours(ax, density, panel, filled=is_single)
+        draws = panel.columns[j], panel.columns[i]
+        *middles, counts, levels = contour_grid(*draws, spans[j], spans[i])
+        ax.contour(*middles, counts, levels, linewidths=1.5, zorder=1.5, **lines)
         if is_single:
+            colours = [(panel.colour, 1.0 / 3.0), panel.colour][-len(levels) :]
+            ax.contourf(*middles, counts, [*levels, 2.0 * counts.max()], colors=colours)
             ax.plot(x, y, "s", color=TRUTH)
             ax.axvline(x, color=TRUTH)
             ax.axhline(y, color=TRUTH)
@@ -444,20 +425,6 @@ def _draw_posterior(
             ax.axvline(median, color=panel.colour, lw=1.0, ls=panel.line)
             ax.plot(true_value, 0.0, "^", ms=7, clip_on=False, **style)
     return axes
-
-
-def _draw_contours(ax: Axes, density: Density, panel: _SubjectDraws, *, filled: bool) -> None:
-    """Areas or outlines that hold the shares :data:`LEVELS` of the draws.
-
-    Where all draws are one point there is one level.
-    """
-    x, y, values, _ = density
-    levels = np.unique(density.levels)
-    if filled:
-        colours = [(panel.colour, 1.0 / 3.0), panel.colour][-len(levels) :]
-        ax.contourf(x, y, values, [*levels, 2.0 * values.max()], colors=colours)
-    lines: Style = {"colors": panel.colour, "linestyles": panel.line}
-    ax.contour(x, y, values, levels, linewidths=1.5, zorder=1.5, **lines)
 
 
 def _draw_prior(
@@ -486,18 +453,15 @@ def _smooth_density(values: FloatArray, span: Span) -> tuple[FloatArray, FloatAr
 # --- key and layout -------------------------------------------------------------------------------
 
 
-def _new_figure(n_panels: int) -> Figure:
-    """A figure for so many panels a side, with room above few panels for the key."""
-    side = 3.7 if n_panels == 1 else 1.68 * n_panels + 1.1  # with the margins of corner
-    high = side / _BELOW_KEY if n_panels <= _FEW_PANELS else side
-    return Figure(figsize=(side, high))
+def _arrange_axes(axes: npt.NDArray[Any]) -> None:
+    """Leave room above curves and no ticks near an end, where labels touch the next panel.
 
-
-def _arrange_ticks(axes: npt.NDArray[Any]) -> None:
-    """Leave out ticks near an end; write an offset or a power of ten beside the name of its axis.
-
-    Otherwise they touch the tick labels of the next panel.
+    An offset or a power of ten stands beside the name of its axis.
     """
+    for ax in axes.diagonal():
+        densities = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == _FINE]
+        ax.set_ylim(0.0, 1.1 * np.max(densities))
+
     for ax in axes.flat:
         for axis in (ax.xaxis, ax.yaxis):
             low, high = axis.get_view_interval()
@@ -514,11 +478,17 @@ def _arrange_ticks(axes: npt.NDArray[Any]) -> None:
             axis.set_label_text(f"{axis.get_label_text()} {scale}", fontsize=7.0)
 
 
+def _new_figure(n_panels: int) -> Figure:
+    """A figure for so many panels a side, with room above few panels for the key."""
+    side = 3.7 if n_panels == 1 else 1.68 * n_panels + 1.1  # with the margins of corner
+    return Figure(figsize=(side, side / _BELOW_KEY if n_panels <= _FEW_PANELS else side))
+
+
 def _write_key(
     figure: Figure,
     draws: Draws,
     subjects: Sequence[_SubjectDraws],
-    spans: Sequence[Span],
+    n_panels: int,
     *,
     has_prior: bool,
 ) -> None:
@@ -530,7 +500,7 @@ def _write_key(
         "borderaxespad": 0.4,
         "labelspacing": 0.35,
     }
-    if len(spans) <= _FEW_PANELS:
+    if n_panels <= _FEW_PANELS:
         style["loc"] = "upper left"
         margins = figure.subplotpars
         figure.subplots_adjust(bottom=_BELOW_KEY * margins.bottom, top=_BELOW_KEY * margins.top)
@@ -544,7 +514,7 @@ def _write_key(
     handles: list[Artist] = []
     if len(names) == 1:
         style |= {"title": names[0], "title_fontproperties": {"size": 14.0, "weight": "bold"}}
-        if len(spans) > 1:
+        if n_panels > 1:
             handles.append(Patch(color=POSTERIOR, label="50 % of the draws"))
             handles.append(Patch(fc=(POSTERIOR, 1.0 / 3.0), ec=POSTERIOR, label="95 %"))
         handles.append(_line("median, 95 % interval", color=POSTERIOR, ls="dashed"))
@@ -552,10 +522,10 @@ def _write_key(
     else:
         for panel, name in zip(subjects, names, strict=True):
             handles.append(_line(f"{name}, median", color=panel.colour, ls=panel.line))
-        if len(spans) > 1:
-            ring: Style = {"ls": "", "marker": "o", "ms": 8, "mfc": "none", "mec": "black"}
-            handles.append(_line("50 and 95 % of the draws", **ring))
-        truth = _line("true values", ls="", marker="^", ms=7, mfc="white", mec="black")
+        mark: Style = {"ls": "", "mec": "black"}
+        if n_panels > 1:
+            handles.append(_line("50 and 95 % of the draws", marker="o", ms=8, mfc="none", **mark))
+        truth = _line("true values", marker="^", ms=7, mfc="white", **mark)
 
     if has_prior:
         handles.append(_line("prior", color=PRIOR))

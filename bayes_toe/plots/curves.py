@@ -58,12 +58,6 @@ MOST_PANELS = 6
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
 _INK = "#333333"
 POINTS = 60  # along a curve
-#: The style of each of three answers: that of the order in which it is right.
-_ANSWER_MARKS = {
-    "first": ORDERS[1]._replace(label="'first'"),
-    "equal": ORDERS[0]._replace(label="'equal'"),
-    "second": ORDERS[-1]._replace(label="'second'"),
-}
 #: How far marks stand beside their stimulus, so that none hides another, as a share of the stimuli.
 _SHIFT = 0.008
 
@@ -185,7 +179,7 @@ def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
     As in Fig. 3, upper row.
     """
     stronger = np.maximum(counts.s1, counts.s2)
-    is_in_panel = _has_weaker(counts, weaker)
+    is_in_panel = pairs_with_weaker(counts, weaker)
     low = float(stronger[is_in_panel].min(initial=weaker))
     high = max(float(stronger[is_in_panel].max(initial=weaker)), weaker + 1e-9)
     x, equal = np.linspace([weaker, low], high, POINTS, axis=1)
@@ -239,7 +233,8 @@ def three_panel(ax: Axes, counts: Subject, fitted: Predictor, firsts: FloatArray
     for position, (answer, n_answers) in enumerate(answered.items(), start=-1):
         shift = position * _SHIFT * np.ptp(steps[rows])
         n_given = cast(IntArray, n_answers)
-        mark = _ANSWER_MARKS[answer]
+        # The style of the order in which the answer is right.
+        mark = ORDERS[-position]._replace(label=repr(answer))
         _draw_pooled(ax, groups * counts.n_trials, steps, expected[answer], n_given, mark, shift)
     difference_axis(ax, counts.unit)
     ax.set_ylabel("proportion")
@@ -307,7 +302,7 @@ def main_weaker(counts: Subject) -> float:
     return float(mode(weaker if weaker.size else counts.s1).mode)
 
 
-def _has_weaker(counts: Subject, weaker: float) -> BoolArray:
+def pairs_with_weaker(counts: Subject, weaker: float) -> BoolArray:
     """Pairs with this weaker stimulus, and pairs of equal stimuli that are not weaker.
 
     The panel of the weakest stimulus has all pairs of equal stimuli.

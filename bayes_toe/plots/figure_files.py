@@ -6,6 +6,7 @@ The same figure gives the same bytes, and a file appears whole or not at all.
 from __future__ import annotations
 
 import io
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,6 @@ from matplotlib.figure import Figure
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, require_number
-from bayes_toe.plots.style import any_characters
 
 #: Metadata that would differ from one writing to the next, by format.
 _UNDATED = {
@@ -36,7 +36,7 @@ def figure_bytes(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
 
     Without dates or random names, so that the same figure gives the same bytes.
     """
-    form = require_suffix(f"figure.{suffix.lstrip('.')}")
+    form = suffix.lstrip(".").lower()
     # Only in here: letters as they are, since browsers scale pictures; fonts as fonts, not as
     # outlines, which some journals refuse; names in an SVG from its content, not from chance.
     settings: dict[Any, Any] = {
@@ -47,7 +47,9 @@ def figure_bytes(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
         "svg.hashsalt": "bayes_toe",
     }
     buffer = io.BytesIO()
-    with any_characters(), mpl.rc_context(settings):
+    with warnings.catch_warnings(), mpl.rc_context(settings):
+        # Characters that the font lacks become boxes.
+        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         figure.savefig(buffer, format=form, dpi=dpi, metadata=_UNDATED.get(form))
     return buffer.getvalue()
 

@@ -130,8 +130,12 @@ def forests(
     panels: Sequence[Axes], table: EvidenceTable, group: PopulationResult | None = None
 ) -> None:
     """Draw PSE shifts and contractions, a row a subject, into two panels."""
-    answers = _sorted_answers(table)
+    answers = list(table.answers)
+    if len(answers) < len(table):
+        raise InputError("this table has no answers of order effects; bt.evidence computes them")
     is_crowded = len(answers) > MAX_NAMES
+    if is_crowded:
+        answers.sort(key=lambda answer: -answer.log_bayes_factors["order_effect"])
     last_row = len(answers) - 0.5 if group is None else len(answers) + 1.0
 
     for ax, question in zip(panels, QUESTION_STYLES, strict=True):
@@ -156,22 +160,13 @@ def forests(
         ax.locator_params(axis="x", nbins=5)
         style_axes(ax)
         quantity_ticks(ax, question.name)
-        if not is_crowded:
-            _write_words(ax, answers, question)
+        if is_crowded:
+            continue
+        for row, answer in enumerate(answers):
+            line = answer.lines[question.name]
+            text, transform = line.word + line.marks, ax.get_yaxis_transform()
+            ax.text(1.02, row, text, transform=transform, va="center", fontsize=SMALL)
     _write_names(panels[0], answers, group, is_crowded=is_crowded)
-
-
-def _sorted_answers(table: EvidenceTable) -> list[OrderEffect]:
-    """The answers of a table.
-
-    Those of very many subjects by the Bayes factor of an order effect.
-    """
-    answers = list(table.answers)
-    if len(answers) < len(table):
-        raise InputError("this table has no answers of order effects; bt.evidence computes them")
-    if len(answers) > MAX_NAMES:
-        answers.sort(key=lambda answer: -answer.log_bayes_factors["order_effect"])
-    return answers
 
 
 def _sizes(
@@ -197,26 +192,20 @@ def _draw_sizes(
     ax: Axes, words: Sequence[Word], sizes: FloatArray, question: QuestionStyle
 ) -> None:
     """Markers are full for 'yes', half for 'probably', else empty."""
-    marker_size = 4.5 if len(words) <= MAX_NAMES else 2.5
+    colour = question.colour
+    style: Style = {"marker": question.marker, "ms": 4.5, "markerfacecoloralt": "white"}
+    if len(words) > MAX_NAMES:
+        style["ms"] = 2.5
     for word, fill in _FILLS.items():
         rows = [row for row, other in enumerate(words) if other is word]
-        if not rows:
-            continue
-        line = 0.3 if word.is_positive else 0.15
-        draw_intervals(
-            ax,
-            rows,
-            sizes[rows].T,
-            line=line * marker_size,
-            marker=question.marker,
-            ms=marker_size,
-            colour=question.colour,
-            fillstyle=fill,
-            markerfacecoloralt="white",
-        )
+        line = style["ms"] * (0.3 if word.is_positive else 0.15)
+        if rows:
+            draw_intervals(
+                ax, rows, sizes[rows].T, colour=colour, line=line, fillstyle=fill, **style
+            )
     if not np.isnan(sizes[-1]).any():
-        style: Style = {"marker": "d", "ms": 8.0, "mec": "black", "mew": 0.6, "line": 2.2}
-        draw_intervals(ax, len(words) + 0.25, sizes[-1], colour=question.colour, **style)
+        style = {"marker": "d", "ms": 8.0, "mec": "black", "mew": 0.6}
+        draw_intervals(ax, len(words) + 0.25, sizes[-1], colour=colour, line=2.2, **style)
 
 
 def _limits(sizes: FloatArray) -> tuple[float, float]:
@@ -232,27 +221,17 @@ def _limits(sizes: FloatArray) -> tuple[float, float]:
     return start - pad, end + pad
 
 
-def _write_words(ax: Axes, answers: Sequence[OrderEffect], question: QuestionStyle) -> None:
-    """The word of every subject, right of its row."""
-    for row, answer in enumerate(answers):
-        line = answer.lines[question.name]
-        words, transform = line.word + line.marks, ax.get_yaxis_transform()
-        ax.text(1.02, row, words, transform=transform, va="center", fontsize=SMALL)
-
-
 def _write_names(
     ax: Axes, answers: Sequence[OrderEffect], group: PopulationResult | None, *, is_crowded: bool
 ) -> None:
     """Names of subjects and of the group, or how many subjects there are."""
-    names = []
+    names = {}
     if is_crowded:
         label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
         ax.set_ylabel(label, fontsize=LETTERS)
     else:
-        names = [plain(answer.subject, 20) for answer in answers]
-    rows: list[float] = [*range(len(names))]
+        names = {float(row): plain(answer.subject, 20) for row, answer in enumerate(answers)}
     if group is not None:
-        rows.append(len(answers) + 0.25)
         reliable = "" if group.is_reliable else "\nNOT RELIABLE"
-        names.append(f"group of {len(group.subjects)}{reliable}")
-    ax.set_yticks(rows, names)
+        names[len(answers) + 0.25] = f"group of {len(group.subjects)}{reliable}"
+    ax.set_yticks([*names], [*names.values()])

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from bayes_toe.answers.group_answer import EFFECTS, LABELS, group_estimate, log_factor_of_mean
 from bayes_toe.answers.order_effect import format_bayes_factor
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, percent
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
@@ -75,7 +75,11 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
     check : PredictiveCheck, optional
         Computed here where it is not given.
     """
-    names, effects, labels = result.names, _effects(result), _effect_labels(result)
+    names, effects = result.names, _effects(result)
+    labels = [column.meaning for column in result.regressors.columns]
+    if result.study.conditions is not None:
+        condition = result.study.conditions.name
+        labels = [f"{condition} {level} − {reference}" for level, reference in result.comparisons]
     n_subjects = len(result.subjects)
     is_crowded = n_subjects > MAX_NAMES_IN_GROUP
     forest_height = 3.6 if is_crowded else 0.9 + max(0.8, min(0.19 * n_subjects, 4.6))
@@ -106,8 +110,14 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
             title = "differences of the group means between conditions, 95 % intervals"
         parts[3].suptitle(title, fontsize=SMALL)
         panels = grid_panels(parts[3], len(effects), n_columns, sharey=True)
-        for (name, quantiles), ax in zip(effects.items(), panels, strict=True):
-            effects_panel(ax, *_shown_effects(result, name, quantiles), labels)
+        names_of_rows = [plain(fill(text, 22), 70) for text in labels]
+        for (name, (quantiles, label)), ax in zip(effects.items(), panels, strict=True):
+            ax.axvline(0.0, color="black", lw=0.8)
+            draw_intervals(ax, range(len(labels)), quantiles)
+            name_rows(ax, len(labels), names_of_rows)
+            reach = 1.08 * float(np.abs(quantiles).max())
+            ax.set(xlim=(-reach, reach), xlabel=label)
+            ax.spines["left"].set_visible(False)
             quantity_ticks(ax, name)
     return figure
 
@@ -129,11 +139,6 @@ def _heading(result: PopulationResult) -> str:
     return "\n".join(lines).replace("-", "−")
 
 
-def _label(name: str, unit: StimulusUnit) -> str:
-    """The label of a parameter with its unit of differences."""
-    return _LABELS[name].format(unit=unit.of_differences)
-
-
 def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     """The posterior of a group's mean before its prior density."""
     j = result.index(name)
@@ -144,18 +149,18 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     pad = 0.1 * (high - low)
     x = np.linspace(low - pad, high + pad, 200)
 
-    means = np.zeros((len(x), len(result.numbers.mean)))
-    means[:, j] = x
     unit = result.shown_unit(name)
     values = result.in_units(name, x, unit)
     # A density in the unit of the panel follows from the slope of the unit.
-    prior = np.exp(result.numbers.log_prior_of_mean(means)[:, j]) / np.gradient(values, x)
+    log_prior, _ = result.numbers.prior_of_mean(x[:, None])
+    prior = np.exp(log_prior[:, j]) / np.gradient(values, x)
 
     draws = result.in_units(name, draws, unit)
     label = "posterior of the group mean"
     ax.hist(draws, 30, density=True, color=_MEAN_COLOUR, label=label)
     ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
-    ax.set(xlim=(values[0], values[-1]), xlabel=_label(name, unit), yticks=[])
+    label = _LABELS[name].format(unit=unit.of_differences)
+    ax.set(xlim=(values[0], values[-1]), xlabel=label, yticks=[])
     zero_line(ax)
     ax.locator_params(axis="x", nbins=4)
     quantity_ticks(ax, name)
@@ -190,7 +195,7 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
         names = []
     draw_intervals(ax, np.arange(n_subjects), quantiles, **style)
     name_rows(ax, n_subjects, names)
-    ax.set_xlabel(_label(name, unit))
+    ax.set_xlabel(_LABELS[name].format(unit=unit.of_differences))
 
 
 def check_panel(ax: Axes, check: PredictiveCheck) -> None:
@@ -222,45 +227,22 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
     ax.spines[:].set_visible(False)
 
 
-def effects_panel(ax: Axes, quantiles: FloatArray, label: str, labels: list[str]) -> None:
-    """Effects on one mean: medians and 95 % intervals, shape (3, effects)."""
-    ax.axvline(0.0, color="black", lw=0.8)
-    draw_intervals(ax, range(len(labels)), quantiles)
-    name_rows(ax, len(labels), [plain(fill(text, 22), 70) for text in labels])
-    reach = 1.08 * float(np.abs(quantiles).max())
-    ax.set(xlim=(-reach, reach), xlabel=label)
-    ax.spines["left"].set_visible(False)
-
-
-def _effect_labels(result: PopulationResult) -> list[str]:
-    """A covariate's columns, or the comparisons of conditions."""
-    if result.study.conditions is not None:
-        name = result.study.conditions.name
-        return [f"{name} {level} − {reference}" for level, reference in result.comparisons]
-    return [column.meaning for column in result.regressors.columns]
-
-
-def _effects(result: PopulationResult) -> dict[str, FloatArray]:
-    """Medians and 95 % intervals of effects on the means by parameter, shape (3, effects)."""
+def _effects(result: PopulationResult) -> dict[str, tuple[FloatArray, str]]:
+    """Effects on the means by parameter: medians and 95 % intervals, (3, effects), and a label."""
+    # The unit of differences, and that of a ratio of JNDs.
+    units = {CONSTANT_ERROR.name: result.study.unit, NOISE.name: UNKNOWN_UNIT}
     effects = {}
     for name in result.names:
         # Conditions and covariates are not analysed together.
         rows = (*result.table.select("effect", name), *result.table.select("difference", name))
-        if rows:
-            effects[name] = np.stack([row.interval for row in rows], axis=1)
+        if not rows:
+            continue
+        quantiles = np.stack([row.interval for row in rows], axis=1)
+        label = _EFFECT_LABELS[name]
+        if name == CONSTANT_ERROR.name:
+            quantiles = result.scales.step * quantiles
+        if name in units:
+            unit = units[name].for_percent(percent(quantiles))
+            quantiles, label = unit.differences(quantiles), label.format(unit=unit.of_differences)
+        effects[name] = quantiles, label
     return effects
-
-
-def _shown_effects(
-    result: PopulationResult, name: str, quantiles: FloatArray
-) -> tuple[FloatArray, str]:
-    """Effects on a mean as a panel shows them, and its label."""
-    unit = result.study.unit
-    if name == CONSTANT_ERROR.name:
-        quantiles = result.scales.step * quantiles
-    elif name == NOISE.name:
-        unit = UNKNOWN_UNIT  # a ratio of JNDs
-    else:
-        return quantiles, _EFFECT_LABELS[name]
-    unit = unit.for_percent(percent(quantiles))
-    return unit.differences(quantiles), _EFFECT_LABELS[name].format(unit=unit.of_differences)

@@ -36,7 +36,6 @@ from bayes_toe.plots.style import (
 _UNKNOWN = Word.CANNOT_BE_TOLD.value
 _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7")
 _MARKERS = "Dos^vP"
-_DESIGN_COLOURS = (STRONGER_FIRST, EQUAL)
 _LARGEST = 160.0  # area of the most frequent pair, square points
 
 
@@ -160,7 +159,8 @@ def _draw_compared(ax: Axes, optimal: OptimalDesign) -> None:
     kinds = table.different("observers")
     has_effect = [table.has_effect(kind, "order_effect") for kind in kinds]
 
-    for index, (name, colour) in enumerate(zip(optimal.designs, _DESIGN_COLOURS, strict=False)):
+    colours = (STRONGER_FIRST, EQUAL)
+    for index, (name, colour) in enumerate(zip(optimal.designs, colours, strict=False)):
         shares = [table[name, trials, kind, "order_effect", DETECTED] for kind in kinds]
         sizes = np.array([(share.low, share.value, share.high) for share in shares])
         y = np.arange(len(kinds)) + 0.22 * (index - 0.5)

@@ -79,9 +79,14 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
     panels = grid_panels(below_title, len(selected), n_columns, sharex=True)
     for ax, counts in zip(panels, selected, strict=True):
-        _draw_subject(ax, analysis, counts, has_room=has_room)
-        if has_room and _PAIR * counts.n_pairs <= height:
-            _label_pairs(ax, counts)
+        # Pairs by their order, weaker first to stronger first, and then by their intensity.
+        index = np.lexsort((counts.s1 + counts.s2, presentation_order(counts)))
+        _draw_subject(ax, analysis, counts, index, has_room=has_room)
+        if has_room and _PAIR * len(index) <= height:
+            firsts, unit = counts.unit.numbers(counts.s1, mean_first(counts))
+            seconds, _ = counts.unit.numbers(counts.s2, mean_first(counts))
+            ax.set_yticks(range(len(index)), [f"{firsts[pair]}, {seconds[pair]}" for pair in index])
+            ax.set_ylabel(f"first, second\n({unit})")
     label_outer(panels, n_columns)
     legend_below(below_title, columns=2 if n_columns == 1 else 5, side="upper")
     mark_synthetic(figure, analysis.study.synthetic)
@@ -95,21 +100,17 @@ def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
     rng = generator(seed, counts.name, "posterior predictive interval")
     # Ten replicated studies for each draw.
     replicated = rng.binomial(counts.n_trials, np.tile(share, (10, 1)))
-    ends = np.quantile(replicated, [MARKED[0], MARKED[2]], axis=0, method="inverted_cdf")
+    ends = np.quantile(replicated, MARKED[::2], axis=0, method="inverted_cdf")
     return ends / counts.n_trials
 
 
 # --- Panels --------------------------------------------------------------------------------------
 
 
-def _in_order(counts: Subject) -> IndexArray:
-    """Pairs by their order, weaker first to stronger first, and then by their intensity."""
-    return np.lexsort((counts.s1 + counts.s2, presentation_order(counts)))
-
-
-def _draw_subject(ax: Axes, analysis: Analysis, counts: Subject, *, has_room: bool) -> None:
+def _draw_subject(
+    ax: Axes, analysis: Analysis, counts: Subject, index: IndexArray, *, has_room: bool
+) -> None:
     """Intervals, and before them observed proportions in the colour of their order."""
-    index = _in_order(counts)
     share = (counts.n_yes / counts.n_trials)[index]
     order = presentation_order(counts)[index]
     y = np.arange(len(index))
@@ -135,13 +136,3 @@ def _draw_subject(ax: Axes, analysis: Analysis, counts: Subject, *, has_room: bo
     ax.set_title(title, loc="left", fontsize=LETTERS)
     ax.set(xlim=(-0.06, 1.06), xticks=[0.0, 0.5, 1.0], ylim=(len(index) - 0.3, -0.7), yticks=[])
     ax.set(xlabel=f"proportion '{counts.task.yes}'", ylabel="pairs by order")
-
-
-def _label_pairs(ax: Axes, counts: Subject) -> None:
-    """The stimuli of every pair, left of its row."""
-    index = _in_order(counts)
-    middle = mean_first(counts)
-    firsts, unit = counts.unit.numbers(counts.s1, middle)
-    seconds, _ = counts.unit.numbers(counts.s2, middle)
-    ax.set_yticks(range(len(index)), [f"{firsts[pair]}, {seconds[pair]}" for pair in index])
-    ax.set_ylabel(f"first, second\n({unit})")

@@ -7,9 +7,7 @@ stimulus first, blue stronger first, grey equal stimuli; markers differ too.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from textwrap import fill
 from typing import Any, NamedTuple
 
@@ -85,14 +83,6 @@ def rounded(low: float, high: float, *values: float) -> list[str]:
     digits = max(0, 1 - int(np.floor(np.log10(high - low)))) if high > low else 3
     # Adding 0.0 leaves no -0.0.
     return [f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−") for value in values]
-
-
-@contextmanager
-def any_characters() -> Iterator[None]:
-    """Lay out or draw without a warning for characters that the font lacks: they become boxes."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
-        yield
 
 
 # --- panels ---------------------------------------------------------------------------------------

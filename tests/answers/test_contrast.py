@@ -198,7 +198,7 @@ def test_the_mean_differences_of_the_group_are_bands(table):
     table_of_group = replace(table, conditions=study.conditions)
     errors, _, jnds = bt.plots.contrast(table_of_group, group).axes
     draws, _, _ = group.difference("constant_error", ("right", "left"))
-    low, high = np.quantile(group.shift_percent(draws), [0.025, 0.975])
+    low, high = np.quantile(group.in_units("constant_error", draws), [0.025, 0.975])
     [band] = errors.patches
     assert (band.get_x(), band.get_width()) == pytest.approx((low, high - low))
     # The group has the ratio of JNDs, and subjects their difference.

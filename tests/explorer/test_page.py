@@ -173,6 +173,12 @@ def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimul
     assert "'equal'" not in wording.partition('<section id="answers"')[2].partition("</section>")[0]
 
 
+def test_an_equal_pair_below_all_others_is_in_the_panel_of_the_weakest_stimulus():
+    html = page_of_made_draws(bt.Subject("S", [-0.4, 0], [-0.4, 0.3], [9, 4], [10, 10]))
+    (panel,) = islands(html)["entry-0"]["slices"]
+    assert panel["pairs"] == [0, 1]
+
+
 def test_a_known_unit_is_that_of_all_axes():
     table = bt.example_study().select(["S01"]).frame().drop(columns="synthetic")
     table[["s1", "s2"]] = 100.0 * np.exp(table[["s1", "s2"]])

@@ -25,7 +25,7 @@ def test_densities_are_those_of_the_table():
         stats.norm.logpdf(0.7, 0.0, 0.6),
         stats.norm.logpdf(1.1, 1.8, 1.0),
     ]
-    assert NUMBERS.log_prior_of_mean(means) == pytest.approx(expected, rel=1e-12)
+    assert NUMBERS.prior_of_mean(means)[0] == pytest.approx(expected, rel=1e-12)
     sd = np.abs(means)
     values, *_ = NUMBERS.sds(half_normal_score(sd / [0.3, 0.15, 0.4, 1.0]))
     assert values == pytest.approx(sd, rel=1e-12)

@@ -17,7 +17,7 @@ import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.model.paper_equations import Natural, quantities
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
-from bayes_toe.plots.corner import OVERLAID, TRUTH, Density
+from bayes_toe.plots.corner import OVERLAID, TRUTH, contour_grid
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
 REFERENCE = quantities(Natural(*map(np.float64, TRUE.values())), 0.0)
@@ -64,12 +64,6 @@ def shares_inside(areas, points):
     return shares
 
 
-def drawn_contours(observed):
-    """The outer and the inner line."""
-    ax = Figure().subplots()
-    return ax.contour(observed.x, observed.y, observed.values, sorted(observed.levels)).get_paths()
-
-
 def _gaussian(rng, n):
     return rng.multivariate_normal([1.0, -2.0], [[1.0, 0.3], [0.3, 0.2]], n).T
 
@@ -88,7 +82,7 @@ def _narrow_peak_with_long_tails(rng, n):
 def test_contours_hold_their_shares_of_the_draws(draw, n):
     x, y = draw(default_rng(1), n)
     spans = np.quantile([x, y], [0.005, 0.995], axis=1).T.tolist()
-    lines = drawn_contours(Density.from_draws(x, y, *spans))
+    lines = Figure().subplots().contour(*contour_grid(x, y, *spans)).get_paths()
     assert shares_inside(lines, np.column_stack([x, y])) == pytest.approx([0.95, 0.5], abs=0.01)
 
 

@@ -47,7 +47,8 @@ def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(few):
 
     ax = forests["PSE shift (%)"]
     [points] = marks_of(ax, "o")
-    assert points.get_xdata() == pytest.approx(few.shift_percent(medians[:, 0]), rel=1e-3)
+    shifts = few.in_units("constant_error", medians[:, 0])
+    assert points.get_xdata() == pytest.approx(shifts, rel=1e-3)
     assert words_of(ax.get_yticklabels()) == list(few.subjects)
 
 
@@ -102,7 +103,9 @@ def require_effect(result, label, middle):
     ax = [ax for ax in axes if ax.get_xlabel() == "PSE shift (%)"][2]
     assert [text.replace("\n", " ") for text in words_of(ax.get_yticklabels())] == [label]
     [point] = marks_of(ax, "o")
-    assert point.get_xdata() == pytest.approx([float(result.shift_percent(middle))], rel=1e-3)
+    assert point.get_xdata() == pytest.approx(
+        [float(result.in_units("constant_error", middle))], rel=1e-3
+    )
 
 
 def test_the_effect_of_a_covariate():
