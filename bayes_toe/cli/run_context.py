@@ -12,26 +12,23 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from functools import cached_property, wraps
 from inspect import Parameter
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import typer
 
 from bayes_toe.cli.options import (
-    LAYOUT_OPTIONS,
+    HELP,
     NO_FILE,
-    NUMBER,
-    DrawCount,
     StudyFile,
     Text,
-    flag,
+    help_of,
     layout_options,
-    option,
-    rare,
+    typed_option,
 )
 from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal, describe_study
 from bayes_toe.data.messages import format_path, plural, visible
@@ -61,22 +58,14 @@ MODEL = ("seed", "prior", *WORKERS)
 class RunContext:
     """The shared options, in the order in which help lists them, and the files that are read."""
 
-    seed: Annotated[
-        int | None, option("--seed", NUMBER, "Random seed, printed and stored.", min=0)
-    ] = None
-    draws: DrawCount = 4000
-    processes: Annotated[
-        int | None, rare("--workers", NUMBER, "Processes (default: all cores).", min=1)
-    ] = None
-    dask: Annotated[Text, rare("--dask", "tcp://HOST:PORT", "Use a Dask cluster.")] = None
-    prior: Annotated[Text, option("--prior", "PRIOR", "Prior: default, paper, or a TOML file.")] = (
-        None
-    )
-    resume: Annotated[bool, flag("--resume", "Continue a stopped command.")] = False
-    overwrite: Annotated[bool, flag("--overwrite", "Replace existing output.")] = False
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print errors only.")] = (
-        False
-    )
+    seed: int | None = None
+    draws: int = 4000
+    processes: int | None = None
+    dask: Text = None
+    prior: Text = None
+    resume: bool = False
+    overwrite: bool = False
+    quiet: bool = False
     inputs: tuple[Path, ...] = ()
 
     # --- what is read -----------------------------------------------------------------------------
@@ -254,11 +243,12 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     parameters = []
     for name, parameter in signature.parameters.items():
         kind, *names = get_args(parameter.annotation) or [parameter.annotation]
-        options = [parameter]
         if is_dataclass(kind):
             options = _options(kind, names)
             records[name] = kind, [option.name for option in options]
-        parameters += options
+            parameters += options
+        else:
+            parameters.append(typed_option(parameter, **help_of(function.__name__, name)))
 
     @wraps(function)
     def command(**values: Any) -> None:
@@ -270,7 +260,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
                 if kind is RunContext:
                     of_record["inputs"] = inputs
                 if kind is StudyFile:
-                    of_record["reading"] = {key: of_record.pop(key) for key in LAYOUT_OPTIONS}
+                    of_record["reading"] = {key: of_record.pop(key) for key in HELP["layout"]}
                 values[name] = kind(**of_record)
                 if kind is StudyFile:
                     inputs += values[name].data_files()
@@ -296,19 +286,14 @@ def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
     return tuple(paths)
 
 
-def _options(kind: Any, names: Sequence[str]) -> list[Parameter]:
+def _options(record: Any, names: Sequence[str]) -> list[Parameter]:
     """A parameter for each field of a record; a RunContext has only those that are named."""
-    hints = get_type_hints(kind, include_extras=True)
     options = []
-    for field in fields(kind):
-        is_shared = field.name in (*names, "quiet")
-        if (kind is not RunContext or is_shared) and field.name != "reading":
-            annotation = hints[field.name]
-            parameter = Parameter(
-                field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=annotation
-            )
-            options.append(parameter)
-    if kind is StudyFile:
+    for name, parameter in inspect.signature(record, eval_str=True).parameters.items():
+        is_left_out = record is RunContext and name not in (*names, "quiet")
+        if name != "reading" and not is_left_out:
+            options.append(typed_option(parameter, **help_of(record.__name__, name)))
+    if record is StudyFile:
         options += layout_options()
     return options
 
