@@ -66,18 +66,7 @@ def run(
     check = None if analysis.group is None else predictive_check(analysis.group)
     _print_analysis(context.out, analysis, check, output)
 
-    with context.out.progress("drawing", len(read)) as tick:
-        write_results(
-            analysis,
-            output,
-            check=check,
-            figures=figures,
-            has_explorer=explore,
-            workers=context.workers,
-            progress=tick,
-            overwrite=context.overwrite,
-        )
-
+    write_results(analysis, output, context, check=check, figures=figures, has_explorer=explore)
     failed = analysis.draws.failed
     context.finish(keep, failed)
     context.out.reasons("No result", failed)

@@ -21,7 +21,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from bayes_toe.analysis import Analysis
-from bayes_toe.answers.contrast import LEGEND, ContrastTable
+from bayes_toe.answers.contrast import LEGEND
 from bayes_toe.answers.group_answer import good_fits_answer, group_answer, group_tables
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
@@ -63,7 +63,6 @@ from bayes_toe.data.messages import (
 )
 from bayes_toe.data.stimulus_unit import percent
 from bayes_toe.data.tables import file_stems
-from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import PRIOR_PROBABILITIES
 from bayes_toe.model.posterior import DOMINATED
@@ -116,8 +115,8 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     """Write report.html, and subjects/*.html of more than :data:`MAX_SUBJECTS` subjects.
 
     `facts` is what a report has besides the analysis: the subjects that need action with the
-    reasons, the predictive check of the group, and the figures of subjects with the choice of
-    these: "all", "flagged" or "none".
+    reasons, the predictive check of the group, and the subjects with figures, the files of these
+    and their choice: "all", "flagged" or "none".
 
     Every text from outside is escaped by the template engine, its control characters too. Pages
     are written piece by piece: with its figures a report may be larger than memory.
@@ -135,7 +134,9 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     context = {
         **_context(analysis, facts),
         "asymmetry": asymmetry,
-        **_findings(analysis, findings),
+        "warnings": [item for item in findings if item.code not in NOTES and not item.subject],
+        "before_pooling": [item for item in findings if item.code in FLAG_KINDS],
+        "read": _notes_of_reading(analysis, findings),
         "folder": folder,
         "there": {path.name for path in folder.iterdir()},
         "links": links,
@@ -205,29 +206,23 @@ def _number(value: float | None, digits: int = 2) -> str:
     return _typeset(f"{value:.{digits}f}")
 
 
-def _findings(analysis: Analysis, findings: Sequence[Finding]) -> Record:
-    """Findings of the design and of the responses, by the place where they stand."""
-    warnings = [finding for finding in findings if finding.code not in NOTES]
+def _notes_of_reading(analysis: Analysis, findings: Sequence[Finding]) -> list[str]:
+    """How the study was read, with the findings that are no warnings, each once."""
     notes = [finding.message.rstrip(".") for finding in findings if finding.code in NOTES]
-    return {
-        "warnings": [finding for finding in warnings if not finding.subject],
-        "before_pooling": [finding for finding in warnings if finding.code in FLAG_KINDS],
-        "read": [*analysis.study.notes, *dict.fromkeys(notes)],
-    }
+    return [*analysis.study.notes, *dict.fromkeys(notes)]
 
 
 def _context(analysis: Analysis, facts: Record) -> Record:
     """The values that all pages of the report share."""
-    study, draws = analysis.study, analysis.draws
-    return {
+    study, group, contrast = analysis.study, analysis.group, analysis.contrast
+    context = {
+        "analysis": analysis,
         "study": study,
+        "draws": analysis.draws,
         "facts": facts,
-        "rows": analysis.evidence.rows,
+        "group": group,
+        "contrast": contrast,
         "fit_limit": flag_limit(len(study)),
-        "failed": draws.failed,
-        "not_converged": draws.not_converged,
-        "imprecise": draws.imprecise,
-        "seed": draws.seed,
         "amount": describe_amount(study),
         "answer": _answer(analysis),
         "design_notes": merge_notes(notes_of(analysis.answers)),
@@ -240,9 +235,18 @@ def _context(analysis: Analysis, facts: Record) -> Record:
         "figure": _figure(analysis),
         "shown": shown_subjects(analysis.answers),
         "dominated": DOMINATED,
-        "group": _group(analysis, facts["check"]),
-        "contrast": _by_condition(analysis.contrast),
+        "legend": LEGEND,
     }
+    if group is not None:
+        context["group_answer"] = group_answer(group)
+        context["group_answer"] += good_fits_answer(group, analysis.group_of_good_fits)
+        context["group_tables"] = group_tables(group)
+    if contrast is not None:
+        rows = defaultdict(list)
+        for row in contrast:
+            rows[row.subject, row.comparison].append(row)
+        context["differences"] = rows
+    return context
 
 
 def _settings(analysis: Analysis) -> dict[str, str]:
@@ -310,40 +314,6 @@ def _models(answer: OrderEffect) -> list[tuple[str, float, float, float]]:
         label = "no order effect" if name == "none" else name
         rows.append((label, p, value, answer.standard_error[name]))
     return rows
-
-
-def _by_condition(table: ContrastTable | None) -> Record | None:
-    """The section of conditions, with a row for every subject and comparison."""
-    if table is None:
-        return None
-    rows = defaultdict(list)
-    for row in table:
-        rows[row.subject, row.comparison].append(row)
-    missing = table.left_out | table.failed
-    return {
-        "answer": table.sentences(),
-        "legend": LEGEND,
-        "several": len(table.conditions.comparisons) > 1,
-        "quantities": table.quantities,
-        "rows": [(*names, cells) for names, cells in rows.items()],
-        "left_out": [f"{name} ({reason})" for name, reason in missing.items()],
-    }
-
-
-def _group(analysis: Analysis, check: PredictiveCheck | None) -> Record | None:
-    """The section of the group: warnings, the answer, tables."""
-    result = analysis.group
-    if result is None or check is None:
-        return None
-    lines = group_answer(result) + good_fits_answer(result, analysis.group_of_good_fits)
-    return {
-        "problems": [*result.problems, *check.warnings],
-        "shortfall": "" if result.is_reliable else result.draws.shortfall,
-        "answer": [*map(_typeset, lines)],
-        "tables": group_tables(result),
-        "hyperprior": result.settings.hyperprior.describe(result.study.task),
-        "subjects": len(result.subjects),
-    }
 
 
 def _subjects(
