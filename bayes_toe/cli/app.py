@@ -19,7 +19,7 @@ from bayes_toe.cli import (
     study_commands,
     view_commands,
 )
-from bayes_toe.cli.options import LAYOUT, complete_example
+from bayes_toe.cli.options import complete_example
 from bayes_toe.cli.run_context import as_command
 from bayes_toe.cli.terminal import TYPED
 
@@ -84,8 +84,7 @@ class Command(TyperCommand):
             if parameter.param_type_name == "argument" or parameter.name == "help":
                 # Otherwise the help shows Python's type, `<list[Path]>`.
                 parameter.display_type_rich = lambda ctx: ""
-            if self.name != "check" and getattr(parameter, "rich_help_panel", None) == LAYOUT:
-                parameter.hidden = True
+            if parameter.hidden:
                 self.epilog = "Files in another layout, other codes: bayes-toe check --help"
         super().format_help(ctx, formatter)
 

@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import bayes_toe as bt
 from bayes_toe.cli.options import File, Number, Text
-from bayes_toe.cli.run_context import MODEL, RunContext
+from bayes_toe.cli.run_context import RunContext
 from bayes_toe.data.messages import join_names, plural, quoted
 from bayes_toe.data.stimulus_unit import ANY_UNIT
 from bayes_toe.errors import Remedy
@@ -59,7 +59,7 @@ def power(
     design: list[Path] | None = None,
     output: Path = Path("power"),
     plan: StudyPlan,
-    context: Annotated[RunContext, *MODEL],
+    context: RunContext,
 ) -> None:
     """Estimate how often a design detects an order effect.
 
@@ -129,7 +129,7 @@ def _read_designs(
 
     designs = [bt.design.read_study_design(file, question, unit) for file in files]
     if len(designs) < 2:
-        return name_designs(*designs or [None], question)
+        return name_designs(designs[0] if designs else None, question)
     names = [file.stem for file in files]
     for name in names:
         if names.count(name) > 1:
@@ -238,7 +238,7 @@ def design(
     simulated: int = 32,
     observers: Text = None,
     lists: ListOptions,
-    context: Annotated[RunContext, *MODEL],
+    context: RunContext,
 ) -> None:
     """Find the pairs that show an order effect best.
 
@@ -380,7 +380,7 @@ def simulate(
     output: Path,
     truth_output: File = None,
     study: SimulatedStudy,
-    context: Annotated[RunContext, "seed", "overwrite"],
+    context: RunContext,
 ) -> None:
     """Simulate a study with known order effects.
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import bayes_toe as bt
 from bayes_toe.cli.options import StudyFile
-from bayes_toe.cli.run_context import MODEL, RunContext
+from bayes_toe.cli.run_context import RunContext
 from bayes_toe.cli.terminal import (
     Terminal,
     names_to_show,
@@ -37,7 +37,7 @@ def run(
     output: Path = Path("bayes_toe_results"),
     figures: str = "all",
     explore: bool = False,
-    context: Annotated[RunContext, *MODEL, "draws", "resume"],
+    context: RunContext,
 ) -> None:
     """Estimate the order effects of every subject and of the group.
 
@@ -115,7 +115,7 @@ def sample(
     study: StudyFile,
     output: Path = Path("posterior.nc"),
     model: str = "paper",
-    context: Annotated[RunContext, *MODEL, "draws", "resume"],
+    context: RunContext,
 ) -> None:
     """Sample the posterior of one model for every subject.
 
@@ -164,7 +164,7 @@ def evidence(
     *,
     study: StudyFile,
     output: Path = Path("evidence.csv"),
-    context: Annotated[RunContext, *MODEL, "resume"],
+    context: RunContext,
 ) -> None:
     """Compute model evidences and order effects of every subject.
 

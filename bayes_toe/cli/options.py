@@ -34,7 +34,7 @@ Number = float | None
 #: The panel of options that only the help of `check` lists.
 LAYOUT = "Files in another layout"
 #: What help says about each option, by the function or the record that has the option.
-HELP: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(
+HELP: dict[str, dict[str, Any]] = tomllib.loads(
     (files("bayes_toe.cli") / "options.toml").read_text(encoding="utf-8")
 )
 #: The options for files in another layout that are no texts.
@@ -49,7 +49,7 @@ _LAYOUT_KINDS: dict[str, Any] = {
 }
 
 
-def help_of(owner: str, name: str) -> dict[str, Any]:
+def help_of(owner: str, name: str) -> Any:
     """What help says about an option of a function or a record."""
     return HELP.get(owner, {}).get(name) or HELP["shared"][name]
 
@@ -76,13 +76,13 @@ def typed_option(
     )
 
 
-def layout_options() -> Iterator[Parameter]:
-    """The parameters of a command that say how to read files in another layout."""
+def layout_options(command: str) -> Iterator[Parameter]:
+    """The parameters that say how to read files in another layout; the help of `check` has them."""
     for name, settings in HELP["layout"].items():
         kind = _LAYOUT_KINDS.get(name, Text)
         default = False if kind is bool else None
         parameter = Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
-        yield typed_option(parameter, panel=LAYOUT, **settings)
+        yield typed_option(parameter, panel=LAYOUT, hidden=command != "check", **settings)
 
 
 def complete_example(words: list[str]) -> list[str]:

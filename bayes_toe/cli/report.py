@@ -11,7 +11,7 @@ import base64
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from math import isnan
 from pathlib import Path
@@ -21,12 +21,12 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from bayes_toe.analysis import Analysis
+from bayes_toe.answers import words
 from bayes_toe.answers.contrast import LEGEND
 from bayes_toe.answers.group_answer import good_fits_answer, group_answer, group_tables
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     PRIOR_FLAG,
-    OrderEffect,
     describe_fit,
     format_decimals,
     format_draws,
@@ -37,17 +37,9 @@ from bayes_toe.answers.study_summary import (
     APPENDIX_C,
     describe_pair,
 )
-from bayes_toe.answers.words import (
-    NO_UP_TO,
-    PROBABLY_FROM,
-    PROBABLY_NOT_LOG_BAYES_FACTOR,
-    PROBABLY_NOT_UP_TO,
-    YES_FROM,
-    Word,
-)
 from bayes_toe.arrays import FloatArray, Record
 from bayes_toe.checks.alarm_rate import flag_limit
-from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
+from bayes_toe.checks.answer_checks import FLAG_WORDS, Findings
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
 from bayes_toe.cli.answer_screen import answer_lines, not_counted
@@ -81,34 +73,6 @@ Figure = Any  # of matplotlib, which only plots imports
 
 #: Subjects up to which the report is one file.
 MAX_SUBJECTS = 200
-#: The words, and the probabilities that they need.
-LIMITS = {
-    Word.YES: f"at least {format_decimals(YES_FROM)}",
-    Word.PROBABLY: f"at least {format_decimals(PROBABLY_FROM)}",
-    Word.UNDECIDED: "otherwise",
-    Word.PROBABLY_NOT: f"at most {format_decimals(PROBABLY_NOT_UP_TO)}, with a log Bayes factor of "
-    f"at most {PROBABLY_NOT_LOG_BAYES_FACTOR:g}",
-    Word.NO: f"at most {format_decimals(NO_UP_TO)}",
-}
-#: Sizes of a subject, in words, with the question that must be known.
-_SIZES = {
-    "pse_shift_percent": ("PSE shift", "constant_error"),
-    "pse_shift_jnd": ("PSE shift, JND", "constant_error"),
-    "contraction_p": ("contraction", "contraction"),
-    "jnd_percent": ("JND", ""),
-    "zone_percent": ("zone of 'equal'", ""),
-    "zone_jnd": ("zone of 'equal', JND", ""),
-}
-#: What the settings of the sampler are.
-_SAMPLER = {
-    "draws": "required effective draws",
-    "ensembles": "ensembles (chains)",
-    "walkers": "walkers of each ensemble",
-    "max_r_hat": "limit of R-hat",
-    "max_thin": "limit of thinning",
-    "max_quantile_error": "limit of the Monte Carlo error of the 5 and 95 % quantiles, as a "
-    "share of the distance between them",
-}
 
 
 def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
@@ -135,7 +99,7 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
         **_context(analysis, facts),
         "asymmetry": asymmetry,
         "warnings": [item for item in findings if item.code not in NOTES and not item.subject],
-        "before_pooling": [item for item in findings if item.code in FLAG_KINDS],
+        "before_pooling": [item for item in findings if item.code in FLAG_WORDS],
         "read": _notes_of_reading(analysis, findings),
         "folder": folder,
         "there": {path.name for path in folder.iterdir()},
@@ -175,6 +139,7 @@ def _environment() -> Environment:
     )
     environment.filters.update(
         capitalized=capitalized,
+        decimals=format_decimals,
         png_uri=_png_uri,
         describe_fit=describe_fit,
         describe_p=describe_p_value,
@@ -206,7 +171,7 @@ def _number(value: float | None, digits: int = 2) -> str:
     return _typeset(f"{value:.{digits}f}")
 
 
-def _notes_of_reading(analysis: Analysis, findings: Sequence[Finding]) -> list[str]:
+def _notes_of_reading(analysis: Analysis, findings: Findings) -> list[str]:
     """How the study was read, with the findings that are no warnings, each once."""
     notes = [finding.message.rstrip(".") for finding in findings if finding.code in NOTES]
     return [*analysis.study.notes, *dict.fromkeys(notes)]
@@ -224,13 +189,13 @@ def _context(analysis: Analysis, facts: Record) -> Record:
         "contrast": contrast,
         "fit_limit": flag_limit(len(study)),
         "amount": describe_amount(study),
-        "answer": _answer(analysis),
+        "answer": answer_lines(study, analysis.answers, group) + not_counted(analysis.answers),
         "design_notes": merge_notes(notes_of(analysis.answers)),
         "misfits": _misfit_figures(analysis),
-        "settings": _settings(analysis),
-        "limits": LIMITS,
+        "versions": json.loads(analysis.draws.tree.attrs["versions"]),
+        "sampler": asdict(analysis.settings.sampler),
+        "words": words,
         "appendix_c": APPENDIX_C,
-        "sizes": _SIZES,
         "marked_flags": (MISFIT_FLAG, PRIOR_FLAG),
         "figure": _figure(analysis),
         "shown": shown_subjects(analysis.answers),
@@ -247,22 +212,6 @@ def _context(analysis: Analysis, facts: Record) -> Record:
             rows[row.subject, row.comparison].append(row)
         context["differences"] = rows
     return context
-
-
-def _settings(analysis: Analysis) -> dict[str, str]:
-    """The settings of the analysis, with their names in words."""
-    settings = analysis.settings
-    versions = json.loads(analysis.draws.tree.attrs["versions"])
-    sampler = {}
-    for name, value in asdict(settings.sampler).items():
-        sampler[_SAMPLER.get(name, name)] = str(value)
-    return {
-        "sampled model": "the paper's model (H1)",
-        "prior": settings.prior.describe_all(analysis.study.task),
-        "seed": str(settings.seed),
-        **sampler,
-        "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
-    }
 
 
 def _figure(analysis: Analysis) -> list[tuple[str, str]]:
@@ -298,26 +247,8 @@ def _misfit_figures(analysis: Analysis) -> list[str]:
     return figures
 
 
-def _answer(analysis: Analysis) -> list[str]:
-    """The answer of the study, sentence by sentence."""
-    answers = analysis.answers
-    lines = answer_lines(analysis.study, answers, analysis.group) + not_counted(answers)
-    return [_typeset(line) for line in lines if line]
-
-
-def _models(answer: OrderEffect) -> list[tuple[str, float, float, float]]:
-    """The four models with their posterior probabilities, log evidences and standard errors."""
-    log_evidence = np.array(list(answer.log_evidence.values()))
-    probabilities = ModelSet(log_evidence, PRIOR_PROBABILITIES).probabilities.tolist()
-    rows = []
-    for (name, value), p in zip(answer.log_evidence.items(), probabilities, strict=True):
-        label = "no order effect" if name == "none" else name
-        rows.append((label, p, value, answer.standard_error[name]))
-    return rows
-
-
 def _subjects(
-    analysis: Analysis, asymmetries: AsymmetryTable, findings: Sequence[Finding]
+    analysis: Analysis, asymmetries: AsymmetryTable, findings: Findings
 ) -> Iterator[Record]:
     """The sections of the subjects; each one is made when it is written."""
     stats = analysis.draws.group("sample_stats")
@@ -336,6 +267,7 @@ def _subjects(
         for parameter in summary:
             if parameter.parameter in natural and parameter.posterior_contraction < DOMINATED:
                 prior_dominated.append(parameter.parameter)
+        log_evidence = np.array(list(answer.log_evidence.values()))
         remarks = []
         for label in dict.fromkeys([name, counts.subject_name]):
             remarks += messages[label]
@@ -344,7 +276,7 @@ def _subjects(
             "counts": counts,
             "row": row,
             "answer": answer,
-            "models": _models(answer),
+            "probabilities": ModelSet(log_evidence, PRIOR_PROBABILITIES).probabilities.tolist(),
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
             "parameters": [_parameter(analysis, parameter) for parameter in summary],

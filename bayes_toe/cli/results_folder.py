@@ -25,7 +25,6 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.plots.corner import corner
 from bayes_toe.plots.curves import fitted_figure
 from bayes_toe.plots.figure_files import png
-from bayes_toe.workers import of_this_machine, run_in_order
 
 #: What a results folder may hold: draws, tables, the group, corner plots, an explorer, pages of
 #: very many subjects.
@@ -73,7 +72,6 @@ def write_results(
     with (
         whole_folder(folder, products, overwrite=context.overwrite) as new,
         TemporaryDirectory(dir=new.absolute()) as curves,
-        context.out.progress("drawing", len(names)) as tick,
     ):
         # Absolute, since a worker may be in another folder than this process.
         target = new.absolute()
@@ -84,7 +82,7 @@ def write_results(
         if has_explorer:
             explore(draws).save(target / "explorer.html")
         jobs = _drawing_jobs(analysis, {name: stems[name] for name in names}, target, Path(curves))
-        run_in_order(jobs, of_this_machine(context.workers), tick, [(name,) for name in names])
+        context.draw(jobs, names)
         facts = {
             "flagged": marked,
             "check": check,

@@ -17,7 +17,7 @@ from functools import cached_property, wraps
 from inspect import Parameter
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
@@ -47,11 +47,6 @@ if TYPE_CHECKING:
     from bayes_toe.workers import Workers
 
 Result = TypeVar("Result")
-#: The fields of :class:`RunContext` that are options of commands with several processes, and of
-#: those that use a model too. The annotation of a command names the fields that the command has;
-#: all have `quiet`.
-WORKERS = ("processes", "dask", "overwrite")
-MODEL = ("seed", "prior", *WORKERS)
 
 
 @dataclass(frozen=True)
@@ -81,9 +76,9 @@ class RunContext:
             replace(file, reading={**file.reading, "condition": None}).read()
         return study, prior_for(study, preset)
 
-    def read_and_describe(self, file: StudyFile) -> tuple[Study, Prior]:
+    def read_and_describe(self, file: StudyFile, **options: bool) -> tuple[Study, Prior]:
         """The study and the prior, which are described on the screen."""
-        study, prior = self.read(file)
+        study, prior = self.read(file, **options)
         self.introduce(study, prior)
         return study, prior
 
@@ -127,6 +122,13 @@ class RunContext:
         """Call a function with seed, workers and a progress bar; return its result."""
         with self.out.progress(label, total) as tick:
             return function(*values, seed=self.seed, workers=self.workers, progress=tick, **options)
+
+    def draw(self, jobs: Sequence[Callable[[], None]], names: Sequence[str]) -> None:
+        """Draw figures side by side, with a progress bar; names are those of subjects or files."""
+        from bayes_toe.workers import of_this_machine, run_in_order
+
+        with self.out.progress("drawing", len(jobs)) as tick:
+            run_in_order(jobs, of_this_machine(self.workers), tick, [(name,) for name in names])
 
     @cached_property
     def workers(self) -> Workers:
@@ -234,17 +236,17 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     """The function as the command line calls it.
 
     A parameter that is a record becomes one option for each of its fields, and the function
-    receives the record. A :class:`RunContext` has options only for the fields that the annotation
-    names. Our errors become lines on standard error and exit code 2. Any other exception is a bug
-    and shows its traceback.
+    receives the record. A :class:`RunContext` has options only for the fields that options.toml
+    names for the command. Our errors become lines on standard error and exit code 2. Any other
+    exception is a bug and shows its traceback.
     """
     signature = inspect.signature(function, eval_str=True)
     records: dict[str, Any] = {}
     parameters = []
     for name, parameter in signature.parameters.items():
-        kind, *names = get_args(parameter.annotation) or [parameter.annotation]
+        kind = parameter.annotation
         if is_dataclass(kind):
-            options = _options(kind, names)
+            options = _options(kind, function.__name__)
             records[name] = kind, [option.name for option in options]
             parameters += options
         else:
@@ -286,15 +288,17 @@ def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
     return tuple(paths)
 
 
-def _options(record: Any, names: Sequence[str]) -> list[Parameter]:
-    """A parameter for each field of a record; a RunContext has only those that are named."""
+def _options(record: Any, command: str) -> list[Parameter]:
+    """A parameter for each field of a record that the command has."""
+    fields = inspect.signature(record, eval_str=True).parameters
+    names = [name for name in fields if name != "reading"]
+    if record is RunContext:
+        names = HELP["commands"][command]
     options = []
-    for name, parameter in inspect.signature(record, eval_str=True).parameters.items():
-        is_left_out = record is RunContext and name not in (*names, "quiet")
-        if name != "reading" and not is_left_out:
-            options.append(typed_option(parameter, **help_of(record.__name__, name)))
+    for name in names:
+        options.append(typed_option(fields[name], **help_of(record.__name__, name)))
     if record is StudyFile:
-        options += layout_options()
+        options += layout_options(command)
     return options
 
 

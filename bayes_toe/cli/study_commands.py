@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import bayes_toe as bt
 from bayes_toe.cli.options import File, StudyFile
-from bayes_toe.cli.run_context import MODEL, RunContext
+from bayes_toe.cli.run_context import RunContext
 from bayes_toe.cli.terminal import Terminal, notes_of, number, without_zeros
 from bayes_toe.data.messages import format_p_value
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def check(
     *,
     study: StudyFile,
-    context: Annotated[RunContext, "prior"],
+    context: RunContext,
 ) -> None:
     """Check the data, the design and the responses of a study.
 
@@ -45,7 +45,7 @@ def fit(
     replicates: int = 400,
     level: float = 0.95,
     asymmetry_output: File = None,
-    context: Annotated[RunContext, *MODEL],
+    context: RunContext,
 ) -> None:
     """Fit the paper's model, and test each pair for an order effect.
 
@@ -73,7 +73,7 @@ def fit(
     table.save(output, **context.saving_of(read))
     print_fits(context.out, table)
     if asymmetries is None:
-        context.out.notes([("", f"No test of asymmetry: {why_none}.", "")], "-")
+        context.out.remarks([f"No test of asymmetry: {why_none}."])
     else:
         print_asymmetry(context.out, asymmetries)
         if asymmetry_output is not None:
@@ -105,7 +105,7 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
     out.line(
         f"q is the share of {table.share_of} responses, r the weaker and c the stronger stimulus."
     )
-    out.notes((("", f"{note}.", "") for note in table.notes), "-")
+    out.remarks(f"{note}." for note in table.notes)
 
 
 def print_fits(out: Terminal, table: FitTable) -> None:

@@ -12,13 +12,13 @@ from functools import partial
 from itertools import chain
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 import bayes_toe as bt
 from bayes_toe.cli.options import File, Texts
-from bayes_toe.cli.run_context import WORKERS, RunContext
+from bayes_toe.cli.run_context import RunContext
 from bayes_toe.data.messages import display_name, join_names, plural, quoted
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def explore(
     output: Path = Path("explorer.html"),
     subject: Texts = None,
     truth: File = None,
-    context: Annotated[RunContext, "overwrite"],
+    context: RunContext,
 ) -> None:
     """Write a page that shows saved draws in a browser.
 
@@ -87,7 +87,7 @@ def corner(
     show_prior: bool = False,
     truth: File = None,
     ending: str = "png",
-    context: Annotated[RunContext, *WORKERS],
+    context: RunContext,
 ) -> None:
     """Draw corner plots of saved draws.
 
@@ -101,7 +101,7 @@ def corner(
     require_suffix(f"corner.{ending}")
     draws = load_draws(posterior)
     names = tuple(subject or draws.names)
-    for name in subject or ():
+    for name in names:
         draws.subject(name)  # raises for an unknown subject
     truths = read_truth(truth, [draws], names)
 
@@ -117,11 +117,10 @@ def corner(
     )
 
     stems = file_stems(draws.names)
-    if subject:
-        joint_stem = "+".join(stems[name] for name in names)
-        figures = {f"{joint_stem}.{ending}": names}
-    else:
-        figures = {f"{stems[name]}.{ending}": (name,) for name in names}
+    figures = {}
+    for group in [names] if subject else [(name,) for name in names]:
+        joint_stem = "+".join(stems[name] for name in group)
+        figures[f"{joint_stem}.{ending}"] = group
     context.require_folder(output, list(figures))
     _draw_corners(draws, figures, save, output, context)
     context.print_written(f"{plural(len(figures), 'corner plot')} in {output}")
@@ -136,19 +135,15 @@ def _draw_corners(
 ) -> None:
     """Draw the corner plots of subjects into files of the output folder, side by side."""
     from bayes_toe.data.whole_files import whole_folder
-    from bayes_toe.workers import of_this_machine, run_in_order
 
-    with (
-        whole_folder(output, list(figures), overwrite=context.overwrite) as folder,
-        context.out.progress("drawing", len(figures)) as tick,
-    ):
+    with whole_folder(output, list(figures), overwrite=context.overwrite) as folder:
         jobs = []
         for file, names in figures.items():
             # A process gets the draws of one subject.
             drawn = draws[names[0]] if len(names) == 1 else draws
             # Absolute, since a worker may be in another folder than this process.
             jobs.append(partial(save, folder.absolute() / file, drawn, names))
-        run_in_order(jobs, of_this_machine(context.workers), tick, [(file,) for file in figures])
+        context.draw(jobs, list(figures))
 
 
 def _save_corner(file: Path, draws: bt.Draws, subjects: Sequence[str], **options: Any) -> None:
