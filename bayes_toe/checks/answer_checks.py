@@ -223,7 +223,9 @@ def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
     if n_rows < 2 * _WINDOW:
         return None
 
-    lag = _lag_to_first_copy(_row_codes(answers))
+    rows = np.column_stack([answers.keys, answers.counts.T])
+    _, codes = np.unique(rows, axis=0, return_inverse=True)
+    lag = _lag_to_first_copy(codes.ravel())
     run_start = run_starts(lag)
     run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
@@ -251,12 +253,6 @@ def _lag_to_first_copy(codes: IntArray) -> IntArray:
     hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
     _, first, group = np.unique(windows @ hash_weights, return_index=True, return_inverse=True)
     return np.arange(len(windows)) - first[group]
-
-
-def _row_codes(answers: Answers) -> IntArray:
-    """A number for each row, the same for the same pair and answer."""
-    rows = np.column_stack([answers.keys, answers.counts.T])
-    return np.unique(rows, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
 
 
 def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:

@@ -175,7 +175,7 @@ def evidence(
     keep = context.prepare(output)
     read, prior = context.read_and_describe(study)
     table = context.work("evidence", len(read), bt.evidence, read, prior=prior, keep=keep)
-    table.save(output, **context.saving_of(read))
+    table.save(output, overwrite=context.overwrite, units=read.conditions is not None)
     context.finish(keep, table.failed)
     print_model_evidence(context.out, table, output.name)
     print_subjects(context.out, table.answers, output.name)

@@ -49,9 +49,9 @@ _LAYOUT_KINDS: dict[str, Any] = {
 }
 
 
-def help_of(owner: str, name: str) -> Any:
+def help_of(owner: str, name: str) -> dict[str, Any]:
     """What help says about an option of a function or a record."""
-    return HELP.get(owner, {}).get(name) or HELP["shared"][name]
+    return HELP["shared"].get(name, {}) | HELP.get(owner, {}).get(name, {})
 
 
 def typed_option(

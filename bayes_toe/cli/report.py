@@ -37,7 +37,7 @@ from bayes_toe.answers.study_summary import (
     APPENDIX_C,
     describe_pair,
 )
-from bayes_toe.arrays import FloatArray, Record
+from bayes_toe.arrays import Record
 from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.checks.answer_checks import FLAG_WORDS, Findings
 from bayes_toe.checks.design_checks import NOTES, check
@@ -69,8 +69,6 @@ from bayes_toe.plots.report_figure import (
 )
 from bayes_toe.plots.style import MAX_NAMES
 
-Figure = Any  # of matplotlib, which only plots imports
-
 #: Subjects up to which the report is one file.
 MAX_SUBJECTS = 200
 
@@ -98,9 +96,9 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     context = {
         **_context(analysis, facts),
         "asymmetry": asymmetry,
-        "warnings": [item for item in findings if item.code not in NOTES and not item.subject],
-        "before_pooling": [item for item in findings if item.code in FLAG_WORDS],
-        "read": _notes_of_reading(analysis, findings),
+        "findings": findings,
+        "note_codes": NOTES,
+        "before_pooling": [finding for finding in findings if finding.code in FLAG_WORDS],
         "folder": folder,
         "there": {path.name for path in folder.iterdir()},
         "links": links,
@@ -140,14 +138,23 @@ def _environment() -> Environment:
     environment.filters.update(
         capitalized=capitalized,
         decimals=format_decimals,
+        png=png,
         png_uri=_png_uri,
         describe_fit=describe_fit,
         describe_p=describe_p_value,
         describe_pair=describe_pair,
+        good_fits_answer=good_fits_answer,
+        group_answer=group_answer,
+        group_tables=group_tables,
         join_names=join_names,
         number=_number,
         p_value=format_p_value,
         plural=plural,
+        posterior_predictive=posterior_predictive,
+        report_height=report_height,
+        responses_figure=responses_figure,
+        sizes_figure=sizes_figure,
+        inline_svg=inline_svg,
         probability=format_probability,
         small_p=format_small_p,
         typeset=_typeset,
@@ -171,80 +178,30 @@ def _number(value: float | None, digits: int = 2) -> str:
     return _typeset(f"{value:.{digits}f}")
 
 
-def _notes_of_reading(analysis: Analysis, findings: Findings) -> list[str]:
-    """How the study was read, with the findings that are no warnings, each once."""
-    notes = [finding.message.rstrip(".") for finding in findings if finding.code in NOTES]
-    return [*analysis.study.notes, *dict.fromkeys(notes)]
-
-
 def _context(analysis: Analysis, facts: Record) -> Record:
     """The values that all pages of the report share."""
-    study, group, contrast = analysis.study, analysis.group, analysis.contrast
-    context = {
+    study, group = analysis.study, analysis.group
+    return {
         "analysis": analysis,
         "study": study,
         "draws": analysis.draws,
         "facts": facts,
         "group": group,
-        "contrast": contrast,
+        "contrast": analysis.contrast,
         "fit_limit": flag_limit(len(study)),
         "amount": describe_amount(study),
         "answer": answer_lines(study, analysis.answers, group) + not_counted(analysis.answers),
         "design_notes": merge_notes(notes_of(analysis.answers)),
-        "misfits": _misfit_figures(analysis),
         "versions": json.loads(analysis.draws.tree.attrs["versions"]),
         "sampler": asdict(analysis.settings.sampler),
         "words": words,
         "appendix_c": APPENDIX_C,
         "marked_flags": (MISFIT_FLAG, PRIOR_FLAG),
-        "figure": _figure(analysis),
         "shown": shown_subjects(analysis.answers),
         "dominated": DOMINATED,
+        "max_names": MAX_NAMES,
         "legend": LEGEND,
     }
-    if group is not None:
-        context["group_answer"] = group_answer(group)
-        context["group_answer"] += good_fits_answer(group, analysis.group_of_good_fits)
-        context["group_tables"] = group_tables(group)
-    if contrast is not None:
-        rows = defaultdict(list)
-        for row in contrast:
-            rows[row.subject, row.comparison].append(row)
-        context["differences"] = rows
-    return context
-
-
-def _figure(analysis: Analysis) -> list[tuple[str, str]]:
-    """The parts of figure 1 by their classes: responses, sizes in wide and in narrow windows."""
-    height = report_height(analysis)
-    label = "PSE shift and contraction of every subject"
-    parts = []
-    if shown_subjects(analysis.answers):
-        responses = responses_figure(analysis, height)
-        parts = [
-            ("responses", _embed(analysis, responses, "Responses and curves of some subjects"))
-        ]
-    for name, is_narrow in (("sizes wide", False), ("sizes narrow", True)):
-        sizes = sizes_figure(analysis, analysis.group, height, is_narrow=is_narrow)
-        parts.append((name, _embed(analysis, sizes, label)))
-    return parts
-
-
-def _embed(analysis: Analysis, figure: Figure, label: str) -> str:
-    """A figure as a part of the page; the SVG of very many subjects is too large."""
-    if len(analysis.study) > MAX_NAMES:
-        return f'<img alt="{label}" src="{_png_uri(png(figure))}">'
-    return inline_svg(figure, label)
-
-
-def _misfit_figures(analysis: Analysis) -> list[str]:
-    """Observed and expected proportions of the first two subjects whom the model does not fit."""
-    names = [answer.subject for answer in analysis.answers if answer.fits is False]
-    figures = []
-    for name in names[:2]:
-        figure = posterior_predictive(analysis, [name])
-        figures.append(inline_svg(figure, "Observed proportions, predictive intervals"))
-    return figures
 
 
 def _subjects(
@@ -261,12 +218,6 @@ def _subjects(
     parts = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
     for i, (counts, row, answer, asymmetry) in enumerate(parts):
         name = counts.name
-        summary: list[Any] = list(summaries[name].itertuples())
-        natural = (*analysis.draws.posterior(name).names.natural, "gamma")
-        prior_dominated = []
-        for parameter in summary:
-            if parameter.parameter in natural and parameter.posterior_contraction < DOMINATED:
-                prior_dominated.append(parameter.parameter)
         log_evidence = np.array(list(answer.log_evidence.values()))
         remarks = []
         for label in dict.fromkeys([name, counts.subject_name]):
@@ -279,33 +230,21 @@ def _subjects(
             "probabilities": ModelSet(log_evidence, PRIOR_PROBABILITIES).probabilities.tolist(),
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
-            "parameters": [_parameter(analysis, parameter) for parameter in summary],
+            "parameters": [_parameter(analysis, row) for row in summaries[name].itertuples()],
+            "natural": (*analysis.draws.posterior(name).names.natural, "gamma"),
             "remarks": [*remarks, *row.notes],
-            "prior_dominated": prior_dominated,
         }
 
 
-def _parameter(analysis: Analysis, row: Any) -> list[str]:
-    """A parameter of the paper's model: estimate and its precision."""
+def _parameter(analysis: Analysis, row: Any) -> tuple[Any, str, str]:
+    """A parameter of the paper's model, and its estimates with the digits that are certain."""
     draws = analysis.draws.values(row.subject, row.parameter)
     n_effective = min(row.ess_bulk, row.ess_tail)
     difference = ""
     if row.parameter in ("pse_shift", "jnd"):
         unit = analysis.study.unit.for_percent(percent(np.quantile(draws, (0.025, 0.975))))
-        difference = _interval(unit.differences(draws), n_effective, 1, unit.of_differences)
-    return [
-        row.parameter,
-        _interval(draws, n_effective, 3),
-        difference,
-        _number(row.posterior_contraction),
-        _number(n_effective, 0),
-        _number(row.r_hat, 4),
-    ]
-
-
-def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = "") -> str:
-    """Median and 95 % interval with the digits that their Monte Carlo errors allow."""
-    return _typeset(format_draws(draws, n_effective, digits, unit))
+        difference = format_draws(unit.differences(draws), n_effective, 1, unit.of_differences)
+    return row, format_draws(draws, n_effective, 3), difference
 
 
 def _typeset(words: str) -> str:

@@ -76,8 +76,7 @@ def write_results(
         # Absolute, since a worker may be in another folder than this process.
         target = new.absolute()
         draws.save(target / "posterior.nc")
-        _write_tables(analysis, target)
-        _write_group(analysis, check, target)
+        _write_tables(analysis, check, target)
         write_methods(analysis, target / "methods.md")
         if has_explorer:
             explore(draws).save(target / "explorer.html")
@@ -95,21 +94,17 @@ def write_results(
     return folder
 
 
-def _write_tables(analysis: Analysis, folder: Path) -> None:
-    """The tables of subjects, and the figure of their conditions."""
-    study, contrast, seed = analysis.study, analysis.contrast, analysis.settings.seed
+def _write_tables(analysis: Analysis, check: PredictiveCheck | None, folder: Path) -> None:
+    """The tables of subjects, of their conditions and of the group, with figures and draws."""
+    study, seed = analysis.study, analysis.settings.seed
+    contrast, group = analysis.contrast, analysis.group
     units = study.conditions is not None
     write_table(analysis.summary(), folder / "summary.csv", seed, units=units)
     analysis.evidence.save(folder / "evidence.csv", units=units)
     if contrast is not None:
         contrast.save(folder / "contrast.csv")
-        figure = plots.contrast(contrast, analysis.group, synthetic=study.synthetic)
+        figure = plots.contrast(contrast, group, synthetic=study.synthetic)
         (folder / "contrast.png").write_bytes(png(figure))
-
-
-def _write_group(analysis: Analysis, check: PredictiveCheck | None, folder: Path) -> None:
-    """Tables, figure and draws of the group, if there is one."""
-    group = analysis.group
     if group is not None:
         group.table.save(folder / "population.csv")
         write_table(group.subject_table, folder / "population_subjects.csv", group.settings.seed)

@@ -217,10 +217,6 @@ class RunContext:
                 write(files.enter_context(whole_file(file, overwrite=self.overwrite)))
         return f"Written: {', '.join(map(str, writers))}. Seed {seed}."
 
-    def saving_of(self, study: Study) -> dict[str, Any]:
-        """Options for writing tables of subjects; those of units get a column of conditions."""
-        return {"overwrite": self.overwrite, "units": study.conditions is not None}
-
     def print_written(self, text: str, seed: int | None = None) -> None:
         """Print what was written, and the seed."""
         self.out.line()

@@ -70,14 +70,17 @@ def fit(
         "fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior
     )
 
-    table.save(output, **context.saving_of(read))
+    saving = {"overwrite": context.overwrite, "units": read.conditions is not None}
+    table.save(output, **saving)
     print_fits(context.out, table)
     if asymmetries is None:
         context.out.remarks([f"No test of asymmetry: {why_none}."])
     else:
         print_asymmetry(context.out, asymmetries)
         if asymmetry_output is not None:
-            asymmetries.save(asymmetry_output, **context.saving_of(read))
+            asymmetries.save(
+                asymmetry_output, overwrite=context.overwrite, units=read.conditions is not None
+            )
     context.print_written(f"Table in {', '.join(map(str, outputs))}", table.seed)
 
 

@@ -366,9 +366,9 @@ def describe_amount(study: Study) -> str:
 # --- numbers --------------------------------------------------------------------------------------
 
 
-def number(value: float | None, digits: int = 2) -> str:
+def number(value: float | None) -> str:
     """A number of a table; a dash where there is none."""
-    return "-" if value is None or value != value else f"{value:.{digits}f}"
+    return "-" if value is None or value != value else f"{value:.2f}"
 
 
 def without_zeros(text: str) -> str:
