@@ -19,7 +19,7 @@ from bayes_toe.cli import (
     study_commands,
     view_commands,
 )
-from bayes_toe.cli.options import complete_example
+from bayes_toe.cli.options import HELP, complete_example
 from bayes_toe.cli.run_context import as_command
 from bayes_toe.cli.terminal import TYPED
 
@@ -47,16 +47,6 @@ COMMANDS = {
     ),
 }
 
-#: Former names of options.
-FORMER_OPTIONS = {
-    "--turn": "--swap",
-    "--leave-out": "--exclude",
-    "--pictures": "--figures",
-    "--data-sets": "--simulated",
-    "--population": "--observers",
-    "--coordinates": "--parameters",
-}
-
 
 class Commands(TyperGroup):
     """The commands, of which the words that were typed are kept."""
@@ -65,7 +55,7 @@ class Commands(TyperGroup):
         """The command that the first argument names; former names of options become today's."""
         for i, word in enumerate(args):
             option, sign, value = word.partition("=")
-            args[i] = f"{FORMER_OPTIONS.get(option, option)}{sign}{value}"
+            args[i] = f"{HELP['former'].get(option, option)}{sign}{value}"
         TYPED[:] = args
         return super().resolve_command(ctx, args)
 

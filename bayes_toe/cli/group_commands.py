@@ -91,7 +91,8 @@ def contrast(
     from bayes_toe.plots.figure_files import picture_beside
 
     figure_file = picture_beside(output)
-    keep = context.prepare(output, figure_file)
+    context.require_files(output, figure_file)
+    keep = context.partial_folder(output)
     read, prior = context.read_and_describe(study, several_tasks=True)
     n_subjects = len({subject.subject_name for subject in read})
     answers_file = output.with_name(f"{output.stem}_one_observer{output.suffix}")

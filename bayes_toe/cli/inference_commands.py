@@ -123,7 +123,8 @@ def sample(
     """
     from bayes_toe.checks.design_checks import identification_findings
 
-    keep = context.prepare(output)
+    context.require_files(output)
+    keep = context.partial_folder(output)
     read, prior = context.read(study)
     _require_fitting(context, read, prior, model)
     context.introduce(read, prior)
@@ -172,7 +173,8 @@ def evidence(
     """
     from bayes_toe.cli.answer_screen import print_answer, print_subjects, without_decision
 
-    keep = context.prepare(output)
+    context.require_files(output)
+    keep = context.partial_folder(output)
     read, prior = context.read_and_describe(study)
     table = context.work("evidence", len(read), bt.evidence, read, prior=prior, keep=keep)
     table.save(output, overwrite=context.overwrite, units=read.conditions is not None)

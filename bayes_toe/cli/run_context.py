@@ -143,11 +143,6 @@ class RunContext:
         self.out.line(f"Workers: {len(client.nthreads())} at {self.dask}")
         return client
 
-    def prepare(self, output: Path, *figures: Path) -> Path:
-        """Refuse outputs that cannot be written; return the folder of finished subjects."""
-        self.require_files(output, *figures)
-        return self.partial_folder(output)
-
     def partial_folder(self, output: Path) -> Path:
         """The folder beside the output for finished subjects.
 
