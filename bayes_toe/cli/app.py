@@ -19,7 +19,7 @@ from bayes_toe.cli import (
     study_commands,
     view_commands,
 )
-from bayes_toe.cli.options import HELP, complete_example
+from bayes_toe.cli.options import LAYOUT, complete_example
 from bayes_toe.cli.run_context import as_command
 from bayes_toe.cli.terminal import TYPED
 
@@ -47,6 +47,16 @@ COMMANDS = {
     ),
 }
 
+#: Former names of options.
+FORMER_OPTIONS = {
+    "--turn": "--swap",
+    "--leave-out": "--exclude",
+    "--pictures": "--figures",
+    "--data-sets": "--simulated",
+    "--population": "--observers",
+    "--coordinates": "--parameters",
+}
+
 
 class Commands(TyperGroup):
     """The commands, of which the words that were typed are kept."""
@@ -55,7 +65,7 @@ class Commands(TyperGroup):
         """The command that the first argument names; former names of options become today's."""
         for i, word in enumerate(args):
             option, sign, value = word.partition("=")
-            args[i] = f"{HELP['former'].get(option, option)}{sign}{value}"
+            args[i] = f"{FORMER_OPTIONS.get(option, option)}{sign}{value}"
         TYPED[:] = args
         return super().resolve_command(ctx, args)
 
@@ -74,7 +84,8 @@ class Command(TyperCommand):
             if parameter.param_type_name == "argument" or parameter.name == "help":
                 # Otherwise the help shows Python's type, `<list[Path]>`.
                 parameter.display_type_rich = lambda ctx: ""
-            if parameter.hidden:
+            if self.name != "check" and getattr(parameter, "rich_help_panel", None) == LAYOUT:
+                parameter.hidden = True
                 self.epilog = "Files in another layout, other codes: bayes-toe check --help"
         super().format_help(ctx, formatter)
 

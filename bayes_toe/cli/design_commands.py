@@ -9,11 +9,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import File, Number, Text
-from bayes_toe.cli.run_context import RunContext
+from bayes_toe.cli.options import (
+    NUMBER,
+    File,
+    Number,
+    OutputFolder,
+    Question,
+    Text,
+    file_name,
+    option,
+    rare,
+    writes,
+)
+from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.data.messages import join_names, plural, quoted
 from bayes_toe.data.stimulus_unit import ANY_UNIT
 from bayes_toe.errors import Remedy
@@ -28,6 +41,9 @@ if TYPE_CHECKING:
 
 _POWER_FIGURES = ("power.png", "power.pdf")
 _POWER_FILES = ("power.csv", "power_data_sets.csv", "power_groups.csv", *_POWER_FIGURES)
+Observers = Annotated[Text, rare("--observers", "NAME", "Kind of observers, or a file.")]
+Simulated = Annotated[int, rare("--simulated", NUMBER, "Simulated observers of each kind.", min=1)]
+Unit = Annotated[Text, option("--unit", "UNIT", "Unit of the stimuli: um, dB, log10, ...")]
 
 
 # --- power ----------------------------------------------------------------------------------------
@@ -37,12 +53,14 @@ _POWER_FILES = ("power.csv", "power_data_sets.csv", "power_groups.csv", *_POWER_
 class StudyPlan:
     """The studies that are simulated: their tasks, trials, subjects and observers."""
 
-    questions: str = "2afc"
-    unit: Text = None
-    trials: str = "240,480,960"
-    subjects: Text = None
-    simulated: int = 50
-    observers: Text = None
+    questions: Annotated[
+        str, option("--task", "TASK,TASK", "2afc (default), same/different, ternary")
+    ] = "2afc"
+    unit: Unit = None
+    trials: Annotated[str, option("--trials", "N,N", "Trials of each subject.")] = "240,480,960"
+    subjects: Annotated[Text, option("--subjects", "N,N", "Numbers of subjects in a study.")] = None
+    simulated: Simulated = 50
+    observers: Observers = None
 
     def designs(self, files: Sequence[Path]) -> Mapping[str, StudyDesign]:
         """Designs by the names of their files and, of several tasks, the name of the task."""
@@ -56,10 +74,16 @@ class StudyPlan:
 
 def power(
     *,
-    design: list[Path] | None = None,
-    output: Path = Path("power"),
+    design: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[DESIGN.csv]...",
+            help="Designs with columns s1,s2,n_trials.",
+        ),
+    ] = None,
+    output: OutputFolder = Path("power"),
     plan: StudyPlan,
-    context: RunContext,
+    context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Estimate how often a design detects an order effect.
 
@@ -160,18 +184,34 @@ def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
 class SearchOptions:
     """The trials and the goal of a design, and the pairs that can be presented."""
 
-    trials: int = 480
-    question: str = "2afc"
-    lowest: Number = None
-    highest: Number = None
-    unit: Text = None
-    even: bool = False
-    step: Text = None
-    levels: File = None
-    intensity: Number = None
-    max_pairs: int = 26
-    aim: str = "order-effect"
-    keep: File = None
+    trials: Annotated[int, option("--trials", NUMBER, "Trials of each subject.", min=1)] = 480
+    question: Question = "2afc"
+    lowest: Annotated[
+        Number, option("--lowest", NUMBER, "Weakest stimulus, in ln or in --unit.")
+    ] = None
+    highest: Annotated[Number, option("--highest", NUMBER, "Strongest stimulus.")] = None
+    unit: Unit = None
+    even: Annotated[bool, rare("--even", "", "Spread the trials evenly over the range.")] = False
+    step: Annotated[
+        Text, rare("--step", "STEP", "Step between levels: 5%, or a number in the unit.")
+    ] = None
+    levels: Annotated[File, rare("--levels", "levels.csv", "File of levels to choose from.")] = None
+    intensity: Annotated[Number, rare("--intensity", "REF", "Without --unit: s = ln(i / REF).")] = (
+        None
+    )
+    max_pairs: Annotated[int, rare("--max-pairs", NUMBER, "Largest number of pairs.")] = 26
+    aim: Annotated[
+        str,
+        rare(
+            "--for",
+            "NAME",
+            "order-effect (default), constant-error or contraction.",
+            show_default=False,
+        ),
+    ] = "order-effect"
+    keep: Annotated[File, rare("--keep", "DESIGN.csv", "Pairs that the design must include.")] = (
+        None
+    )
 
     def log_levels(self) -> FloatArray:
         """Levels, natural-log intensity."""
@@ -224,19 +264,29 @@ class SearchOptions:
 class ListOptions:
     """A list of the trials of a given design, in their order."""
 
-    list_output: File = None
-    blocks: int = 10
-    subjects: int = 1
-    conditions: Text = None
+    list_output: Annotated[
+        File, option("--list", "trials.csv", "List of trials for the experiment.")
+    ] = None
+    blocks: Annotated[int, rare("--blocks", NUMBER, "Number of blocks in --list.", min=1)] = 10
+    subjects: Annotated[
+        int, option("--subjects", NUMBER, "Number of subjects in --list.", min=1)
+    ] = 1
+    conditions: Annotated[Text, rare("--conditions", "left,right", "Conditions in --list.")] = None
 
 
 def design(
     *,
-    file: File = None,
-    output: Path = Path("design.csv"),
+    file: Annotated[
+        File,
+        typer.Argument(
+            metavar="[DESIGN.csv]",
+            help="Design for --list.",
+        ),
+    ] = None,
+    output: Annotated[Path, writes("FILE.csv", "Output design.")] = Path("design.csv"),
     search: SearchOptions,
-    simulated: int = 32,
-    observers: Text = None,
+    simulated: Simulated = 32,
+    observers: Observers = None,
     lists: ListOptions,
     context: RunContext,
 ) -> None:
@@ -361,24 +411,44 @@ def _list_trials(
 class SimulatedStudy:
     """The pairs of a simulated study, how often each is shown, and its observers."""
 
-    design: str = "reference"
-    unit: Text = None
-    trials: int | None = None
-    batches: int = 50
-    amplitudes: Text = None
-    subjects: int = 16
-    kind: str = "paper"
-    carry_over: float = 0.0
-    missed: float = 0.0
-    conditions: Text = None
-    differ: Text = None
-    question: str = "2afc"
+    design: Annotated[str, option("--design", "NAME", "Pairs: reference, full, or a CSV file.")] = (
+        "reference"
+    )
+    unit: Unit = None
+    trials: Annotated[
+        int | None,
+        option("--trials", NUMBER, "Trials of each subject (default: 50 per pair).", min=1),
+    ] = None
+    batches: Annotated[
+        int, rare("--batches", NUMBER, "Repetitions of each pair, without --trials.", min=1)
+    ] = 50
+    amplitudes: Annotated[
+        Text, rare("--amplitudes", "N,N", "Stimuli in the unit (default: the paper's).")
+    ] = None
+    subjects: Annotated[int, option("--subjects", NUMBER, "Number of observers.", min=1)] = 16
+    kind: Annotated[str, option("--observers", "NAME", "Observers: paper, both, or a file.")] = (
+        "paper"
+    )
+    carry_over: Annotated[
+        float, rare("--carry-over", NUMBER, "Carry-over from trial to trial, 0 to 1.")
+    ] = 0.0
+    missed: Annotated[float, rare("--missed", NUMBER, "Share of trials without a response.")] = 0.0
+    conditions: Annotated[
+        Text, option("--conditions", "left,right", "Conditions, each with all pairs.")
+    ] = None
+    differ: Annotated[Text, rare("--differ", "NAME=MEAN", "Difference between the conditions.")] = (
+        None
+    )
+    question: Question = "2afc"
 
 
 def simulate(
     *,
-    output: Path,
-    truth_output: File = None,
+    output: Annotated[Path, writes("FILE.csv", "Output table of trials.")],
+    truth_output: Annotated[
+        File,
+        option("--truth", "FILE.csv", "Write the true parameters, too.", parser=file_name),
+    ] = None,
     study: SimulatedStudy,
     context: RunContext,
 ) -> None:

@@ -8,22 +8,40 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import bayes_toe as bt
-from bayes_toe.cli.options import File, StudyFile, Texts
-from bayes_toe.cli.run_context import RunContext
+from bayes_toe.cli.options import (
+    DrawCount,
+    File,
+    OutputTableAndFigure,
+    StudyFile,
+    Texts,
+    option,
+    rare,
+    writes,
+)
+from bayes_toe.cli.run_context import MODEL, RunContext
+
+#: Written out, so that help does not import SciPy.
+_HYPERPRIOR = r"Prior file with \[group.PARAMETER] sections."
 
 
 def population(
     *,
     study: StudyFile,
-    output: Path = Path("population.nc"),
-    covariates: File = None,
-    categorical: Texts = None,
-    hyperprior: File = None,
-    draws: int = 3200,
-    context: RunContext,
+    output: Annotated[
+        Path, writes("FILE.nc", "Output draws. Tables and figure are beside them.")
+    ] = Path("population.nc"),
+    covariates: Annotated[
+        File, option("--covariates", "FILE.csv", "Table with subjects and covariates.")
+    ] = None,
+    categorical: Annotated[
+        Texts, rare("--categorical", "NAME", "Covariate whose numbers are names; repeatable.")
+    ] = None,
+    hyperprior: Annotated[File, rare("--hyperprior", "FILE.toml", _HYPERPRIOR)] = None,
+    draws: DrawCount = 3200,
+    context: Annotated[RunContext, "seed", "overwrite"],
 ) -> None:
     """Estimate the group mean and the SD between subjects.
 
@@ -79,8 +97,8 @@ def _population_files(output: Path) -> list[Path]:
 def contrast(
     *,
     study: StudyFile,
-    output: Path = Path("contrast.csv"),
-    context: RunContext,
+    output: OutputTableAndFigure = Path("contrast.csv"),
+    context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
     """Compare the conditions, or the tasks, of each subject.
 
@@ -128,8 +146,8 @@ def contrast(
 def history(
     *,
     study: StudyFile,
-    output: Path = Path("history.csv"),
-    context: RunContext,
+    output: OutputTableAndFigure = Path("history.csv"),
+    context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Estimate serial dependence, the effect of the previous trial.
 

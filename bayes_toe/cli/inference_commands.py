@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import bayes_toe as bt
-from bayes_toe.cli.options import StudyFile
-from bayes_toe.cli.run_context import RunContext
+from bayes_toe.cli.options import OutputFolder, OutputTable, StudyFile, flag, option, rare, writes
+from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.cli.terminal import (
     Terminal,
     names_to_show,
@@ -34,10 +34,12 @@ _HEADINGS = {
 def run(
     *,
     study: StudyFile,
-    output: Path = Path("bayes_toe_results"),
-    figures: str = "all",
-    explore: bool = False,
-    context: RunContext,
+    output: OutputFolder = Path("bayes_toe_results"),
+    figures: Annotated[
+        str, rare("--figures", "all|flagged|none", "Subjects that get figures.")
+    ] = "all",
+    explore: Annotated[bool, flag("--explore", "Write explorer.html, too.")] = False,
+    context: Annotated[RunContext, *MODEL, "draws", "resume"],
 ) -> None:
     """Estimate the order effects of every subject and of the group.
 
@@ -113,9 +115,11 @@ def _print_conclusion(
 def sample(
     *,
     study: StudyFile,
-    output: Path = Path("posterior.nc"),
-    model: str = "paper",
-    context: RunContext,
+    output: Annotated[Path, writes("FILE.nc", "Output draws.")] = Path("posterior.nc"),
+    model: Annotated[
+        str, option("--model", "MODEL", "Model: none, constant-error, contraction, both or paper.")
+    ] = "paper",
+    context: Annotated[RunContext, *MODEL, "draws", "resume"],
 ) -> None:
     """Sample the posterior of one model for every subject.
 
@@ -164,8 +168,8 @@ def _require_fitting(
 def evidence(
     *,
     study: StudyFile,
-    output: Path = Path("evidence.csv"),
-    context: RunContext,
+    output: OutputTable = Path("evidence.csv"),
+    context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
     """Compute model evidences and order effects of every subject.
 

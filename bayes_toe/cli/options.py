@@ -1,4 +1,4 @@
-"""The options of the command line: what help says about them, and the options of a study.
+"""The command-line options that several commands share, each declared once.
 
 `StudyFile` has the options that name the files of a study and say how to read them. It asks for a
 file if none is given, and reads the study.
@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import os
 import sys
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from glob import glob
-from importlib.resources import files
 from inspect import Parameter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,58 +30,38 @@ Text = str | None
 Texts = list[str] | None
 File = Path | None
 Number = float | None
+#: A number as help shows it.
+NUMBER = "N"
 #: The panel of options that only the help of `check` lists.
 LAYOUT = "Files in another layout"
-#: What help says about each option, by the function or the record that has the option.
-HELP: dict[str, dict[str, Any]] = tomllib.loads(
-    (files("bayes_toe.cli") / "options.toml").read_text(encoding="utf-8")
-)
-#: The options for files in another layout that are no texts.
-_LAYOUT_KINDS: dict[str, Any] = {
-    "intensity": Number,
-    "missed": Texts,
-    "ignore": Texts,
-    "where": Texts,
-    "columns": Texts,
-    "standard_first": bool,
-    "categorical_condition": bool,
-}
 
 
-def help_of(owner: str, name: str) -> dict[str, Any]:
-    """What help says about an option of a function or a record."""
-    return HELP["shared"].get(name, {}) | HELP.get(owner, {}).get(name, {})
+def option(name: str, metavar: str, help_text: str, panel: str | None = None, **limits: Any) -> Any:
+    """An option with a value, in a panel of help."""
+    return typer.Option(name, metavar=metavar, help=help_text, rich_help_panel=panel, **limits)
 
 
-def typed_option(
-    parameter: Parameter,
-    *,
-    names: str = "",
-    panel: str | None = None,
-    writes: str = "",
-    argument: bool = False,
-    **settings: Any,
-) -> Parameter:
-    """A parameter as Typer makes an option, or an argument, of it; `settings` are Typer's."""
-    if writes:
-        settings["parser"] = {"file": file_name, "folder": folder_name}[writes]
-    if argument:
-        declaration = typer.Argument(**settings)
-    else:
-        option = names or f"--{parameter.name.replace('_', '-')}"
-        declaration = typer.Option(*option.split(), rich_help_panel=panel, **settings)
-    return parameter.replace(
-        kind=Parameter.KEYWORD_ONLY, annotation=Annotated[parameter.annotation, declaration]
-    )
+def flag(name: str, help_text: str) -> Any:
+    """An option without a value."""
+    return option(name, "", help_text)
 
 
-def layout_options(command: str) -> Iterator[Parameter]:
-    """The parameters that say how to read files in another layout; the help of `check` has them."""
-    for name, settings in HELP["layout"].items():
-        kind = _LAYOUT_KINDS.get(name, Text)
-        default = False if kind is bool else None
-        parameter = Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
-        yield typed_option(parameter, panel=LAYOUT, hidden=command != "check", **settings)
+#: An option that few need.
+rare = partial(option, panel="Advanced")
+
+DrawCount = Annotated[int, rare("--draws", NUMBER, "Number of effective draws.", min=1, max=10**6)]
+TrueValues = Annotated[
+    File, rare("--truth", "truth.csv", "True values to mark, as simulate writes them.")
+]
+Question = Annotated[
+    str,
+    option(
+        "--task",
+        "TASK",
+        "2afc (default), same/different, ternary",
+        show_default=False,
+    ),
+]
 
 
 def complete_example(words: list[str]) -> list[str]:
@@ -102,6 +81,12 @@ def complete_example(words: list[str]) -> list[str]:
     return words
 
 
+def writes(metavar: str, help_text: str) -> Any:
+    """The option that names what is written."""
+    parser = folder_name if metavar == "DIR" else file_name
+    return typer.Option("-o", "--output", metavar=metavar, help=help_text, parser=parser)
+
+
 def folder_name(value: str | Path) -> Path:
     """The name of a folder that is written; a default is a path already."""
     if str(value) == "-":
@@ -116,24 +101,78 @@ def file_name(value: str | Path) -> Path:
     return folder_name(value)
 
 
+#: Outputs that several commands have.
+OutputFolder = Annotated[Path, writes("DIR", "Output folder.")]
+OutputTable = Annotated[Path, writes("FILE.csv", "Output table.")]
+OutputTableAndFigure = Annotated[Path, writes("FILE.csv", "Output table. The figure is FILE.png.")]
 #: The error of a command without a file; :func:`~bayes_toe.cli.run_context.as_command` adds what to
 #: type.
 NO_FILE = "No file is named."
 #: The task of the bundled example that `--example` alone means.
 FIRST_EXAMPLE = "2afc"
+#: The options for files in another layout, with the type, the sign and the help of their values.
+LAYOUT_OPTIONS = {
+    "intensity": (Number, "REF", "Intensities: s = ln(i / REF)."),
+    "unit": (Text, "UNIT", "Unit: dB, dB-power, ln, g, ..."),
+    "equal_code": (Text, "CODE", "The code for 'equal'."),
+    "different_code": (Text, "CODE", "The code for 'different'."),
+    "second_code": (Text, "CODE", "The code for 'second'."),
+    "first_code": (Text, "CODE", "The code for 'first'."),
+    "correct": (Text, "COLUMN", "Column with correct or wrong."),
+    "missed": (Texts, "CODE", "The code of missed trials."),
+    "ignore": (Texts, "COLUMN", "Column to ignore; repeatable."),
+    "task": (Text, "TASK", "same/different, 2afc or ternary."),
+    "where": (Texts, "COLUMN=TEXT", "Rows to read; repeatable."),
+    "subject_from": (Text, "NAME", "Subject in the name: 'sub-{}_*'."),
+    "columns": (Texts, "OURS=THEIRS", "Your column names: s1=first,..."),
+    "standard_interval": (Text, "COLUMN", "Interval of the standard."),
+    "comparison_interval": (Text, "COLUMN", "Interval of the comparison."),
+    "standard_first_code": (Text, "CODE", "The code for 'standard first'."),
+    "standard_first": (bool, "", "The standard was always first."),
+    "comparison_code": (Text, "CODE", "The code for 'comparison'."),
+    "wide": (Text, "PATTERN", "Pairs as '{first}_{second}'."),
+    "decimal": (Text, "SIGN", "Decimal sign: . or ,"),
+    "sheet": (Text, "NAME", "Sheet of an Excel file."),
+    "encoding": (Text, "NAME", "Encoding, such as cp1252."),
+    "condition": (Text, "COLUMN", "Column of the condition."),
+    "reference": (Text, "LEVEL", "Level to compare others with."),
+    "categorical_condition": (bool, "", "Take numeric levels as names."),
+}
+
+
+def layout_options() -> Iterator[Parameter]:
+    """The parameters of a command that say how to read files in another layout."""
+    for name, (kind, metavar, help_text) in LAYOUT_OPTIONS.items():
+        typed = option(f"--{name.replace('_', '-')}", metavar, help_text, LAYOUT)
+        default = False if kind is bool else None
+        parameter = Parameter(name, Parameter.KEYWORD_ONLY, default=default)
+        yield parameter.replace(annotation=Annotated[kind, typed])
 
 
 @dataclass(frozen=True)
 class StudyFile:
     """The study of a command: files and how to read them, or a bundled example.
 
-    `reading` has the values of :func:`layout_options`.
+    `reading` has the values of :data:`LAYOUT_OPTIONS`.
     """
 
-    files: list[Path] | None = None
-    example: Text = None
-    swap: Texts = None
-    exclude: Texts = None
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="STUDY.csv...",
+            help="Files with columns subject,s1,s2,response.",
+            show_default=False,
+        ),
+    ] = None
+    example: Annotated[
+        Text, option("--example", "TASK", "Example data: 2afc or same-different.")
+    ] = None
+    swap: Annotated[
+        Texts, option("--swap", "A08:2,4", "Swap a subject's responses; repeatable.")
+    ] = None
+    exclude: Annotated[
+        Texts, option("--exclude", "A08:2,4", "Exclude a subject or blocks; repeatable.")
+    ] = None
     reading: Mapping[str, Any] = field(default_factory=dict)
 
     def ask(self) -> StudyFile:

@@ -12,23 +12,26 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, wraps
 from inspect import Parameter
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_type_hints
 
 import typer
 
 from bayes_toe.cli.options import (
-    HELP,
+    LAYOUT_OPTIONS,
     NO_FILE,
+    NUMBER,
+    DrawCount,
     StudyFile,
     Text,
-    help_of,
+    flag,
     layout_options,
-    typed_option,
+    option,
+    rare,
 )
 from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal, describe_study
 from bayes_toe.data.messages import format_path, plural, visible
@@ -47,20 +50,33 @@ if TYPE_CHECKING:
     from bayes_toe.workers import Workers
 
 Result = TypeVar("Result")
+#: The fields of :class:`RunContext` that are options of commands with several processes, and of
+#: those that use a model too. The annotation of a command names the fields that the command has;
+#: all have `quiet`.
+WORKERS = ("processes", "dask", "overwrite")
+MODEL = ("seed", "prior", *WORKERS)
 
 
 @dataclass(frozen=True)
 class RunContext:
     """The shared options, in the order in which help lists them, and the files that are read."""
 
-    seed: int | None = None
-    draws: int = 4000
-    processes: int | None = None
-    dask: Text = None
-    prior: Text = None
-    resume: bool = False
-    overwrite: bool = False
-    quiet: bool = False
+    seed: Annotated[
+        int | None, option("--seed", NUMBER, "Random seed, printed and stored.", min=0)
+    ] = None
+    draws: DrawCount = 4000
+    processes: Annotated[
+        int | None, rare("--workers", NUMBER, "Processes (default: all cores).", min=1)
+    ] = None
+    dask: Annotated[Text, rare("--dask", "tcp://HOST:PORT", "Use a Dask cluster.")] = None
+    prior: Annotated[Text, option("--prior", "PRIOR", "Prior: default, paper, or a TOML file.")] = (
+        None
+    )
+    resume: Annotated[bool, flag("--resume", "Continue a stopped command.")] = False
+    overwrite: Annotated[bool, flag("--overwrite", "Replace existing output.")] = False
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print errors only.")] = (
+        False
+    )
     inputs: tuple[Path, ...] = ()
 
     # --- what is read -----------------------------------------------------------------------------
@@ -227,21 +243,20 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     """The function as the command line calls it.
 
     A parameter that is a record becomes one option for each of its fields, and the function
-    receives the record. A :class:`RunContext` has options only for the fields that options.toml
-    names for the command. Our errors become lines on standard error and exit code 2. Any other
-    exception is a bug and shows its traceback.
+    receives the record. A :class:`RunContext` has options only for the fields that the annotation
+    names. Our errors become lines on standard error and exit code 2. Any other exception is a bug
+    and shows its traceback.
     """
     signature = inspect.signature(function, eval_str=True)
     records: dict[str, Any] = {}
     parameters = []
     for name, parameter in signature.parameters.items():
-        kind = parameter.annotation
+        kind, *names = get_args(parameter.annotation) or [parameter.annotation]
+        options = [parameter]
         if is_dataclass(kind):
-            options = _options(kind, function.__name__)
+            options = _options(kind, names)
             records[name] = kind, [option.name for option in options]
-            parameters += options
-        else:
-            parameters.append(typed_option(parameter, **help_of(function.__name__, name)))
+        parameters += options
 
     @wraps(function)
     def command(**values: Any) -> None:
@@ -253,7 +268,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
                 if kind is RunContext:
                     of_record["inputs"] = inputs
                 if kind is StudyFile:
-                    of_record["reading"] = {key: of_record.pop(key) for key in HELP["layout"]}
+                    of_record["reading"] = {key: of_record.pop(key) for key in LAYOUT_OPTIONS}
                 values[name] = kind(**of_record)
                 if kind is StudyFile:
                     inputs += values[name].data_files()
@@ -279,17 +294,20 @@ def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
     return tuple(paths)
 
 
-def _options(record: Any, command: str) -> list[Parameter]:
-    """A parameter for each field of a record that the command has."""
-    fields = inspect.signature(record, eval_str=True).parameters
-    names = [name for name in fields if name != "reading"]
-    if record is RunContext:
-        names = HELP["commands"][command]
+def _options(kind: Any, names: Sequence[str]) -> list[Parameter]:
+    """A parameter for each field of a record; a RunContext has only those that are named."""
+    hints = get_type_hints(kind, include_extras=True)
     options = []
-    for name in names:
-        options.append(typed_option(fields[name], **help_of(record.__name__, name)))
-    if record is StudyFile:
-        options += layout_options(command)
+    for field in fields(kind):
+        is_shared = field.name in (*names, "quiet")
+        if (kind is not RunContext or is_shared) and field.name != "reading":
+            annotation = hints[field.name]
+            parameter = Parameter(
+                field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=annotation
+            )
+            options.append(parameter)
+    if kind is StudyFile:
+        options += layout_options()
     return options
 
 

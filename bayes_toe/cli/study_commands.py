@@ -8,11 +8,19 @@ from __future__ import annotations
 
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import bayes_toe as bt
-from bayes_toe.cli.options import File, StudyFile
-from bayes_toe.cli.run_context import RunContext
+from bayes_toe.cli.options import (
+    NUMBER,
+    File,
+    OutputTable,
+    StudyFile,
+    file_name,
+    option,
+    rare,
+)
+from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.cli.terminal import Terminal, notes_of, number, without_zeros
 from bayes_toe.data.messages import format_p_value
 
@@ -41,11 +49,16 @@ def check(
 def fit(
     *,
     study: StudyFile,
-    output: Path = Path("fit.csv"),
-    replicates: int = 400,
-    level: float = 0.95,
-    asymmetry_output: File = None,
-    context: RunContext,
+    output: OutputTable = Path("fit.csv"),
+    replicates: Annotated[
+        int, rare("--replicates", NUMBER, "Bootstrap replicates.", min=1, max=10**6)
+    ] = 400,
+    level: Annotated[float, rare("--level", NUMBER, "Coverage of bootstrap intervals.")] = 0.95,
+    asymmetry_output: Annotated[
+        File,
+        option("--asymmetry", "FILE.csv", "Write the test of each pair, too.", parser=file_name),
+    ] = None,
+    context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Fit the paper's model, and test each pair for an order effect.
 

@@ -12,13 +12,21 @@ from functools import partial
 from itertools import chain
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import File, Texts
-from bayes_toe.cli.run_context import RunContext
+from bayes_toe.cli.options import (
+    NUMBER,
+    OutputFolder,
+    Texts,
+    TrueValues,
+    flag,
+    option,
+    writes,
+)
+from bayes_toe.cli.run_context import WORKERS, RunContext
 from bayes_toe.data.messages import display_name, join_names, plural, quoted
 
 if TYPE_CHECKING:
@@ -27,11 +35,17 @@ if TYPE_CHECKING:
 
 def explore(
     *,
-    posteriors: list[Path],
-    output: Path = Path("explorer.html"),
-    subject: Texts = None,
-    truth: File = None,
-    context: RunContext,
+    posteriors: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="posterior.nc...",
+            help="Draws saved by run or sample.",
+        ),
+    ],
+    output: Annotated[Path, writes("FILE.html", "Output page.")] = Path("explorer.html"),
+    subject: Annotated[Texts, option("--subject", "NAME", "Only this subject; repeatable.")] = None,
+    truth: TrueValues = None,
+    context: Annotated[RunContext, "overwrite"],
 ) -> None:
     """Write a page that shows saved draws in a browser.
 
@@ -80,14 +94,22 @@ def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[
 
 def corner(
     *,
-    posterior: Path,
-    output: Path = Path("corner"),
-    subject: Texts = None,
-    parameters: str = "natural",
-    show_prior: bool = False,
-    truth: File = None,
-    ending: str = "png",
-    context: RunContext,
+    posterior: Annotated[
+        Path, typer.Argument(metavar="posterior.nc", help="Draws saved by run or sample.")
+    ],
+    output: OutputFolder = Path("corner"),
+    subject: Annotated[
+        Texts,
+        option("--subject", "NAME", "Only this subject; repeatable, 2 to 4 in one figure."),
+    ] = None,
+    parameters: Annotated[
+        str,
+        option("--parameters", "gain,mu1", "Parameters: natural, identified, or their names."),
+    ] = "natural",
+    show_prior: Annotated[bool, flag("--show-prior", "Show the prior in grey.")] = False,
+    truth: TrueValues = None,
+    ending: Annotated[str, option("--format", "NAME", "Format: png, pdf or svg.")] = "png",
+    context: Annotated[RunContext, *WORKERS],
 ) -> None:
     """Draw corner plots of saved draws.
 
@@ -156,8 +178,12 @@ def _save_corner(file: Path, draws: bt.Draws, subjects: Sequence[str], **options
 
 def app(
     *,
-    folder: Path = Path("~/bayes_toe_app"),
-    port: int = 8750,
+    folder: Annotated[Path, option("--folder", "DIR", "Folder of the studies.")] = Path(
+        "~/bayes_toe_app"
+    ),
+    port: Annotated[
+        int, option("--port", NUMBER, "Port of the page. 0 means a free port.", min=0, max=65535)
+    ] = 8750,
     context: RunContext,
 ) -> None:
     """Analyse studies on a web page of this computer.
