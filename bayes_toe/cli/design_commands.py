@@ -288,7 +288,7 @@ def design(
     simulated: Simulated = 32,
     observers: Observers = None,
     lists: ListOptions,
-    context: RunContext,
+    context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Find the pairs that show an order effect best.
 
@@ -450,7 +450,7 @@ def simulate(
         option("--truth", "FILE.csv", "Write the true parameters, too.", parser=file_name),
     ] = None,
     study: SimulatedStudy,
-    context: RunContext,
+    context: Annotated[RunContext, "seed", "overwrite"],
 ) -> None:
     """Simulate a study with known order effects.
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 def check(
     *,
     study: StudyFile,
-    context: RunContext,
+    context: Annotated[RunContext, "prior"],
 ) -> None:
     """Check the data, the design and the responses of a study.
 
