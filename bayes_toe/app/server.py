@@ -48,11 +48,14 @@ LARGEST_UPLOAD = 64 * 2**20  # bytes; page.js checks it too
 HEADER = "X-Bayes-Toe"
 #: Seconds that reading may take, and that a run may take to end.
 READING_TIME, ENDING_TIME = 120, 15
-_POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
-    "connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'"
-)
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self' data:; connect-src 'self'; frame-src 'self'; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
 #: The report has scripts inside, so that it gets an origin of its own.
 _REPORT_POLICY = "sandbox allow-scripts allow-downloads; frame-ancestors 'self'"
 
@@ -76,11 +79,6 @@ class Site:
     def host(self) -> str:
         """The host of every request."""
         return f"{ADDRESS}:{self.port}"
-
-    @property
-    def address(self) -> str:
-        """The address that is printed."""
-        return f"http://{self.host}/?token={self.token}"
 
     @property
     def cookie(self) -> str:
@@ -142,10 +140,8 @@ class Handler(RequestHandler):
     def set_default_headers(self) -> None:
         """Keep pages out of caches, frames and other origins."""
         self.clear_header("Server")
-        self.set_header("Content-Security-Policy", _POLICY)
-        self.set_header("X-Content-Type-Options", "nosniff")
-        self.set_header("Referrer-Policy", "no-referrer")
-        self.set_header("Cache-Control", "no-store")
+        for name, value in _HEADERS.items():
+            self.set_header(name, value)
 
     def prepare(self) -> None:
         """Refuse foreign requests."""
@@ -374,7 +370,7 @@ async def _serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
     signals: asyncio.Queue[int] = asyncio.Queue()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         asyncio.get_running_loop().add_signal_handler(number, signals.put_nowait, number)
-    ready(site.address)
+    ready(f"http://{site.host}/?token={site.token}")
     first = await signals.get()
     server.stop()
     await site.stop()

@@ -57,7 +57,10 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     both_codes = [*subjects, *inverted]
 
     observer, swapped = np.split(_log_evidence(both_codes), 2)
-    guesses = np.array([_guessing_evidence(subject) for subject in subjects])
+    n_yes = np.array([subject.n_yes.sum() for subject in subjects])
+    n_trials = np.array([subject.total_trials for subject in subjects])
+    # One probability for all trials, which is uniform.
+    guesses = betaln(n_yes + 1.0, n_trials - n_yes + 1.0)
     other = np.full(len(subjects), -np.inf)  # three answers are those of no other task
     if study.task in OTHER_TASK:
         as_other = [replace(subject, task=OTHER_TASK[study.task]) for subject in both_codes]
@@ -84,12 +87,6 @@ def _is_doubtful(subject: Subject) -> bool:
     # Without any variance, all pairs differ by as much. Beyond 5 standard errors of an expected
     # trend, no other explanation can win.
     return variance == 0.0 or covariance / math.sqrt(variance) < 5.0
-
-
-def _guessing_evidence(subject: Subject) -> float:
-    """Log evidence of one probability for all trials, which is uniform."""
-    n_yes = subject.n_yes.sum()
-    return float(betaln(n_yes + 1.0, subject.total_trials - n_yes + 1.0))
 
 
 def _log_evidence(subjects: Sequence[Subject]) -> FloatArray:

@@ -17,11 +17,11 @@ need no chi-square. The draws have a fixed seed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import compress, product
-from typing import NamedTuple, cast
+from typing import TypeAlias, cast
 
 import numpy as np
 from scipy.special import logit, logsumexp
@@ -52,24 +52,22 @@ OTHER_TASK = {WHICH_STRONGER: 5.0, SAME_DIFFERENT: 4.0}
 FEW_TRIALS = 60
 
 
-class FlagKind(NamedTuple):
-    """The words of a flag in tables, and whether the subject is interpreted all the same."""
-
-    words: str
-    is_interpretable: bool
-
-
-FLAG_KINDS = {
-    "repeated_trials": FlagKind("trials are repeated", False),
-    "one_answer": FlagKind("all responses are the same", False),
-    "other_task": FlagKind("responses look like another task", False),
-    "swapped_blocks": FlagKind("responses look swapped", False),
-    "reversed_answers": FlagKind("responses look reversed", False),
-    "independent_answers": FlagKind("responses say little about the stimuli", True),
-    "like_2afc": FlagKind("responses look like 2AFC, or a large constant error", True),
-    "block_dispersion": FlagKind("blocks differ", True),
-    "drift": FlagKind("responses drift", True),
-    "few_trials": FlagKind(f"fewer than {FEW_TRIALS} trials", True),
+#: The words that tables have for a flag after which a subject is not interpreted.
+FAULTS = {
+    "repeated_trials": "trials are repeated",
+    "one_answer": "all responses are the same",
+    "other_task": "responses look like another task",
+    "swapped_blocks": "responses look swapped",
+    "reversed_answers": "responses look reversed",
+}
+#: The words of all flags.
+FLAG_WORDS = {
+    **FAULTS,
+    "independent_answers": "responses say little about the stimuli",
+    "like_2afc": "responses look like 2AFC, or a large constant error",
+    "block_dispersion": "blocks differ",
+    "drift": "responses drift",
+    "few_trials": f"fewer than {FEW_TRIALS} trials",
 }
 
 _WINDOW = 16  # rows in sequence by which repeated trials are looked for
@@ -88,7 +86,7 @@ class Finding:
     subject : str
         Empty for the whole study.
     code : str
-        A key of :data:`FLAG_KINDS`, or a code of :mod:`bayes_toe.checks.design_checks`.
+        A key of :data:`FLAG_WORDS`, or a code of :mod:`bayes_toe.checks.design_checks`.
     message : str
         One sentence that says what to conclude.
     option : str
@@ -103,12 +101,15 @@ class Finding:
     @property
     def words(self) -> str:
         """The words that tables have for a problem of the responses."""
-        return FLAG_KINDS[self.code].words
+        return FLAG_WORDS[self.code]
 
     @property
     def is_interpretable(self) -> bool:
         """Whether a subject with this problem of the responses is interpreted all the same."""
-        return FLAG_KINDS[self.code].is_interpretable
+        return self.code not in FAULTS
+
+
+Findings: TypeAlias = Iterable[Finding]
 
 
 def answer_flags(study: Study) -> list[tuple[Finding, ...]]:
@@ -145,7 +146,7 @@ def not_interpreted(study: Study) -> dict[str, str]:
 
 @lru_cache(maxsize=4)
 def check_answers(study: Study) -> tuple[Finding, ...]:
-    """Findings about the responses of every subject, with codes of :data:`FLAG_KINDS`."""
+    """Findings about the responses of every subject, with codes of :data:`FLAG_WORDS`."""
     require_study(study)
     alternatives = compare_alternatives(study)
     other_task = _other_task(study, alternatives)
@@ -222,7 +223,9 @@ def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
     if n_rows < 2 * _WINDOW:
         return None
 
-    lag = _lag_to_first_copy(_row_codes(answers))
+    rows = np.column_stack([answers.keys, answers.counts.T])
+    _, codes = np.unique(rows, axis=0, return_inverse=True)
+    lag = _lag_to_first_copy(codes.ravel())
     run_start = run_starts(lag)
     run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
@@ -252,12 +255,6 @@ def _lag_to_first_copy(codes: IntArray) -> IntArray:
     return np.arange(len(windows)) - first[group]
 
 
-def _row_codes(answers: Answers) -> IntArray:
-    """A number for each row, the same for the same pair and answer."""
-    rows = np.column_stack([answers.keys, answers.counts.T])
-    return np.unique(rows, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
-
-
 def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     """How improbable it is that the same answer comes again, in nats, for each row.
 
@@ -281,9 +278,7 @@ def _agreement(k: IntArray, n: IntArray) -> FloatArray:
 # --- Other explanations --------------------------------------------------------------------------
 
 
-def _explained_otherwise(
-    subject: Subject, alternatives: Alternatives, n_subjects: int
-) -> Iterator[Finding]:
+def _explained_otherwise(subject: Subject, alternatives: Alternatives, n_subjects: int) -> Findings:
     """Swapped keys, or responses that say little about the stimuli."""
     best = max(alternatives)
     has_both_answers = _SELDOM < subject.fraction_yes < 1.0 - _SELDOM

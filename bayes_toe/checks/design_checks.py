@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 import unicodedata
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.checks.answer_checks import Finding, check_answers
+from bayes_toe.checks.answer_checks import Finding, Findings, check_answers
 from bayes_toe.checks.identification import CRITERION_NOTES, identify
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import looks_like
@@ -100,7 +100,7 @@ def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, 
 # --- The file ------------------------------------------------------------------------------------
 
 
-def _raw_stimuli(study: Study) -> Iterator[Finding]:
+def _raw_stimuli(study: Study) -> Findings:
     """Stimuli that cannot be natural logs. A file of them is refused when it is read."""
     if study.unit.name or "i1" in study.reading.read:
         return
@@ -116,7 +116,7 @@ def _raw_stimuli(study: Study) -> Iterator[Finding]:
         )
 
 
-def _two_scales(study: Study) -> Iterator[Finding]:
+def _two_scales(study: Study) -> Findings:
     """Stimuli in two groups that are far apart, as where some decimal points are missing.
 
     If the gap is wider than a factor of 100, and than twice all other gaps together, the rows are
@@ -190,7 +190,7 @@ def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
     return f"{text} {unit.of_stimuli}".rstrip()
 
 
-def _columns(reading: Reading) -> Iterator[Finding]:
+def _columns(reading: Reading) -> Findings:
     for ours in LOOKED_AT:
         alike = [name for name in reading.ignored if looks_like(name, ours)]
         if alike and ours not in reading.read:
@@ -205,7 +205,7 @@ def _columns(reading: Reading) -> Iterator[Finding]:
         yield Finding("", "columns_ignored", f"Ignored columns: {names}.")
 
 
-def _times(study: Study) -> Iterator[Finding]:
+def _times(study: Study) -> Findings:
     """A median pause that was probably meant in milliseconds; days may lie between sessions."""
     pauses = np.zeros(0)
     for subject in study:
@@ -226,7 +226,7 @@ def _times(study: Study) -> Iterator[Finding]:
 # --- Names ---------------------------------------------------------------------------------------
 
 
-def _similar_names(names: Iterable[str]) -> Iterator[Finding]:
+def _similar_names(names: Iterable[str]) -> Findings:
     """Names that are probably one subject's.
 
     They look the same but for case, invisible characters and spaces, or are the same number.
@@ -264,7 +264,7 @@ def _look(name: str) -> str:
 # --- The prior of the paper's model --------------------------------------------------------------
 
 
-def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
+def _prior_scale(study: Study, prior: Prior) -> Findings:
     """Stimuli in another unit than a prior of numbers.
 
     Hardly any sigma_p of such a prior is within a factor of 10 of the stimuli's steps, so evidence
@@ -291,7 +291,7 @@ def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
 # --- Pairs ---------------------------------------------------------------------------------------
 
 
-def identification_findings(study: Study) -> Iterator[Finding]:
+def identification_findings(study: Study) -> Findings:
     """Questions that cannot be told, with the reason, once if it holds for all subjects."""
     names_by_message = defaultdict[str, list[str]](list)
     for subject in study:
@@ -308,7 +308,7 @@ def identification_findings(study: Study) -> Iterator[Finding]:
             yield Finding(name, "not_identified", message)
 
 
-def _one_order(subject: Subject) -> Iterator[Finding]:
+def _one_order(subject: Subject) -> Findings:
     """A few pairs in one order among others that were shown in both."""
     presented = set(subject.pairs)
     lone = [pair for pair in subject.pairs if pair[::-1] not in presented]
@@ -321,7 +321,7 @@ def _one_order(subject: Subject) -> Iterator[Finding]:
     yield Finding(subject.name, "one_order", message)
 
 
-def _rounding(subject: Subject) -> Iterator[Finding]:
+def _rounding(subject: Subject) -> Findings:
     """Stimuli so near each other that they were meant to be the same."""
     stimuli, index = np.unique(subject.stimuli, return_inverse=True)
     gaps = np.diff(stimuli)
@@ -347,7 +347,7 @@ def _rounding(subject: Subject) -> Iterator[Finding]:
 # --- Conditions ----------------------------------------------------------------------------------
 
 
-def _conditions(study: Study) -> Iterator[Finding]:
+def _conditions(study: Study) -> Findings:
     """Findings that can look like a difference between conditions."""
     if study.conditions is None:
         return
@@ -377,7 +377,7 @@ def _conditions(study: Study) -> Iterator[Finding]:
         )
 
 
-def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Iterator[Finding]:
+def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Findings:
     means = [0.5 * np.average(unit.s1 + unit.s2, weights=unit.n_trials) for unit in units]
     scales = units[0].shared_scales
     distance = 0.0 if scales is None else np.ptp(means) / scales.spread

@@ -77,7 +77,14 @@ def identify(subject: Subject) -> Identification:
     notes: tuple[str, ...] = ()
     if subject.task in CRITERION_NOTES:
         notes = (CRITERION_NOTES[subject.task],)
-    reason = _no_question(subject)
+    order = _order_sign(subject.s1, subject.s2)
+    reason = ""
+    if not order.any():
+        reason = NO_DIFFERENCE
+    elif order.min() >= 0 or order.max() <= 0:
+        reason = ONE_ORDER
+    elif subject.answers is not None and _order_fills_blocks(subject.answers.answered):
+        reason = ORDER_IN_BLOCKS
     if reason:
         return Identification(dict.fromkeys(QUESTIONS, reason), notes)
     columns = (subject.s1, subject.s2, subject.n_trials)
@@ -90,18 +97,6 @@ def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
     difference = s2 - s1
     is_equal = np.abs(difference) <= ROUNDING * np.abs(difference).max()
     return np.where(is_equal, 0.0, np.sign(difference))
-
-
-def _no_question(subject: Subject) -> str:
-    """The reason why no question can be answered; empty if some can."""
-    order = _order_sign(subject.s1, subject.s2)
-    if not order.any():
-        return NO_DIFFERENCE
-    if order.min() >= 0 or order.max() <= 0:
-        return ONE_ORDER
-    if subject.answers is not None and _order_fills_blocks(subject.answers.answered):
-        return ORDER_IN_BLOCKS
-    return ""
 
 
 @lru_cache(maxsize=1024)

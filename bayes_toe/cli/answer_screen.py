@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import TypeAlias
 
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
@@ -25,10 +26,11 @@ from bayes_toe.cli.terminal import (
     names_to_show,
     repeated_command,
 )
-from bayes_toe.data.messages import capitalized, join_names
+from bayes_toe.data.messages import Texts, capitalized, join_names
 from bayes_toe.data.study import Study
 from bayes_toe.groups.population import PopulationResult
 
+OrderEffects: TypeAlias = Sequence[OrderEffect]
 _HEADINGS = (
     "subject",
     "order\neffect",
@@ -68,7 +70,7 @@ def flagged(
 # --- The screen ----------------------------------------------------------------------------------
 
 
-def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str) -> None:
+def print_subjects(out: Terminal, answers: OrderEffects, file: str) -> None:
     """A row for every subject, the reasons of `(a)`, and what needs action."""
     names = names_to_show([answer.subject for answer in answers], flagged(answers))
     selected = [answer for answer in answers if answer.subject in names]
@@ -127,7 +129,7 @@ def reason_letters(answers: Iterable[OrderEffect]) -> dict[str, str]:
     return letters
 
 
-def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str) -> None:
+def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
     """Print problems: those that need action with an option to type, then all others."""
     notes: dict[str, list[Note]] = {"!": [], "?": [], "-": []}
     options = []  # the first of each subject
@@ -171,10 +173,10 @@ def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
 
 def print_answer(
     out: Terminal,
-    answers: Sequence[OrderEffect],
+    answers: OrderEffects,
     study: Study,
-    group_lines: Sequence[str] = (),
-    closing: Sequence[str] = (),
+    group_lines: Texts = (),
+    closing: Texts = (),
     group: PopulationResult | None = None,
 ) -> None:
     """The answer of a study: counts, directions, the group, and what is not counted."""
@@ -185,22 +187,20 @@ def print_answer(
     out.answer([*dict.fromkeys(lines), " ".join([*not_counted(answers), *closing])])
 
 
-def answer_lines(
-    study: Study, answers: Sequence[OrderEffect], group: PopulationResult | None
-) -> list[str]:
+def answer_lines(study: Study, answers: OrderEffects, group: PopulationResult | None) -> list[str]:
     """The counts and directions of the answer of a study."""
     units = study.conditions is not None
     return study_lines(answers, group, synthetic=study.synthetic, units=units)
 
 
-def without_decision(answers: Sequence[OrderEffect], problems: Collection[str]) -> list[str]:
+def without_decision(answers: OrderEffects, problems: Collection[str]) -> list[str]:
     """A sentence that no subject needs a decision; empty if one does, or has another problem."""
     if len(answers) == 1 or problems or flagged(answers):
         return []
     return ["No subject needs a decision."]
 
 
-def not_counted(answers: Sequence[OrderEffect]) -> list[str]:
+def not_counted(answers: OrderEffects) -> list[str]:
     """A sentence that names the subjects that are not counted; empty if all are."""
     names = [answer.subject for answer in answers if not answer.is_interpretable]
     if not names or len(answers) == 1:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import textwrap
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import chain
 
 import bayes_toe as bt
-from bayes_toe.checks.answer_checks import Finding
+from bayes_toe.checks.answer_checks import Finding, Findings
 from bayes_toe.checks.design_checks import NOTES
 from bayes_toe.checks.identification import identify
 from bayes_toe.cli.terminal import (
@@ -59,8 +59,7 @@ def _print_task(
     separate = ("not_identified", *NOTES)
     out.findings(finding for finding in of_study if finding.code not in separate)
     notes = [finding.message for finding in of_study if finding.code in NOTES]
-    texts = [f"{capitalized(note.rstrip('.'))}." for note in (*study.notes[1:], *notes)]
-    out.notes((("", text, "") for text in texts), "-")
+    out.remarks(f"{capitalized(note.rstrip('.'))}." for note in (*study.notes[1:], *notes))
     return findings
 
 
@@ -89,7 +88,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
 
 
 def answer_of_check(
-    study: Study, findings: Sequence[Finding], by_subject: FindingsBySubject
+    study: Study, findings: Findings, by_subject: FindingsBySubject
 ) -> tuple[list[str], list[str]]:
     """What the design can show, the subjects that need a decision, and the next commands."""
     lines = _limits_of_design(study, findings)
@@ -124,7 +123,7 @@ def answer_of_check(
     return [*lines, decision + what_to_type], commands
 
 
-def _obstacle(study: Study, findings: Sequence[Finding]) -> str:
+def _obstacle(study: Study, findings: Findings) -> str:
     """Why nothing can be analysed yet; empty where something can."""
     codes = [finding.code for finding in findings]
     if "other_task" in codes:
@@ -138,7 +137,7 @@ def _obstacle(study: Study, findings: Sequence[Finding]) -> str:
     return ""
 
 
-def _limits_of_design(study: Study, findings: Sequence[Finding]) -> list[str]:
+def _limits_of_design(study: Study, findings: Findings) -> list[str]:
     """The effects that the design can show, and those that it cannot, with numbers of subjects."""
     all_subjects = plural(len(study), "subject")
     identified = [identify(subject) for subject in study]
@@ -182,7 +181,7 @@ def describe_pairs(study: Study) -> str:
     return f"Pairs: {', and '.join(parts)}"
 
 
-def _by_subject(findings: Sequence[Finding]) -> FindingsBySubject:
+def _by_subject(findings: Findings) -> FindingsBySubject:
     """The findings of each subject that has any, swapped blocks first: they may cause others."""
     by_subject = defaultdict(list)
     for finding in findings:

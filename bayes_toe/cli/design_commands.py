@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -49,6 +49,29 @@ Unit = Annotated[Text, option("--unit", "UNIT", "Unit of the stimuli: um, dB, lo
 # --- power ----------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class StudyPlan:
+    """The studies that are simulated: their tasks, trials, subjects and observers."""
+
+    questions: Annotated[
+        str, option("--task", "TASK,TASK", "2afc (default), same/different, ternary")
+    ] = "2afc"
+    unit: Unit = None
+    trials: Annotated[str, option("--trials", "N,N", "Trials of each subject.")] = "240,480,960"
+    subjects: Annotated[Text, option("--subjects", "N,N", "Numbers of subjects in a study.")] = None
+    simulated: Simulated = 50
+    observers: Observers = None
+
+    def designs(self, files: Sequence[Path]) -> Mapping[str, StudyDesign]:
+        """Designs by the names of their files and, of several tasks, the name of the task."""
+        designs = {}
+        for question in self.questions.split(","):
+            for name, design in _read_designs(files, question, self.unit).items():
+                task = f", {design.task.short_name}" if "," in self.questions else ""
+                designs[name + task] = design
+        return designs
+
+
 def power(
     *,
     design: Annotated[
@@ -59,16 +82,7 @@ def power(
         ),
     ] = None,
     output: OutputFolder = Path("power"),
-    questions: Annotated[
-        str, option("--task", "TASK,TASK", "2afc (default), same/different, ternary")
-    ] = "2afc",
-    unit: Unit = None,
-    trials: Annotated[str, option("--trials", "N,N", "Trials of each subject.")] = "240,480,960",
-    subjects: Annotated[
-        Text, option("--subjects", "N,N", "Numbers of subjects in a study.")
-    ] = None,
-    simulated: Simulated = 50,
-    observers: Observers = None,
+    plan: StudyPlan,
     context: Annotated[RunContext, *MODEL],
 ) -> None:
     """Estimate how often a design detects an order effect.
@@ -79,17 +93,18 @@ def power(
     from bayes_toe.design.observers import GROUPS, KINDS_IN_WORDS, assume_observers
     from bayes_toe.design.power import designs_by_task, group_power, observer_prior
 
-    numbers, sizes = _whole_numbers("--trials", trials), []
-    if subjects is not None:
-        sizes = _whole_numbers("--subjects", subjects, 2)
+    numbers, sizes = _whole_numbers("--trials", plan.trials), []
+    observers = plan.observers
+    if plan.subjects is not None:
+        sizes = _whole_numbers("--subjects", plan.subjects, 2)
         observers = observers or GROUPS
 
     context.require_folder(output, _POWER_FILES)
-    designs = _designs_of_tasks(design, questions, unit)
+    designs = plan.designs(design or ())
     n_data_sets = 0
     for of_task in designs_by_task(designs):
         # A bad file is refused before any work.
-        assumed = assume_observers(observers, simulated, 0, list(of_task.values()))
+        assumed = assume_observers(observers, plan.simulated, 0, list(of_task.values()))
         n_data_sets += len(of_task) * len(numbers) * len(assumed)
     table = context.work(
         "simulating and analysing",
@@ -98,21 +113,19 @@ def power(
         designs,
         numbers,
         observers,
-        data_sets=simulated,
+        data_sets=plan.simulated,
         prior=context.prior,
     )
     groups = group_power(table, sizes, observer_prior(context.prior))
-
     _write_power(table, groups, output, overwrite=context.overwrite)
 
     if sizes:
-        sentences = groups.sentences()
-        print_groups(context.out, table, groups, bt.ReadOptions(unit=unit).stimulus_unit)
+        print_groups(context.out, table, groups, bt.ReadOptions(unit=plan.unit).stimulus_unit)
     else:
-        sentences = table.sentences()
         print_power(context.out, table)
-        if observers is None:
-            context.out.line(KINDS_IN_WORDS)
+    if observers is None:
+        context.out.line(KINDS_IN_WORDS)
+    sentences = (groups if sizes else table).sentences()
     context.out.answer([*sentences, f"Tables and figure in {output}. Seed {table.seed}."])
 
 
@@ -132,35 +145,22 @@ def _write_power(
             bt.plots.save_figure(bt.plots.power(table), folder / name)
 
 
-def _designs_of_tasks(
-    files: list[Path] | None, questions: str, unit: str | None
-) -> Mapping[str, StudyDesign]:
-    """Designs by the names of their files and, of several tasks, the name of the task."""
-    designs = {}
-    for question in questions.split(","):
-        for name, design in _read_designs(files, question, unit).items():
-            task = f", {design.task.short_name}" if "," in questions else ""
-            designs[name + task] = design
-    return designs
-
-
 def _read_designs(
-    files: list[Path] | None, question: str, unit: str | None
+    files: Sequence[Path], question: str, unit: str | None
 ) -> Mapping[str, StudyDesign]:
     """Designs by the names of their files; the paper's where there is none."""
     from bayes_toe.design.power import name_designs
 
-    if not files:
-        return name_designs(None, question)
-    designs = {file.stem: bt.design.read_study_design(file, question, unit) for file in files}
-    if len(files) == 1:
-        return name_designs(designs[files[0].stem])
-    for name in designs:
-        if [file.stem for file in files].count(name) > 1:
+    designs = [bt.design.read_study_design(file, question, unit) for file in files]
+    if len(designs) < 2:
+        return name_designs(designs[0] if designs else None, question)
+    names = [file.stem for file in files]
+    for name in names:
+        if names.count(name) > 1:
             raise bt.InputError(
                 f"Two design files have the name {quoted(name)}. Names must differ."
             )
-    return designs
+    return dict(zip(names, designs, strict=True))
 
 
 def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
@@ -378,20 +378,17 @@ def _list_trials(
     context.require_files(lists.list_output)
     differences = read_differences(lists.conditions, None)
     levels = () if differences is None else differences.conditions.levels
-
     study_design = bt.design.read_study_design(file, search.question, search.unit)
     seed = root_seed(context.seed)
-    tables = []
-    for name in subject_names(lists.subjects):
-        trials = bt.design.trial_list(
-            study_design,
-            subject=name,
-            blocks=lists.blocks,
-            seed=seed,
-            conditions=levels,
-            unit=search.shown_unit(),
-        )
-        tables.append(trials)
+    list_of = partial(
+        bt.design.trial_list,
+        study_design,
+        blocks=lists.blocks,
+        seed=seed,
+        conditions=levels,
+        unit=search.shown_unit(),
+    )
+    tables = [list_of(subject=name) for name in subject_names(lists.subjects)]
     write_table(pd.concat(tables), lists.list_output, overwrite=context.overwrite)
 
     n_trials = study_design.total * max(1, len(levels))

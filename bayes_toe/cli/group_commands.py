@@ -52,18 +52,11 @@ def population(
     from bayes_toe.data.tables import write_table
     from bayes_toe.groups.predictive_check import predictive_check
 
-    if output.suffix != ".nc":
-        raise bt.InputError(
-            f"{output}: the ending is {output.suffix!r}. Draws need .nc; tables and figure have "
-            "the same name with another ending."
-        )
+    files = _population_files(output)
     if categorical and covariates is None:
         raise bt.InputError(f"--categorical {categorical[0]} needs --covariates FILE.csv.")
 
-    table_file, figure_file = output.with_suffix(".csv"), output.with_suffix(".png")
-    subjects_file = output.with_name(f"{output.stem}_subjects.csv")
-    context.require_files(output, table_file, subjects_file, figure_file)
-
+    context.require_files(*files)
     read, _ = context.read_and_describe(study)
     result = bt.population(
         read,
@@ -76,20 +69,29 @@ def population(
     check = predictive_check(result)
 
     seed = result.settings.seed
-    written = context.write(
-        {
-            output: result.save,
-            table_file: result.table.save,
-            subjects_file: partial(write_table, result.subject_table, seed=seed),
-            figure_file: partial(bt.plots.save_figure, bt.plots.population(result, check)),
-        },
-        seed,
+    writers = (
+        result.save,
+        result.table.save,
+        partial(write_table, result.subject_table, seed=seed),
+        partial(bt.plots.save_figure, bt.plots.population(result, check)),
     )
+    written = context.write(dict(zip(files, writers, strict=True)), seed)
 
     print_group(context.out, result, check)
     context.print_uninterpretable(read)
     context.out.answer([*group_answer(result), written])
     context.end(not result.is_reliable)
+
+
+def _population_files(output: Path) -> list[Path]:
+    """The draws, the table of the group, that of its subjects, and the figure."""
+    if output.suffix != ".nc":
+        raise bt.InputError(
+            f"{output}: the ending is {output.suffix!r}. Draws need .nc; tables and figure have "
+            "the same name with another ending."
+        )
+    endings = (".nc", ".csv", "_subjects.csv", ".png")
+    return [output.with_name(f"{output.stem}{ending}") for ending in endings]
 
 
 def contrast(
@@ -107,9 +109,9 @@ def contrast(
     from bayes_toe.plots.figure_files import picture_beside
 
     figure_file = picture_beside(output)
-    keep = context.prepare(output, figure_file)
-    read, prior = context.read(study, several_tasks=True)
-    context.introduce(read, prior)
+    context.require_files(output, figure_file)
+    keep = context.partial_folder(output)
+    read, prior = context.read_and_describe(study, several_tasks=True)
     n_subjects = len({subject.subject_name for subject in read})
     answers_file = output.with_name(f"{output.stem}_one_observer{output.suffix}")
     has_tasks = len(read.by_task) > 1
@@ -152,15 +154,11 @@ def history(
     [bold]Example[/bold]: bayes-toe history trials.csv -o history.csv --seed 1
     """
     from bayes_toe.cli.group_screen import history_lines, print_history
-    from bayes_toe.model.trial_history import require_order
     from bayes_toe.plots.figure_files import picture_beside
 
     figure_file = picture_beside(output)
     context.require_files(output, figure_file)
     read, prior = context.read_and_describe(study)
-    for subject in read:
-        require_order(subject)
-
     table = context.work("serial dependence", len(read), bt.serial_dependence, read, prior=prior)
     written = context.write(
         {

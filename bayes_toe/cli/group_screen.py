@@ -8,6 +8,8 @@ conditions of each subject. `print_history` prints how responses depend on the p
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
+from operator import attrgetter
 
 from bayes_toe.answers.contrast import ORDER_EFFECT, ContrastTable
 from bayes_toe.answers.group_answer import (
@@ -78,18 +80,17 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
     comparisons = {row.comparison for row in table}
     headings = ["subject", "difference", "", "[95 % interval]", "BF", "differs"]
     rows = []
-    labels = ["", ""]
-    for row in table:
-        if row.quantity == ORDER_EFFECT:
-            continue
-        earlier_labels, labels = labels, [row.subject, row.comparison]
-        label_cells = ["", ""] if labels == earlier_labels else labels
-        word, size = row.short_word, "-"
-        if word not in ("no", "probably not"):
-            size = row.size(table.unit)
-        if row.robust == "no":
-            word += " ?"
-        rows.append([*label_cells, row.quantity, size, row.factor, word])
+    for labels, quantities in groupby(table, attrgetter("subject", "comparison")):
+        for row in quantities:
+            if row.quantity == ORDER_EFFECT:
+                continue
+            word, size = row.short_word, "-"
+            if word not in ("no", "probably not"):
+                size = row.size(table.unit)
+            if row.robust == "no":
+                word += " ?"
+            rows.append([*labels, row.quantity, size, row.factor, word])
+            labels = "", ""
 
     if len(comparisons) == 1:
         headings[3] = f"{comparisons.pop()} [95 % interval]"

@@ -68,18 +68,7 @@ def run(
     check = None if analysis.group is None else predictive_check(analysis.group)
     _print_analysis(context.out, analysis, check, output)
 
-    with context.out.progress("drawing", len(read)) as tick:
-        write_results(
-            analysis,
-            output,
-            check=check,
-            figures=figures,
-            has_explorer=explore,
-            workers=context.workers,
-            progress=tick,
-            overwrite=context.overwrite,
-        )
-
+    write_results(analysis, output, context, check=check, figures=figures, has_explorer=explore)
     failed = analysis.draws.failed
     context.finish(keep, failed)
     context.out.reasons("No result", failed)
@@ -138,7 +127,8 @@ def sample(
     """
     from bayes_toe.checks.design_checks import identification_findings
 
-    keep = context.prepare(output)
+    context.require_files(output)
+    keep = context.partial_folder(output)
     read, prior = context.read(study)
     _require_fitting(context, read, prior, model)
     context.introduce(read, prior)
@@ -187,10 +177,11 @@ def evidence(
     """
     from bayes_toe.cli.answer_screen import print_answer, print_subjects, without_decision
 
-    keep = context.prepare(output)
+    context.require_files(output)
+    keep = context.partial_folder(output)
     read, prior = context.read_and_describe(study)
     table = context.work("evidence", len(read), bt.evidence, read, prior=prior, keep=keep)
-    table.save(output, **context.saving_of(read))
+    table.save(output, overwrite=context.overwrite, units=read.conditions is not None)
     context.finish(keep, table.failed)
     print_model_evidence(context.out, table, output.name)
     print_subjects(context.out, table.answers, output.name)

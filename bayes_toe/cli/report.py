@@ -11,7 +11,7 @@ import base64
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from math import isnan
 from pathlib import Path
@@ -21,12 +21,12 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from bayes_toe.analysis import Analysis
-from bayes_toe.answers.contrast import LEGEND, ContrastTable
+from bayes_toe.answers import words
+from bayes_toe.answers.contrast import LEGEND
 from bayes_toe.answers.group_answer import good_fits_answer, group_answer, group_tables
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     PRIOR_FLAG,
-    OrderEffect,
     describe_fit,
     format_decimals,
     format_draws,
@@ -37,17 +37,9 @@ from bayes_toe.answers.study_summary import (
     APPENDIX_C,
     describe_pair,
 )
-from bayes_toe.answers.words import (
-    NO_UP_TO,
-    PROBABLY_FROM,
-    PROBABLY_NOT_LOG_BAYES_FACTOR,
-    PROBABLY_NOT_UP_TO,
-    YES_FROM,
-    Word,
-)
-from bayes_toe.arrays import FloatArray, Record
+from bayes_toe.arrays import Record
 from bayes_toe.checks.alarm_rate import flag_limit
-from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
+from bayes_toe.checks.answer_checks import FLAG_WORDS, Findings
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
 from bayes_toe.cli.answer_screen import answer_lines, not_counted
@@ -63,7 +55,6 @@ from bayes_toe.data.messages import (
 )
 from bayes_toe.data.stimulus_unit import percent
 from bayes_toe.data.tables import file_stems
-from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import PRIOR_PROBABILITIES
 from bayes_toe.model.posterior import DOMINATED
@@ -78,46 +69,16 @@ from bayes_toe.plots.report_figure import (
 )
 from bayes_toe.plots.style import MAX_NAMES
 
-Figure = Any  # of matplotlib, which only plots imports
-
 #: Subjects up to which the report is one file.
 MAX_SUBJECTS = 200
-#: The words, and the probabilities that they need.
-LIMITS = {
-    Word.YES: f"at least {format_decimals(YES_FROM)}",
-    Word.PROBABLY: f"at least {format_decimals(PROBABLY_FROM)}",
-    Word.UNDECIDED: "otherwise",
-    Word.PROBABLY_NOT: f"at most {format_decimals(PROBABLY_NOT_UP_TO)}, with a log Bayes factor of "
-    f"at most {PROBABLY_NOT_LOG_BAYES_FACTOR:g}",
-    Word.NO: f"at most {format_decimals(NO_UP_TO)}",
-}
-#: Sizes of a subject, in words, with the question that must be known.
-_SIZES = {
-    "pse_shift_percent": ("PSE shift", "constant_error"),
-    "pse_shift_jnd": ("PSE shift, JND", "constant_error"),
-    "contraction_p": ("contraction", "contraction"),
-    "jnd_percent": ("JND", ""),
-    "zone_percent": ("zone of 'equal'", ""),
-    "zone_jnd": ("zone of 'equal', JND", ""),
-}
-#: What the settings of the sampler are.
-_SAMPLER = {
-    "draws": "required effective draws",
-    "ensembles": "ensembles (chains)",
-    "walkers": "walkers of each ensemble",
-    "max_r_hat": "limit of R-hat",
-    "max_thin": "limit of thinning",
-    "max_quantile_error": "limit of the Monte Carlo error of the 5 and 95 % quantiles, as a "
-    "share of the distance between them",
-}
 
 
 def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     """Write report.html, and subjects/*.html of more than :data:`MAX_SUBJECTS` subjects.
 
     `facts` is what a report has besides the analysis: the subjects that need action with the
-    reasons, the predictive check of the group, and the figures of subjects with the choice of
-    these: "all", "flagged" or "none".
+    reasons, the predictive check of the group, and the subjects with figures, the files of these
+    and their choice: "all", "flagged" or "none".
 
     Every text from outside is escaped by the template engine, its control characters too. Pages
     are written piece by piece: with its figures a report may be larger than memory.
@@ -135,7 +96,9 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     context = {
         **_context(analysis, facts),
         "asymmetry": asymmetry,
-        **_findings(analysis, findings),
+        "findings": findings,
+        "note_codes": NOTES,
+        "before_pooling": [finding for finding in findings if finding.code in FLAG_WORDS],
         "folder": folder,
         "there": {path.name for path in folder.iterdir()},
         "links": links,
@@ -174,14 +137,24 @@ def _environment() -> Environment:
     )
     environment.filters.update(
         capitalized=capitalized,
+        decimals=format_decimals,
+        png=png,
         png_uri=_png_uri,
         describe_fit=describe_fit,
         describe_p=describe_p_value,
         describe_pair=describe_pair,
+        good_fits_answer=good_fits_answer,
+        group_answer=group_answer,
+        group_tables=group_tables,
         join_names=join_names,
         number=_number,
         p_value=format_p_value,
         plural=plural,
+        posterior_predictive=posterior_predictive,
+        report_height=report_height,
+        responses_figure=responses_figure,
+        sizes_figure=sizes_figure,
+        inline_svg=inline_svg,
         probability=format_probability,
         small_p=format_small_p,
         typeset=_typeset,
@@ -205,149 +178,34 @@ def _number(value: float | None, digits: int = 2) -> str:
     return _typeset(f"{value:.{digits}f}")
 
 
-def _findings(analysis: Analysis, findings: Sequence[Finding]) -> Record:
-    """Findings of the design and of the responses, by the place where they stand."""
-    warnings = [finding for finding in findings if finding.code not in NOTES]
-    notes = [finding.message.rstrip(".") for finding in findings if finding.code in NOTES]
-    return {
-        "warnings": [finding for finding in warnings if not finding.subject],
-        "before_pooling": [finding for finding in warnings if finding.code in FLAG_KINDS],
-        "read": [*analysis.study.notes, *dict.fromkeys(notes)],
-    }
-
-
 def _context(analysis: Analysis, facts: Record) -> Record:
     """The values that all pages of the report share."""
-    study, draws = analysis.study, analysis.draws
+    study, group = analysis.study, analysis.group
     return {
+        "analysis": analysis,
         "study": study,
+        "draws": analysis.draws,
         "facts": facts,
-        "rows": analysis.evidence.rows,
+        "group": group,
+        "contrast": analysis.contrast,
         "fit_limit": flag_limit(len(study)),
-        "failed": draws.failed,
-        "not_converged": draws.not_converged,
-        "imprecise": draws.imprecise,
-        "seed": draws.seed,
         "amount": describe_amount(study),
-        "answer": _answer(analysis),
+        "answer": answer_lines(study, analysis.answers, group) + not_counted(analysis.answers),
         "design_notes": merge_notes(notes_of(analysis.answers)),
-        "misfits": _misfit_figures(analysis),
-        "settings": _settings(analysis),
-        "limits": LIMITS,
+        "versions": json.loads(analysis.draws.tree.attrs["versions"]),
+        "sampler": asdict(analysis.settings.sampler),
+        "words": words,
         "appendix_c": APPENDIX_C,
-        "sizes": _SIZES,
         "marked_flags": (MISFIT_FLAG, PRIOR_FLAG),
-        "figure": _figure(analysis),
         "shown": shown_subjects(analysis.answers),
         "dominated": DOMINATED,
-        "group": _group(analysis, facts["check"]),
-        "contrast": _by_condition(analysis.contrast),
-    }
-
-
-def _settings(analysis: Analysis) -> dict[str, str]:
-    """The settings of the analysis, with their names in words."""
-    settings = analysis.settings
-    versions = json.loads(analysis.draws.tree.attrs["versions"])
-    sampler = {}
-    for name, value in asdict(settings.sampler).items():
-        sampler[_SAMPLER.get(name, name)] = str(value)
-    return {
-        "sampled model": "the paper's model (H1)",
-        "prior": settings.prior.describe_all(analysis.study.task),
-        "seed": str(settings.seed),
-        **sampler,
-        "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
-    }
-
-
-def _figure(analysis: Analysis) -> list[tuple[str, str]]:
-    """The parts of figure 1 by their classes: responses, sizes in wide and in narrow windows."""
-    height = report_height(analysis)
-    label = "PSE shift and contraction of every subject"
-    parts = []
-    if shown_subjects(analysis.answers):
-        responses = responses_figure(analysis, height)
-        parts = [
-            ("responses", _embed(analysis, responses, "Responses and curves of some subjects"))
-        ]
-    for name, is_narrow in (("sizes wide", False), ("sizes narrow", True)):
-        sizes = sizes_figure(analysis, analysis.group, height, is_narrow=is_narrow)
-        parts.append((name, _embed(analysis, sizes, label)))
-    return parts
-
-
-def _embed(analysis: Analysis, figure: Figure, label: str) -> str:
-    """A figure as a part of the page; the SVG of very many subjects is too large."""
-    if len(analysis.study) > MAX_NAMES:
-        return f'<img alt="{label}" src="{_png_uri(png(figure))}">'
-    return inline_svg(figure, label)
-
-
-def _misfit_figures(analysis: Analysis) -> list[str]:
-    """Observed and expected proportions of the first two subjects whom the model does not fit."""
-    names = [answer.subject for answer in analysis.answers if answer.fits is False]
-    figures = []
-    for name in names[:2]:
-        figure = posterior_predictive(analysis, [name])
-        figures.append(inline_svg(figure, "Observed proportions, predictive intervals"))
-    return figures
-
-
-def _answer(analysis: Analysis) -> list[str]:
-    """The answer of the study, sentence by sentence."""
-    answers = analysis.answers
-    lines = answer_lines(analysis.study, answers, analysis.group) + not_counted(answers)
-    return [_typeset(line) for line in lines if line]
-
-
-def _models(answer: OrderEffect) -> list[tuple[str, float, float, float]]:
-    """The four models with their posterior probabilities, log evidences and standard errors."""
-    log_evidence = np.array(list(answer.log_evidence.values()))
-    probabilities = ModelSet(log_evidence, PRIOR_PROBABILITIES).probabilities.tolist()
-    rows = []
-    for (name, value), p in zip(answer.log_evidence.items(), probabilities, strict=True):
-        label = "no order effect" if name == "none" else name
-        rows.append((label, p, value, answer.standard_error[name]))
-    return rows
-
-
-def _by_condition(table: ContrastTable | None) -> Record | None:
-    """The section of conditions, with a row for every subject and comparison."""
-    if table is None:
-        return None
-    rows = defaultdict(list)
-    for row in table:
-        rows[row.subject, row.comparison].append(row)
-    missing = table.left_out | table.failed
-    return {
-        "answer": table.sentences(),
+        "max_names": MAX_NAMES,
         "legend": LEGEND,
-        "several": len(table.conditions.comparisons) > 1,
-        "quantities": table.quantities,
-        "rows": [(*names, cells) for names, cells in rows.items()],
-        "left_out": [f"{name} ({reason})" for name, reason in missing.items()],
-    }
-
-
-def _group(analysis: Analysis, check: PredictiveCheck | None) -> Record | None:
-    """The section of the group: warnings, the answer, tables."""
-    result = analysis.group
-    if result is None or check is None:
-        return None
-    lines = group_answer(result) + good_fits_answer(result, analysis.group_of_good_fits)
-    return {
-        "problems": [*result.problems, *check.warnings],
-        "shortfall": "" if result.is_reliable else result.draws.shortfall,
-        "answer": [*map(_typeset, lines)],
-        "tables": group_tables(result),
-        "hyperprior": result.settings.hyperprior.describe(result.study.task),
-        "subjects": len(result.subjects),
     }
 
 
 def _subjects(
-    analysis: Analysis, asymmetries: AsymmetryTable, findings: Sequence[Finding]
+    analysis: Analysis, asymmetries: AsymmetryTable, findings: Findings
 ) -> Iterator[Record]:
     """The sections of the subjects; each one is made when it is written."""
     stats = analysis.draws.group("sample_stats")
@@ -360,12 +218,7 @@ def _subjects(
     parts = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
     for i, (counts, row, answer, asymmetry) in enumerate(parts):
         name = counts.name
-        summary: list[Any] = list(summaries[name].itertuples())
-        natural = (*analysis.draws.posterior(name).names.natural, "gamma")
-        prior_dominated = []
-        for parameter in summary:
-            if parameter.parameter in natural and parameter.posterior_contraction < DOMINATED:
-                prior_dominated.append(parameter.parameter)
+        log_evidence = np.array(list(answer.log_evidence.values()))
         remarks = []
         for label in dict.fromkeys([name, counts.subject_name]):
             remarks += messages[label]
@@ -374,36 +227,24 @@ def _subjects(
             "counts": counts,
             "row": row,
             "answer": answer,
-            "models": _models(answer),
+            "probabilities": ModelSet(log_evidence, PRIOR_PROBABILITIES).probabilities.tolist(),
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
-            "parameters": [_parameter(analysis, parameter) for parameter in summary],
+            "parameters": [_parameter(analysis, row) for row in summaries[name].itertuples()],
+            "natural": (*analysis.draws.posterior(name).names.natural, "gamma"),
             "remarks": [*remarks, *row.notes],
-            "prior_dominated": prior_dominated,
         }
 
 
-def _parameter(analysis: Analysis, row: Any) -> list[str]:
-    """A parameter of the paper's model: estimate and its precision."""
+def _parameter(analysis: Analysis, row: Any) -> tuple[Any, str, str]:
+    """A parameter of the paper's model, and its estimates with the digits that are certain."""
     draws = analysis.draws.values(row.subject, row.parameter)
     n_effective = min(row.ess_bulk, row.ess_tail)
     difference = ""
     if row.parameter in ("pse_shift", "jnd"):
         unit = analysis.study.unit.for_percent(percent(np.quantile(draws, (0.025, 0.975))))
-        difference = _interval(unit.differences(draws), n_effective, 1, unit.of_differences)
-    return [
-        row.parameter,
-        _interval(draws, n_effective, 3),
-        difference,
-        _number(row.posterior_contraction),
-        _number(n_effective, 0),
-        _number(row.r_hat, 4),
-    ]
-
-
-def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = "") -> str:
-    """Median and 95 % interval with the digits that their Monte Carlo errors allow."""
-    return _typeset(format_draws(draws, n_effective, digits, unit))
+        difference = format_draws(unit.differences(draws), n_effective, 1, unit.of_differences)
+    return row, format_draws(draws, n_effective, 3), difference
 
 
 def _typeset(words: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,19 +12,19 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.cli.answer_screen import flagged
 from bayes_toe.cli.methods import write_methods
 from bayes_toe.cli.report import write_report
+from bayes_toe.cli.run_context import RunContext
 from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.tables import file_stems, write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.explorer.page import EXAMPLE, explore
-from bayes_toe.groups.predictive_check import PredictiveCheck, predictive_check
+from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.corner import corner
 from bayes_toe.plots.curves import fitted_figure
 from bayes_toe.plots.figure_files import png
-from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
 
 #: What a results folder may hold: draws, tables, the group, corner plots, an explorer, pages of
 #: very many subjects.
@@ -48,87 +49,84 @@ PRODUCTS = (
 
 def write_results(
     analysis: Analysis,
-    folder: str | Path,
+    folder: Path,
+    context: RunContext,
     *,
-    overwrite: bool = False,
     figures: str = "all",
     has_explorer: bool = False,
-    workers: Workers = None,
-    progress: Progress | None = None,
     check: PredictiveCheck | None = None,
 ) -> Path:
     """Write draws, tables, figures, report and methods of an analysis.
 
-    All are complete before the first one replaces a file. With `overwrite`, what an earlier
+    All are complete before the first one replaces a file. With `--overwrite`, what an earlier
     analysis of these subjects has left and this one does not write is removed; other files of the
     folder stay. Corner plots and curves are those of all subjects, "flagged" ones, who need action,
-    or "none". `progress` is called with each subject whose figures are drawn, and `check` is the
-    one of the group, if it was made before.
+    or "none". `check` is the predictive check of the group.
     """
-    draws, study = analysis.draws, analysis.study
-    if analysis.group is not None and check is None:
-        check = predictive_check(analysis.group)
-    truths: Truth = {}
-    if study.source == EXAMPLE and study.task == SAME_DIFFERENT:
-        truths = example_truth(SAME_DIFFERENT)
+    draws, stems = analysis.draws, file_stems(analysis.study.names)
     marked = flagged(analysis.answers, draws.not_converged)
     names = {"all": draws.names, "flagged": tuple(marked), "none": ()}[figures]
-    stems = file_stems(draws.names)
     products = [*PRODUCTS]
-    for stem in file_stems(study.names).values():
+    for stem in stems.values():
         products += [f"corner/{stem}.png", f"subjects/{stem}.html"]
     with (
-        whole_folder(folder, products, overwrite=overwrite) as new,
-        TemporaryDirectory(dir=new.absolute()) as pictures,
+        whole_folder(folder, products, overwrite=context.overwrite) as new,
+        TemporaryDirectory(dir=new.absolute()) as curves,
     ):
         # Absolute, since a worker may be in another folder than this process.
         target = new.absolute()
         draws.save(target / "posterior.nc")
-        _write_tables(analysis, target)
-        _write_group(analysis, check, target)
+        _write_tables(analysis, check, target)
         write_methods(analysis, target / "methods.md")
         if has_explorer:
             explore(draws).save(target / "explorer.html")
-        if names:
-            (target / "corner").mkdir()
-        corners, curves, jobs = {}, {}, []
-        for name in names:
-            corners[name] = target / "corner" / f"{stems[name]}.png"
-            curves[name] = Path(pictures, f"{stems[name]}.png")
-            source = draws[name], analysis.settings.prior, truths, analysis.curve(name)
-            jobs.append(partial(_draw_subject, *source, corners[name], curves[name]))
-        run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in names])
+        jobs = _drawing_jobs(analysis, {name: stems[name] for name in names}, target, Path(curves))
+        context.draw(jobs, names)
         facts = {
             "flagged": marked,
             "check": check,
-            "curves": curves,
-            "corner": corners,
             "choice": figures,
+            "drawn": names,
+            "stems": stems,
+            "curves": Path(curves),
         }
         write_report(analysis, facts, target)
-    return Path(folder)
+    return folder
 
 
-def _write_tables(analysis: Analysis, folder: Path) -> None:
-    """The tables of subjects, and the figure of their conditions."""
-    study, contrast, seed = analysis.study, analysis.contrast, analysis.settings.seed
+def _write_tables(analysis: Analysis, check: PredictiveCheck | None, folder: Path) -> None:
+    """The tables of subjects, of their conditions and of the group, with figures and draws."""
+    study, seed = analysis.study, analysis.settings.seed
+    contrast, group = analysis.contrast, analysis.group
     units = study.conditions is not None
     write_table(analysis.summary(), folder / "summary.csv", seed, units=units)
     analysis.evidence.save(folder / "evidence.csv", units=units)
     if contrast is not None:
         contrast.save(folder / "contrast.csv")
-        figure = plots.contrast(contrast, analysis.group, synthetic=study.synthetic)
+        figure = plots.contrast(contrast, group, synthetic=study.synthetic)
         (folder / "contrast.png").write_bytes(png(figure))
-
-
-def _write_group(analysis: Analysis, check: PredictiveCheck | None, folder: Path) -> None:
-    """Tables, figure and draws of the group, if there is one."""
-    group = analysis.group
     if group is not None:
         group.table.save(folder / "population.csv")
         write_table(group.subject_table, folder / "population_subjects.csv", group.settings.seed)
         (folder / "population.png").write_bytes(png(plots.population(group, check)))
         group.save(folder / "population.nc")
+
+
+def _drawing_jobs(
+    analysis: Analysis, stems: Mapping[str, str], folder: Path, curves: Path
+) -> list[partial[None]]:
+    """What draws the corner plot and the curves of each subject."""
+    study, jobs = analysis.study, []
+    truths: Truth = {}
+    if study.source == EXAMPLE and study.task == SAME_DIFFERENT:
+        truths = example_truth(SAME_DIFFERENT)
+    if stems:
+        (folder / "corner").mkdir()
+    for name, stem in stems.items():
+        source = analysis.draws[name], analysis.settings.prior, truths, analysis.curve(name)
+        files = folder / "corner" / f"{stem}.png", curves / f"{stem}.png"
+        jobs.append(partial(_draw_subject, *source, *files))
+    return jobs
 
 
 def _draw_subject(

@@ -92,9 +92,9 @@ class RunContext:
             replace(file, reading={**file.reading, "condition": None}).read()
         return study, prior_for(study, preset)
 
-    def read_and_describe(self, file: StudyFile) -> tuple[Study, Prior]:
+    def read_and_describe(self, file: StudyFile, **options: bool) -> tuple[Study, Prior]:
         """The study and the prior, which are described on the screen."""
-        study, prior = self.read(file)
+        study, prior = self.read(file, **options)
         self.introduce(study, prior)
         return study, prior
 
@@ -139,6 +139,13 @@ class RunContext:
         with self.out.progress(label, total) as tick:
             return function(*values, seed=self.seed, workers=self.workers, progress=tick, **options)
 
+    def draw(self, jobs: Sequence[Callable[[], None]], names: Sequence[str]) -> None:
+        """Draw figures side by side, with a progress bar; names are those of subjects or files."""
+        from bayes_toe.workers import of_this_machine, run_in_order
+
+        with self.out.progress("drawing", len(jobs)) as tick:
+            run_in_order(jobs, of_this_machine(self.workers), tick, [(name,) for name in names])
+
     @cached_property
     def workers(self) -> Workers:
         """Processes of this machine, or a client of a Dask cluster."""
@@ -151,11 +158,6 @@ class RunContext:
         client = connect(self.dask)
         self.out.line(f"Workers: {len(client.nthreads())} at {self.dask}")
         return client
-
-    def prepare(self, output: Path, *figures: Path) -> Path:
-        """Refuse outputs that cannot be written; return the folder of finished subjects."""
-        self.require_files(output, *figures)
-        return self.partial_folder(output)
 
     def partial_folder(self, output: Path) -> Path:
         """The folder beside the output for finished subjects.
@@ -225,10 +227,6 @@ class RunContext:
             for file, write in writers.items():
                 write(files.enter_context(whole_file(file, overwrite=self.overwrite)))
         return f"Written: {', '.join(map(str, writers))}. Seed {seed}."
-
-    def saving_of(self, study: Study) -> dict[str, Any]:
-        """Options for writing tables of subjects; those of units get a column of conditions."""
-        return {"overwrite": self.overwrite, "units": study.conditions is not None}
 
     def print_written(self, text: str, seed: int | None = None) -> None:
         """Print what was written, and the seed."""

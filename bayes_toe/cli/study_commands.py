@@ -83,14 +83,17 @@ def fit(
         "fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior
     )
 
-    table.save(output, **context.saving_of(read))
+    saving = {"overwrite": context.overwrite, "units": read.conditions is not None}
+    table.save(output, **saving)
     print_fits(context.out, table)
     if asymmetries is None:
-        context.out.notes([("", f"No test of asymmetry: {why_none}.", "")], "-")
+        context.out.remarks([f"No test of asymmetry: {why_none}."])
     else:
         print_asymmetry(context.out, asymmetries)
         if asymmetry_output is not None:
-            asymmetries.save(asymmetry_output, **context.saving_of(read))
+            asymmetries.save(
+                asymmetry_output, overwrite=context.overwrite, units=read.conditions is not None
+            )
     context.print_written(f"Table in {', '.join(map(str, outputs))}", table.seed)
 
 
@@ -118,7 +121,7 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
     out.line(
         f"q is the share of {table.share_of} responses, r the weaker and c the stronger stimulus."
     )
-    out.notes((("", f"{note}.", "") for note in table.notes), "-")
+    out.remarks(f"{note}." for note in table.notes)
 
 
 def print_fits(out: Terminal, table: FitTable) -> None:

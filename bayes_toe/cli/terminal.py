@@ -14,14 +14,14 @@ from contextlib import contextmanager
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.data.messages import join_names, join_words, plural, visible
+from bayes_toe.data.messages import Texts, join_names, join_words, plural, visible
 
 if TYPE_CHECKING:
     from bayes_toe.checks.answer_checks import Finding
     from bayes_toe.data.study import Study
 
 #: The rows of a table.
-Rows = Sequence[Sequence[str]]
+Rows = Sequence[Texts]
 #: The subject of a note ('' is none), its text, and an option to type.
 Note = tuple[str, str, str]
 #: Columns of every line and table, whatever the width of the terminal.
@@ -76,7 +76,7 @@ class Terminal:
 
     def table(
         self,
-        headings: Sequence[str],
+        headings: Texts,
         rows: Rows,
         numeric: Collection[int] = (),
         title: str = "",
@@ -90,7 +90,7 @@ class Terminal:
 
     def table_of_subjects(
         self,
-        headings: Sequence[str],
+        headings: Texts,
         rows: Rows,
         n_subjects: int,
         file: str,
@@ -133,6 +133,10 @@ class Terminal:
         """Print each message once, with its subjects and the option to type."""
         self.notes(((item.subject, item.message, item.option) for item in findings), mark)
 
+    def remarks(self, texts: Iterable[str]) -> None:
+        """Notes on no subject in particular."""
+        self.notes((("", text, "") for text in texts), "-")
+
 
 def wrap_line(text: str, indent: int = 0) -> list[str]:
     """A text in lines of at most :data:`WIDTH` columns.
@@ -143,11 +147,16 @@ def wrap_line(text: str, indent: int = 0) -> list[str]:
     '  word'
     """
     glued = _ESTIMATE.sub(lambda match: match[0].replace(" ", _GLUE), visible(text))
-    lines = wrap(glued, WIDTH, subsequent_indent=" " * indent, break_on_hyphens=False)
-    return [line.replace(_GLUE, " ") for line in lines] or [""]
+    return _wrap_glued(glued, WIDTH, subsequent_indent=" " * indent) or [""]
 
 
-def note_lines(mark: str, subjects: Sequence[str], text: str, option: str = "") -> list[str]:
+def _wrap_glued(text: str, width: int, **options: Any) -> list[str]:
+    """A text in lines, none of which ends where words are glued."""
+    lines = wrap(text, width, break_on_hyphens=False, **options)
+    return [line.replace(_GLUE, " ") for line in lines]
+
+
+def note_lines(mark: str, subjects: Texts, text: str, option: str = "") -> list[str]:
     """A note with its mark and subjects, and under it what to type.
 
     Examples
@@ -173,19 +182,16 @@ def command_lines(command: str, start: str) -> list[str]:
     >>> command_lines("bayes-toe run study.csv", "  ")
     ['  bayes-toe run study.csv']
     """
-    indent = " " * (len(start) + 2)
     words = [shlex.quote(word).replace(" ", _GLUE) for word in shlex.split(visible(command))]
     glued = _OPTION.sub(rf"\1{_GLUE}", " ".join(words))
-    lines = wrap(
+    lines = _wrap_glued(
         glued,
         WIDTH - 2,  # for the backslash
         initial_indent=start,
-        subsequent_indent=indent,
+        subsequent_indent=" " * (len(start) + 2),
         break_long_words=False,
-        break_on_hyphens=False,
     )
-    lines = [line.replace(_GLUE, " ") for line in lines]
-    return [f"{line} \\" for line in lines[:-1]] + lines[-1:]
+    return " \\\n".join(lines).split("\n")
 
 
 def typed_command(name: str) -> str:
@@ -201,7 +207,7 @@ def repeated_command() -> str:
     return shlex.join(["bayes-toe", *words])
 
 
-def format_table(headings: Sequence[str], rows: Rows, numeric: Collection[int] = ()) -> list[str]:
+def format_table(headings: Texts, rows: Rows, numeric: Collection[int] = ()) -> list[str]:
     r"""Lines of a table of at most :data:`WIDTH` columns.
 
     The first column is cut if the table is too wide. If that does not help, the last columns
@@ -234,13 +240,13 @@ def format_table(headings: Sequence[str], rows: Rows, numeric: Collection[int] =
     return table
 
 
-def is_narrow(headings: Sequence[str], rows: Rows, first_width: int = 8) -> bool:
+def is_narrow(headings: Texts, rows: Rows, first_width: int = 8) -> bool:
     """Whether a table fits into :data:`WIDTH` with at least `first_width` columns of names."""
     widths, gap = _column_widths([*_heading_rows(headings), *rows])
     return min(widths[0], first_width) + sum(widths[1:]) + gap * (len(widths) - 1) <= WIDTH
 
 
-def _heading_rows(headings: Sequence[str]) -> Rows:
+def _heading_rows(headings: Texts) -> Rows:
     """The lines of the headings, each a row; short headings stand in the last ones."""
     upwards = [heading.split("\n")[::-1] for heading in headings]
     return [*itertools.zip_longest(*upwards, fillvalue="")][::-1]
@@ -257,9 +263,7 @@ def _column_widths(rows: Rows) -> tuple[list[int], int]:
     return widths, 2 if sum(widths) + 2 * (n_columns - 1) <= WIDTH else 1
 
 
-def _table_line(
-    row: Sequence[str], widths: Sequence[int], gap: int, numeric: Collection[int]
-) -> str:
+def _table_line(row: Texts, widths: Sequence[int], gap: int, numeric: Collection[int]) -> str:
     """A row of a table; the last cell of a short row goes across the other columns."""
     line = ""
     for i, cell in enumerate(row):
@@ -362,9 +366,9 @@ def describe_amount(study: Study) -> str:
 # --- numbers --------------------------------------------------------------------------------------
 
 
-def number(value: float | None, digits: int = 2) -> str:
+def number(value: float | None) -> str:
     """A number of a table; a dash where there is none."""
-    return "-" if value is None or value != value else f"{value:.{digits}f}"
+    return "-" if value is None or value != value else f"{value:.2f}"
 
 
 def without_zeros(text: str) -> str:
@@ -375,5 +379,4 @@ def without_zeros(text: str) -> str:
     >>> without_zeros("-0.38 [-0.71, -0.00]"), without_zeros("10.5"), without_zeros("0")
     ('-.38 [-.71, .00]', '10.5', '0')
     """
-    without_sign = re.sub(r"-(?=0\.0+\b)", "", text)
-    return re.sub(r"(?<![\d.])0(?=\.\d)", "", without_sign)
+    return re.sub(r"-(?=0\.0+\b)|(?<![\d.])0(?=\.\d)", "", text)

@@ -123,7 +123,7 @@ def corner(
     require_suffix(f"corner.{ending}")
     draws = load_draws(posterior)
     names = tuple(subject or draws.names)
-    for name in subject or ():
+    for name in names:
         draws.subject(name)  # raises for an unknown subject
     truths = read_truth(truth, [draws], names)
 
@@ -139,11 +139,10 @@ def corner(
     )
 
     stems = file_stems(draws.names)
-    if subject:
-        joint_stem = "+".join(stems[name] for name in names)
-        figures = {f"{joint_stem}.{ending}": names}
-    else:
-        figures = {f"{stems[name]}.{ending}": (name,) for name in names}
+    figures = {}
+    for group in [names] if subject else [(name,) for name in names]:
+        joint_stem = "+".join(stems[name] for name in group)
+        figures[f"{joint_stem}.{ending}"] = group
     context.require_folder(output, list(figures))
     _draw_corners(draws, figures, save, output, context)
     context.print_written(f"{plural(len(figures), 'corner plot')} in {output}")
@@ -158,19 +157,15 @@ def _draw_corners(
 ) -> None:
     """Draw the corner plots of subjects into files of the output folder, side by side."""
     from bayes_toe.data.whole_files import whole_folder
-    from bayes_toe.workers import of_this_machine, run_in_order
 
-    with (
-        whole_folder(output, list(figures), overwrite=context.overwrite) as folder,
-        context.out.progress("drawing", len(figures)) as tick,
-    ):
+    with whole_folder(output, list(figures), overwrite=context.overwrite) as folder:
         jobs = []
         for file, names in figures.items():
             # A process gets the draws of one subject.
             drawn = draws[names[0]] if len(names) == 1 else draws
             # Absolute, since a worker may be in another folder than this process.
             jobs.append(partial(save, folder.absolute() / file, drawn, names))
-        run_in_order(jobs, of_this_machine(context.workers), tick, [(file,) for file in figures])
+        context.draw(jobs, list(figures))
 
 
 def _save_corner(file: Path, draws: bt.Draws, subjects: Sequence[str], **options: Any) -> None:

@@ -10,6 +10,7 @@ import pytest
 from browsers import Opened
 
 from bayes_toe.cli.results_folder import write_results
+from bayes_toe.cli.run_context import RunContext
 
 SCREEN = 900  # pixels
 A4 = 680  # pixels less the margins: narrower than a page that is not printed may be
@@ -18,7 +19,7 @@ A4 = 680  # pixels less the margins: narrower than a page that is not printed ma
 @pytest.fixture(scope="module")
 def path(marked, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "out"
-    write_results(marked, folder, figures="flagged")
+    write_results(marked, folder, RunContext(), figures="flagged")
     return folder / "report.html"
 
 

@@ -12,12 +12,14 @@ from populations import made_result, simulated_group, two_conditions
 import bayes_toe as bt
 from bayes_toe.cli import report, results_folder
 from bayes_toe.cli.results_folder import write_results
+from bayes_toe.cli.run_context import RunContext
 from bayes_toe.explorer.page import Explorer
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor, Regressors
 
 pytestmark = pytest.mark.usefixtures("blank_pictures")
 NO_FIGURES = {"figures": "none"}
+FIRST, AGAIN = RunContext(), RunContext(overwrite=True)
 
 
 def page(folder, name="report.html"):
@@ -34,10 +36,8 @@ def page(folder, name="report.html"):
 def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
     marked, tmp_path, choice, drawn, note
 ):
-    names = []
-    options = {"figures": choice, "progress": names.append}
-    out = write_results(marked, tmp_path / "out", **options)
-    assert sorted(file.stem for file in out.glob("corner/*")) == names == list(drawn)
+    out = write_results(marked, tmp_path / "out", FIRST, figures=choice)
+    assert sorted(file.stem for file in out.glob("corner/*")) == list(drawn)
     assert (out / "corner").exists() == bool(drawn)
     text = page(out)
     counts = text.count("data:image/png"), text.count("To draw the corner plot")
@@ -56,7 +56,7 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     marked, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(report, "MAX_SUBJECTS", 2)
-    out = write_results(marked, tmp_path / "out", figures="flagged")
+    out = write_results(marked, tmp_path / "out", FIRST, figures="flagged")
     index = page(out)
     links = re.findall(r'href="subjects/([^"]+).html"', index)
     assert links[:3] == ["A", "C", "B"]  # flagged ones first
@@ -72,7 +72,7 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     assert all('href="../report.html#read"' in text for text in pages)
     assert 'href="../corner/A.png"' in pages[0]
     monkeypatch.setattr(report, "MAX_SUBJECTS", 3)
-    write_results(marked, out, overwrite=True, **NO_FIGURES)
+    write_results(marked, out, AGAIN, **NO_FIGURES)
     assert not [*out.glob("corner*"), *out.glob("subjects*")]
 
 
@@ -86,7 +86,9 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(marked, tmp_path
     wrong = Statistic("spread", "accuracy", 0.3, 0.1, 0.15, 0.2, 0.004, is_above=True)
     check = PredictiveCheck((wrong,))
 
-    out = write_results(replace(marked, group=group), tmp_path / "out", check=check, **NO_FIGURES)
+    out = write_results(
+        replace(marked, group=group), tmp_path / "out", FIRST, check=check, **NO_FIGURES
+    )
     section = page(out).partition('<summary id="group">')[2].partition('id="subjects"')[0]
 
     order = [
@@ -106,7 +108,7 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(marked, tmp_path
     of_group = [*out.glob("population*")]
     assert (len(of_group), min(path.stat().st_size for path in of_group) > 500) == (4, True)
 
-    write_results(marked, out, overwrite=True, **NO_FIGURES)
+    write_results(marked, out, AGAIN, **NO_FIGURES)
     assert 'id="group"' not in page(out)
     assert not [*out.glob("population*")]
 
@@ -119,7 +121,7 @@ def test_an_explorer_stands_beside_the_report_if_asked_for(marked, tmp_path, mon
         return Explorer("explored")
 
     monkeypatch.setattr(results_folder, "explore", explore)
-    out = write_results(marked, tmp_path / "out", has_explorer=True, **NO_FIGURES)
+    out = write_results(marked, tmp_path / "out", FIRST, has_explorer=True, **NO_FIGURES)
     assert page(out, "explorer.html") == "explored"
     assert explored == [marked.draws]
     assert page(out).count('href="explorer.html"') == 2
@@ -136,7 +138,7 @@ def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_pa
 
 
 def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
-    out = write_results(stronger, tmp_path / "out")
+    out = write_results(stronger, tmp_path / "out", FIRST)
     methods = page(out, "methods.md")
     limit = "a constant error and a response bias predict the same responses"
     assert limit in methods
@@ -151,7 +153,7 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
 
 def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
     study = two_conditions(1, n_subjects=1, n_each=60, difference=2.0)
-    out = write_results(bt.run(study, draws=100, seed=1), tmp_path / "out", **NO_FIGURES)
+    out = write_results(bt.run(study, draws=100, seed=1), tmp_path / "out", FIRST, **NO_FIGURES)
     contrast = pd.read_csv(out / "contrast.csv")
     assert contrast[contrast.quantity == "constant error"].word.tolist() == ["differs"]
     assert contrast.seed.unique().tolist() == [1]
@@ -187,7 +189,7 @@ def test_the_report_of_one_subject_has_no_search_and_no_figure_of_poor_fits(anal
         draws=analysis.draws["B"],
         evidence=replace(analysis.evidence, rows=analysis.evidence.rows[1:2]),
     )
-    text = page(write_results(alone, tmp_path / "out", **NO_FIGURES))
+    text = page(write_results(alone, tmp_path / "out", FIRST, **NO_FIGURES))
     assert 'type="search"' not in text
     assert 'class="misfits"' not in text
     assert "1 subject, 650 trials, same-different task, 13 pairs" in text
