@@ -112,7 +112,7 @@ class Column:
         """The text of one row."""
         return self.texts[int(self.codes[index])]
 
-    def counts(self, texts: Iterable[str]) -> list[str]:
+    def counts(self, texts: Iterable[str]) -> Texts:
         """Texts with their counts, as messages show them."""
         counts = np.bincount(self.codes, minlength=len(self.texts)).tolist()
         return [f"{quoted(text)} ({counts[self.texts.index(text)]:,})" for text in texts]
@@ -221,7 +221,7 @@ class TextTable:
     columns: Columns
     rows: IntArray
     problems: Problems
-    notes: tuple[str, ...] = ()
+    notes: Texts = ()
 
     @property
     def source(self) -> str:
@@ -402,10 +402,9 @@ def _names(cells: list[str] | csv.Error) -> list[str]:
 def header_place(names: Sequence[Texts], choice: Choice) -> int:
     """The index of the record with the names: the first, unless a later one is clearer."""
     counts = [n_chosen(record, choice) for record in names]
-    if not counts or counts[0] > 1:
+    if not counts or counts[0] > 1 or max(counts) < counts[0] + 2:
         return 0
-    largest_count = max(counts)
-    return counts.index(largest_count) if largest_count - counts[0] >= 2 else 0
+    return counts.index(max(counts))
 
 
 def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str, str]:
