@@ -158,7 +158,7 @@ def _two_scales(study: Study) -> Findings:
         yield Finding(subject.name, "two_scales", message, option)
 
 
-def _scales_of_subjects(study: Study) -> Iterator[Finding]:
+def _scales_of_subjects(study: Study) -> Findings:
     """Stimuli of some subjects that are a factor of 100 or more from those of all others."""
     levels = np.unique(np.concatenate([subject.stimuli for subject in study]))
     gaps = np.diff(levels)
@@ -172,7 +172,8 @@ def _scales_of_subjects(study: Study) -> Iterator[Finding]:
     if has_two_scales and len(weak) + len(strong) == len(study):
         parts = np.split(levels, [widest + 1])
         ranges = [_range_of(part, study.unit, study.reading) for part in parts]
-        names = join_names(map(display_name, min(weak, strong, key=len)))
+        fewer = weak if len(weak) < len(strong) else strong
+        names = join_names(map(display_name, fewer))
         yield Finding(
             "",
             "two_scales",

@@ -126,8 +126,7 @@ class Answers:
         n_other = self.n_trials - self.n_yes
         if self.n_second is None:
             return replace(self, n_yes=np.where(rows, n_other, self.n_yes))
-        n_first = n_other - self.n_second
-        return replace(self, n_second=np.where(rows, n_first, self.n_second))
+        return replace(self, n_second=np.where(rows, n_other - self.n_second, self.n_second))
 
     @property
     def of_direction(self) -> Answers:
@@ -141,10 +140,9 @@ class Answers:
 
         A session starts after each row that is left out.
         """
-        columns = {}
-        for key in ("keys", "n_yes", "n_trials", "block", "place", "iti", "n_second"):
-            values = getattr(self, key)
-            if values is not None:
+        columns = dict[str, Any]()
+        for key, values in vars(self).items():
+            if isinstance(values, np.ndarray):
                 columns[key] = values[~rows]
         return replace(self, **columns).with_own_blocks()
 
@@ -153,7 +151,7 @@ class Answers:
         if self.block is None:
             return self
         distinct, block = np.unique(self.block, return_inverse=True)
-        return replace(self, block=block, blocks=tuple(self.blocks[i] for i in distinct.tolist()))
+        return replace(self, block=block, blocks=tuple(np.array(self.blocks, object)[distinct]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,11 +164,11 @@ class Reading:
     `codes` are the texts of the responses.
     """
 
-    read: tuple[str, ...] = ()
-    ignored: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
-    pooled: tuple[str, ...] = ()
-    codes: tuple[str, ...] = ()
+    read: Texts = ()
+    ignored: Texts = ()
+    doubts: Texts = ()
+    pooled: Texts = ()
+    codes: Texts = ()
 
 
 def counted_rows(

@@ -140,7 +140,7 @@ def is_missed_flag(column: Column) -> bool:
     return is_flag(column.texts) and any(word in plain for word in VOCABULARY["missed"]["flags"])
 
 
-def practice_texts(name: str, texts: Texts) -> list[str]:
+def practice_texts(name: str, texts: Texts) -> Texts:
     """The texts of a column that say that a row is practice.
 
     A column such as `is_practice` may hold 1 and 0. If it holds other numbers too, it counts
@@ -166,7 +166,7 @@ def practice_texts(name: str, texts: Texts) -> list[str]:
     return marks
 
 
-def taken_out_texts(name: str, texts: Texts) -> list[str]:
+def taken_out_texts(name: str, texts: Texts) -> Texts:
     """The texts of a column that say that somebody took a trial out of the analysis.
 
     Examples
@@ -458,7 +458,7 @@ def _roles_read(names: Texts, options: ReadOptions) -> list[str]:
     return [role for role in roles_read if role not in options.ignore]
 
 
-def _answer_roles(names: Texts, options: ReadOptions) -> list[str]:
+def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     """Our names of the columns of responses or counts."""
     if options.correct is not None:
         return ["correct"]
@@ -592,11 +592,8 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
 
 def _score_remedies(names: Texts) -> list[Remedy]:
     """Options to type if these columns say right or wrong."""
-    remedies = []
-    for name in names:
-        meaning = f"if {display_name(name)} says right or wrong (2AFC)"
-        remedies.append(Remedy("correct", name, meaning))
-    return remedies
+    meaning = "says right or wrong (2AFC)"
+    return [Remedy("correct", name, f"if {display_name(name)} {meaning}") for name in names]
 
 
 def _columns_remedy(free: Texts, to_name: Texts, options: ReadOptions) -> Remedy:
@@ -604,11 +601,9 @@ def _columns_remedy(free: Texts, to_name: Texts, options: ReadOptions) -> Remedy
     stimuli = dict(zip(options.stimuli, _numbered_pair(free), strict=True))
     pairs = []
     for role in to_name:
-        likely = names_like(free, role)
+        likely = [*filter(None, [stimuli.get(role)]), *names_like(free, role)]
         if role == "response":
             likely += names_like(free, "key")
-        if stimuli.get(role):
-            likely.insert(0, stimuli[role])
         pairs.append((role, [*likely, "NAME"][0]))
 
     meaning = "with the names in your file"

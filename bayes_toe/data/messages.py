@@ -67,7 +67,7 @@ def join_names(names: Iterable[str], max_items: int = MAX_LINES) -> str:
     return ", ".join(items)
 
 
-def named_counts(counts: Mapping[str, int]) -> list[str]:
+def named_counts(counts: Mapping[str, int]) -> Texts:
     """Names with their counts, without those that have none.
 
     Examples
@@ -98,7 +98,7 @@ class Note(str):
         return note
 
 
-def fixed_texts(note: str) -> list[str]:
+def fixed_texts(note: str) -> Texts:
     """The texts of a note that are no counts and no names."""
     return [part for part in getattr(note, "parts", [note]) if isinstance(part, str)]
 

@@ -35,10 +35,9 @@ _MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition", "practice")
 _ANSWERS = ("equal", "different", "second", "first")
 #: Fields whose texts must not be empty.
 _TEXT_FIELDS = (
-    *(f"{answer}_code" for answer in _ANSWERS),
-    *("correct", "condition", "reference", "unit", "wide", "comparison_code"),
-    *("standard_interval", "comparison_interval", "standard_first_code"),
-    *("subject_from", "encoding", "sheet"),
+    *("equal_code", "different_code", "second_code", "first_code", "correct", "condition"),
+    *("reference", "unit", "wide", "comparison_code", "standard_interval", "comparison_interval"),
+    *("standard_first_code", "subject_from", "encoding", "sheet"),
 )
 
 
@@ -398,10 +397,12 @@ def changed(study: Study, swap: Iterable[str] = (), exclude: Iterable[str] = ())
     InputError
         As :meth:`~bayes_toe.data.study.Study.swap`, and if a subject or block is named twice.
     """
-    for name, blocks in _blocks_by_subject("--swap", swap, study).items():
-        study = study.swap(name, blocks)
-    for name, blocks in _blocks_by_subject("--exclude", exclude, study).items():
-        study = study.exclude(name, blocks)
+    for option, texts, change in (
+        ("--swap", swap, Study.swap),
+        ("--exclude", exclude, Study.exclude),
+    ):
+        for name, blocks in _blocks_by_subject(option, texts, study).items():
+            study = change(study, name, blocks)
     return study
 
 

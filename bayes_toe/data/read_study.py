@@ -352,16 +352,14 @@ class _Rows:
         return signs
 
     @property
-    def names_not_read(self) -> list[str]:
+    def names_not_read(self) -> Texts:
         """The columns that are not read, without those that the options ignore."""
         columns = (*self.columns.values(), *self.signs)
-        names_to_skip = {column.name for column in columns} | {*self.options.where}
+        names_to_skip = {"", *self.options.where, *(column.name for column in columns)}
         for ours in self.options.ignore:
             names_to_skip.add(self.options.name(ours))
             names_to_skip.update(names_like(self.table.names, ours))
-        return [
-            name for name in dict.fromkeys(self.table.names) if name and name not in names_to_skip
-        ]
+        return [name for name in dict.fromkeys(self.table.names) if name not in names_to_skip]
 
     def require_pairs(self, asked: BoolArray) -> None:
         """Note subjects without a name, and stimuli without a number, in these rows."""
@@ -530,7 +528,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
 
 def _rare_answer_doubts(counts: Counts) -> Iterator[str]:
     """A doubt about one of three answers that is rare, as stray words in a study of two answers."""
-    n_equal, n_trials, n_second = (int(counts[name].sum()) for name in THREE_ANSWERS.counts)
+    n_equal, n_trials, n_second = (counts[name].sum() for name in THREE_ANSWERS.counts)
     numbers = {"equal": n_equal, "second": n_second, "first": n_trials - n_equal - n_second}
     for answer, n_answers in numbers.items():
         if n_answers < 0.01 * n_trials:
@@ -556,25 +554,24 @@ def _synthetic(columns: Columns) -> tuple[bool, list[str]]:
 
 def _trial_study(rows: _Rows) -> Study:
     """The study of a table whose rows are trials."""
-    table = rows.table
-    responses_or_scores = "correct" if rows.options.correct else "response"
-    column, missed_texts = blank_missed(rows.columns[responses_or_scores], rows.options)
-    if rows.options.has_standard and "response" in rows.columns:
-        column = rows.order.by_interval(table, column, rows.options)
-    with_marks = replace(table, columns={**table.columns, **rows.columns})
+    table, options, task_column = rows.table, rows.options, rows.columns.get("task")
+    responses_or_scores = "correct" if options.correct else "response"
+    column, missed_texts = blank_missed(rows.columns[responses_or_scores], options)
+    if options.has_standard and "response" in rows.columns:
+        column = rows.order.by_interval(table, column, options)
     difference = np.diff(rows.pairs)[:, 0]
-    answers = responses(with_marks, column, rows.options, difference, rows.order)
-    answers, missed_signs = without_missed(answers, column, rows.signs, rows.options.missed)
+    answers = responses(table, column, task_column, options, difference, rows.order)
+    answers, missed_signs = without_missed(answers, column, rows.signs, options.missed)
 
     # Rows without an answer, such as instruction screens, may hold anything else.
     rows.require_pairs(answers.is_answered | answers.is_unscorable)
     table.problems.refuse()
-    require_task(table, answers.task, rows.columns.get("task"))
+    require_task(table, answers.task, task_column)
     if not answers.is_answered.any():
-        remedies = []
-        if rows.options.correct is None:
-            name_to_type = (("response", "NAME"),)
-            remedies.append(Remedy("columns", name_to_type, "if another column has the responses"))
+        meaning = "if another column has the responses"
+        remedies = [Remedy("columns", (("response", "NAME"),), meaning)]
+        if options.correct is not None:
+            remedies = []
         raise InputError(
             f"{table.source}: {column}: found no response in any of {len(table.rows)} rows, "
             "allowed: at least one answered trial",
@@ -585,12 +582,11 @@ def _trial_study(rows: _Rows) -> Study:
     notes = rows.layout(form, answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable
     is_no_trial = unanswered & np.logical_and(*map(empty, rows.stimulus_columns))
-    if is_no_trial.any():
-        blank = (int(is_no_trial.sum()), "row")
-        notes.append(Note(blank, " without stimuli and response left out"))
-    unanswered &= ~is_no_trial
+    n_blank = is_no_trial.sum()
+    if n_blank:
+        notes.append(Note((n_blank, "row"), " without stimuli and response left out"))
     causes = missed_texts + missed_signs
-    notes += _dropped_note(rows, unanswered, "without a response", causes)
+    notes += _dropped_note(rows, unanswered & ~is_no_trial, "without a response", causes)
     equal_stimuli = "with equal stimuli, of which no answer is right,"
     notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
     responding = {"", *rows.subject.only(answers.is_answered).texts}
@@ -605,7 +601,7 @@ def _trial_study(rows: _Rows) -> Study:
     return _study(rows, notes, counts, answers.task)
 
 
-def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str, cells: Texts = ()) -> list[str]:
+def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str, cells: Texts = ()) -> Texts:
     """How many trials of each subject are dropped for a reason; nothing where none is.
 
     `cells` are the texts that say so, with their columns.
@@ -640,11 +636,11 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         k = column_counts(table, column)
     rows.require_pairs(np.ones(len(n), bool))
     table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
-    others = {*names_like(table.names, f"n_{task.no}")}.intersection(rows.names_not_read)
+    others = {*names_like(table.columns, f"n_{task.no}")}.intersection(rows.names_not_read)
     if len(others) == 1 and not share_notes:
         other = table.columns[others.pop()]
         n_other = other.map(whole_number, np.int64)
-        is_wrong = (n >= k) & (n_other >= 0) & (k + n_other != n)
+        is_wrong = (k >= 0) & (n >= k) & (n_other >= 0) & (k + n_other != n)
         rule = f"the sum of {display_name(column.name)} and {display_name(other.name)}, "
         table.fault(trials, is_wrong, lambda index: f"{rule}{k[index] + n_other[index]}")
     difference = np.diff(rows.pairs)[:, 0]
@@ -654,10 +650,9 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         k = np.where(difference > 0.0, k, n - k)
         table.fault(trials, (difference == 0.0) & (n > 0), "0 where stimuli are equal")
     _require_counts(rows, n, task)
-    answered = f" trials answered '{task.yes}'"
-    notes = rows.layout("grouped", [k.sum(), " of ", n.sum(), answered])
-    notes += share_notes
-    n_empty = int((n == 0).sum())
+    answered = [k.sum(), " of ", n.sum(), f" trials answered '{task.yes}'"]
+    notes = rows.layout("grouped", answered) + share_notes
+    n_empty = (n == 0).sum()
     if n_empty:
         notes.append(Note((n_empty, "row"), " with n_trials = 0 left out"))
     return _study(rows, notes, {"n_yes": k, "n_trials": n}, task)

@@ -71,24 +71,21 @@ _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 #: Parts of a record that are no single values.
 _NESTED = (list, dict)
 #: Suffixes of tables. A file that is named and has another suffix is read as a text.
-TABLE_SUFFIXES = (
-    *_TEXT_SUFFIXES,
-    *_EXCEL_SUFFIXES,
-    *_JSON_SUFFIXES,
-    *(".mat", ".parquet"),
-)
+TABLE_SUFFIXES = _TEXT_SUFFIXES + _EXCEL_SUFFIXES + _JSON_SUFFIXES + (".mat", ".parquet")
 #: What to do with files that are not read, by their suffix.
 _NOT_READ = {
+    ".toml": "settings, allowed: a table of trials or counts",
     **dict.fromkeys(
-        (".gz", ".zip", ".7z", ".xz", ".tar", ".tgz"), ("an archive", "the file in it")
+        [".gz", ".zip", ".7z", ".xz", ".tar", ".tgz"], "an archive, allowed: the file in it"
     ),
-    **dict.fromkeys((".xls", ".ods", ".numbers"), ("a spreadsheet", "its copy as .xlsx or CSV")),
-    **dict.fromkeys((".rdata", ".rda", ".rds"), ("R data", "a CSV file that write.csv makes")),
     **dict.fromkeys(
-        (".sav", ".dta", ".por", ".psydat", ".edat2", ".edat3"),
-        ("data of another program", "its copy as CSV"),
+        [".xls", ".ods", ".numbers"], "a spreadsheet, allowed: its copy as .xlsx or CSV"
     ),
-    ".toml": ("settings", "a table of trials or counts"),
+    **dict.fromkeys([".rdata", ".rda", ".rds"], "R data, allowed: a CSV file that write.csv makes"),
+    **dict.fromkeys(
+        [".sav", ".dta", ".por", ".psydat", ".edat2", ".edat3"],
+        "data of another program, allowed: its copy as CSV",
+    ),
 }
 
 
@@ -146,8 +143,7 @@ def read_table(
     name = display_name(path.name)
     suffix = path.suffix.lower()
     if suffix in _NOT_READ:
-        form, rule = _NOT_READ[suffix]
-        raise InputError(f"{name}: found {form}, allowed: {rule}")
+        raise InputError(f"{name}: found {_NOT_READ[suffix]}")
     if sheet is not None and suffix not in _EXCEL_SUFFIXES:
         raise InputError(f"{name}: found --sheet {sheet}, allowed: with an Excel file")
 
@@ -236,7 +232,7 @@ def _table_of_values(
         if name in chosen and cell_problems:
             problems.add(cell_problems[:1])
     row_numbers = np.array(rows, np.int64)
-    return TextTable(form, "", head, names, columns, row_numbers, problems, tuple(notes))
+    return TextTable(form, "", head, names, columns, row_numbers, problems, notes)
 
 
 def _table_of_frame(

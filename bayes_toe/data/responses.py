@@ -73,6 +73,8 @@ _CODE_MEANINGS = {
 _RARE, _MANY = 0.05, 0.2
 
 _ALL_WORDS = (*_WORDS.values(), *VOCABULARY["stimuli"].values())
+#: The text that options give for each answer of a task.
+Codes: TypeAlias = Sequence[str | None]
 #: What is wrong with a column, empty if nothing is, and options to type.
 Question: TypeAlias = tuple[str, list[Remedy]]
 
@@ -91,6 +93,7 @@ class Responses(NamedTuple):
 def responses(
     table: TextTable,
     column: Column,
+    task_column: Column | None,
     options: ReadOptions,
     difference: FloatArray,
     order: StandardOrder,
@@ -101,7 +104,7 @@ def responses(
     column, and another task than the one of the result may have been meant.
     """
     has_scores = options.correct is not None
-    task_told = _task_told(column, table.columns.get("task"), options)
+    task_told = _task_told(column, task_column, options)
     task = task_told or task_with(_words_by_answer(column)) or SAME_DIFFERENT
     names, words = task.answers, tuple(_WORDS[answer] for answer in task.answers)
     if has_scores:
@@ -114,7 +117,7 @@ def responses(
         trends = {"equal_code": -abs(difference), "second_code": difference}
         if options.has_standard:
             trends["comparison_code"] = np.where(order.is_first, difference, -difference)
-        problem, remedies = _unknown_meaning(column, table.columns.get("task"), trends)
+        problem, remedies = _unknown_meaning(column, task_column, trends)
     if not problem:
         problem, remedies = _unknown_texts(column, answer, codes, names)
     remedies = _three_answers(column, answer, names, options, difference) + remedies
@@ -129,7 +132,7 @@ def responses(
     note: list[object] = ["responses"]
     for i, name in enumerate(names):
         is_answer = answer == i
-        note += [f" {_texts_read(column, is_answer, name)} (", int(is_answer.sum()), ") /"]
+        note += [f" {_texts_read(column, is_answer, name)} (", is_answer.sum(), ") /"]
     note[-1] = ")"
     is_yes, is_answered = answer == _YES, answer != _MISSING
     is_unscorable = np.zeros(len(answer), bool)
@@ -142,7 +145,7 @@ def responses(
     return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
 
 
-def _allowed_texts(codes: Sequence[str | None], words: Sequence[Texts], names: Texts) -> str:
+def _allowed_texts(codes: Codes, words: Sequence[Texts], names: Texts) -> str:
     """The texts that stand for all answers, in words."""
     parts = []
     for code, known_words, name in zip(codes, words, names, strict=True):
@@ -243,21 +246,20 @@ def without_missed(
     as `timed_out` shows it. `declared` are the texts that the options name.
     """
     is_right = column.map(lambda text: _answer(text, (None, None), _RIGHT_WRONG) == _YES)
-    is_missed = np.zeros(len(is_right), bool)
     causes = []
     for sign in signs:
         texts = []
         for text in sign.texts:
             if text in declared or _shows_missed(sign, text, is_right):
                 texts.append(text)
-        is_missed |= sign.matches(texts)
         causes += cells_of(sign, texts)
-    remaining = answers._replace(
-        is_yes=answers.is_yes & ~is_missed,
-        is_answered=answers.is_answered & ~is_missed,
-        is_unscorable=answers.is_unscorable & ~is_missed,
-    )
-    return remaining, causes
+        is_valid = ~sign.matches(texts)
+        answers = answers._replace(
+            is_yes=answers.is_yes & is_valid,
+            is_answered=answers.is_answered & is_valid,
+            is_unscorable=answers.is_unscorable & is_valid,
+        )
+    return answers, causes
 
 
 def cells_of(column: Column, texts: Texts) -> list[str]:
@@ -289,7 +291,7 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     return not (is_chance and (is_as_large & ~is_chosen).any())
 
 
-def _all_codes(column: Column, codes: tuple[str | None, ...]) -> tuple[str | None, ...]:
+def _all_codes(column: Column, codes: Codes) -> Codes:
     """The codes of all responses; if one is missing, it is the only other code of a column."""
     chosen = {*map(_plain, filter(None, codes))}
     texts = {*map(_plain, column.texts)} - {""}
@@ -367,7 +369,7 @@ def _tasks_in(column: Column | None) -> dict[str, Task]:
 def _unknown_texts(
     column: Column,
     answer: IntArray,
-    codes: Sequence[str | None],
+    codes: Codes,
     names: Texts,
 ) -> Question:
     """The problem of several codes of which one is known; what to type for texts of no answer.
@@ -459,7 +461,7 @@ def _plain(text: str) -> str:
     return text if match is None else match[1]
 
 
-def _answer(text: str, given: Sequence[str | None], words: Sequence[Texts]) -> int:
+def _answer(text: str, given: Codes, words: Sequence[Texts]) -> int:
     """The answer that a cell stands for: by the given codes, else by words."""
     plain = _plain(text)
     codes = [code and _plain(code) for code in given]

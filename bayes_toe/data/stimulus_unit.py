@@ -265,7 +265,7 @@ def merge_rounded(
         merged[rows] = _without_rounding(stimuli[rows])
 
     is_changed = merged[valid] != stimuli[valid]
-    n_changed = int(is_changed.any(axis=1).sum())
+    n_changed = is_changed.any(axis=1).sum()
     if not n_changed:
         return merged, []
 

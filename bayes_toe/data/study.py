@@ -302,7 +302,7 @@ class Subject:
         return self.n_trials - self.n_yes - self.n_second
 
     @property
-    def answers_given(self) -> list[str]:
+    def answers_given(self) -> Texts:
         """The answers that were given at least once."""
         counts = [self.n_yes, self.n_trials - self.n_yes]
         if self.n_second is not None:
@@ -493,7 +493,7 @@ class Study:
                 conditions = conditions.among({unit.condition for unit in remaining})
             owner = f"subject {display_name(name)}"
             if asked:
-                owner += f", {'block' if len(asked) == 1 else 'blocks'} {join_names(asked)}"
+                owner += f", block{'s' * (len(asked) > 1)} {join_names(asked)}"
             study = replace(
                 study,
                 subjects=remaining,
@@ -630,7 +630,7 @@ def _pair_problem(keys: FloatArray, n_trials: IntArray) -> str:
     return ""
 
 
-def _name_list(names: Names) -> list[str]:
+def _name_list(names: Names) -> Texts:
     """Names of one or several; a whole number stands for its digits."""
     if isinstance(names, str | int | np.integer):
         names = [names]

@@ -60,8 +60,9 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
         if not isinstance(path, StrPath) or not os.path.isdir(path):
             files.append(path)
             continue
+        folder, name = Path(path), display_name(str(path))
         for pattern in _IN_FOLDER:
-            found = [file.relative_to(path) for file in Path(path).glob(pattern)]
+            found = [file.relative_to(folder) for file in folder.glob(pattern)]
             tables = sorted(filter(_is_table, found))
             if tables:
                 break
@@ -69,14 +70,14 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
         finding = join_words([plural(n, f"{suffix} file") for suffix, n in counts.items()])
         if len(counts) != 1:
             commonest = max(counts, key=counts.__getitem__, default=".csv")
-            example = f"{shlex.quote(format_path(Path(path)))}/{pattern if tables else '*'}"
+            example = f"{shlex.quote(format_path(folder))}/{pattern if tables else '*'}"
             raise InputError(
-                f"{display_name(str(path))}: found {finding or 'no table'}, allowed: tables of one "
-                f"suffix, such as {example}{commonest}"
+                f"{name}: found {finding or 'no table'}, allowed: tables of one suffix, such as "
+                f"{example}{commonest}"
             )
-        files += [Path(path, file) for file in tables]
+        files += map(folder.joinpath, tables)
         place = " in subfolders" if "/" in pattern else ""
-        notes.append(f"folder {display_name(str(path))}: {finding}{place} read")
+        notes.append(f"folder {name}: {finding}{place} read")
     return files, notes
 
 
@@ -97,11 +98,11 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
     InputError
         If there is no file, a file is given twice, or a file has problems.
     """
-    absolute_paths = [Path(path).absolute() for path in paths if isinstance(path, StrPath)]
     if not paths:
         raise InputError("files: found none, allowed: some")
-    for i, path in enumerate(absolute_paths):
-        if path in absolute_paths[:i]:
+    absolute_paths = [Path(path).absolute() for path in paths if isinstance(path, StrPath)]
+    for path, n_times in Counter(absolute_paths).items():
+        if n_times > 1:
             raise InputError(f"{display_name(path.name)}: found twice, allowed: each file once")
     studies = []
     faulty = []
@@ -294,15 +295,10 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
         files.append(replace(in_order, block=block + len(block_names), place=place))
         block_names += names
 
-    columns = {}
+    columns = dict[str, Any]()
     for key in ("keys", "n_yes", "n_trials", "n_second", "iti", "block", "place"):
-        columns[key] = _concatenated([getattr(file, key) for file in files])
+        parts = [getattr(file, key) for file in files]
+        if not any(part is None for part in parts):
+            columns[key] = np.concatenate(parts)
     has_trial_rows = all(file.has_trial_rows for file in files)
     return Answers(**columns, blocks=tuple(block_names), has_trial_rows=has_trial_rows)
-
-
-def _concatenated(parts: Sequence[Any]) -> Any:
-    """The parts one after the other; None if a part is None."""
-    if any(part is None for part in parts):
-        return None
-    return np.concatenate(parts)

@@ -58,7 +58,7 @@ class Table(ABC, Generic[Row]):
 
     def __repr__(self) -> str:
         names = list(dict.fromkeys(str(getattr(row, "subject", "")) for row in self.rows))
-        of_subjects = "" if names in ([], [""]) else f" of {join_few(names)}"
+        of_subjects = f" of {join_few(names)}" if any(names) else ""
         size = f"{len(self.rows):,} rows{of_subjects}"
         return f"<{type(self).__name__}: {size}; frame() gives them to pandas>"
 

@@ -152,9 +152,9 @@ THREE_ANSWERS = Task(
 #: The tasks; one with fewer answers stands before one that has them too.
 TASKS = (SAME_DIFFERENT, WHICH_STRONGER, THREE_ANSWERS)
 _CALLED = {
-    SAME_DIFFERENT: {"samedifferent", "samediff", "equaldifferent", "equality", "sd", "ax"},
-    WHICH_STRONGER: {"whichisstronger", "which", "2afc", "2ifc", "secondfirst", "firstsecond"},
-    THREE_ANSWERS: {"threeanswers", "ternary", "firstequalsecond"},
+    SAME_DIFFERENT: ["samedifferent", "samediff", "equaldifferent", "equality", "sd", "ax"],
+    WHICH_STRONGER: ["whichisstronger", "which", "2afc", "2ifc", "secondfirst", "firstsecond"],
+    THREE_ANSWERS: ["threeanswers", "ternary", "firstequalsecond"],
 }
 
 

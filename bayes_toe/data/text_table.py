@@ -114,7 +114,7 @@ class Column:
         """The text of one row."""
         return self.texts[int(self.codes[index])]
 
-    def counts(self, texts: Iterable[str]) -> list[str]:
+    def counts(self, texts: Iterable[str]) -> Texts:
         """Texts with their counts, as messages show them."""
         counts = np.bincount(self.codes, minlength=len(self.texts)).tolist()
         return [f"{quoted(text)} ({counts[self.texts.index(text)]:,})" for text in texts]
@@ -223,7 +223,7 @@ class TextTable:
     columns: Columns
     rows: IntArray
     problems: Problems
-    notes: tuple[str, ...] = ()
+    notes: Texts = ()
 
     @property
     def source(self) -> str:
@@ -409,16 +409,22 @@ def _names(cells: list[str] | csv.Error) -> list[str]:
 def header_place(names: Sequence[Texts], choice: Choice) -> int:
     """The index of the record with the names: the first, unless a later one is clearer.
 
-    The first one with several names comes after lines of a title.
+    Where the first is a line of a title, it is the first one with several names and no number.
     """
     counts = [n_chosen(record, choice) for record in names]
     if not counts or counts[0] > 1:
         return 0
-    largest_count = max(counts)
-    if largest_count - counts[0] >= 2:
-        return counts.index(largest_count)
-    has_several = [sum(name != "" for name in record) > 1 for record in names]
-    return has_several.index(True) if True in has_several else 0
+    if max(counts) >= counts[0] + 2:
+        return counts.index(max(counts))
+
+    for index, record in enumerate(names):
+        filled = [name for name in record if name]
+        has_number = any(re.fullmatch(r"[-\d.,]+", name) for name in filled)
+        if len(filled) > 1 and not has_number:
+            return index
+        if len(filled) > 1:
+            break
+    return 0
 
 
 def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str, str]:

@@ -157,7 +157,7 @@ def with_row_for_each_trial(table: TextTable, frequency: Column) -> TextTable:
     """The table with as many equal rows as a column says, for each of its rows."""
     counts = column_counts(table, frequency)
     table.problems.refuse()
-    n_trials = int(counts.sum())
+    n_trials = counts.sum()
     if n_trials > _MOST_TRIALS:
         raise InputError(
             f"{table.source}: {frequency}: found {n_trials:,} trials, allowed: at most "
@@ -192,7 +192,7 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
 
         marks = join_names(map(quoted, practice))
         reason = f"left out as practice ({column}: {marks}); --ignore practice reads them"
-        table = table.only(~is_marked, Note((int(is_marked.sum()), "row"), f" {reason}"))
+        table = table.only(~is_marked, Note((is_marked.sum(), "row"), f" {reason}"))
     return table
 
 
@@ -224,9 +224,7 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
         return table
 
     reason = " left out as unfilled (stimuli and response are 0 in the last rows): "
-    return table.only(
-        ~is_unfilled, Note((int(is_unfilled.sum()), "row"), reason, named_counts(counts))
-    )
+    return table.only(~is_unfilled, Note((is_unfilled.sum(), "row"), reason, named_counts(counts)))
 
 
 def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
@@ -244,7 +242,7 @@ def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
     return n_zero if share_repeated ** (n_zero - 1.0) < _RUN_BY_CHANCE else 0
 
 
-def nameless_doubts(subject: Column) -> list[str]:
+def nameless_doubts(subject: Column) -> Texts:
     """A doubt for each subject whose name may say that there is none."""
     doubts = []
     for code, text in enumerate(subject.texts):
@@ -258,7 +256,7 @@ def nameless_doubts(subject: Column) -> list[str]:
     return doubts
 
 
-def taken_out_doubts(columns_not_read: Sequence[Column]) -> list[str]:
+def taken_out_doubts(columns_not_read: Sequence[Column]) -> Texts:
     """A doubt for each column that is not read and says that some rows are no good trials."""
     doubts = []
     for column in columns_not_read:
@@ -267,7 +265,7 @@ def taken_out_doubts(columns_not_read: Sequence[Column]) -> list[str]:
         if not texts or not other_texts:
             continue
 
-        n_rows = int(column.matches(texts).sum())
+        n_rows = column.matches(texts).sum()
         marks = join_names(map(quoted, texts))
         doubt = f"{plural(n_rows, 'row')} with {marks} in {column} are counted"
         if len(other_texts) == 1:

@@ -16,8 +16,8 @@ def test_value_is_that_of_the_definition(name):
     maxima = find_maxima(posterior)
     _, log_evidences = laplace(posterior.array, [maxima])
     best, steps = maxima.x[0], 1e-5 * np.eye(4)
-    _, slopes_ahead = posterior.gradient(best + steps)
-    _, slopes_backward = posterior.gradient(best - steps)
+    _, slopes_ahead = posterior.array.gradient(best + steps)
+    _, slopes_backward = posterior.array.gradient(best - steps)
     hessian = (slopes_ahead - slopes_backward) / 2e-5
     height = posterior.log_density(best)[0]
     expected = height + 2 * np.log(2 * np.pi) - 0.5 * np.linalg.slogdet(-hessian)[1]
