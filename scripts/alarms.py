@@ -151,7 +151,7 @@ def learning_p(observer: Observer, keys: FloatArray, sbar: float) -> list[float]
     p_yes = []
     for noise, (s1, s2) in zip(noises.tolist(), keys, strict=True):
         now = replace(observer, parameters={**observer.parameters, "noise": noise})
-        p_yes.append(float(now.p_yes(s1, s2, sbar)))
+        p_yes.append(now.p_yes(s1, s2, sbar))
     return p_yes
 
 
@@ -166,7 +166,7 @@ def simulate(observer: Observer, kind: str, n_levels: int, repeats: int, rng: Rn
     shift = noise * shifts(kind, pair, keys, rng)
 
     uniform = rng.random(n_trials)
-    sbar = float(s1.mean())
+    sbar = s1.mean()
     is_yes = uniform < observer.p_yes(s1, s2 + shift, sbar)
     if kind == "learning":
         is_yes = uniform < learning_p(observer, keys, sbar)

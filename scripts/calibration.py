@@ -178,7 +178,7 @@ def appendix_c_evidence(fit: SubjectFit, prior: Prior) -> float:
     log_prior += stats.beta.logpdf(q0, prior.q0_a, prior.q0_b)
     # |d(sigma_p^2, sigma_l^2) / d(sigma_p, gamma)| = 2 sigma_p^3.
     log_prior -= np.log(2.0) + 3.0 * np.log(sigma_p)
-    return float(fit.log_likelihood + log_prior + half_log_det)
+    return fit.log_likelihood + log_prior + half_log_det
 
 
 # --- All subjects --------------------------------------------------------------------------------

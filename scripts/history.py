@@ -49,7 +49,7 @@ def observer(truth: str, n_trials: int, number: int, seed: int) -> Subject:
     trial = np.arange(n_trials)
     is_session_start = np.isin(trial, (0, n_trials // 2))
 
-    sbar = float(keys[:, 0].mean())
+    sbar = keys[:, 0].mean()
     expected = expectations(*(keys - sbar).T, contraction, carry_over, is_session_start)
     parameters = {"noise": NOISE, "lapse_rate": LAPSE_RATE, "contraction": contraction}
     simulated = make_observer(name, truth, parameters, WHICH_STRONGER)

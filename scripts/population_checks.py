@@ -23,7 +23,8 @@ from bayes_toe.design.study_design import StudyDesign
 
 STEP, N_SUBJECTS = 0.25, 10
 LEVELS = STEP * np.arange(6)
-S1, S2 = np.append(LEVELS[:-1], LEVELS[1:]), np.append(LEVELS[1:], LEVELS[:-1])
+LOW, HIGH = LEVELS[:-1], LEVELS[1:]
+S1, S2 = np.append(LOW, HIGH), np.append(HIGH, LOW)
 
 
 def simulated_study(
@@ -65,7 +66,7 @@ def main() -> None:
     """Simulate studies, and judge the probabilities that their means are 0."""
     options = number_parser(__doc__, studies=80).parse_args()
     log_odds, is_zero = zip(*analysed_means(options.studies), strict=True)
-    print(judge_probabilities(log_odds, is_zero, np.random.default_rng(1)))
+    print(pd.Series(judge_probabilities(log_odds, is_zero, np.random.default_rng(1))))
 
 
 if __name__ == "__main__":
