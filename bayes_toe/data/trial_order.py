@@ -170,10 +170,10 @@ def _repeated(
     There is none where a row with a number that is there twice is another trial: numbers may begin
     anew. No trial is there twice where the order is known.
     """
-    import pandas as pd
-
     if not unordered:
         return []
+    import pandas as pd  # slow to load, and seldom needed
+
     numbered_by = [name for name in ("subject", *_RUNS) if name in columns]
     rows = pd.DataFrame({name: columns[name].codes for name in numbered_by})
     rows["trial"] = numbers(table, columns["trial"])
