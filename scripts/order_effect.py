@@ -25,7 +25,7 @@ from scipy.special import expit, logit, ndtr, ndtri
 from bayes_toe.answers.order_effect import QUESTIONS, order_effect
 from bayes_toe.answers.words import Word
 from bayes_toe.checks.answer_checks import answer_flags
-from bayes_toe.checks.identification import Identification
+from bayes_toe.checks.identification import identify
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.design.study_design import StudyDesign, reference_design
@@ -119,7 +119,7 @@ def judged(design: str, seed: int, own_seed: int, size: int) -> pd.DataFrame:
     rows = []
     for truth, evidence, flags in zip(truths, evidences, flags_of_all, strict=True):
         subject = evidence.subject
-        answer = order_effect(evidence, Identification({}), flags)
+        answer = order_effect(evidence, identify(subject), flags)
         row = {"design": design, "observer": subject.name, **truth}
         for question in QUESTIONS:
             row[f"word_{question}"] = answer.words[question].value
