@@ -241,6 +241,8 @@ class StudyFile:
         options.pop("task", None)
         columns = ",".join(options.get("columns", ()))
         options["columns"] = parse_pairs("--columns", filter(None, columns.split(",")), "OURS=NAME")
-        options["where"] = parse_pairs("--where", options.get("where", ()), "COLUMN=TEXT")
+        options["where"] = parse_pairs(
+            "--where", options.get("where", ()), "COLUMN=TEXT", may_be_empty=True
+        )
         categorical = options.pop("categorical_condition", False)
         return ReadOptions(**options, categorical=categorical)

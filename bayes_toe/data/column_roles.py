@@ -74,7 +74,7 @@ def looks_like(name: str, role: str) -> bool:
     _, dot, ending = name.rpartition(".")
     if dot and ending in VOCABULARY["psychopy"].get(role, ()):
         parts = (*VOCABULARY["psychopy"]["other_parts"], *VOCABULARY["practice"]["texts"])
-        return not plain.startswith(parts)
+        return re.search("|".join(parts), plain) is None
 
     stimuli, places, other_words = named_places(name)
     return [role] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
@@ -153,7 +153,10 @@ def practice_texts(name: str, texts: Texts) -> list[str]:
     ([], ['0_training', 'TRAIN'])
     """
     beginnings = tuple(VOCABULARY["practice"]["texts"])
-    has_flags = is_flag(texts) and any(word in plain_name(name) for word in beginnings)
+    is_named = any(word in plain_name(name) for word in beginnings)
+    if is_named and ".this" in name:  # PsychoPy counts the trials of a loop
+        return [*filter(None, texts)]
+    has_flags = is_named and is_flag(texts)
 
     marks = []
     for text in texts:
@@ -166,19 +169,23 @@ def practice_texts(name: str, texts: Texts) -> list[str]:
 
 
 def taken_out_texts(name: str, texts: Texts) -> list[str]:
-    """The texts of a column that say that somebody took a trial out of the analysis.
+    """The texts of a column that say that a trial does not count.
 
     Examples
     --------
-    >>> taken_out_texts("exclude", ["0", "1"]), taken_out_texts("valid", ["yes", "no"])
+    >>> taken_out_texts("exclude", ["0", "1"]), taken_out_texts("is_valid", ["yes", "no"])
     (['1'], ['no'])
+    >>> taken_out_texts("status", ["ok", "aborted"]), taken_out_texts("rejected", ["0", "3"])
+    (['aborted'], [])
     """
-    words = set()
-    if plain_name(name) in VOCABULARY["taken_out"]["by_1"]:
+    words = set[str]()
+    plain = re.sub("^(is|was|trial)+|trials?$", "", plain_name(name))
+    if is_flag(texts) and plain in VOCABULARY["taken_out"]["by_1"]:
         words = {*TRUE_WORDS}
-    elif plain_name(name) in VOCABULARY["taken_out"]["by_0"]:
+    elif is_flag(texts) and plain in VOCABULARY["taken_out"]["by_0"]:
         words = {*FALSE_WORDS} - {""}
-    return [text for text in texts if is_flag(texts) and text.lower() in words]
+    words.update(VOCABULARY["taken_out"]["by_1"])
+    return [text for text in texts if {text.lower(), plain_name(text)} & words]
 
 
 def is_flag(texts: Iterable[str]) -> bool:

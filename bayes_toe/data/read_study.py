@@ -522,7 +522,8 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
                 "their number"
             )
     doubts += nameless_doubts(rows.subject)
-    doubts += taken_out_doubts(rows.table, rows.names_not_read)
+    is_right = task.right(rows.keys[1] - rows.keys[0]) == np.sign(k - 0.5)
+    doubts += taken_out_doubts(rows.table.only(n > 0), rows.names_not_read, is_right[n > 0])
     notes += missing
     is_synthetic, synthetic_notes = _synthetic(rows.columns)
     notes += synthetic_notes

@@ -20,18 +20,19 @@ from bayes_toe.data.column_roles import (
     practice_texts,
     taken_out_texts,
 )
-from bayes_toe.data.messages import Texts, display_name, join_counts, join_names, plural, quoted
+from bayes_toe.data.messages import Texts, join_counts, join_names, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import (
     CONDITION_SEPARATOR,
     MISSING_WORDS,
     column_counts,
+    empty,
     number,
     numbers,
     whole_number,
 )
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, Remedy
 
 #: How probable a run of equal pairs of zeros is at most, if it is left out as unfilled.
 _RUN_BY_CHANCE = 1e-4
@@ -63,7 +64,9 @@ def without_other_columns(table: TextTable, options: ReadOptions) -> tuple[TextT
     if not (len(table.rows) and options.where and table.columns.keys() >= options.where.keys()):
         return table, options
     chosen = _chosen_rows(table, options)
-    empty = [name for name, column in chosen.columns.items() if column.texts == [""]]
+    # A column may have been chosen by its empty cells.
+    others = {*chosen.columns} - {*options.where}
+    empty = [name for name in others if chosen.columns[name].texts == [""]]
     columns = {ours: name for ours, name in options.columns.items() if name not in empty}
     names = [*filterfalse(empty.__contains__, table.names)]
     return replace(table, names=names), replace(options, columns=columns)
@@ -173,7 +176,7 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
     """The table without rows that a column marks as practice.
 
     Columns of subjects, stimuli, responses and conditions mark none. Nor does a column that says
-    the same of all rows of each subject: it names groups, such as trained subjects.
+    the same of all stimuli of each subject: it names groups, such as trained subjects.
     """
     roles = {*roles_read} - {"session", "block", "trial"}
     names_to_skip = {*options.where, *map(options.name, (*roles, "condition"))}
@@ -187,8 +190,9 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
 
         is_marked = column.matches(practice)
         subject = _subjects(table, options).codes
-        n_marked = np.bincount(subject, is_marked)
-        if np.isin(n_marked * (np.bincount(subject) - n_marked), 0).all():
+        is_other = ~is_marked & ~empty(table.columns[options.name(options.stimuli[0])])
+        n_marked, n_others = np.bincount(subject, is_marked), np.bincount(subject, is_other)
+        if not (n_marked * n_others).any():
             continue
 
         rows = plural(int(is_marked.sum()), "row")
@@ -260,23 +264,31 @@ def nameless_doubts(subject: Column) -> list[str]:
     return doubts
 
 
-def taken_out_doubts(table: TextTable, names_not_read: Texts) -> list[str]:
-    """A doubt for each column that is not read and says that some rows are no good trials."""
+def taken_out_doubts(table: TextTable, names_not_read: Texts, is_right: BoolArray) -> list[str]:
+    """A doubt for each column of blocks or conditions, or not read, that says what does not count.
+
+    `is_right` says of each row whether its response is right. Errors that are never right score
+    the responses.
+    """
     doubts = []
-    for name in names_not_read:
+    for name in dict.fromkeys((*names_not_read, "block", "condition")):
         if name not in table.columns:
             continue
         column = table.columns[name]
         texts = taken_out_texts(name, column.texts)
-        other_texts = [text for text in column.texts if text not in texts]
-        if not texts or not other_texts:
+        if name == "condition":
+            texts += practice_texts(name, column.texts)
+        other_texts = [*filterfalse(texts.__contains__, column.texts)]
+        is_marked = column.matches(texts)
+        is_score = "error" in f"{name} {texts}".lower() and not is_right[is_marked].any()
+        if not texts or not other_texts or is_score:
             continue
 
-        n_rows = int(column.matches(texts).sum())
         marks = join_names(map(quoted, texts))
-        doubt = f"{plural(n_rows, 'row')} with {marks} in {column} are counted"
+        doubt = f"{plural(int(is_marked.sum()), 'row')} with {marks} in {column} are counted"
         if len(other_texts) == 1:
-            doubt += f"; --where {display_name(name)}={other_texts[0]} leaves them out"
+            remedy = Remedy("where", ((name, other_texts[0]),))
+            doubt += f"; {remedy.typed} leaves them out"
         doubts.append(doubt)
     return doubts
 

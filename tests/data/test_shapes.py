@@ -231,6 +231,18 @@ PRACTICE_MARKS = """
     trial_kind | catch | normal
     Teil | Übung | Versuch
     warm_up | TRUE | FALSE
+    trial_type | attention_check | exp
+"""
+#: Columns, or cells, that say that a trial does not count: texts of these and of other rows.
+TAKEN_OUT = """
+    exclude | 1 | 0
+    valid | 0 | 1
+    is_aborted | True | False
+    timed_out | yes | no
+    error | 1 | 0
+    outcome | aborted | ok
+    block | attention | main
+    condition | practice | main part
 """
 JATOS = "\n".join(
     json.dumps(json.loads(part.to_json(orient="records"))) for _, part in IN_LOGS.groupby("subject")
@@ -334,6 +346,18 @@ READ = {
         for column, *texts in text_table(PRACTICE_MARKS)
     },
     "trained.csv": (csv(IN_LOGS.assign(training=1)), {}),
+    "trained_with_a_screen.csv": (
+        csv(with_rows(IN_LOGS, [["P03", "", "", ""]]).assign(loop=[""] + ["training"] * 80)), {},
+    ),
+    "psychopy.csv": (
+        csv(
+            with_rows(labelled(IN_LOGS, response="key_resp.keys"), PRACTICE[:2]).assign(
+                **{"practice.thisN": [0, 1, *[""] * 80], "trials.thisN": ["", "", *range(80)]},
+                **{"key_practice.keys": "space", "instr.keys": ""},
+            )
+        ),
+        {},
+    ),
     "trained_group.csv": (csv(IN_LOGS.assign(training=[1] * 40 + [0] * 40)), {}),
     "trained_groups.csv": (csv(IN_LOGS.assign(group=["training"] * 40 + ["control"] * 40)), {}),
     "unfilled.csv": (padded(CODED, subject="P12"), {"second_code": "1"}),
@@ -387,6 +411,7 @@ NOTES = {
         f"practice_{column}.csv": f"8 rows left out as practice (column {column}: '{text}')"
         for column, text, _ in text_table(PRACTICE_MARKS)
     },
+    "psychopy.csv": "2 rows left out as practice (column practice.thisN: '0', '1')",
     "unfilled.csv": "20 rows left out as unfilled (stimuli and response are 0 in the last rows): ",
     "separators.jsonl": "trial rows, JSON, UTF-8, ",
     "missed_trials.csv": (
@@ -563,13 +588,16 @@ WARNED = {
     ),
     "intervals.csv": (csv(IN_LOGS.assign(isi=[0.6, 1.2] * 40)), "--condition isi"),
     "delays.csv": (csv(IN_LOGS.assign(Delay=[600, 1200] * 40)), "--condition Delay"),
-    "excluded.csv": (
-        csv(IN_LOGS.assign(exclude=[1] * 15 + [0] * 65)),
-        "15 rows with '1' in column exclude are counted; --where exclude=0 leaves them out",
-    ),
-    "not_valid.csv": (
-        csv(IN_LOGS.assign(valid=[0] * 15 + [1] * 65)),
-        "15 rows with '0' in column valid are counted; --where valid=1 leaves them out",
+    **{
+        f"{column}.csv": (
+            csv(IN_LOGS.assign(**{column: [mark, *[other] * 4] * 16})),
+            f"16 rows with '{mark}' in column {column} are counted; --where "
+            f"{shlex.quote(f'{column}={other}')} leaves them out",
+        )
+        for column, mark, other in text_table(TAKEN_OUT)
+    },
+    "aborted.csv": (
+        csv(IN_LOGS.assign(aborted=[1, *[""] * 4] * 16)), "--where aborted= leaves them out",
     ),
     "subject_na.csv": (
         csv(IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70)), "10 rows of subject 'NA'",
@@ -699,6 +727,9 @@ def test_a_shape_that_may_mislead_is_warned_of(name, tmp_path):
     result = check(tmp_path, name, content, {})
     assert result.returncode == 0
     assert part in " ".join(result.stdout.split())
+    if part.endswith("leaves them out"):
+        options = shlex.split(part)[-5:-3]
+        assert " 64 trials" in inside("check", name, *options, cwd=tmp_path).stdout
 
 
 def mutated(text, rng):
