@@ -178,13 +178,13 @@ def taken_out_texts(name: str, texts: Texts) -> list[str]:
     >>> taken_out_texts("status", ["ok", "aborted"]), taken_out_texts("rejected", ["0", "3"])
     (['aborted'], [])
     """
-    words = set[str]()
+    by_1, by_0 = VOCABULARY["taken_out"].values()
+    words = {*by_1}
     plain = re.sub("^(is|was|trial)+|trials?$", "", plain_name(name))
-    if is_flag(texts) and plain in VOCABULARY["taken_out"]["by_1"]:
-        words = {*TRUE_WORDS}
-    elif is_flag(texts) and plain in VOCABULARY["taken_out"]["by_0"]:
-        words = {*FALSE_WORDS} - {""}
-    words.update(VOCABULARY["taken_out"]["by_1"])
+    if is_flag(texts) and plain in by_1:
+        words |= TRUE_WORDS
+    elif is_flag(texts) and plain in by_0:
+        words |= FALSE_WORDS - {""}
     return [text for text in texts if {text.lower(), plain_name(text)} & words]
 
 
@@ -339,10 +339,12 @@ def columns_to_read(
     names: Texts,
     options: ReadOptions,
     orders: Texts = (),
+    fullest: Texts = (),
 ) -> tuple[list[str], list[str], list[Remedy]]:
     """Our names of the columns that are read, what is wrong with the names, and what to type.
 
-    `orders` are columns that may say which of a standard and a comparison came first.
+    `orders` are columns that may say which of a standard and a comparison came first. `fullest` are
+    the names in the order in which they are proposed.
 
     Examples
     --------
@@ -388,7 +390,7 @@ def columns_to_read(
     if is_stimulus_missing and has_comparison:
         finding += " If one standard was in all trials, add a column standard with its level."
     problems.append(finding)
-    return roles_read, problems, [*_remedies(names, roles_read, options)]
+    return roles_read, problems, [*_remedies(fullest or names, roles_read, options)]
 
 
 def _role_problems(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator[str]:

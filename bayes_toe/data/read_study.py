@@ -411,7 +411,10 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     _require_header(table, options)
     table, options = without_other_columns(table, options)
     options = with_likely_columns(table.names, options)
-    roles_read, problems, remedies = columns_to_read(table.names, options, _order_columns(table))
+    fullest = sorted(table.columns, key=lambda name: empty(table.columns[name]).sum())
+    roles_read, problems, remedies = columns_to_read(
+        table.names, options, _order_columns(table), fullest
+    )
     table.require(problems, remedies)
     table = trial_rows(table, options, roles_read)
     frequency = frequency_column(table, options, roles_read)
@@ -522,8 +525,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
                 "their number"
             )
     doubts += nameless_doubts(rows.subject)
-    is_right = task.right(rows.keys[1] - rows.keys[0]) == np.sign(k - 0.5)
-    doubts += taken_out_doubts(rows.table.only(n > 0), rows.names_not_read, is_right[n > 0])
+    doubts += taken_out_doubts(rows.table.only(n > 0), rows.names_not_read)
     notes += missing
     is_synthetic, synthetic_notes = _synthetic(rows.columns)
     notes += synthetic_notes

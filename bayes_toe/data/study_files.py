@@ -110,8 +110,7 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
     for i, path in enumerate(absolute_paths):
         if path in absolute_paths[:i]:
             raise InputError(f"{display_name(path.name)}: found twice, allowed: each file once")
-    studies = []
-    faulty = []
+    studies, faulty, lacking = [], [], []
     for path in paths:
         folder = _distinguishing_folder(path, absolute_paths)
         try:
@@ -119,6 +118,10 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
         except InputError as error:
             problems = [folder + problem for problem in error.problems]
             faulty.append(InputError(problems, error.remedies))
+            if error.remedies and not error.remedies[0].is_complete:
+                lacking.append(f"{problems[0]} Type the names of the other files, or remove this.")
+    if 0 < len(lacking) < len(paths):
+        raise InputError(lacking[:MAX_LINES])
     if faulty:
         raise _refusal(paths, faulty)
     return studies

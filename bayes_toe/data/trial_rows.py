@@ -64,9 +64,11 @@ def without_other_columns(table: TextTable, options: ReadOptions) -> tuple[TextT
     if not (len(table.rows) and options.where and table.columns.keys() >= options.where.keys()):
         return table, options
     chosen = _chosen_rows(table, options)
-    # A column may have been chosen by its empty cells.
-    others = {*chosen.columns} - {*options.where}
-    empty = [name for name in others if chosen.columns[name].texts == [""]]
+    empty = [
+        name
+        for name, column in chosen.columns.items()
+        if column.texts == [""] and name not in options.where
+    ]
     columns = {ours: name for ours, name in options.columns.items() if name not in empty}
     names = [*filterfalse(empty.__contains__, table.names)]
     return replace(table, names=names), replace(options, columns=columns)
@@ -264,28 +266,25 @@ def nameless_doubts(subject: Column) -> list[str]:
     return doubts
 
 
-def taken_out_doubts(table: TextTable, names_not_read: Texts, is_right: BoolArray) -> list[str]:
+def taken_out_doubts(table: TextTable, names_not_read: Texts) -> list[str]:
     """A doubt for each column of blocks or conditions, or not read, that says what does not count.
 
-    `is_right` says of each row whether its response is right. Errors that are never right score
-    the responses.
+    The rows of the table are counted.
     """
     doubts = []
-    for name in dict.fromkeys((*names_not_read, "block", "condition")):
-        if name not in table.columns:
+    for name, column in table.columns.items():
+        if name not in (*names_not_read, "block", "condition"):
             continue
-        column = table.columns[name]
         texts = taken_out_texts(name, column.texts)
         if name == "condition":
             texts += practice_texts(name, column.texts)
         other_texts = [*filterfalse(texts.__contains__, column.texts)]
-        is_marked = column.matches(texts)
-        is_score = "error" in f"{name} {texts}".lower() and not is_right[is_marked].any()
-        if not texts or not other_texts or is_score:
+        if not texts or not other_texts:
             continue
 
+        n_rows = int(column.matches(texts).sum())
         marks = join_names(map(quoted, texts))
-        doubt = f"{plural(int(is_marked.sum()), 'row')} with {marks} in {column} are counted"
+        doubt = f"{plural(n_rows, 'row')} with {marks} in {column} are counted"
         if len(other_texts) == 1:
             remedy = Remedy("where", ((name, other_texts[0]),))
             doubt += f"; {remedy.typed} leaves them out"

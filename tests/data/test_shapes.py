@@ -239,7 +239,7 @@ TAKEN_OUT = """
     valid | 0 | 1
     is_aborted | True | False
     timed_out | yes | no
-    error | 1 | 0
+    technical_error | 1 | 0
     outcome | aborted | ok
     block | attention | main
     condition | practice | main part
@@ -466,6 +466,10 @@ REFUSED = {
         ["row 2: found 3 cells, allowed: 4 cells as in the header"],
     ),
     "keys.csv": (csv(answered(IN_LOGS, "f", "j")), ["'f' (", "--equal-code", "--second-code j"]),
+    "two_keys.csv": (
+        b"subject,s1,s2,k.keys,k_2.keys\na,,,space,\na,0,0.3,,j\na,0.3,0,,f\n",
+        ["type:  --columns response=k_2.keys --second-code j"],
+    ),
     "german_names.csv": (csv(GERMAN, sep=";"), ["--columns 's1=Reiz 1,s2=Reiz 2'"]),
     "two_sheets.xlsx": (
         excel(A=IN_LOGS, B=IN_LOGS), ["the sheets A and B have tables", "--sheet A"],
@@ -719,6 +723,18 @@ def test_pairs_of_zeros_that_are_trials_stay():
     timed["rt"] = rng.integers(300, 900, len(timed))
     study = bt.read_study(timed, bt.ReadOptions(second_code="1"))
     assert study["P12"].total_trials == 60
+
+
+def test_a_file_without_columns_of_trials_is_named(tmp_path):
+    (tmp_path / "stopped.csv").write_text("subject,date\nP99,1\n")
+    for given in (IN_GRAMS, answered(IN_GRAMS, "f", "j")):
+        result = check(tmp_path, "a.csv", csv(given), {})
+        assert "--columns s1=w1,s2=w2" in result.stderr
+        assert inside("check", ".", cwd=tmp_path).stderr.splitlines() == [
+            "error: stopped.csv: row 1: there is no column s1, no column s2 and no column "
+            "response. The columns are subject, date. Type the names of the other files, or "
+            "remove this."
+        ]
 
 
 @pytest.mark.parametrize("name", WARNED)
