@@ -9,6 +9,7 @@ what cannot be used is refused with all problems of the file at once.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -587,7 +588,11 @@ def _trial_study(rows: _Rows) -> Study:
     """The study of a table whose rows are trials."""
     table = rows.table
     responses_or_scores = "correct" if rows.options.correct else "response"
-    column, missed_texts = blank_missed(rows.columns[responses_or_scores], rows.options)
+    has_digit = re.compile("[0-9]").search
+    has_stimuli = np.any([stimuli.map(has_digit) for stimuli in rows.key_columns], axis=0)
+    column, missed_texts = blank_missed(
+        rows.columns[responses_or_scores], rows.options, has_stimuli
+    )
     if rows.options.has_standard and "response" in rows.columns:
         column = rows.order.by_interval(table, column, rows.options)
     with_marks = replace(table, columns={**table.columns, **rows.columns})
@@ -612,7 +617,7 @@ def _trial_study(rows: _Rows) -> Study:
     form = "trial" if are_trials(rows.columns) else "frequency"
     notes = rows.layout(form, answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable
-    is_no_trial = unanswered & np.logical_and(*map(empty, rows.key_columns))
+    is_no_trial = unanswered & ~has_stimuli
     if is_no_trial.any():
         blank = plural(int(is_no_trial.sum()), "row")
         notes.append(f"{blank} without stimuli and response left out")

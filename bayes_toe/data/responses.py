@@ -205,10 +205,17 @@ def _english(word: str) -> str:
     return word
 
 
-def blank_missed(column: Column, options: ReadOptions) -> tuple[Column, list[str]]:
-    """A column of responses whose missed trials are empty, and the texts that say so."""
-    missed = _missed_texts(column, options)
-    texts = ["" if text in missed else text for text in column.texts]
+def blank_missed(
+    column: Column, options: ReadOptions, has_stimuli: BoolArray
+) -> tuple[Column, list[str]]:
+    """A column of responses whose missed trials are empty, and the texts that say so.
+
+    Texts of other rows, such as units or questions about the subject, are empty, too.
+    """
+    trials = column.only(has_stimuli)
+    missed = _missed_texts(trials, options)
+    answers = {*(trials.texts or column.texts)}.difference(missed)
+    texts = [text if text in answers else "" for text in column.texts]
     texts_to_name = [text for text in missed if text.lower() not in MISSING_WORDS]
     return Column.from_texts(column.name, texts, column.codes), cells_of(column, texts_to_name)
 

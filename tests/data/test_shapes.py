@@ -339,6 +339,10 @@ READ = {
     ),
     "practice_counter.csv": (csv(IN_LOGS.assign(practice=range(80))), {}),
     "where.csv": (with_practice("kind", "other", "main"), {"where": {"kind": "main"}}),
+    "units.csv": (
+        csv(with_rows(CODED, [["", "ln", "ln", "0/1"], ["P03", "null", "NA", '{"age":"23"}']])),
+        {"second_code": "1"},
+    ),
     "instructions.csv": (csv(with_rows(IN_LOGS, [["P03", "", "", ""]] * 2)), {}),
     "missed_trials.csv": (csv(MISSED), {"correct": "correct"}, UNEQUAL[IN_LOGS.columns]),
     **{
@@ -412,6 +416,7 @@ NOTES = {
         for column, text, _ in text_table(PRACTICE_MARKS)
     },
     "psychopy.csv": "2 rows left out as practice (column practice.thisN: '0', '1')",
+    "units.csv": "2 rows without stimuli and response left out",
     "unfilled.csv": "20 rows left out as unfilled (stimuli and response are 0 in the last rows): ",
     "separators.jsonl": "trial rows, JSON, UTF-8, ",
     "missed_trials.csv": (
@@ -727,8 +732,8 @@ def test_pairs_of_zeros_that_are_trials_stay():
 
 def test_a_file_without_columns_of_trials_is_named(tmp_path):
     (tmp_path / "stopped.csv").write_text("subject,date\nP99,1\n")
-    for given in (IN_GRAMS, answered(IN_GRAMS, "f", "j")):
-        result = check(tmp_path, "a.csv", csv(given), {})
+    for table in (IN_GRAMS, answered(IN_GRAMS, "f", "j")):
+        result = check(tmp_path, "a.csv", csv(table), {})
         assert "--columns s1=w1,s2=w2" in result.stderr
         assert inside("check", ".", cwd=tmp_path).stderr.splitlines() == [
             "error: stopped.csv: row 1: there is no column s1, no column s2 and no column "
