@@ -338,8 +338,8 @@ def _likely(names: Texts, options: ReadOptions, roles: Iterable[str]) -> dict[st
 def columns_to_read(
     names: Texts,
     options: ReadOptions,
-    orders: Texts = (),
-    fullest: Texts = (),
+    orders: Texts,
+    fullest: Texts,
 ) -> tuple[list[str], list[str], list[Remedy]]:
     """Our names of the columns that are read, what is wrong with the names, and what to type.
 
@@ -348,7 +348,8 @@ def columns_to_read(
 
     Examples
     --------
-    >>> columns_to_read(["subject", "s1", "s2", "n_equal", "n_trials", "rt"], ReadOptions())
+    >>> names = ["subject", "s1", "s2", "n_equal", "n_trials", "rt"]
+    >>> columns_to_read(names, ReadOptions(), [], names)
     (['subject', 's1', 's2', 'n_equal', 'n_trials'], [], [])
     """
     roles_read = _roles_read(names, options)
@@ -390,7 +391,7 @@ def columns_to_read(
     if is_stimulus_missing and has_comparison:
         finding += " If one standard was in all trials, add a column standard with its level."
     problems.append(finding)
-    return roles_read, problems, [*_remedies(fullest or names, roles_read, options)]
+    return roles_read, problems, [*_remedies(fullest, roles_read, options)]
 
 
 def _role_problems(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator[str]:

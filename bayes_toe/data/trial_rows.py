@@ -282,9 +282,8 @@ def taken_out_doubts(table: TextTable, names_not_read: Texts) -> list[str]:
         if not texts or not other_texts:
             continue
 
-        n_rows = int(column.matches(texts).sum())
-        marks = join_names(map(quoted, texts))
-        doubt = f"{plural(n_rows, 'row')} with {marks} in {column} are counted"
+        rows = plural(int(column.matches(texts).sum()), "row")
+        doubt = f"{rows} with {join_names(map(quoted, texts))} in {column} are counted"
         if len(other_texts) == 1:
             remedy = Remedy("where", ((name, other_texts[0]),))
             doubt += f"; {remedy.typed} leaves them out"

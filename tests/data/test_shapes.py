@@ -330,6 +330,10 @@ READ = {
         csv(IN_LOGS.assign(s1=np.log10(TRIALS.w1), s2=np.log10(TRIALS.w2))), {"unit": "log10"},
     ),
     "wide.csv": (csv(WIDE), {"wide": "{first}_{second}", "unit": "g"}),
+    "questions.csv": (
+        csv(with_rows(WIDE, [["Which one?"] * 18, ['{"ImportId":"Q"}'] * 18])),
+        {"wide": "{first}_{second}", "unit": "g"},
+    ),
     "pair_in_a_cell.csv": (
         csv(PAIRS[["subject", "pair", "response"]]), {"wide": "{first}_{second}", "unit": "g"},
     ),
@@ -417,6 +421,7 @@ NOTES = {
     },
     "psychopy.csv": "2 rows left out as practice (column practice.thisN: '0', '1')",
     "units.csv": "2 rows without stimuli and response left out",
+    "questions.csv": "2 rows of questions left out",
     "unfilled.csv": "20 rows left out as unfilled (stimuli and response are 0 in the last rows): ",
     "separators.jsonl": "trial rows, JSON, UTF-8, ",
     "missed_trials.csv": (
