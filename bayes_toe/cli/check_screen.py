@@ -70,7 +70,12 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
         names = list(study.names)
     rows, full = [], []
     for name in names:
-        subject, findings = study[name], by_subject.get(name, [])
+        findings = by_subject.get(name, [])
+        if name not in study.names:  # a subject with several conditions
+            full += findings
+            continue
+
+        subject = study[name]
         problem = "none"
         if findings:
             sentence = findings[0].message.partition(". ")[0].rstrip(".")
@@ -80,9 +85,9 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
         share = f"{100.0 * subject.fraction_yes:.0f} %"
         rows.append([name, str(subject.total_trials), share, short])
 
-    n_others = len(study) - len(names)
+    n_others = len(study) - len(rows)
     if n_others:
-        rows.append([f"{n_others:,} more" if names else f"all {n_others:,}", "", "", "none"])
+        rows.append([f"{n_others:,} more" if rows else f"all {n_others:,}", "", "", "none"])
     out.table(["subject", "trials", f"'{study.task.yes}'", "problem"], rows, (1, 2))
     out.notes((item.subject, item.message, "") for item in full)
 

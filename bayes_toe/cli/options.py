@@ -240,6 +240,8 @@ class StudyFile:
         options = {name: value for name, value in self.reading.items() if value is not None}
         options.pop("task", None)
         options["columns"] = parse_columns(",".join(options.get("columns", ())))
-        options["where"] = parse_pairs("--where", options.get("where", ()), "COLUMN=TEXT")
+        options["where"] = parse_pairs(
+            "--where", options.get("where", ()), "COLUMN=TEXT", may_be_empty=True
+        )
         categorical = options.pop("categorical_condition", False)
         return ReadOptions(**options, categorical=categorical)

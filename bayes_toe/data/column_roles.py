@@ -14,7 +14,7 @@ import re
 import tomllib
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
@@ -25,7 +25,7 @@ from bayes_toe.data.messages import Texts, display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT
 from bayes_toe.data.text_table import Column, repeated_columns
-from bayes_toe.data.validation import MISSING_WORDS
+from bayes_toe.data.validation import MISSING_WORDS, empty
 from bayes_toe.errors import Remedy
 
 #: Words of other labs by section and key.
@@ -75,7 +75,7 @@ def looks_like(name: str, role: str) -> bool:
     _, dot, ending = name.rpartition(".")
     if dot and ending in VOCABULARY["psychopy"].get(role, ()):
         parts = (*VOCABULARY["psychopy"]["other_parts"], *VOCABULARY["practice"]["texts"])
-        return not plain.startswith(parts)
+        return re.search("|".join(parts), plain) is None
 
     stimuli, places, other_words = named_places(name)
     return [role] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
@@ -154,7 +154,10 @@ def practice_texts(name: str, texts: Texts) -> Texts:
     ([], ['0_training', 'TRAIN'])
     """
     beginnings = tuple(VOCABULARY["practice"]["texts"])
-    has_flags = is_flag(texts) and any(word in plain_name(name) for word in beginnings)
+    is_named = any(word in plain_name(name) for word in beginnings)
+    if is_named and ".this" in name:  # PsychoPy counts the trials of a loop
+        return [*filter(None, texts)]
+    has_flags = is_named and is_flag(texts)
 
     marks = []
     for text in texts:
@@ -167,19 +170,23 @@ def practice_texts(name: str, texts: Texts) -> Texts:
 
 
 def taken_out_texts(name: str, texts: Texts) -> Texts:
-    """The texts of a column that say that somebody took a trial out of the analysis.
+    """The texts of a column that say that a trial does not count.
 
     Examples
     --------
-    >>> taken_out_texts("exclude", ["0", "1"]), taken_out_texts("valid", ["yes", "no"])
+    >>> taken_out_texts("exclude", ["0", "1"]), taken_out_texts("is_valid", ["yes", "no"])
     (['1'], ['no'])
+    >>> taken_out_texts("status", ["ok", "aborted"]), taken_out_texts("rejected", ["0", "3"])
+    (['aborted'], [])
     """
-    words = frozenset[str]()
-    if plain_name(name) in VOCABULARY["taken_out"]["by_1"]:
-        words = TRUE_WORDS
-    elif plain_name(name) in VOCABULARY["taken_out"]["by_0"]:
-        words = FALSE_WORDS - {""}
-    return [text for text in texts if is_flag(texts) and text.lower() in words]
+    by_1, by_0 = VOCABULARY["taken_out"].values()
+    words = {*by_1}
+    plain = re.sub("^(is|was|trial)+|trials?$", "", plain_name(name))
+    if is_flag(texts) and plain in by_1:
+        words |= TRUE_WORDS
+    elif is_flag(texts) and plain in by_0:
+        words |= FALSE_WORDS - {""}
+    return [text for text in texts if {text.lower(), plain_name(text)} & words]
 
 
 def is_flag(texts: Iterable[str]) -> bool:
@@ -335,7 +342,7 @@ def _likely(names: Texts, options: ReadOptions, roles: Iterable[str]) -> dict[st
 def columns_to_read(
     names: Texts,
     options: ReadOptions,
-    columns: Iterable[Column] = (),
+    columns: Collection[Column] = (),
 ) -> tuple[list[str], list[str], list[Remedy]]:
     """Our names of the columns that are read, what is wrong with the names, and what to type.
 
@@ -343,7 +350,8 @@ def columns_to_read(
 
     Examples
     --------
-    >>> columns_to_read(["subject", "s1", "s2", "n_equal", "n_trials", "rt"], ReadOptions())
+    >>> names = ["subject", "s1", "s2", "n_equal", "n_trials", "rt"]
+    >>> columns_to_read(names, ReadOptions(), [], names)
     (['subject', 's1', 's2', 'n_equal', 'n_trials'], [], [])
     """
     roles_read = _roles_read(names, options)
@@ -386,7 +394,9 @@ def columns_to_read(
     if is_stimulus_missing and has_comparison:
         finding += " If one standard was in all trials, add a column standard with its level."
     problems.append(finding)
-    return roles_read, problems, [*_remedies(names, roles_read, options, columns)]
+    fullest = sorted(columns, key=lambda column: empty(column).sum())
+    names_to_propose = [column.name for column in fullest] or names
+    return roles_read, problems, [*_remedies(names_to_propose, roles_read, options, columns)]
 
 
 def _role_problems(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator[str]:

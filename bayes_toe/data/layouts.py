@@ -308,6 +308,8 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     regex = pair_regex(options.wide or "")
     names = list(filter(regex.fullmatch, table.names))
     if names:
+        if "ImportId" in "".join(table.columns[names[0]].texts[1:2]):  # of Qualtrics
+            table = table.only(table.rows > table.rows[1], "2 rows of questions left out")
         table = _by_pair(table, names)
         column = table.columns[PAIR]
         origin = f"names of {len(names)} columns"

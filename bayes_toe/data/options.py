@@ -75,7 +75,7 @@ class ReadOptions:
         rows that are marked as practice are read.
     where : mapping of str to str
         Columns of the file to the exact text that a row must have there to be read, for files in
-        which not every row is a trial.
+        which not every row is a trial. An empty text stands for an empty cell.
     subject_from : str, optional
         The pattern of file names with the subject, with {} where the subject stands and * for any
         other text, such as "sub-{}_*.tsv"; with / the last folders are looked at, too. A column of
@@ -363,7 +363,9 @@ def parse_columns(text: str) -> dict[str, str]:
     return parse_pairs("--columns", filter(None, entries), "OURS=NAME")
 
 
-def parse_pairs(option: str, entries: Iterable[str], form: str) -> dict[str, str]:
+def parse_pairs(
+    option: str, entries: Iterable[str], form: str, may_be_empty: bool = False
+) -> dict[str, str]:
     """Texts by name, as on the command line, where each entry is NAME=TEXT.
 
     Raises
@@ -378,8 +380,8 @@ def parse_pairs(option: str, entries: Iterable[str], form: str) -> dict[str, str
     """
     pairs = {}
     for entry in entries:
-        name, text = (part.strip() for part in entry.partition("=")[::2])
-        if not name or not text or name in pairs:
+        name, sign, text = map(str.strip, entry.partition("="))
+        if not name or not (text or (sign and may_be_empty)) or name in pairs:
             raise InputError(
                 f"{option}: found {quoted(entry.strip())}, allowed: {form}, each name once"
             )

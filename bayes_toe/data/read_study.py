@@ -9,6 +9,7 @@ what cannot be used is refused with all problems of the file at once.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -503,11 +504,10 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
                 "their number"
             )
     doubts += nameless_doubts(rows.subject)
-    names_not_read = rows.names_not_read
-    columns_not_read = [*filter(None, map(rows.table.columns.get, names_not_read))]
-    doubts += taken_out_doubts(columns_not_read)
+    doubts += taken_out_doubts(rows.table.only(n > 0), rows.names_not_read)
     pooled = list[str]()
     if "condition" not in rows.columns:
+        columns_not_read = [*filter(None, map(rows.table.columns.get, rows.names_not_read))]
         pooled = pooled_conditions(columns_not_read, rows.subject, counts, rows.pairs)
     notes += missing
     is_synthetic, synthetic_notes = _synthetic(rows.columns)
@@ -518,7 +518,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
     source = rows.table.source
     reading = Reading(
         tuple(rows.columns),
-        tuple(names_not_read),
+        tuple(rows.names_not_read),
         tuple(f"{source}: {doubt}" for doubt in doubts),
         tuple(pooled),
         tuple(codes),
@@ -556,7 +556,9 @@ def _trial_study(rows: _Rows) -> Study:
     """The study of a table whose rows are trials."""
     table, options, task_column = rows.table, rows.options, rows.columns.get("task")
     responses_or_scores = "correct" if options.correct else "response"
-    column, missed_texts = blank_missed(rows.columns[responses_or_scores], options)
+    has_digit = re.compile("[0-9]").search
+    has_stimuli = np.any([column.map(has_digit) for column in rows.stimulus_columns], axis=0)
+    column, missed_texts = blank_missed(rows.columns[responses_or_scores], options, has_stimuli)
     if options.has_standard and "response" in rows.columns:
         column = rows.order.by_interval(table, column, options)
     difference = np.diff(rows.pairs)[:, 0]
@@ -581,7 +583,7 @@ def _trial_study(rows: _Rows) -> Study:
     form = "trial" if are_trials(rows.columns) else "frequency"
     notes = rows.layout(form, answers.note)
     unanswered = ~answers.is_answered & ~answers.is_unscorable
-    is_no_trial = unanswered & np.logical_and(*map(empty, rows.stimulus_columns))
+    is_no_trial = unanswered & ~has_stimuli
     n_blank = is_no_trial.sum()
     if n_blank:
         notes.append(Note((n_blank, "row"), " without stimuli and response left out"))

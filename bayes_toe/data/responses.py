@@ -209,8 +209,23 @@ def _english(word: str) -> str:
     return word
 
 
-def blank_missed(column: Column, options: ReadOptions) -> tuple[Column, list[str]]:
+def blank_missed(
+    column: Column, options: ReadOptions, has_stimuli: BoolArray
+) -> tuple[Column, list[str]]:
     """A column of responses whose missed trials are empty, and the texts that say so.
+
+    Texts of other rows, such as units or questions about the subject, are empty, too.
+    """
+    trials = column.only(has_stimuli)
+    missed = _missed_texts(trials, options)
+    answers = {*(trials.texts or column.texts)}.difference(missed)
+    texts = [text if text in answers else "" for text in column.texts]
+    texts_to_name = [text for text in missed if text.lower() not in MISSING_WORDS]
+    return Column.from_texts(column.name, texts, column.codes), cells_of(column, texts_to_name)
+
+
+def _missed_texts(column: Column, options: ReadOptions) -> Texts:
+    """The texts that say that nobody responded.
 
     -1 is one, as jsPsych has it, beside two texts that are words or given codes.
     """
@@ -230,11 +245,7 @@ def blank_missed(column: Column, options: ReadOptions) -> tuple[Column, list[str
     is_known = known_words.issuperset(_english(answer.lower()) for answer in other_answers)
     if "-1" in answers - codes and len(answers) > 2 and is_known:
         missed += [text for text in column.texts if _plain(text) == "-1"]
-
-    emptied = dict.fromkeys(missed, "")
-    texts = [emptied.get(text, text) for text in column.texts]
-    texts_to_name = [text for text in missed if text.lower() not in MISSING_WORDS]
-    return Column.from_texts(column.name, texts, column.codes), cells_of(column, texts_to_name)
+    return list(dict.fromkeys(missed))
 
 
 def without_missed(

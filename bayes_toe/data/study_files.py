@@ -104,8 +104,7 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
     for path, n_times in Counter(absolute_paths).items():
         if n_times > 1:
             raise InputError(f"{display_name(path.name)}: found twice, allowed: each file once")
-    studies = []
-    faulty = []
+    studies, faulty, lacking = [], [], []
     for path in paths:
         folder = _distinguishing_folder(path, absolute_paths)
         try:
@@ -113,6 +112,10 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
         except InputError as error:
             problems = [folder + problem for problem in error.problems]
             faulty.append(InputError(problems, error.remedies))
+            if error.remedies and not error.remedies[0].is_complete:
+                lacking.append(f"{problems[0]} Type the names of the other files, or remove this.")
+    if 0 < len(lacking) < len(paths):
+        raise InputError(lacking[:MAX_LINES])
     if faulty:
         raise _refusal(paths, faulty)
     return studies

@@ -6,7 +6,6 @@ column of a table of frequencies, and `with_row_for_each_trial` makes trials of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import filterfalse
 
@@ -23,7 +22,6 @@ from bayes_toe.data.column_roles import (
 from bayes_toe.data.messages import (
     Note,
     Texts,
-    display_name,
     join_names,
     named_counts,
     plural,
@@ -35,11 +33,12 @@ from bayes_toe.data.validation import (
     CONDITION_SEPARATOR,
     MISSING_WORDS,
     column_counts,
+    empty,
     number,
     numbers,
     whole_number,
 )
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, Remedy
 
 #: How probable a run of equal pairs of zeros is at most, if it is left out as unfilled.
 _RUN_BY_CHANCE = 1e-4
@@ -90,7 +89,8 @@ def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, Read
         )
 
     table = table.only(is_chosen_row)
-    empty = [name for name, column in table.columns.items() if column.texts == [""]]
+    others = table.columns.keys() - where.keys()
+    empty = [name for name in others if table.columns[name].texts == [""]]
     columns = {ours: name for ours, name in options.columns.items() if name not in empty}
     names = [*filterfalse(empty.__contains__, table.names)]
     return replace(table, names=names), replace(options, columns=columns)
@@ -171,7 +171,7 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
     """The table without rows that a column marks as practice.
 
     Columns of subjects, stimuli, responses and conditions mark none. Nor does a column that says
-    the same of all rows of each subject: it names groups, such as trained subjects.
+    the same of all stimuli of each subject: it names groups, such as trained subjects.
     """
     roles = {*roles_read} - {"session", "block", "trial"}
     names_to_skip = {*options.where, *map(options.name, (*roles, "condition"))}
@@ -185,8 +185,9 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
 
         is_marked = column.matches(practice)
         subject = _subjects(table, options).codes
+        is_other = ~is_marked & ~empty(table.columns[options.name(options.stimuli[0])])
         n_marked = np.bincount(subject, is_marked)
-        n_others = np.bincount(subject, ~is_marked)
+        n_others = np.bincount(subject, is_other)
         if not (n_marked * n_others).any():
             continue
 
@@ -256,20 +257,27 @@ def nameless_doubts(subject: Column) -> Texts:
     return doubts
 
 
-def taken_out_doubts(columns_not_read: Sequence[Column]) -> Texts:
-    """A doubt for each column that is not read and says that some rows are no good trials."""
+def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Texts:
+    """A doubt for each column of blocks or conditions, or not read, that says what does not count.
+
+    The rows of the table are counted.
+    """
     doubts = []
-    for column in columns_not_read:
-        texts = taken_out_texts(column.name, column.texts)
-        other_texts = [text for text in column.texts if text not in texts]
+    for name, column in table.columns.items():
+        if name not in (*names_not_read, "block", "condition"):
+            continue
+        texts = taken_out_texts(name, column.texts)
+        if name == "condition":
+            texts = [*texts, *practice_texts(name, column.texts)]
+        other_texts = [*filterfalse(texts.__contains__, column.texts)]
         if not texts or not other_texts:
             continue
 
-        n_rows = column.matches(texts).sum()
-        marks = join_names(map(quoted, texts))
-        doubt = f"{plural(n_rows, 'row')} with {marks} in {column} are counted"
+        rows = plural(column.matches(texts).sum(), "row")
+        doubt = f"{rows} with {join_names(map(quoted, texts))} in {column} are counted"
         if len(other_texts) == 1:
-            doubt += f"; --where {display_name(column.name)}={other_texts[0]} leaves them out"
+            remedy = Remedy("where", ((name, other_texts[0]),))
+            doubt += f"; {remedy.typed} leaves them out"
         doubts.append(doubt)
     return doubts
 

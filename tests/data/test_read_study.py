@@ -153,7 +153,7 @@ def test_what_was_detected_and_merged_is_noted(data, options, notes):
 
 @pytest.mark.parametrize("text", ["", " ", "NA", "na", "N/A", "n/a", "NaN", "nan", "None"])
 def test_rows_without_a_response_are_dropped_and_counted(text):
-    study = read(f"{TRIALS}a,0,0,equal\na,,x,{text}\nb,0,0,{text}\n,,,{text}\na,0,0,{text}\n")
+    study = read(f"{TRIALS}a,0,0,equal\na,,x1,{text}\nb,0,0,{text}\n,,,{text}\na,0,0,{text}\n")
     assert content(study) == EQUAL
     notes = (
         "1 row without stimuli and response left out",

@@ -8,6 +8,7 @@ import io
 import json
 import random
 import re
+import shlex
 import zipfile
 from contextlib import suppress
 
@@ -204,6 +205,12 @@ def with_part(workbook, pattern, replacement):
 
 
 CODED = answered(IN_LOGS, 0, 1)
+PSYCHOPY = with_rows(
+    labelled(IN_LOGS, response="key_resp.keys"), [["P03", 0, 0.3, "second"]] * 2
+).assign(
+    **{"practice.thisN": [0, 1, *[""] * 80], "trials.thisN": ["", "", *range(80)]},
+    **{"key_practice.keys": "space", "instr.keys": ""},
+)
 JATOS = "\n".join(part.to_json(orient="records") for _, part in IN_LOGS.groupby("subject"))
 SEPARATORS = "\n".join(
     json.dumps({**record, "note": "a\u2028b\u0085c"}, ensure_ascii=False) for record in RECORDS
@@ -285,6 +292,9 @@ READ = {
         s1=1200 * np.log2(TRIALS.w1), s2=1200 * np.log2(TRIALS.w2)
     ),
     "wide.csv --wide {first}_{second} --unit g": WIDE,
+    "questions.csv --wide {first}_{second} --unit g": with_rows(
+        WIDE, [["Which one?"] * 18, ['{"ImportId":"Q"}'] * 18]
+    ),
     "pair_in_a_cell.csv --wide {first}_{second} --unit g": PAIRS[["subject", "pair", "response"]],
     "pair_with_units.csv --wide '{first} vs {second}' --unit Hz": PAIRS.assign(
         pair=TRIALS.w1.map("{} Hz vs ".format) + TRIALS.w2.map("{} Hz".format)
@@ -301,11 +311,18 @@ READ = {
     "practice_counter.csv": IN_LOGS.assign(practice=range(80)),
     "where.csv --where kind=main": with_practice("kind", "other", "main"),
     "practice.csv": with_practice("phase", "practice", "main"),
+    "units.csv --second-code 1": with_rows(
+        CODED, [["", "ln", "ln", "0/1"], ["P03", "null", "NA", '{"age":"23"}']]
+    ),
     "instructions.csv": with_rows(IN_LOGS, [["P03", "", "", ""]] * 2),
     "missed_trials.csv --correct correct": with_rows(
         SCORED, [["P03", 0.3, 0.0, False, "", ""]] * 9
     ),
     "trained.csv": IN_LOGS.assign(training=1),
+    "trained_with_a_screen.csv": with_rows(IN_LOGS, [["P03", "", "", ""]]).assign(
+        loop=[""] + ["training"] * 80
+    ),
+    "psychopy.csv": PSYCHOPY,
     "trained_group.csv": IN_LOGS.assign(training=[1] * 40 + [0] * 40),
     "trained_groups.csv": IN_LOGS.assign(group=["training"] * 40 + ["control"] * 40),
     "unfilled.csv --second-code 1": padded(CODED, subject="P12"),
@@ -339,6 +356,9 @@ NOTES = """
     encoding.csv | trial rows, comma-separated, mac_roman, resp
     lines_above.csv | rows above row 4 left out
     participant.csv | column Participant ID read as subject
+    psychopy.csv | 2 rows left out as practice (column practice.thisN: '0', '1')
+    units.csv | 2 rows without stimuli and response left out
+    questions.csv | 2 rows of questions left out
     practice.csv | 8 rows left out as practice (column phase: 'practice')
     unfilled.csv | 20 rows left out as unfilled (stimuli and response are 0 in the last rows): P12
     separators.jsonl | trial rows, JSON, UTF-8, resp
@@ -397,6 +417,10 @@ REFUSED = {
         "row 2: found 3 cells, allowed: 4 cells as in the header",
     ),
     "keys.csv": (answered(IN_LOGS, "f", "j"), "'f' (", "--equal-code", "--second-code j"),
+    "two_keys.csv": (
+        "subject,s1,s2,k.keys,k_2.keys\na,,,space,\na,0,0.3,,j\na,0.3,0,,f\n",
+        "type:  --columns response=k_2.keys --second-code j",
+    ),
     "german_names.csv": (csv(GERMAN, sep=";"), GERMAN_PAIR),
     "two_sheets.xlsx": (
         excel(A=IN_LOGS, B=IN_LOGS),
@@ -579,12 +603,6 @@ WARNED = {
     "percentages": COUNTS.assign(n_second=np.arange(len(COUNTS)), n_trials=100),
     "--condition isi": IN_LOGS.assign(isi=[0.6, 1.2] * 40),
     "--condition Delay": IN_LOGS.assign(Delay=[600, 1200] * 40),
-    "15 rows with '1' in column exclude are counted; --where exclude=0 leaves them out": (
-        IN_LOGS.assign(exclude=[1] * 15 + [0] * 65)
-    ),
-    "15 rows with '0' in column valid are counted; --where valid=1 leaves them out": (
-        IN_LOGS.assign(valid=[0] * 15 + [1] * 65)
-    ),
     "10 rows of subject 'NA'": IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70),
 }
 
@@ -647,6 +665,7 @@ PRACTICE = """
     trial_kind | catch | normal
     Teil | Übung | Versuch
     warm_up | TRUE | FALSE
+    trial_type | attention_check | exp
 """
 
 
@@ -674,6 +693,44 @@ def test_a_shape_that_may_mislead_is_warned_of(part, tmp_path):
     result = check(tmp_path, "study.csv", WARNED[part])
     assert result.returncode == 0
     assert part in " ".join(result.stdout.split())
+
+
+#: Columns, or cells, that say that a trial does not count: texts of these and of other rows.
+TAKEN_OUT = """
+    exclude | 1 | 0
+    valid | 0 | 1
+    is_aborted | True | False
+    timed_out | yes | no
+    technical_error | 1 | 0
+    outcome | aborted | ok
+    block | attention | main
+    condition | practice | main part
+    aborted | 1 |
+"""
+
+
+@pytest.mark.parametrize("column, mark, other", text_table(TAKEN_OUT))
+def test_rows_that_do_not_count_are_remarked_with_what_leaves_them_out(
+    column, mark, other, tmp_path
+):
+    table = IN_LOGS.assign(**{column: [mark, *[other] * 4] * 16})
+    result = check(tmp_path, "study.csv", table)
+    option = f"--where {shlex.quote(f'{column}={other}')}"
+    remark = f"16 rows with '{mark}' in column {column} are counted; {option} leaves them out"
+    assert remark in " ".join(result.stdout.split())
+    assert " 64 trials" in inside(f"check study.csv {option}", cwd=tmp_path).stdout
+
+
+def test_a_file_without_columns_of_trials_is_named(tmp_path):
+    write(tmp_path / "stopped.csv", "subject,date\nP99,1\n")
+    for table in (IN_GRAMS, answered(IN_GRAMS, "f", "j")):
+        result = check(tmp_path, "a.csv", table)
+        assert "--columns s1=w1,s2=w2" in result.stderr
+        assert inside("check .", cwd=tmp_path).stderr.splitlines() == [
+            "error: stopped.csv: row 1: there is no column s1, no column s2 and no column "
+            "response. The columns are subject, date. Type the names of the other files, or "
+            "remove this."
+        ]
 
 
 #: Codes of 'first', 'same' and 'second', the options that are given, and the first advice.
