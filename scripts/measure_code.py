@@ -26,7 +26,7 @@ HIGHEST_COMPLEXITY = 15
 LIMITS = {
     "bayes_toe": {
         "files": 137,
-        "nodes": 218_240,
+        "nodes": 213_300,
         "complex functions": 0,
         "comprehensions": 3.62,
         "nested comprehensions": 10,
@@ -35,7 +35,7 @@ LIMITS = {
     },
     "tests": {
         "files": 104,
-        "nodes": 128_000,
+        "nodes": 121_000,
         "complex functions": 0,
         "comprehensions": 3.70,
         "nested comprehensions": 4,

@@ -172,13 +172,12 @@ def _scales_of_subjects(study: Study) -> Findings:
     if has_two_scales and len(weak) + len(strong) == len(study):
         parts = np.split(levels, [widest + 1])
         ranges = [_range_of(part, study.unit, study.reading) for part in parts]
-        fewer = weak if len(weak) < len(strong) else strong
-        names = join_names(map(display_name, fewer))
+        names = join_names(map(display_name, weak))
         yield Finding(
             "",
             "two_scales",
-            f"Subjects have stimuli in two groups, {' and '.join(ranges)}. Correct those in "
-            f"another unit. The smaller group is {names}.",
+            f"The stimuli of {names} are {ranges[0]}, those of other subjects {ranges[1]}. Correct "
+            "them if they are in another unit.",
         )
 
 

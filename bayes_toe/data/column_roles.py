@@ -14,10 +14,11 @@ import re
 import tomllib
 import unicodedata
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
+from itertools import filterfalse
 from typing import Any
 
 from bayes_toe.arrays import FloatArray
@@ -247,12 +248,13 @@ _UNIT_MEANINGS = {
     "dB": "20 dB are a factor of ten",
     "dB-power": "10 dB are a factor of ten",
     "log10": "they are decadic logs",
-    "octaves": "an octave is a factor of two",
-    "semitones": "12 semitones are a factor of two",
-    "cents": "1200 cents are a factor of two",
+    "octaves": "they are octaves",
+    "semitones": "they are semitones",
+    "cents": "they are cents, 1200 to an octave",
     "ln": "the numbers are natural logs",
     ANY_UNIT: "they are intensities; better with the name of their unit, such as Hz",
 }
+_PAIRS = "are pairs of stimuli, natural logs without --unit"
 _COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
 _ALL_COUNTS = ("n_first", *_COUNTS)
@@ -350,8 +352,7 @@ def columns_to_read(
 
     Examples
     --------
-    >>> names = ["subject", "s1", "s2", "n_equal", "n_trials", "rt"]
-    >>> columns_to_read(names, ReadOptions(), [], names)
+    >>> columns_to_read(["subject", "s1", "s2", "n_equal", "n_trials", "rt"], ReadOptions())
     (['subject', 's1', 's2', 'n_equal', 'n_trials'], [], [])
     """
     roles_read = _roles_read(names, options)
@@ -395,8 +396,7 @@ def columns_to_read(
         finding += " If one standard was in all trials, add a column standard with its level."
     problems.append(finding)
     fullest = sorted(columns, key=lambda column: empty(column).sum())
-    names_to_propose = [column.name for column in fullest] or names
-    return roles_read, problems, [*_remedies(names_to_propose, roles_read, options, columns)]
+    return roles_read, problems, [*_remedies(names, roles_read, options, fullest)]
 
 
 def _role_problems(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator[str]:
@@ -544,26 +544,22 @@ def _numbered_pair(names: Texts) -> tuple[str, str]:
 
 
 def _remedies(
-    names: Texts, roles_read: Texts, options: ReadOptions, columns: Iterable[Column]
+    names: Texts, roles_read: Texts, options: ReadOptions, columns: Sequence[Column]
 ) -> Iterator[Remedy]:
-    """Options to type if columns are missing."""
+    """Options to type if columns are missing; the first of the columns are proposed first."""
+    names = [column.name for column in columns] or names
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
-    if "s1" in missing or "i1" in missing:
+    if not {"s1", "i1"}.isdisjoint(missing):
         yield from _wide_remedies(names, columns)
     to_name = [role for role in missing if role in _REQUIRED]
     if to_name:
-        other_names = {options.name(role) for role in roles_read}
-        yield _columns_remedy([name for name in names if name not in other_names], to_name, options)
+        names_read = [*map(options.name, roles_read)]
+        free = [*filterfalse(names_read.__contains__, names)]
+        yield _columns_remedy(free, to_name, options)
 
     if missing == ["n_equal"] and options.name("n_trials") in names:
-        count = (("n_second", "NAME"),)
-        yield Remedy("columns", count, "if it counts 'the second was stronger' (2AFC)")
-        count = (("n_correct", [*names_like(names, "n_correct"), "NAME"][0]),)
-        yield Remedy("columns", count, "if it counts right responses (2AFC)")
-        if options.has_standard:
-            count = (("n_comparison", "NAME"),)
-            yield Remedy("columns", count, "if it counts 'the comparison was stronger' (2AFC)")
+        yield from _count_remedies(names, options)
 
     scores = names_like(names, "correct")
     if "response" in missing:
@@ -574,15 +570,28 @@ def _remedies(
         yield Remedy("subject_from", "{}.*", "if the name of the file is the subject")
 
 
+def _count_remedies(names: Texts, options: ReadOptions) -> Iterator[Remedy]:
+    """Options to type if a table has the trials of each pair, and other names of what it counts."""
+    right = [*names_like(names, "n_correct"), "NAME"][0]
+    meanings = {
+        ("n_second", "NAME"): "if it counts 'the second was stronger' (2AFC)",
+        ("n_correct", right): "if it counts right responses (2AFC)",
+    }
+    if options.has_standard:
+        meanings["n_comparison", "NAME"] = "if it counts 'the comparison was stronger' (2AFC)"
+    for pair, meaning in meanings.items():
+        yield Remedy("columns", (pair,), meaning)
+
+
 def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:
     """Options to type if names of columns, or all cells of one, are pairs such as 100_112."""
     pattern, n_names = _pair_pattern(names)
     if n_names > 1:
-        yield Remedy("wide", pattern, f"if the names of {n_names} columns are pairs of stimuli")
+        yield Remedy("wide", pattern, f"if the names of {n_names} columns {_PAIRS}")
     for column in columns:
         pattern, n_texts = _pair_pattern(column.texts)
         if n_texts == len(column.texts) > 1:
-            yield Remedy("wide", pattern, f"if the cells of {column} are pairs of stimuli")
+            yield Remedy("wide", pattern, f"if the cells of {column} {_PAIRS}")
 
 
 def _pair_pattern(texts: Texts) -> tuple[str, int]:
@@ -593,7 +602,7 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     >>> _pair_pattern(["rt", "440 Hz vs 460 Hz", "460 Hz vs 440 Hz"]), _pair_pattern(["1.5"])
     (('{first} Hz vs {second} Hz', 2), ('', 0))
     """
-    shapes = Counter(re.sub("[0-9.,]+", "{}", text) for text in texts)
+    shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)
     for shape, n_texts in shapes.most_common(1):
         if re.fullmatch("[^{}]*{}[^{}]+{}[^{}]*", shape):
             return re.sub("{}(.+){}", r"{first}\1{second}", shape), n_texts

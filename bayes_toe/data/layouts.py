@@ -352,7 +352,7 @@ def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:
     fitting = [column for column in columns if all(map(regex.fullmatch, column.texts))]
     if len(fitting) != 1:
         raise InputError(
-            f"{table.source}: found {len(fitting)} columns whose cells all fit --wide, and none "
-            "whose name does; allowed: one whose cells fit, or several whose names fit"
+            f"{table.source}: found {len(fitting)} columns whose cells are all two numbers as "
+            "--wide has them, and no such names; allowed: one such column, or several such names"
         )
     return fitting[0]

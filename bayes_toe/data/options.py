@@ -244,7 +244,7 @@ class ReadOptions:
             if role not in COLUMNS or not name:
                 yield (
                     f"--columns: found {quoted(f'{role}={name}')}, allowed: OURS=NAME with OURS "
-                    f"one of {', '.join(COLUMNS)}; proportions are n_equal or n_second, too"
+                    f"one of {', '.join(COLUMNS)}; proportions are named as counts"
                 )
 
         for role in self.ignore:

@@ -142,11 +142,15 @@ class StimulusUnit:
 
     def __post_init__(self) -> None:
         is_text = self.name.isprintable() and not _NOT_ALLOWED.intersection(self.name)
-        is_unknown_logarithm = self.name not in LOG_UNITS and _LOGARITHM.fullmatch(self.name)
-        if not is_text or is_unknown_logarithm or len(self.name) > _LONGEST:
+        if self.name not in LOG_UNITS and _LOGARITHM.fullmatch(self.name):
             raise InputError(
-                f"--unit: found {quoted(self.name)}, allowed: a logarithm ({', '.join(LOG_UNITS)}),"
-                f" or a unit of intensity of at most {_LONGEST} letters, such as g"
+                f"--unit: found {quoted(self.name)}, a logarithm without a known factor, allowed: "
+                f"{', '.join(LOG_UNITS)}; dB has 20 dB for a factor of ten"
+            )
+        if not is_text or len(self.name) > _LONGEST:
+            raise InputError(
+                f"--unit: found {quoted(self.name)}, allowed: {', '.join(LOG_UNITS)}, or a unit of "
+                f"intensity of at most {_LONGEST} letters, such as g"
             )
         if not math.isfinite(self.log_reference):
             raise InputError("the reference of the unit of the stimuli is not a finite number")

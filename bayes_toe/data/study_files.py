@@ -113,7 +113,9 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
             problems = [folder + problem for problem in error.problems]
             faulty.append(InputError(problems, error.remedies))
             if error.remedies and not error.remedies[0].is_complete:
-                lacking.append(f"{problems[0]} Type the names of the other files, or remove this.")
+                lacking.append(
+                    f"{problems[0]} Type the names of the other files, or remove this file."
+                )
     if 0 < len(lacking) < len(paths):
         raise InputError(lacking[:MAX_LINES])
     if faulty:

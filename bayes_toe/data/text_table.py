@@ -41,8 +41,11 @@ DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "spa
 
 #: Of a table; Excel has as many columns. More would fill the memory.
 _MOST_COLUMNS, _MOST_CELLS = 2**14, 5 * 10**7
-#: Programs that write logs, and how these begin.
-_LOGS = {"E-Prime": "*** Header Start ***", "Presentation": "Scenario - "}
+#: Programs that write logs, with what is read of them, and how these begin.
+_LOGS = {
+    "E-Prime, allowed: its trials as CSV, which E-DataAid exports": "*** Header Start ***",
+    "Presentation, allowed: its trials as CSV": "Scenario - ",
+}
 #: Records among which the names are looked for.
 MOST_RECORDS = 10
 #: A column that is not chosen and has more texts marks no rows, and is left out.
@@ -329,11 +332,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     Lines above the names are left out if the names are among the first ten records.
     """
     text, label = decoded(source, data, encoding)
-    for program, start in _LOGS.items():
-        if text.startswith(start):
-            raise InputError(
-                f"{source}: found a log of {program}, allowed: a table of its trials as CSV"
-            )
+    _require_no_log(source, text)
     # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they
     # are.
     text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)
@@ -399,6 +398,13 @@ def _layout(text: str, choice: Choice) -> tuple[str, int]:
         if fit > best_fit:
             best, best_fit = (delimiter, place), fit
     return best
+
+
+def _require_no_log(source: str, text: str) -> None:
+    """Refuse a log of a program, in which trials are no rows."""
+    for program, start in _LOGS.items():
+        if text.startswith(start):
+            raise InputError(f"{source}: found a log of {program}")
 
 
 def _names(cells: list[str] | csv.Error) -> list[str]:

@@ -451,7 +451,7 @@ REFUSED = {
         "subject,semitone1,semitone2,response\na,63,61,first\na,61,63,second\n",
         "column semitone1 seems to be in semitones",
         "--unit semitones",
-        "a factor of two",
+        "if they are semitones",
     ),
     "percent_in_cells.csv": (
         "subject,s1,s2,response\na,7.0%,5 %,first\na,5%,7%,second\n",
@@ -514,9 +514,12 @@ REFUSED = {
     ),
     "e_prime.txt": (
         "*** Header Start ***\nSubject: 12\n*** Header End ***\n",
-        "found a log of E-Prime, allowed: a table of its trials as CSV",
+        "found a log of E-Prime, allowed: its trials as CSV, which E-DataAid exports",
     ),
-    "presentation.log": ("Scenario - pitch\n", "found a log of Presentation, allowed: a table"),
+    "presentation.log": (
+        "Scenario - pitch\n",
+        "found a log of Presentation, allowed: its trials as CSV",
+    ),
     "below_a_title.csv": (
         "Experiment 1\nvp,dur1,dur2,key\na,1,2,f\na,2,1,j\n",
         "The columns are vp, dur1, dur2, key.",
@@ -539,6 +542,10 @@ REFUSED = {
         "--wide '{first}-{second}'",
         "if the cells of column pair are pairs of stimuli",
     ),
+    "names_with_a_point.csv": (
+        "subject,values.dur1,values.dur2,key\na,1,2,f\na,2,1,j\n",
+        "type:  --columns s1=values.dur1,s2=values.dur2",
+    ),
     "wide_counts_without_a_pattern.csv": (
         WIDE_COUNTS,
         "--wide '{first}_{second}'",
@@ -555,11 +562,11 @@ REFUSED = {
     "proportions_by_another_name.csv --columns p_second=cell": (
         "",
         "p_second=cell', allowed",
-        "; proportions are n_equal or n_second, too",
+        "; proportions are named as counts",
     ),
     "wide_by_another_name.csv --wide {first}-{second}": (
         WIDE,
-        "found 0 columns whose cells all fit --wide",
+        "found 0 columns whose cells are all two numbers as --wide has them",
     ),
     "wide_and_unknown.csv --wide {first}_{second} --columns response=cell": (
         "subject,1_2,2_1\nP03,first,second\nP04,first,maybe\n",
@@ -729,7 +736,7 @@ def test_a_file_without_columns_of_trials_is_named(tmp_path):
         assert inside("check .", cwd=tmp_path).stderr.splitlines() == [
             "error: stopped.csv: row 1: there is no column s1, no column s2 and no column "
             "response. The columns are subject, date. Type the names of the other files, or "
-            "remove this."
+            "remove this file."
         ]
 
 
