@@ -184,9 +184,10 @@ def _groups(
 ) -> tuple[PopulationResult | None, PopulationResult | None]:
     """The group of the interpretable subjects, and the group without those that do not fit.
 
-    The second one is None where all fit.
+    The second one is None where all fit, and where there is no group.
     """
     interpretable = [answer for answer in answers if answer.is_interpretable]
+    # `fits` is None where the fit cannot be judged: such a subject stays.
     good_fits = [answer for answer in interpretable if answer.fits is not False]
     group = _group(study, interpretable, settings)
     if group is None or len(good_fits) == len(interpretable):

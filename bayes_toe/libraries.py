@@ -19,7 +19,7 @@ def library_versions(*names: str) -> dict[str, str]:
     }
 
 
-def ignore_settings_of_folder() -> None:
+def import_without_folder_settings() -> None:
     """Import matplotlib and ArviZ so that they read no settings from the working folder.
 
     Both read files such as matplotlibrc there when they are imported, and a data folder may hold

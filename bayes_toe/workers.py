@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_toe.cluster import DEAD_WORKER, Jobs, Outcomes, count_workers, run_on
 from bayes_toe.errors import NumericalError, WorkerError, require_number
-from bayes_toe.libraries import ignore_settings_of_folder
+from bayes_toe.libraries import import_without_folder_settings
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -233,9 +233,10 @@ def _signals_held_back() -> Iterator[None]:
 
 def _start_worker(parent: int) -> None:
     """Prepare a worker: it ignores signals of the terminal and ends with its parent."""
-    ignore_settings_of_folder()
+    import_without_folder_settings()
     for number in _TERMINAL_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+    # SIGTERM is blocked here as in the parent, see _signals_held_back: it shall end a worker.
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     Thread(target=_end_with_parent, args=(parent,), daemon=True).start()

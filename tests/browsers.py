@@ -55,9 +55,6 @@ class Opened:
         if not request.url.startswith(("file:", "data:", "blob:")):
             self.problems.append(request.url)
 
-    def wide(self):
-        """Pixels that the page takes.
-
-        More than the window is wide, and it has to be pushed sideways.
-        """
+    def page_width(self):
+        """Pixels that the page takes: if the window has fewer, the reader scrolls sideways."""
         return self.page.evaluate("document.documentElement.scrollWidth")

@@ -101,4 +101,5 @@ def test_words_and_sizes_of_the_example_agree_with_its_truth(example, truth, eff
             assert word is Word.UNDECIDED or word.is_positive, answer.subject
             assert word is Word.UNDECIDED or size.q50 * true > 0.0, answer.subject
         n_covered += size.q025 <= true <= size.q975
+    # Each is a 95 % interval: of 12, one may miss.
     assert n_covered >= 11

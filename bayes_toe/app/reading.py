@@ -54,12 +54,12 @@ def read_job(job: Job) -> Record:
 
 
 def _read_options(options: Record) -> bt.ReadOptions:
-    """The options of the page, without column names that a command cannot name."""
-    nameless = [name for name in options.get("columns", {}).values() if "," in name]
-    nameless += [name for name in options.get("where", {}) if "=" in name]
-    if nameless:
+    """The options of the page; column names that no command can name are refused."""
+    untypable = [name for name in options.get("columns", {}).values() if "," in name]
+    untypable += [name for name in options.get("where", {}) if "=" in name]
+    if untypable:
         raise bt.InputError(
-            f"column {display_name(nameless[0])}: its name has a comma or '=', so that no command "
+            f"column {display_name(untypable[0])}: its name has a comma or '=', so that no command "
             "can name it. Change the name in the file."
         )
     if "intensity" in options:

@@ -358,7 +358,7 @@ class AnswerTable:
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom."""
+        """Degrees of freedom: of each pair, its blocks but one."""
         return int(np.maximum((self.n > 0).sum(1) - 1, 0).sum())
 
     def block_chi_square(self, k: IntArray) -> FloatArray:
@@ -415,24 +415,27 @@ def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTab
 
 def _swapped_blocks(subject: Subject, n_subjects: int) -> Finding | None:
     """Blocks with swapped response keys."""
-    directed = subject.two_answers
-    answers = None if directed is None else _drawable_answers(directed)
-    if directed is None or answers is None or answers.block is None:
+    two_answers = subject.two_answers
+    if two_answers is None:  # all of three answers are 'equal', which has no opposite
         return None
-    subject = directed
-    table = _tabulate(subject, answers, answers.block)
-    if table.informative().freedom == 0:
+    answers = _drawable_answers(two_answers)
+    if answers is None or answers.block is None:
+        return None
+    table = _tabulate(two_answers, answers, answers.block)
+    if table.informative().freedom == 0:  # no pair with both answers is in two blocks
         return None
 
-    swapped = _find_swapped(table, subject.task, subject.s2 - subject.s1)
-    if not _explains_blocks(table, swapped):
+    is_swapped = _find_swapped(table, two_answers.task, two_answers.s2 - two_answers.s1)
+    if not _explains_blocks(table, is_swapped):
         return None
-    corrected = answers.swapped(swapped[answers.block])
-    changed = Subject.from_answers(subject.name, corrected, subject.task)
-    limit = evidence_limit(n_subjects * len(swapped), REFUSAL_SHARE)
-    if log_bayes_factor(changed, subject) <= limit:
+
+    corrected_answers = answers.swapped(is_swapped[answers.block])
+    corrected = Subject.from_answers(subject.name, corrected_answers, two_answers.task)
+    n_tests = n_subjects * len(is_swapped)  # one for each block
+    if log_bayes_factor(corrected, two_answers) <= evidence_limit(n_tests, REFUSAL_SHARE):
         return None
-    blocks = [*compress(answers.blocks, swapped)]
+
+    blocks = [*compress(answers.blocks, is_swapped)]
     noun = "block" if len(blocks) == 1 else "blocks"
     return Finding(
         subject.name,
@@ -448,12 +451,12 @@ def _unlike_blocks(subject: Subject, n_subjects: int) -> Finding | None:
     if answers is None or answers.block is None:
         return None
     table = _tabulate(subject, answers, answers.block).informative()
-    # X^2 below its mean needs no table.
+    # Blocks whose X^2 is at most its mean do not differ, so that no tables need be drawn.
     if table.freedom == 0 or table.ratio <= 1.0:
         return None
 
     p = table.p_value(table.chi_square, subject.name)
-    if p > 0.5 * flag_limit(n_subjects):  # one of two tests
+    if p > 0.5 * flag_limit(n_subjects):  # the test of drift has the other half
         return None
     block = answers.blocks[table.block_chi_square(table.k).argmax()]
     return Finding(
@@ -576,7 +579,7 @@ def _drift(subject: Subject, n_subjects: int) -> Finding | None:
     if change < 0.2:
         return None
     p = table.p_value(largest_power, subject.name)
-    if p > 0.5 * flag_limit(n_subjects):  # one of two tests
+    if p > 0.5 * flag_limit(n_subjects):  # the test of blocks has the other half
         return None
     return Finding(
         subject.name,

@@ -29,7 +29,7 @@ from bayes_toe.data.messages import (
     join_words,
     plural,
 )
-from bayes_toe.data.options import LOOKED_AT
+from bayes_toe.data.options import HISTORY_COLUMNS
 from bayes_toe.data.stimulus_unit import ROUNDED, StimulusUnit, sign_of_intensities
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
 from bayes_toe.data.units import follows_from_pairs
@@ -191,7 +191,7 @@ def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
 
 
 def _columns(reading: Reading) -> Findings:
-    for ours in LOOKED_AT:
+    for ours in HISTORY_COLUMNS:
         alike = [name for name in reading.ignored if looks_like(name, ours)]
         if alike and ours not in reading.read:
             message = f"Column {display_name(alike[0])} looks like {ours}, but it is ignored."

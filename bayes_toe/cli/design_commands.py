@@ -27,7 +27,7 @@ from bayes_toe.cli.options import (
     writes,
 )
 from bayes_toe.cli.run_context import MODEL, RunContext
-from bayes_toe.data.messages import join_names, plural, quoted
+from bayes_toe.data.messages import Texts, join_names, plural, quoted
 from bayes_toe.data.stimulus_unit import ANY_UNIT
 from bayes_toe.errors import Remedy
 
@@ -245,9 +245,11 @@ class SearchOptions:
         return bt.ReadOptions(intensity=self.intensity, unit=self.unit)
 
     def shown_unit(self) -> StimulusUnit:
-        """The unit in which levels are shown."""
+        """The unit in which levels are shown; after --intensity alone, intensities of any unit."""
         unit = self.reading().stimulus_unit
-        return replace(unit, name=ANY_UNIT) if self.intensity and not unit.name else unit
+        if self.intensity and not unit.name:
+            return replace(unit, name=ANY_UNIT)
+        return unit
 
     def goal(self) -> DesignGoal:
         """The goal of the design."""
@@ -364,20 +366,24 @@ def _list_trials(
 
     from bayes_toe.data.tables import write_table
     from bayes_toe.design.simulate import read_differences, subject_names
-    from bayes_toe.design.trial_list import MOST_EQUAL
     from bayes_toe.seeds import root_seed
 
-    reading_only = SearchOptions(
+    # A given design is not searched for: only options by which it is read may be typed.
+    options_of_reading = SearchOptions(
         question=search.question, unit=search.unit, intensity=search.intensity
     )
-    if lists.list_output is None or search != reading_only:
+    has_other_options = search != options_of_reading
+    if lists.list_output is None or has_other_options:
         raise bt.InputError(
             f"{file}: a given design needs --list trials.csv, without options of the search such "
             "as --lowest, --trials and --max-pairs."
         )
     context.require_files(lists.list_output)
-    differences = read_differences(lists.conditions, None)
-    levels = () if differences is None else differences.conditions.levels
+
+    levels: Texts = ()
+    conditions = read_differences(lists.conditions, differ=None)  # nobody answers: no differences
+    if conditions is not None:
+        levels = conditions.conditions.levels
     study_design = bt.design.read_study_design(file, search.question, search.unit)
     seed = root_seed(context.seed)
     list_of = partial(
@@ -390,17 +396,22 @@ def _list_trials(
     )
     tables = [list_of(subject=name) for name in subject_names(lists.subjects)]
     write_table(pd.concat(tables), lists.list_output, overwrite=context.overwrite)
+    context.print_written(_describe_list(lists, study_design.total, levels), seed)
 
-    n_trials = study_design.total * max(1, len(levels))
+
+def _describe_list(lists: ListOptions, n_trials_each: int, levels: Texts) -> str:
+    """What is in a list with so many trials of each subject in each condition."""
+    from bayes_toe.design.trial_list import MOST_EQUAL
+
+    n_trials = n_trials_each * max(1, len(levels))
     suffix = " each" if lists.subjects > 1 else ""
     split = ""
     if levels:
-        split = f" ({study_design.total} in each of {join_names(levels)}, mixed within blocks)"
-    context.print_written(
+        split = f" ({n_trials_each} in each of {join_names(levels)}, mixed within blocks)"
+    return (
         f"{lists.list_output}: {plural(lists.subjects, 'subject')}, {n_trials} trials{suffix} in "
         f"{plural(lists.blocks, 'block')}{split}. Within each block, both orders of a pair are as "
-        f"frequent as in the design. At most {MOST_EQUAL} equal pairs follow each other",
-        seed,
+        f"frequent as in the design. At most {MOST_EQUAL} equal pairs follow each other"
     )
 
 

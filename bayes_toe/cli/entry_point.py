@@ -21,7 +21,7 @@ from types import FrameType
 from typing import Any
 
 from bayes_toe.data.whole_files import describe_stored
-from bayes_toe.libraries import ignore_settings_of_folder
+from bayes_toe.libraries import import_without_folder_settings
 
 _SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
@@ -44,7 +44,7 @@ def main() -> None:
     code: Any = 0
     try:
         handled = listen()
-        ignore_settings_of_folder()
+        import_without_folder_settings()
         # The import takes a while, in which a signal is answered already.
         from bayes_toe.cli.app import app
 

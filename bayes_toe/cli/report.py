@@ -133,7 +133,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        finalize=_finalize,
+        finalize=_without_control_characters,
     )
     environment.filters.update(
         capitalized=capitalized,
@@ -162,8 +162,8 @@ def _environment() -> Environment:
     return environment
 
 
-def _finalize(value: object) -> object:
-    """Texts from outside without control characters; markup is the template's own."""
+def _without_control_characters(value: object) -> object:
+    """A text that a template fills in; markup of the template itself, another type, stays."""
     return visible(value) if type(value) is str else value
 
 

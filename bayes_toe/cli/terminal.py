@@ -227,21 +227,28 @@ def format_table(headings: Texts, rows: Rows, numeric: Collection[int] = ()) -> 
     >>> format_table(["subject", "order\neffect"], [["A01", "yes"], ["A02", "no"]])
     ['         order', 'subject  effect', 'A01      yes', 'A02      no']
     """
-    n = len(headings)
-    while n > 2 and not is_narrow(headings[:n], [row[:n] for row in rows]):
-        n -= 1
-    lines = [row[:n] for row in (*_heading_rows(headings[:n]), *rows)]
+    # Columns fit if they do once the first one is cut.
+    n_fitting = len(headings)
+    while n_fitting > 2 and not is_narrow(headings[:n_fitting], [row[:n_fitting] for row in rows]):
+        n_fitting -= 1
+
+    lines = [row[:n_fitting] for row in (*_heading_rows(headings[:n_fitting]), *rows)]
     widths, gap = _column_widths(lines)
-    widths[0] -= max(sum(widths) + gap * (n - 1) - WIDTH, 0)
+    excess = sum(widths) + gap * (n_fitting - 1) - WIDTH
+    widths[0] -= max(excess, 0)
     table = [_table_line(row, widths, gap, numeric) for row in lines]
-    if n < len(headings):
-        other_columns = [headings[0], *headings[n:]], [[row[0], *row[n:]] for row in rows]
-        table += ["", *format_table(*other_columns, [i - n + 1 for i in numeric if i >= n])]
+
+    if n_fitting < len(headings):
+        headings_below = [headings[0], *headings[n_fitting:]]
+        rows_below = [[row[0], *row[n_fitting:]] for row in rows]
+        n_moved = n_fitting - 1  # columns by which those below move to the left
+        numeric_below = [i - n_moved for i in numeric if i >= n_fitting]
+        table += ["", *format_table(headings_below, rows_below, numeric_below)]
     return table
 
 
 def is_narrow(headings: Texts, rows: Rows, first_width: int = 8) -> bool:
-    """Whether a table fits into :data:`WIDTH` with at least `first_width` columns of names."""
+    """Whether a table fits into :data:`WIDTH` once its first column is cut to `first_width`."""
     widths, gap = _column_widths([*_heading_rows(headings), *rows])
     return min(widths[0], first_width) + sum(widths[1:]) + gap * (len(widths) - 1) <= WIDTH
 

@@ -23,7 +23,7 @@ from typing import Any
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import Texts, display_name, join_names, join_words
-from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
+from bayes_toe.data.options import COLUMNS, HISTORY_COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT
 from bayes_toe.data.text_table import Column, repeated_columns
 from bayes_toe.data.validation import MISSING_WORDS, empty
@@ -458,10 +458,11 @@ def _roles_read(names: Texts, options: ReadOptions) -> list[str]:
     if options.condition or options.name("condition") in names:
         roles_read.append("condition")
 
-    # No inference reads block and trial: twice there, or named as something else, they are ignored.
-    other_names = [options.name(role) for role in COLUMNS if role not in LOOKED_AT]
+    # Counts need no column of the history: it is ignored if there are two of its name, or if an
+    # option takes it for something else. A column of intervals has an option of its own.
+    other_names = [options.name(role) for role in COLUMNS if role not in HISTORY_COLUMNS]
     other_names.append(options.name("standard_interval"))
-    for role in LOOKED_AT:
+    for role in HISTORY_COLUMNS:
         name = options.name(role)
         if name not in other_names and names.count(name) == 1:
             roles_read.append(role)

@@ -28,10 +28,10 @@ COLUMNS = (
     *("n_first", "n_equal", "n_second", "n_comparison", "n_correct", "n_trials"),
     *("session", "block", "trial", "iti", "condition"),
 )
-#: Columns by which counts are no other: which trial came after which, for a look before answers are
-#: pooled and for models of history.
-LOOKED_AT = ("session", "block", "trial", "iti")
-_MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition", "practice")
+#: Columns that say which trial came after which. They change no count: checks before answers are
+#: pooled and models of history use them.
+HISTORY_COLUMNS = ("session", "block", "trial", "iti")
+_MAY_BE_IGNORED = ("isi", *HISTORY_COLUMNS, "condition", "practice")
 _ANSWERS = ("equal", "different", "second", "first")
 #: Fields whose texts must not be empty.
 _TEXT_FIELDS = (
@@ -153,6 +153,8 @@ class ReadOptions:
     def __post_init__(self) -> None:
         self._strip_texts()
         problems = [*self._value_problems()]
+        # Codes of two tasks are allowed where tasks may be the condition: the options with which
+        # each task is then read have no condition, and are checked.
         if self.condition is None:
             problems += self._code_problems()
         problems += self._name_problems()

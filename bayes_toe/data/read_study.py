@@ -228,9 +228,10 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
         sheet=options.sheet,
     )
 
-    def read_rows(of_rows: ReadOptions) -> Study:
-        unread = replace(table, problems=deepcopy(table.problems))
-        rows = _rows(unread, path, of_rows)
+    def read_rows(row_options: ReadOptions) -> Study:
+        # Rows may be read several times: each reading collects problems of its own.
+        table_of_reading = replace(table, problems=deepcopy(table.problems))
+        rows = _rows(table_of_reading, path, row_options)
         task = task_counted(rows.columns)
         return _trial_study(rows) if task is None else _count_study(rows, task)
 

@@ -243,6 +243,7 @@ def _table_of_frame(
     values = {}
     for name, index in name_places(names).items():
         series = frame.iloc[:, index] if hasattr(frame, "iloc") else frame.to_series(index)
+        # to_list makes doubles: 0.1 would read 0.10000000149.
         is_single = str(series.dtype).lower() == "float32"
         values[name] = np.asarray(series, np.float32) if is_single else series.to_list()
     rows = range(first_row, first_row + len(frame))

@@ -171,8 +171,13 @@ def _task_told(column: Column, task_column: Column | None, options: ReadOptions)
     """The task of the options; else the one that all rows name, if a response is a word of it."""
     if options.task is not None or task_column is None:
         return options.task
-    task, *other_tasks = {*map(_tasks_in(task_column).get, task_column.texts)} or {None}
-    if task is None or other_tasks or _words_by_answer(column).keys().isdisjoint(task.answers):
+
+    task_by_text = _tasks_in(task_column)
+    tasks_of_rows = {task_by_text.get(text) for text in task_column.texts}  # None: names no task
+    if len(tasks_of_rows) != 1:
+        return None
+    (task,) = tasks_of_rows
+    if task is None or _words_by_answer(column).keys().isdisjoint(task.answers):
         return None
     return task
 

@@ -393,13 +393,14 @@ class Study:
 
     @property
     def by_task(self) -> tuple[Study, ...]:
-        """A study of the units of each task; this one where there is one task."""
+        """A study of the units of each task, such as S01@left; this one where there is one task."""
         tasks = dict.fromkeys(subject.task for subject in self)
         if len(tasks) == 1:
             return (self,)
         studies = []
         for task in tasks:
             units = tuple(subject for subject in self if subject.task == task)
+            # The tasks are the conditions: one task has nothing to compare.
             studies.append(replace(self, subjects=units, conditions=None))
         return tuple(studies)
 

@@ -144,26 +144,33 @@ def _incomplete_subjects(covariates: Covariates, subjects: Sequence[str]) -> dic
 
 
 def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], FloatArray]:
+    """A numeric covariate as one column, shape (subjects, 1), of mean 0 and sd 1."""
     if not np.isfinite(values).all():
         raise InputError(
             f"covariate {display_name(name)}: found a number that is not finite, allowed: finite "
             "numbers; leave out what is missing"
         )
-    _require_several(name, f"{values[0]:g}", bool(values.min() < values.max()))
+    if values.min() == values.max():
+        raise _does_not_vary(name, f"{values[0]:g}")
+
     # Squares of numbers beyond 1e154 are beyond the largest float.
     unit = np.abs(values).max()
     values = values / unit
     mean, sd = values.mean(), values.std(ddof=1)
     words = f"{display_name(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
-    return [Regressor(name, "", words)], ((values - mean) / sd)[:, None]
+    column = (values - mean) / sd
+    return [Regressor(name, level="", meaning=words)], column[:, None]
 
 
 def _columns_of_category(
     name: str, values: Sequence[str | float]
 ) -> tuple[list[Regressor], FloatArray]:
+    """A category as a column of 0 and 1 for each level but the reference."""
     # The number 1 and the text '1' are one level.
     reference, *other_levels = dict.fromkeys(level_words(levels(values)))
-    _require_several(name, quoted(reference), bool(other_levels))
+    if not other_levels:
+        raise _does_not_vary(name, quoted(reference))
+
     columns = []
     for level in other_levels:
         words = f"{display_name(name)} {display_name(level)} against {display_name(reference)}"
@@ -172,12 +179,11 @@ def _columns_of_category(
     return columns, is_level.astype(np.float64)
 
 
-def _require_several(name: str, value: str, has_several: bool) -> None:
-    if not has_several:
-        raise InputError(
-            f"covariate {display_name(name)}: found {value} for every subject, allowed: at least "
-            "two different values; leave the column out"
-        )
+def _does_not_vary(name: str, value: str) -> InputError:
+    return InputError(
+        f"covariate {display_name(name)}: found {value} for every subject, allowed: at least "
+        "two different values; leave the column out"
+    )
 
 
 def _require_subjects(subjects: Sequence[str], n_columns: int, left_out: str) -> None:

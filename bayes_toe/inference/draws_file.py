@@ -240,30 +240,57 @@ def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> P
 
 
 class _OutputFile(io.FileIO):
-    """A file that keeps the first error of writing and goes on.
+    """A file that keeps the first error of writing and goes on in memory.
 
-    HDF5 ends the process where a file cannot be written, such as on a full disk.
+    HDF5 ends the process where a file cannot be written, such as on a full disk, or where it does
+    not read what it wrote.
     """
 
     error: OSError | None = None
+    memory: io.BytesIO | None = None
 
     def write(self, data: Any, /) -> int:
-        """Write all bytes; after an error, none."""
+        """Write all bytes."""
+        start = self.tell()
         remaining = memoryview(data)
         try:
-            while len(remaining) > 0 and self.error is None:
-                remaining = remaining[super().write(remaining) :]
+            while len(remaining) > 0:
+                remaining = remaining[self._place.write(remaining) :]
         except OSError as error:
-            self.error = error
+            self._go_on_in_memory(error)
+            self.seek(start)
+            self._place.write(data)
         return len(data)
 
     def truncate(self, size: int | None = None, /) -> int:
-        """Give the file another size; an error is kept, and nothing changes."""
+        """Give the file another size."""
         try:
-            return super().truncate(size)
+            return self._place.truncate(size)
         except OSError as error:
-            self.error = self.error or error
+            self._go_on_in_memory(error)
             return self.tell()
+
+    def readinto(self, buffer: Any, /) -> int:
+        """Read bytes from here on."""
+        return self._place.readinto(buffer)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        """Go to a place."""
+        return self._place.seek(offset, whence)
+
+    def tell(self) -> int:
+        """The place."""
+        return self._place.tell()
+
+    @property
+    def _place(self) -> Any:
+        """Where bytes go to and come from."""
+        return super() if self.memory is None else self.memory
+
+    def _go_on_in_memory(self, error: OSError) -> None:
+        self.error = error
+        self.seek(0)
+        self.memory = io.BytesIO(self.readall())
 
 
 def read_tree(path: StrPath) -> xr.DataTree:

@@ -45,9 +45,13 @@ def binomial_deviance(
 
 
 def deviance_p_value(
-    value: float, freedom: float, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray
+    deviance: float,
+    freedom: float,
+    n_trials: npt.ArrayLike,
+    log_q: FloatArray,
+    log_rest: FloatArray,
 ) -> float:
-    """P(deviance >= value) of a fit with these degrees of freedom; NaN without any.
+    """Chance of such a deviance or a larger one, with these degrees of freedom; NaN without any.
 
     The reference is chi-square if every pair has many answers of both kinds. Otherwise it is a
     scaled chi-square: the mean and variance of each pair's deviance follow from the logs of q and
@@ -65,9 +69,12 @@ def deviance_p_value(
     moments = _moments(np.asarray(n_trials, np.float64), log_q, log_rest)
     mean, variance = (float(values.sum()) for values in moments)
     if variance == 0.0:  # the answers are certain under the model
-        return float(value <= 0.0)
+        return float(deviance <= 0.0)
+
+    # The scaled chi-square with this mean and variance; its scale does not depend on `freedom`.
+    inverse_scale = 2.0 * mean / variance
     reference_freedom = 2.0 * mean**2 / variance * freedom / len(log_q)
-    return float(chdtrc(reference_freedom, 2.0 * mean / variance * value))
+    return float(chdtrc(reference_freedom, inverse_scale * deviance))
 
 
 def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> ArrayPair:

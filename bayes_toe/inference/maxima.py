@@ -219,16 +219,16 @@ def expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
 
     The curvature is that of Fisher information and prior.
     """
-    w = points[:, None, :]
+    w = points[:, None, :]  # one point for each posterior
     is_free = array.is_free
-    log_likelihood, gradient, information = array.likelihood.scoring(w)
-    slopes, curvatures = array.prior_slopes(w)
+    log_likelihood, likelihood_slopes, information = array.likelihood.scoring(w)
+    prior_slopes, negative_curvatures = array.prior_slopes(w)
     value = log_likelihood[:, 0] + array.log_prior(w)[:, 0]
-    gradient = np.where(is_free, (gradient + slopes)[:, 0], 0.0)
+    gradient = np.where(is_free, (likelihood_slopes + prior_slopes)[:, 0], 0.0)
 
     curvature = _free_part(information[:, 0], is_free)
     diagonal = np.arange(points.shape[1])
-    curvature[:, diagonal, diagonal] += np.where(is_free, curvatures[:, 0], 0.0)
+    curvature[:, diagonal, diagonal] += np.where(is_free, negative_curvatures[:, 0], 0.0)
     return Expansion(value, gradient, curvature)
 
 

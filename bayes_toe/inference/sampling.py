@@ -187,7 +187,9 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
         fresh = self._left.part(slice(n_walkers))
         self._left = self._left.part(slice(n_walkers, None))
 
-        log_ratio = fresh.log_weights - (state.log_prob - state.blobs)
+        log_proposal = state.blobs  # of the mixture where the walkers stand: see compute_log_prob
+        log_weights = state.log_prob - log_proposal
+        log_ratio = fresh.log_weights - log_weights
         is_accepted = np.log(model.random.rand(len(fresh.x))) < log_ratio
         coordinates = fresh.x[:, self.fitted.target.is_free]
         proposed = emcee.State(coordinates, fresh.log_posterior, fresh.log_proposal)

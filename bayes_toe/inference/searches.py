@@ -22,33 +22,40 @@ from bayes_toe.model.posterior_array import PosteriorArray
 
 #: Constant errors in D at which searches start; the first one is that of a model without them.
 _ERRORS = np.array([0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0])
+#: Normal scores of the lapse rate in its prior, at which searches hold it.
+_LAPSE_STARTS = (-1.0, 0.6, 1.8)
+#: Normal scores of the noise in its prior at which searches start. With little noise the curve is
+#: steep, and answers show most; with much it is flat.
+_STEEP, _FLAT = -0.5, 2.0
+#: Logit of the peak at which searches start: P('equal') is 0.88.
+_PEAK_START = 2.0
 
 
 def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     """The maxima of every posterior with the observer's coordinates, as a mixture begins with.
 
     A search starts at several constant errors and from a flat curve, then at several lapse rates.
-    A posterior without constant error must have its neighbour with it next to it.
+    A posterior without constant error must stand right before the same one with it.
     """
     has_error = array.is_free[:, array.names.index(CONSTANT_ERROR.name)]
     lapse = array.names.index(LAPSE_RATE.name)
     profile, profile_owners = _profile(array, has_error)
-    n_held = len(profile.x) - len(array)
+    n_at_errors = len(profile.x) - len(array)
 
     parts = []
-    # The first search of each posterior, or of its neighbour: that with c = 0.
-    n_searches = np.where(has_error, len(_ERRORS), 0)
-    for i, first in enumerate(np.cumsum(n_searches) - n_searches):
+    for i, first in enumerate(_first_searches(has_error)):
         candidates = np.array([first])
         if has_error[i]:
             candidates = first + _two_best_local(profile.value[first : first + len(_ERRORS)])
-        flat = n_held + i
-        best = flat if profile.value[flat] > profile.value[candidates[0]] else candidates[0]
+        best = candidates[0]
+        from_flat = n_at_errors + i
+        if profile.value[from_flat] > profile.value[best]:
+            best = from_flat
 
-        # Free searches, then searches with lapse rates that are held.
+        # Free searches from the candidates, then those from the best one that hold a lapse rate.
         n_free = len(candidates)
-        starts = profile.x[np.append(candidates, [best] * 3)]
-        starts[n_free:, lapse] = (-1.0, 0.6, 1.8)
+        starts = profile.x[np.append(candidates, [best] * len(_LAPSE_STARTS))]
+        starts[n_free:, lapse] = _LAPSE_STARTS
         is_held = np.zeros(starts.shape, np.bool_)
         is_held[n_free:, lapse] = True
         parts.append((np.full(len(starts), i), starts, is_held))
@@ -59,26 +66,36 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     return [searches.part(all_owners == i) for i in range(len(array))]
 
 
-def _profile(array: PosteriorArray, has_error: BoolArray) -> tuple[Ascent, IndexArray]:
-    """Maxima at several constant errors, and one from a flat curve for every posterior.
+def _first_searches(has_error: BoolArray) -> IndexArray:
+    """The search of :func:`_profile` at the constant error 0, of every posterior.
 
-    The first searches hold the constant error. The second value has the posterior of each search.
+    For a posterior without constant error it is that of the next posterior, which has one.
+    """
+    n_searches = np.where(has_error, len(_ERRORS), 0)
+    return np.cumsum(n_searches) - n_searches
+
+
+def _profile(array: PosteriorArray, has_error: BoolArray) -> tuple[Ascent, IndexArray]:
+    """Maxima at several constant errors, then one from a flat curve for every posterior.
+
+    Searches at constant errors hold these. The second value has the posterior of each search.
     """
     rows = cast(ObserverRows, array.likelihood.rows)
+    noise, error = map(array.names.index, (NOISE.name, CONSTANT_ERROR.name))
     with_error = np.flatnonzero(has_error)
+
+    at_errors = np.zeros((len(with_error) * len(_ERRORS), len(array.names)))
+    at_errors[:, noise] = _STEEP
+    at_errors[:, error] = np.tile(_ERRORS / rows.prior.constant_error_scale, len(with_error))
+    from_flat = np.zeros((len(array), len(array.names)))
+    from_flat[:, noise] = _FLAT
+
     owners = np.append(np.repeat(with_error, len(_ERRORS)), np.arange(len(array)))
-    is_profile = np.arange(len(owners)) < len(owners) - len(array)
-
-    values = {name: np.zeros(len(owners)) for name in array.names}
-    # A steep curve shows more than a flat one.
-    values[NOISE.name] = np.where(is_profile, -0.5, 2.0)
-    errors = np.tile(_ERRORS / rows.prior.constant_error_scale, len(with_error))
-    values[CONSTANT_ERROR.name][is_profile] = errors
-    if PEAK.name in values:
-        values[PEAK.name] += 2.0
-
-    is_held = is_profile[:, None] & (np.array(array.names) == CONSTANT_ERROR.name)
-    starts = np.stack(list(values.values()), axis=-1)
+    starts = np.concatenate([at_errors, from_flat])
+    if PEAK.name in array.names:
+        starts[:, array.names.index(PEAK.name)] = _PEAK_START
+    is_held = np.zeros(starts.shape, np.bool_)
+    is_held[: len(at_errors), error] = True
     return ascend_from(array, owners, starts, is_held), owners
 
 

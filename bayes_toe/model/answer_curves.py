@@ -252,14 +252,19 @@ class AnswerRows(ABC):
         return value, gradient
 
     def scoring(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Log likelihood, gradient and Fisher information, (rows, points[, k[, k]])."""
+        """Log likelihood, gradient and Fisher information, (rows, points[, k[, k]]).
+
+        The information is the sum over answers of n P slope slope', with the trials n that are
+        expected: the second question of a pair is asked only after 'unequal'.
+        """
         answers, yes_slopes, no_slopes = self.answer_slopes(u)
+        # Counts and weights get an axis for the k coordinates.
         in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
         in_no = times_counts(self.n_no[:, :, None], no_slopes)
         n_trials = self.expected_trials(answers)
         yes_weight = (n_trials * np.exp(answers.yes))[..., None, :]
         no_weight = (n_trials * np.exp(answers.no))[..., None, :]
-        # Where an answer is impossible the density is 0, and slopes are infinite.
+        # Where an answer is impossible its slopes are infinite, and `times_counts` makes 0 of them.
         with np.errstate(over="ignore", invalid="ignore"):
             gradient = (in_yes + in_no).sum(axis=-1)
             information = times_counts(yes_weight, yes_slopes) @ np.swapaxes(yes_slopes, -1, -2)

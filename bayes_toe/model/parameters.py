@@ -213,7 +213,7 @@ class Quantity:
     @property
     def scale(self) -> float:
         """The factor by which tables and figures multiply it: 100 of a share in per cent."""
-        return 100.0 if self.display == _PERCENT else 1.0
+        return 100.0 if self.display == PERCENT else 1.0
 
 
 @dataclass(frozen=True)
@@ -243,14 +243,16 @@ class Parameter(Quantity):
 
 
 _WITH_EQUAL = tuple(task for task in TASKS if task.has_criterion)
-_DIFFERENCE, _KNOWN_DIFFERENCE, _PERCENT = "difference", "known difference", "percent"
+#: What axes show, see :class:`Quantity`.
+DIFFERENCE, KNOWN_DIFFERENCE = "difference", "known difference"
+STIMULUS, PERCENT = "stimulus", "percent"
 
 NOISE = Parameter(
     "noise",
     r"noise $\sigma_d$",
     "noise σ",
     "standard deviation of the perceived difference",
-    display=_KNOWN_DIFFERENCE,
+    display=KNOWN_DIFFERENCE,
     prior="LogNormal({noise_median:g} D, {noise_sd:g})",
     limits=(0.0, np.inf, "above 0"),
     typical=0.5,
@@ -300,7 +302,7 @@ CONSTANT_ERROR = Parameter(
     r"constant error $c$",
     "PSE shift c",
     "constant error: above 0 the first stimulus is overestimated",
-    display=_DIFFERENCE,
+    display=DIFFERENCE,
     prior="Student(3, {constant_error_scale:g} D)",
     group_label="constant error, D",
 )
@@ -310,7 +312,7 @@ CONTRACTION = Parameter(
     "contraction",
     "share of the way to the mean; below 0: repulsion",
     PURE_NUMBER,
-    _PERCENT,
+    PERCENT,
     prior="Normal(0, {contraction_sd:g}) on (-1, 1)",
     limits=(-1.0, 1.0, "above -1 and below 1"),
     group_label="contraction",
@@ -335,21 +337,21 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
             r"prior mean $\mu_1$",
             "prior mean μ₁",
             "centre of the contraction",
-            display="stimulus",
+            display=STIMULUS,
         ),
         Quantity(
             "sigma_p",
             r"memory noise $\sigma_p$",
             "memory noise σₚ",
             "noise that is added between the stimuli",
-            display=_KNOWN_DIFFERENCE,
+            display=KNOWN_DIFFERENCE,
         ),
         Quantity(
             "sigma_l",
             r"sensory noise $\sigma_\ell$",
             "sensory noise σℓ",
             "noise of the measurement",
-            display=_KNOWN_DIFFERENCE,
+            display=KNOWN_DIFFERENCE,
         ),
         PEAK,
         LAPSE_RATE,
@@ -361,7 +363,7 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
             r"prior sd $\sigma_1$",
             "prior sd σ₁",
             "spread of the prior",
-            display=_KNOWN_DIFFERENCE,
+            display=KNOWN_DIFFERENCE,
         ),
         Quantity(
             "gain",
@@ -370,13 +372,13 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
             "weight of the first stimulus; 1: no contraction",
             PURE_NUMBER,
         ),
-        Quantity("width", "width $w$", "width w", "width of the curve", display=_KNOWN_DIFFERENCE),
+        Quantity("width", "width $w$", "width w", "width of the curve", display=KNOWN_DIFFERENCE),
         Quantity(
             "offset",
             "offset $c$",
             "offset c",
             "constant part of the order effect",
-            display=_KNOWN_DIFFERENCE,
+            display=KNOWN_DIFFERENCE,
         ),
         Quantity(
             "pull",
@@ -384,24 +386,24 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
             "contraction",
             "share of the way to the centre; 0: none",
             PURE_NUMBER,
-            _PERCENT,
+            PERCENT,
         ),
         Quantity(
             "pse_shift",
             "PSE shift",
             "PSE shift",
             "second minus first stimulus when both seem equal, at the mean first stimulus",
-            display=_DIFFERENCE,
+            display=DIFFERENCE,
         ),
         CONSTANT_ERROR,
         CONTRACTION,
-        Quantity("jnd", "JND", "JND", "just noticeable difference", display=_DIFFERENCE),
+        Quantity("jnd", "JND", "JND", "just noticeable difference", display=DIFFERENCE),
         Quantity(
             "zone",
             "zone",
             "zone",
             "half-width of the differences that are called 'equal'",
-            display=_DIFFERENCE,
+            display=DIFFERENCE,
         ),
     )
 }

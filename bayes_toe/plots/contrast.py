@@ -30,6 +30,10 @@ from bayes_toe.plots.style import (
 )
 
 _NONE = "no difference, or probably none"
+#: Inches: of all but the panels, of a panel's axis and label, of each subject and of few ones.
+_AROUND, _BELOW_PANEL, _PER_SUBJECT, _LOWEST = 0.7, 0.9, 0.16, 0.7
+#: Characters of a comparison that stand beside its quantity; a longer one has a line of its own.
+_LONGEST_BESIDE = 16
 #: How a difference is drawn, in the order of the words: face of the mark, colour, words of the
 #: legend.
 _MARKS = (
@@ -59,26 +63,25 @@ def contrast(
     quantities = [name for name in table.quantities if name != ORDER_EFFECT]
     comparisons = [f"{level} - {reference}" for level, reference in table.conditions.comparisons]
     n_subjects = len(table.subjects)
-    row_height = 0.6 * HIGH if n_subjects > MAX_NAMES else max(0.7, 0.16 * n_subjects)
-    figure = new_figure(PAGE, 0.7 + (0.9 + row_height) * len(comparisons))
+    panel_height = max(_LOWEST, _PER_SUBJECT * n_subjects)
+    if n_subjects > MAX_NAMES:
+        panel_height = 0.6 * HIGH
+    figure = new_figure(PAGE, _AROUND + (_BELOW_PANEL + panel_height) * len(comparisons))
     panels = figure.subplots(len(comparisons), len(quantities), squeeze=False)
 
     for (row, column), ax in np.ndenumerate(panels):
         quantity, comparison = quantities[column], comparisons[row]
         rows = table.select(quantity, comparison)
-        # p is small in any unit.
-        unit = table.unit.for_percent([row.interval(UNKNOWN_UNIT) for row in rows])
+        # An unknown unit has per cent. Contractions are shares, too small to change the unit.
+        percents = [row.interval(UNKNOWN_UNIT) for row in rows]
+        unit = table.unit.for_percent(percents)
         _draw_subjects(ax, table, rows, unit)
         parameter, _ = QUANTITIES[quantity]
         # Their mean difference in a group has the unit of a subject's difference.
         if group is not None and parameter in (CONSTANT_ERROR, CONTRACTION):
             _draw_group(ax, group, parameter.name, comparison, unit)
-        shown_unit = "%" if parameter.scale != 1.0 else unit.of_differences
-        label = f"{quantity}, {plain(comparison)} ({shown_unit})"
         quantity_ticks(ax, parameter.name)
-        if len(comparison) > 16:
-            label = f"{quantity} ({shown_unit}),\n{plain(comparison)}"
-        ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
+        ax.set_xlabel(_axis_label(quantity, comparison, unit), fontsize=LETTERS)
         ax.tick_params(labelleft=column == 0)
 
     title = f"What differs by {plain(table.conditions.name)}"
@@ -91,6 +94,18 @@ def contrast(
 
     legend_below(figure, columns=len(_MARKS))
     return figure
+
+
+def _axis_label(quantity: str, comparison: str, unit: StimulusUnit) -> str:
+    """Quantity, comparison and unit, with a sign of minus between the levels."""
+    parameter, _ = QUANTITIES[quantity]
+    shown_unit = unit.of_differences
+    if parameter.scale != 1.0:
+        shown_unit = "%"
+    label = f"{quantity}, {plain(comparison)} ({shown_unit})"
+    if len(comparison) > _LONGEST_BESIDE:
+        label = f"{quantity} ({shown_unit}),\n{plain(comparison)}"
+    return label.replace(" - ", " − ")
 
 
 def _draw_subjects(

@@ -36,7 +36,15 @@ from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.models import ObserverPosterior, model_posterior, model_title
 from bayes_toe.model.paper_equations import NATURAL, Natural, quantities
 from bayes_toe.model.paper_model import PRIOR_DRAWS, PaperPosterior
-from bayes_toe.model.parameters import LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, QUANTITY_BY_NAME
+from bayes_toe.model.parameters import (
+    DIFFERENCE,
+    KNOWN_DIFFERENCE,
+    LOG_INTENSITY_UNIT,
+    PER_LOG_INTENSITY,
+    PERCENT,
+    QUANTITY_BY_NAME,
+    STIMULUS,
+)
 from bayes_toe.model.posterior import SubjectPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, Style, plain, rounded
@@ -222,9 +230,13 @@ def in_unit(
 
 
 def _is_difference(name: str, unit: StimulusUnit) -> bool:
-    """Whether an axis shows a quantity in the unit of differences."""
+    """Whether an axis shows a quantity in the unit of differences.
+
+    Some quantities are so shown only if the unit of the stimuli is known, else in natural logs.
+    """
     display = QUANTITY_BY_NAME[name].display
-    return display == "difference" or (unit.of_stimuli != "" and display == "known difference")
+    has_known_unit = unit.of_stimuli != ""
+    return display == DIFFERENCE or (display == KNOWN_DIFFERENCE and has_known_unit)
 
 
 def prior_values(target: SubjectPosterior) -> NamedArrays:
@@ -236,7 +248,7 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
     """Values of a quantity as its axis shows them."""
     values = np.asarray(values, np.float64)
     display = QUANTITY_BY_NAME[name].display
-    if display == "stimulus" and unit.of_stimuli:
+    if display == STIMULUS and unit.of_stimuli:
         return unit.stimuli(values)
     if _is_difference(name, unit):
         return unit.differences(values)
@@ -251,12 +263,13 @@ def axis_label(name: str, unit: StimulusUnit) -> str:
 def axis_unit(name: str, unit: StimulusUnit) -> str:
     """The unit of the axis of a quantity; empty for pure numbers."""
     quantity = QUANTITY_BY_NAME[name]
-    if quantity.display == "stimulus" and unit.of_stimuli:
+    if quantity.display == STIMULUS and unit.of_stimuli:
         return unit.of_stimuli
-    if quantity.display == "percent":
+    if quantity.display == PERCENT:
         return "%"
     if _is_difference(name, unit):
         return unit.of_differences
+    # Pure numbers, and what stays in natural logs where the unit of the stimuli is not known.
     return {LOG_INTENSITY_UNIT: "ln", PER_LOG_INTENSITY: "per ln"}.get(quantity.unit, "")
 
 

@@ -37,14 +37,12 @@ def figure_bytes(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
     Without dates or random names, so that the same figure gives the same bytes.
     """
     form = suffix.lstrip(".").lower()
-    # Only in here: letters as they are, since browsers scale pictures; fonts as fonts, not as
-    # outlines, which some journals refuse; names in an SVG from its content, not from chance.
     settings: dict[Any, Any] = {
-        "text.hinting": "no_hinting",
-        "pdf.fonttype": 42,
+        "text.hinting": "no_hinting",  # browsers scale pictures, and letters with them
+        "pdf.fonttype": 42,  # TrueType: some journals refuse letters as outlines (type 3)
         "ps.fonttype": 42,
-        "svg.fonttype": "none",
-        "svg.hashsalt": "bayes_toe",
+        "svg.fonttype": "none",  # texts as texts
+        "svg.hashsalt": "bayes_toe",  # names from the content, not from chance
     }
     buffer = io.BytesIO()
     with warnings.catch_warnings(), mpl.rc_context(settings):

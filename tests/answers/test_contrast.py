@@ -23,6 +23,8 @@ from bayes_toe.answers.contrast import (
 from bayes_toe.model.condition_model import ConditionModels
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 
+DIFFERS, _, UNDECIDED, PROBABLY_NO_DIFFERENCE, NO_DIFFERENCE = WORDS
+
 FIRST = np.repeat([0.0, 0.3, 0.6, 0.9], 2)
 SECOND = FIRST + np.tile([-0.3, 0.3], 4)
 
@@ -55,7 +57,7 @@ def test_what_differs_has_its_sign_and_size(table):
     quantities = ["constant error", "contraction", "JND", ORDER_EFFECT]
     assert [row.quantity for row in table] == 2 * quantities
     for row in table.select("constant error"):
-        assert (row.word, row.robust) == (WORDS[0], "yes")
+        assert (row.word, row.robust) == (DIFFERS, "yes")
         assert row.q025 < row.q05 < -0.16 < row.q95 < row.q975
         assert row.p_direction > 0.99
         assert row.interval(table.unit).q975 == pytest.approx(100.0 * np.expm1(row.q975))
@@ -63,7 +65,8 @@ def test_what_differs_has_its_sign_and_size(table):
         assert row.log_bf_differs > 3.0
         assert row.p_direction is None
         assert row.q05 < 0.16 < row.q95
-    assert {row.word for row in table.select("contraction")} <= {*WORDS[2:]}
+    not_different = {UNDECIDED, PROBABLY_NO_DIFFERENCE, NO_DIFFERENCE}
+    assert {row.word for row in table.select("contraction")} <= not_different
 
 
 def test_the_table_has_a_sentence_and_the_prior(table):
@@ -78,8 +81,9 @@ def test_a_contraction_that_differs_moves_the_shift_by_the_spread_of_first_stimu
     )
     table = bt.contrast(study, seed=1)
     (contraction,), (order,) = table.select("contraction"), table.select(ORDER_EFFECT)
-    assert contraction.word == WORDS[0]
+    assert contraction.word == DIFFERS
     assert contraction.q025 < 0.5 < contraction.q975
+    # Difference of the order effect = difference of the contraction x spread of first stimuli.
     spread = np.std(FIRST)
     assert order.q50 == pytest.approx(abs(contraction.q50) * spread, rel=0.1)
 

@@ -11,6 +11,7 @@ import bayes_toe as bt
 from bayes_toe.answers.order_effect import (
     ANSWER_COLUMNS,
     MISFIT_FLAG,
+    PRIOR_FLAG,
     QUESTIONS,
     WANDERING_FLAG,
     answer_subject,
@@ -246,12 +247,15 @@ def test_dots_have_a_constant_error_and_a_misfit(real_data):
     assert answer.fits is False
 
 
-def test_an_effect_that_is_the_constant_error_depends_on_the_prior_as_that_does():
+def test_with_one_first_stimulus_the_order_effect_is_the_constant_error():
+    """Only s1 = 0 was shown, so that no contraction can be told."""
     rows = "0 -0.3 5 40, 0 -0.2 5 40, 0 -0.1 17 40, 0 0.1 33 40, 0 0.2 39 40, 0 0.3 40 40"
     subject = made_subject(rows, task=WHICH_STRONGER)
     answer, _ = answer_subject(subject, 1)
     assert answer.probabilities["order_effect"] == answer.probabilities["constant_error"]
-    assert not any(flag.startswith("depends on the prior") for flag in answer.flags)
+    # Both are undecided, which a prior of another width does not change.
+    assert answer.words["order_effect"] is answer.words["constant_error"] is Word.UNDECIDED
+    assert not any(flag.startswith(PRIOR_FLAG) for flag in answer.flags)
 
 
 def test_a_bound_of_a_condition_counts_its_distance_from_the_mean_of_all():

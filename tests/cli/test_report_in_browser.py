@@ -58,7 +58,7 @@ def test_nothing_overflows(opened, medium, width, scheme, background):
         built.page.evaluate(
             "document.querySelectorAll('details').forEach(part => part.open = true)"
         )
-    assert built.wide() == width
+    assert built.page_width() == width
     colour = "getComputedStyle(document.body).backgroundColor"
     assert built.page.evaluate(colour) == background
 

@@ -249,8 +249,8 @@ def test_a_standard_that_is_always_first_needs_no_column():
     assert always_first.frame().equals(by_column.frame())
 
 
-#: Cells of a column x with the order (none where the file has s1 and s2), codes that are reversed
-#: under the options, and what is typed.
+#: Cells of a column x (12: 1 where the standard was first, 2 where the comparison was; none where
+#: the file has s1 and s2), codes that are reversed under the options, and what is typed.
 REVERSED = """
     | second=first first=second |  | --second-code first --first-code second
     | second=s1 first=s2 |  | --second-code s1 --first-code s2
@@ -267,7 +267,8 @@ def test_the_advice_for_reversed_answers_works_when_it_is_typed(
 ):
     table = IN_ORDER.assign(response=coded(codes))
     if order:
-        table = with_order("x", *order, coded(codes))
+        standard, comparison = order
+        table = with_order("x", standard, comparison, coded(codes))
         options = f"--standard-interval x {options}"
     result = checked(tmp_path, table, options)
     assert "found 'second' less often" in result.stderr

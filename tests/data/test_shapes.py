@@ -682,9 +682,9 @@ def test_rows_of_practice_are_read_only_where_it_is_asked_for(column, practice, 
     study = bt.read_study(table)
     assert study.frame().equals(bt.read_study(IN_LOGS).frame())
     note = f"8 rows left out as practice (column {column}: '{practice}')"
-    assert study.notes[1].startswith(note)
+    assert any(line.startswith(note) for line in study.notes), study.notes
     complete = bt.read_study(table, bt.ReadOptions(ignore="practice"))
-    assert complete["P03"].total_trials == 48
+    assert complete["P03"].total_trials == 40 + 8
 
 
 @pytest.mark.parametrize("line", REFUSED)

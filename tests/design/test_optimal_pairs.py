@@ -208,14 +208,20 @@ def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):
     good(f"design -o d.csv --lowest 45 --highest 213 --trials 60 --even {small}", cwd=tmp_path)
     frame = pd.read_csv(tmp_path / "d.csv")
     assert (frame.i1.min(), frame.i1.max()) == (45.0, 213.0)
+    # As typed by hand: intensities alone, without their logarithms s1 and s2.
     frame[["i1", "i2", "n_trials"]].to_csv(tmp_path / "raw.csv", index=False)
     good(f"power raw.csv --trials 60 -o power {small}", cwd=tmp_path)
     simulated = f"simulate -o s.csv --design raw.csv --subjects 2 --trials 120 {options}"
-    assert "type:  --observers both" in refused(simulated, cwd=tmp_path)
     good(f"{simulated} --observers both", cwd=tmp_path)
     screen = good("check s.csv --unit um", cwd=tmp_path)
     assert "2 subjects, 240 trials" in screen
     assert "um" in screen
+
+
+def test_other_observers_are_proposed_for_stimuli_far_from_those_of_the_paper(tmp_path):
+    (tmp_path / "far.csv").write_text("s1,s2,n_trials\n4,4.2,60\n4.2,4,60\n")
+    line = "simulate -o s.csv --design far.csv --observers paper --subjects 2 --seed 1"
+    assert "type:  --observers both" in refused(line, cwd=tmp_path)
 
 
 def test_an_even_design_has_neighbours_over_the_whole_range():

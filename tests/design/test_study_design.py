@@ -13,6 +13,7 @@ from bayes_toe.design.study_design import (
 
 
 def test_a_design_comes_back_from_its_file(tmp_path):
+    """Its pairs are sorted, and 0.30000000000000004 needs 17 digits."""
     design = bt.design.StudyDesign(*columns("0.3 0 4, 0 0.30000000000000004 7"))
     loaded = bt.design.read_study_design(design.save(tmp_path / "design.csv"))
     assert loaded.pairs == [(0.0, 0.30000000000000004), (0.3, 0.0)]

@@ -45,21 +45,35 @@ class Explorer(Opened):
         self.page.get_by_role("tab", name=name).click()
         self.settle()
 
-    def visible(self):
-        """Quantities of the panels."""
+    def shown_quantities(self):
+        """Quantities of the panels: rows and columns of the corner, in this order."""
         return self.page.evaluate("window.explorer.state.names")
+
+    def panel(self, y, x):
+        """The panel of two quantities as the page names it: '2-1' is in row 2 and column 1."""
+        quantities = self.shown_quantities()
+        return f"{quantities.index(y)}-{quantities.index(x)}"
+
+    def shown_draws(self, letter, y, x):
+        """Draws of subject a or b, before anything is selected."""
+        return self.data(f"all-{letter}-{self.panel(y, x)}")
+
+    def selected_draws(self, letter, y, x):
+        """Draws that are selected, and their rows among those that are shown."""
+        return self.data(f"kept-{letter}-{self.panel(y, x)}")
 
     def choose(self, selector, value):
         self.page.select_option(selector, value)
         self.settle()
 
-    def drag(self, cell, start, end):
-        """Drag over a panel, from and to shares of its width and height."""
-        self.page.locator(f"#cell-{cell}").scroll_into_view_if_needed()
-        frame = self.page.locator(f"#cell-{cell}").bounding_box()
+    def drag(self, y, x, start, end):
+        """Drag over the panel of two quantities, from and to shares of its width and height."""
+        cell = self.page.locator(f"#cell-{self.panel(y, x)}")
+        cell.scroll_into_view_if_needed()
+        frame = cell.bounding_box()
         places = [
-            (frame["x"] + x * frame["width"], frame["y"] + y * frame["height"])
-            for x, y in (start, end)
+            (frame["x"] + across * frame["width"], frame["y"] + down * frame["height"])
+            for across, down in (start, end)
         ]
         self.page.mouse.move(*places[0])
         self.page.mouse.down()
@@ -94,7 +108,9 @@ def opened(page):
 
 def shown_rows(page):
     """How many draws of the first subject the page has, and which of them are selected."""
-    return len(page.data("all-a-1-0")["x"]), page.data("kept-a-1-0")["row"].astype(int)
+    panel = ("sigma_p", "mu1")  # all panels have the same draws
+    size = len(page.shown_draws("a", *panel)["x"])
+    return size, page.selected_draws("a", *panel)["row"].astype(int)
 
 
 def thinned(draws, subject, rows):
@@ -104,34 +120,40 @@ def thinned(draws, subject, rows):
     return {name: values.ravel()[index] for name, values in theta._asdict().items()}
 
 
-def test_a_drag_selects_the_draws_and_moves_the_curves(opened, analysis):
+def test_a_drag_selects_the_draws_of_both_subjects(opened, analysis):
     opened.choose("#subject-b", "C")
-    opened.drag("2-1", (0.1, 0.1), (0.6, 0.7))
+    opened.drag("sigma_l", "sigma_p", (0.1, 0.1), (0.6, 0.7))
     limits = opened.limits()
     assert set(limits) == {"sigma_p", "sigma_l"}
     for letter, subject in (("a", "A"), ("b", "C")):
-        stored, every = opened.data(f"kept-{letter}-3-0"), opened.data(f"all-{letter}-3-0")
-        theta = thinned(analysis.draws, subject, len(every["x"]))
-        is_inside = np.ones(len(every["x"]), bool)
+        n_shown = len(opened.shown_draws(letter, "q0", "mu1")["x"])
+        theta = thinned(analysis.draws, subject, n_shown)
+        is_inside = np.ones(n_shown, bool)
         for name, (low, high) in limits.items():
-            is_inside &= (np.float32(theta[name]) >= low) & (np.float32(theta[name]) <= high)
-        assert stored["row"].tolist() == np.flatnonzero(is_inside).tolist()
-        np.testing.assert_allclose(stored["y"], theta["q0"][is_inside], rtol=1e-6)
-        message = f"{is_inside.sum():,} of {len(is_inside):,} shown draws are selected"
+            stored = np.float32(theta[name])  # as the page has it
+            is_inside &= (stored >= low) & (stored <= high)
+        selected = opened.selected_draws(letter, "q0", "mu1")
+        assert selected["row"].tolist() == np.flatnonzero(is_inside).tolist()
+        np.testing.assert_allclose(selected["y"], theta["q0"][is_inside], rtol=1e-6)
+        message = f"{is_inside.sum():,} of {n_shown:,} shown draws are selected"
         assert message in opened.page.inner_text("#share")
 
+
+def test_after_a_drag_the_curve_is_the_mean_of_the_selected_draws(opened, analysis):
+    opened.drag("sigma_l", "sigma_p", (0.1, 0.1), (0.6, 0.7))
     size, rows = shown_rows(opened)
-    assert 5 < len(rows) < 0.9 * size
+    assert 5 < len(rows) < 0.9 * size, "some draws, but not all"
     selected = [values[rows, None] for values in thinned(analysis.draws, "A", size).values()]
-    drawn = opened.data("curve-a-weaker")
-    low, x = np.full_like(drawn["x"], drawn["x"][0]), drawn["x"]
-    q = bt.model.equal_probability(low, x, *selected)
-    np.testing.assert_allclose(drawn["kept"], q.mean(axis=0), atol=1e-5)
+    curve = opened.data("curve-a-weaker")
+    stronger = curve["x"]
+    weaker = np.full_like(stronger, stronger[0])  # the curve begins with equal stimuli
+    q = bt.model.equal_probability(weaker, stronger, *selected)
+    np.testing.assert_allclose(curve["kept"], q.mean(axis=0), atol=1e-5)
 
 
 def test_a_drag_on_the_diagonal_takes_a_range_and_reset_gives_all_back(opened):
     earlier = opened.data("curve-a-weaker")["kept"]
-    opened.drag("0-0", (0.6, 0.5), (0.9, 0.6))
+    opened.drag("mu1", "mu1", (0.6, 0.5), (0.9, 0.6))
     assert list(opened.limits()) == ["mu1"]
     assert not np.allclose(opened.data("curve-a-weaker")["kept"], earlier, atol=1e-4)
     opened.page.click("#reset")
@@ -170,14 +192,14 @@ def test_subjects_and_models_can_be_switched(opened, symmetric):
     opened.choose("#label-b", "model 'none'")
     opened.page.check("#boxes input[value=noise]")
     opened.settle()
-    assert opened.visible() == ["constant_error", "contraction", "jnd", "noise"]
+    assert opened.shown_quantities() == ["constant_error", "contraction", "jnd", "noise"]
     noise = symmetric.values("B", "noise").ravel()
-    stored = opened.data("kept-b-3-2")
+    stored = opened.selected_draws("b", "noise", "jnd")
     rows = np.arange(len(stored["row"])) * noise.size // len(stored["row"])
     np.testing.assert_allclose(stored["y"], noise[rows], rtol=1e-6)
     label = "Bokeh.documents[0].get_model_by_name('panel-3-2').below[0].axis_label"
     assert opened.page.evaluate(label) == "JND, %"
-    opened.drag("1-1", (0.2, 0.5), (0.5, 0.6))
+    opened.drag("contraction", "contraction", (0.2, 0.5), (0.5, 0.6))
     assert "does not have the selected quantity" in opened.page.inner_text("#share .b")
 
 
@@ -189,20 +211,20 @@ def test_effects_are_averaged_over_the_four_models_with_the_words_of_the_answer(
     words = [f"{key.replace('_', ' ')} {answer.word(key)}" for key in answer.words]
     assert opened.page.locator("#answer-a span").all_inner_texts() == words
     # Draws without the effect are in no panel of it.
-    share = np.isfinite(opened.data("kept-a-1-0")["y"]).mean()
+    share = np.isfinite(opened.selected_draws("a", "contraction", "constant_error")["y"]).mean()
     assert share == pytest.approx(answer.probabilities["contraction"], abs=0.06)
     opened.tab("paper's parameters")
     assert opened.page.locator("#banner").is_visible()
-    assert opened.visible() == ["mu1", "sigma_p", "sigma_l", "q0"]
+    assert opened.shown_quantities() == ["mu1", "sigma_p", "sigma_l", "q0"]
 
 
 def test_the_selection_becomes_a_table(opened, analysis):
-    opened.drag("1-0", (0.5, 0.05), (0.97, 0.9))
+    opened.drag("sigma_p", "mu1", (0.5, 0.05), (0.97, 0.9))
     with opened.page.expect_download() as coming:
         opened.page.click("#save")
     lines = list(csv.DictReader(coming.value.path().read_text(encoding="utf-8").splitlines()))
     mine = [line for line in lines if line["which"] == "A"]
-    assert len(mine) == len(opened.data("kept-a-1-0")["row"]) > 0
+    assert len(mine) == len(opened.selected_draws("a", "sigma_p", "mu1")["row"]) > 0
     mu1 = analysis.draws.natural("A").mu1[int(mine[0]["chain"]), int(mine[0]["draw"])]
     assert float(mine[0]["mu1"]) == pytest.approx(mu1, rel=1e-6)
 
@@ -211,17 +233,18 @@ def test_truth_prior_and_badge_are_shown_and_the_page_fits_a_wide_screen(opened)
     assert opened.data("truth-a")["0"].tolist() == [-0.7]
     assert opened.data("prior-a")["y0"].max() > 0.0
     assert "determined by the prior" in opened.page.inner_text("#badges-a")
-    assert opened.wide() <= 1200
+    assert opened.page_width() <= 1200
 
 
 def test_a_narrow_screen_has_the_corner_first_and_panels_that_can_be_read(browser, path):
     built = Explorer(browser, path, 400)
-    assert built.visible() == ["constant_error", "contraction", "jnd"]
+    assert built.shown_quantities() == ["constant_error", "contraction", "jnd"]
     curves, corner = (built.page.locator(name).bounding_box() for name in ("#curves-a", "#corner"))
     assert corner["y"] + corner["height"] <= curves["y"]
-    built.drag("1-0", (0.5, 0.2), (0.9, 0.8))
-    assert len(built.limits()) == 2
-    assert built.wide() <= 400
-    assert built.page.locator("#cell-2-2").bounding_box()["width"] > 90
+    built.drag("contraction", "constant_error", (0.5, 0.2), (0.9, 0.8))
+    assert set(built.limits()) == {"constant_error", "contraction"}
+    assert built.page_width() <= 400
+    last_panel = built.page.locator(f"#cell-{built.panel('jnd', 'jnd')}")
+    assert last_panel.bounding_box()["width"] > 90
     built.page.close()
     assert built.problems == []

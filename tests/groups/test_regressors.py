@@ -14,6 +14,8 @@ SITES = dict(
     zip(NAMES, ["west", "north", "east", "west", "north", "east", "east", "north"], strict=True)
 )
 
+DOSES = dict(zip(NAMES, [10.0, 2.0, 0.0, 10.0, 2.0, 0.0, 2.0, 0.0], strict=True))
+
 
 def test_least_squares_on_them_finds_slopes_and_differences():
     result = regressors({"age": AGES, "site": SITES}, NAMES)
@@ -50,20 +52,26 @@ def test_subjects_in_the_studys_order_and_those_left_out_by_name(tmp_path):
     )
 
 
-def test_numbers_are_numbers_unless_asked():
-    dose = dict(zip(NAMES, [10.0, 2.0, 0.0, 10.0, 2.0, 0.0, 2.0, 0.0], strict=True))
-    (column,) = regressors({"dose": dose}, NAMES).columns
-    assert column.level == ""
-    result = regressors({"dose": dose}, NAMES, categorical=["dose"])
-    # In the order of numbers.
-    meanings = [column.meaning for column in result.columns]
-    assert meanings == ["dose 2 against 0", "dose 10 against 0"]
-    assert result.x.sum(axis=0).tolist() == [3.0, 2.0]
-    mixed = regressors({"dose": {**dose, NAMES[0]: "10"}}, NAMES)
-    assert mixed.columns == result.columns
-    assert mixed.x.tolist() == result.x.tolist()
+def test_a_covariate_of_numbers_is_one_slope():
+    (column,) = regressors({"dose": DOSES}, NAMES).columns
+    assert column.label == "dose"
+    assert column.level == "", "a slope has no level"
+
+
+def test_numbers_are_levels_where_it_is_asked_for_or_where_one_is_a_text():
+    by_level = regressors({"dose": DOSES}, NAMES, categorical=["dose"])
+    meanings = [column.meaning for column in by_level.columns]
+    assert meanings == ["dose 2 against 0", "dose 10 against 0"]  # not in the order of texts
+    n_subjects = by_level.x.sum(axis=0)
+    assert n_subjects.tolist() == [3, 2]
+    with_a_text = regressors({"dose": {**DOSES, "a": "10"}}, NAMES)
+    assert with_a_text.columns == by_level.columns
+    assert with_a_text.x.tolist() == by_level.x.tolist()
+
+
+def test_a_categorical_covariate_that_is_not_there_is_refused():
     with pytest.raises(InputError, match="categorical: found 'doze', allowed: 'dose'"):
-        regressors({"dose": dose}, NAMES, categorical=["doze"])
+        regressors({"dose": DOSES}, NAMES, categorical=["doze"])
 
 
 def test_the_unit_of_a_covariate_changes_nothing():

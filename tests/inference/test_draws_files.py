@@ -225,9 +225,10 @@ def test_a_command_names_a_file_of_another_kind(saved):
     assert "population.nc: draws of a group, allowed: those of subjects, a posterior.nc" in message
 
 
-def test_a_full_disk_is_an_error_and_leaves_nothing(saved, tmp_path):
+@pytest.mark.parametrize("room", [0, 2000, 50_000, 500_000])
+def test_a_full_disk_is_an_error_and_leaves_nothing(saved, tmp_path, room):
     """HDF5 itself ends the process with a segmentation fault here."""
-    save_on_a_full_disk(saved / SUBJECTS, tmp_path / SUBJECTS, 50_000)
+    save_on_a_full_disk(saved / SUBJECTS, tmp_path / SUBJECTS, room)
     assert list(tmp_path.iterdir()) == []
 
 
