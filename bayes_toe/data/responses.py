@@ -133,7 +133,7 @@ def responses(
         table.problems.remedies += remedies
 
     note: list[object] = ["responses"]
-    for i, name in enumerate(names):
+    for i, name in enumerate(names):  # `answer` has positions among the names
         is_answer = answer == i
         note += [f" {_texts_read(column, is_answer, name)} (", is_answer.sum(), ") /"]
     note[-1] = ")"  # no slash after the last answer
@@ -290,11 +290,11 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     if not is_sign or is_chosen.all() or (is_chosen & is_right).any():
         return False
     if word == "0":
-        return len(sign.texts) > 2  # of two keys it is one
+        return len(sign.texts) > 2  # of two keys, 0 may be one
     if word not in VOCABULARY["missed"]["unclear"]:
         return True
-    # A reaction time may be 999 ms: it is no sign beside others of its size, unless so many
-    # responses would not be wrong by chance.
+    # A time of 999 ms may be a reaction, beside others of its size. It is a sign all the same if so
+    # many responses with it would not all be wrong by chance.
     is_as_large = sign.map(lambda other: number(other) > 0.1 * number(word))
     share_wrong = 1.0 - is_right[~is_chosen].mean()
     is_chance = share_wrong ** is_chosen.sum() > 0.01
@@ -427,7 +427,7 @@ def _three_answers(
     meaning = f"if {equal} is 'equal' and {second} is 'second' of three answers"
     if replaced is not None:
         meaning += ", in place of --different-code"
-    # The second one is typed with the first one only.
+    # The second option is typed together with the first one, never alone.
     return [
         Remedy("equal_code", equal, meaning),
         Remedy("second_code", second, "", MAX_LINES, step=1),

@@ -189,7 +189,7 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
         subject = _subjects(table, options).codes
         n_marked = np.bincount(subject, is_marked)
         n_others = np.bincount(subject, ~is_marked)
-        if not (n_marked * n_others).any():  # no subject has both
+        if not (n_marked * n_others).any():
             continue
 
         marks = join_names(map(quoted, practice))

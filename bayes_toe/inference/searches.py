@@ -105,7 +105,8 @@ def _two_best_local(heights: FloatArray) -> IndexArray:
     ascending = heights[order]
     padded = np.pad(ascending, 1, constant_values=-np.inf)
     is_local = (ascending >= padded[:-2]) & (ascending >= padded[2:])
-    # Where there is one local maximum, the next highest value follows.
+    # Local maxima first, then the others, each by height: where there is one local maximum, the
+    # next highest value follows.
     return order[np.lexsort((-ascending, ~is_local))[:2]]
 
 
@@ -152,7 +153,7 @@ def _mean_first(row: PaperRows) -> float:
 
 def funnel_of_maxima(row: PaperRows, maxima: Ascent) -> Funnel:
     """The funnel of one posterior about its maxima, the highest first."""
-    # A maximum that is 3 nats lower says nothing of the funnel.
+    # A maximum that is 3 nats lower says nothing of the funnel. The axes: row, points, coordinates.
     u = maxima.x[None, maxima.value > maxima.value[0] - 3.0]
     mean_first = _mean_first(row)
     mean, sd = row.prior.mu1_normal
