@@ -381,9 +381,10 @@ def _list_trials(
     context.require_files(lists.list_output)
 
     levels: Texts = ()
-    conditions = read_differences(lists.conditions, differ=None)  # nobody answers: no differences
-    if conditions is not None:
-        levels = conditions.conditions.levels
+    # It checks the names of conditions; nobody is simulated, so that nothing differs between them.
+    differences = read_differences(lists.conditions, differ=None)
+    if differences is not None:
+        levels = differences.conditions.levels
     study_design = bt.design.read_study_design(file, search.question, search.unit)
     seed = root_seed(context.seed)
     list_of = partial(

@@ -167,6 +167,7 @@ def note_lines(mark: str, subjects: Texts, text: str, option: str = "") -> list[
     label = f"{mark} "
     if subjects:
         label += f"{join_names([*map(visible, subjects)], 5)}  "
+    # Further lines stand under the text, but not far to the right of many names.
     indent = len(label) if len(label) <= 12 else 7
     lines = wrap_line(label + text, indent)
     if option:
@@ -267,7 +268,11 @@ def _column_widths(rows: Rows) -> tuple[list[int], int]:
         cells = row if len(row) == n_columns else row[:-1]
         for i, cell in enumerate(cells):
             widths[i] = max(widths[i], cell_width(cell))
-    return widths, 2 if sum(widths) + 2 * (n_columns - 1) <= WIDTH else 1
+
+    gap = 2
+    if sum(widths) + gap * (n_columns - 1) > WIDTH:
+        gap = 1
+    return widths, gap
 
 
 def _table_line(row: Texts, widths: Sequence[int], gap: int, numeric: Collection[int]) -> str:

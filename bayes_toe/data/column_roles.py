@@ -312,13 +312,13 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     if "n_trials" in present and len(present) == 2:
         return {}  # the file has what it counts
     answer_roles = present | counts.keys()
-    # 'first' and 'second' may also be the stimuli.
+    # Columns 'first' and 'second' may also be the stimuli, if no others are.
     has_stimuli = {*map(options.name, options.stimuli)} <= {*names}
     may_be_counts = not response and (has_stimuli or "n_first" not in counts)
     if {*_THREE_COUNTS} <= answer_roles:
-        counts.pop("n_trials", None)
+        counts.pop("n_trials", None)  # their sum
     elif "n_trials" in answer_roles:
-        may_be_counts = len(answer_roles - {"n_first"}) == 2
+        may_be_counts = len(answer_roles - {"n_first"}) == 2  # trials and one count
 
     if may_be_counts and "response" not in present:
         return counts
@@ -327,6 +327,7 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
 
 def _likely(names: Texts, options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
     """The file's names for these roles, without roles that have several candidates or none."""
+    # With a standard and a comparison, nothing is read from columns such as s1.
     unused = _STIMULI if options.has_standard else ()
     names_in_use = {options.name(role) for role in COLUMNS if role not in unused}
     free = [name for name in names if name not in names_in_use]

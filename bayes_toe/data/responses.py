@@ -111,6 +111,7 @@ def responses(
         names, words = ("right", "wrong"), _RIGHT_WRONG
     codes = _all_codes(column, options.codes(task))
     answer = column.map(lambda text: _answer(text, codes, words), np.int64)
+
     problem, remedies = "", list[Remedy]()
     if task_told is None and options.comparison_code is None:
         # What makes an answer likelier, by the option that names its code.
@@ -121,6 +122,7 @@ def responses(
     if not problem:
         problem, remedies = _unknown_texts(column, answer, codes, names)
     remedies = _three_answers(column, answer, names, options, difference) + remedies
+
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
     else:
@@ -129,17 +131,20 @@ def responses(
             rule += f"; other codes by {', '.join(f'--{name}-code' for name in names)}"
         table.fault(column, answer == _UNKNOWN, rule)
         table.problems.remedies += remedies
+
     note: list[object] = ["responses"]
-    for i, name in enumerate(names):
+    for i, name in enumerate(names):  # `answer` has positions among the names
         is_answer = answer == i
         note += [f" {_texts_read(column, is_answer, name)} (", is_answer.sum(), ") /"]
-    note[-1] = ")"
+    note[-1] = ")"  # no slash after the last answer
+
     is_yes, is_answered = answer == _YES, answer != _MISSING
     is_unscorable = np.zeros(len(answer), bool)
-    if has_scores:
+    if has_scores:  # then `_YES` stands for 'right'
         note[-1] = f"), '{task.yes}' or '{task.no}' by the sign of s2 - s1"
-        is_unscorable = is_answered & (task.right(difference) == 0)
-        is_yes = is_yes == (task.right(difference) > 0)
+        right_answer = task.right(difference)  # above 0 where it is the counted one, 0 without one
+        is_unscorable = is_answered & (right_answer == 0)
+        is_yes = is_yes == (right_answer > 0)
     is_answered &= ~is_unscorable
     is_second = (answer == THREE_ANSWERS.answers.index("second")) & (task == THREE_ANSWERS)
     return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
@@ -296,11 +301,11 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     if not is_sign or is_chosen.all() or (is_chosen & is_right).any():
         return False
     if word == "0":
-        return len(sign.texts) > 2  # of two keys it is one
+        return len(sign.texts) > 2  # of two keys, 0 may be one
     if word not in VOCABULARY["missed"]["unclear"]:
         return True
-    # A reaction time may be 999 ms: it is no sign beside others of its size, unless so many
-    # responses would not be wrong by chance.
+    # A time of 999 ms may be a reaction, beside others of its size. It is a sign all the same if so
+    # many responses with it would not all be wrong by chance.
     is_as_large = sign.map(lambda other: number(other) > 0.1 * number(word))
     share_wrong = 1.0 - is_right[~is_chosen].mean()
     is_chance = share_wrong ** is_chosen.sum() > 0.01
@@ -311,10 +316,13 @@ def _all_codes(column: Column, codes: Codes) -> Codes:
     """The codes of all responses; if one is missing, it is the only other code of a column."""
     chosen = {*map(_plain, filter(None, codes))}
     texts = {*map(_plain, column.texts)} - {""}
-    other = "".join(texts - chosen)
+    other_texts = texts - chosen
+    if codes.count(None) != 1 or len(other_texts) != 1:
+        return codes
+
+    (other,) = other_texts
     has_words = chosen.isdisjoint(texts) and _words_by_answer(column)
-    has_meaning = has_words or other.lower() in map(str.lower, chosen)
-    if codes.count(None) != 1 or len(texts - chosen) != 1 or has_meaning:
+    if has_words or other.lower() in map(str.lower, chosen):  # a word, or a code in other case
         return codes
     return tuple(code or other for code in codes)
 
@@ -430,7 +438,7 @@ def _three_answers(
     meaning = f"if {equal} is 'equal' and {second} is 'second' of three answers"
     if replaced is not None:
         meaning += ", in place of --different-code"
-    # The second one is typed with the first one only.
+    # The second option is typed together with the first one, never alone.
     return [
         Remedy("equal_code", equal, meaning),
         Remedy("second_code", second, "", MAX_LINES, step=1),

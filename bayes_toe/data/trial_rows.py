@@ -119,12 +119,13 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     column = table.columns.get(candidates[0]) if len(candidates) == 1 else None
     if column is not None and column.name not in names_read:
         counts = column.map(whole_number, np.int64)
-        is_count = counts.min(initial=0) >= 0 and counts.max(initial=0) > 1
-        # A further column may split the trials of a pair, as a day does, or describe them.
+        has_counts = counts.min(initial=0) >= 0 and counts.max(initial=0) > 1
+        # A column that is not read may describe trials, or split those of a pair, as a day does.
         all_others = [name for name in table.columns if name != column.name]
-        keys = (names_read, all_others) if is_count else ()
-        if any(_are_unique(table, key, answers) for key in keys):
+        keys = (names_read, all_others)
+        if has_counts and any(_are_unique(table, key, answers) for key in keys):
             return column
+
     if "n_trials" in roles_read:
         table.require(
             [
@@ -136,15 +137,15 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
 
 
 def _are_unique(table: TextTable, key: Texts, answers: Texts) -> bool:
-    """Whether a row stands for all trials with its texts in these columns, of pair and answer.
+    """Whether no two rows are alike in these columns, and pairs have a row for each response.
 
-    A pair has one row for each response, which is no chance in five pairs or most rows.
+    A pair with several responses may be a chance, but not five such pairs, or most rows.
     """
     n_alike = _numbers_of_rows(table, key)
     n_responses = _numbers_of_rows(table, [name for name in key if name not in answers])
-    n_shared = n_responses[n_responses > 1]
-    has_shared = len(n_shared) >= 5 or n_shared.sum() > 0.5 * len(table.rows)
-    return bool(n_alike.max() == 1 and has_shared)
+    n_several = n_responses[n_responses > 1]
+    has_several = len(n_several) >= 5 or n_several.sum() > 0.5 * len(table.rows)
+    return bool(n_alike.max() == 1 and has_several)
 
 
 def _numbers_of_rows(table: TextTable, names: Texts) -> IntArray:
@@ -173,6 +174,7 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
     Columns of subjects, stimuli, responses and conditions mark none. Nor does a column that says
     the same of all stimuli of each subject: it names groups, such as trained subjects.
     """
+    # A column of sessions, blocks or trials may name those that are practice.
     roles = {*roles_read} - {"session", "block", "trial"}
     names_to_skip = {*options.where, *map(options.name, (*roles, "condition"))}
     for name in table.columns:
@@ -238,6 +240,7 @@ def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
     n_filled = int(np.flatnonzero(~is_zero).max(initial=-1)) + 1
     n_zero = len(is_zero) - n_filled
 
+    # The first row of the run follows another pair; each further one repeats the pair before.
     is_repeat = (np.diff(pair[:n_filled], axis=0) == 0).all(axis=1)
     share_repeated = (is_repeat.sum() + 1) / (n_filled + 1)
     return n_zero if share_repeated ** (n_zero - 1.0) < _RUN_BY_CHANCE else 0

@@ -247,8 +247,8 @@ def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
     curvature = _free_part(top.curvature, array.is_free)
     is_proper = np.linalg.eigvalsh(curvature)[:, 0] > 0.0
     log_determinant = np.linalg.slogdet(curvature)[1]
-    laplace = top.value + 0.5 * array.is_free.sum(axis=1) * LOG_2PI - 0.5 * log_determinant
-    return top.x, np.where(is_proper, laplace, np.nan)
+    log_evidence = top.value + 0.5 * array.is_free.sum(axis=1) * LOG_2PI - 0.5 * log_determinant
+    return top.x, np.where(is_proper, log_evidence, np.nan)
 
 
 # --- Hessians ------------------------------------------------------------------------------------

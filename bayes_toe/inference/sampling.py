@@ -212,7 +212,9 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         # Each ensemble begins with its own part of the draws that judged the mixture.
         n_each = len(fitted.draws.x) // settings.ensembles
         first_draws = fitted.draws.part(slice(index * n_each, (index + 1) * n_each))
-        local = 0.02 + 0.3 * (1.0 - fitted.efficiency) if fitted.is_trusted else 0.8
+        share_local = 0.8
+        if fitted.is_trusted:
+            share_local = 0.02 + 0.3 * (1.0 - fitted.efficiency)
 
         super().__init__(
             settings.walkers,
@@ -220,9 +222,9 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
             self.compute_log_prob,
             vectorize=True,
             moves=[
-                (GlobalMove(fitted, first_draws), 1.0 - local),
-                (emcee.moves.DEMove(), 0.8 * local),
-                (emcee.moves.StretchMove(), 0.2 * local),
+                (GlobalMove(fitted, first_draws), 1.0 - share_local),
+                (emcee.moves.DEMove(), 0.8 * share_local),
+                (emcee.moves.StretchMove(), 0.2 * share_local),
             ],
         )
 

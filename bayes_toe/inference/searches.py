@@ -105,7 +105,8 @@ def _two_best_local(heights: FloatArray) -> IndexArray:
     ascending = heights[order]
     padded = np.pad(ascending, 1, constant_values=-np.inf)
     is_local = (ascending >= padded[:-2]) & (ascending >= padded[2:])
-    # Where there is one local maximum, the next highest value follows.
+    # Local maxima first, then the others, each by height: where there is one local maximum, the
+    # next highest value follows.
     return order[np.lexsort((-ascending, ~is_local))[:2]]
 
 
@@ -123,8 +124,8 @@ def paper_maxima(array: PosteriorArray) -> Ascent:
     if steps.any():
         step = float(np.sqrt(np.mean(np.square(steps[steps > 0.0]))))
 
-    lapse_logits: tuple[float, ...] = (-3.0, -0.5)  # of the lapse rate
-    if row.task.lapses == "q0":
+    lapse_logits: tuple[float, ...] = (-3.0, -0.5)  # lapse rates of 5 and 38 %
+    if row.task.lapses == "q0":  # the largest share of 'equal' tells it
         largest_q0 = ((n_yes + 1.0) / (n_trials + 2.0))[has_trials].max()
         lapse_logits = (logit(largest_q0),)
 
@@ -152,13 +153,14 @@ def _mean_first(row: PaperRows) -> float:
 
 def funnel_of_maxima(row: PaperRows, maxima: Ascent) -> Funnel:
     """The funnel of one posterior about its maxima, the highest first."""
-    # A maximum that is 3 nats lower says nothing of the funnel.
+    # A maximum that is 3 nats lower says nothing of the funnel. The axes: row, points, coordinates.
     u = maxima.x[None, maxima.value > maxima.value[0] - 3.0]
     mean_first = _mean_first(row)
     mean, sd = row.prior.mu1_normal
     offsets = row.pull(u)[0] * (row.mu1(u)[0] - mean_first)
     log_width = row.log_width(u)[0, 0]
-    information = row.scoring(u[:, :1])[2][0, 0, 0, 0]  # of the score of mu1
+    _, _, informations = row.scoring(u[:, :1])
+    information = informations[0, 0, 0, 0]  # on the score of mu1, at the highest maximum
 
     # Where the answers say little of the offset, one width stands in for its spread.
     spread = np.exp(log_width)

@@ -30,7 +30,8 @@ from bayes_toe.plots.style import (
 )
 
 _NONE = "no difference, or probably none"
-#: Inches: of all but the panels, of a panel's axis and label, of each subject and of few ones.
+#: Heights in inches: of what is around all panels, of a panel's axis and label, of a subject in a
+#: panel, of the lowest panel.
 _AROUND, _BELOW_PANEL, _PER_SUBJECT, _LOWEST = 0.7, 0.9, 0.16, 0.7
 #: Characters of a comparison that stand beside its quantity; a longer one has a line of its own.
 _LONGEST_BESIDE = 16
