@@ -187,7 +187,8 @@ def test_a_question_that_no_subject_can_answer_has_one_sentence():
     words = (Word.YES, Word.YES, Word.CANNOT_BE_TOLD)
     *_, contraction = study_lines([answer("A", words), answer("B", words)])
     assert contraction == "Contraction: cannot be told in any subject."
-    assert study_lines([STUDY[3]] * 2) == ["No subject can be interpreted."]
+    swapped = STUDY[-1]
+    assert study_lines([swapped, swapped]) == ["No subject can be interpreted."]
 
 
 def test_one_subject_is_described_in_full():

@@ -148,7 +148,7 @@ def test_a_lone_stimulus_far_from_the_others():
         (("7", "17", "a", "b"), "", ""),
     ],
 )
-def test_names_that_are_one_persons_or_formulas(names, code, message):
+def test_names_that_may_be_of_one_subject(names, code, message):
     texts = messages(*(make_subject(GRID, name=name) for name in names))
     assert list(texts) == ([code] if code else [])
     assert texts.get(code, "").startswith(message)

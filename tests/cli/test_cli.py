@@ -140,8 +140,9 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, blank_pi
 
 def test_evidence_leads_with_model_evidence_and_has_the_table_of_run(folder, out):
     screen = good("evidence one.csv -o evidence.csv --seed 1", cwd=folder)
-    head, _, of_b = read(out, "evidence.csv").splitlines()
-    assert read(folder, "evidence.csv").splitlines() == [head, of_b]  # whatever the company
+    header, _, row_of_b = read(out, "evidence.csv").splitlines()
+    # B is alone in one.csv, and has the numbers that it has beside A.
+    assert read(folder, "evidence.csv").splitlines() == [header, row_of_b]
     places = ("Log model evidence.", "contraction, %", "Answer\nB: The order changes the response")
     assert sorted(places, key=screen.index) == [*places]
 

@@ -343,11 +343,13 @@ def written(folder, **texts):
 def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
     text = TRIALS + "a,0,0.3,same\na,0.3,0,different\n" * 10
     other = text.replace("a,", "b,")
-    files = written(tmp_path, first=text, other=other, copy=text, longer=text + "a,0,0,same\n")
-    (doubt,) = bt.read_study(files).reading.doubts
+    first, other, copy, longer = written(
+        tmp_path, first=text, other=other, copy=text, longer=text + "a,0,0,same\n"
+    )
+    (doubt,) = bt.read_study([first, other, copy, longer]).reading.doubts
     identical = "copy.csv has the same 20 trials of subject a as first.csv: repeated trials make"
     assert doubt.startswith(identical)
-    assert bt.read_study([files[0], files[1], files[3]]).reading.doubts == ()
+    assert bt.read_study([first, other, longer]).reading.doubts == ()
 
 
 def test_of_several_files_the_first_problems_are_told(tmp_path):
@@ -472,6 +474,7 @@ def test_other_cells_beside_wrong_responses_show_no_missed_trial(column, missed,
 
 
 def test_several_codes_of_missed_trials_may_be_declared():
+    """Four trials have the code x, beside eight with a response; y is in none."""
     (subject,) = read(scored("key", "x", "j l"), "--correct correct --missed y --missed x")
     assert subject.total_trials == 8
 

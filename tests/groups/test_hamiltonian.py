@@ -70,14 +70,16 @@ def test_last_bits_do_not_change_the_draws_of_a_group():
 
 
 def test_draws_that_are_not_reliable_say_why():
+    # 4 chains of 300 draws: 2 coefficients without covariates, and 4 of each of 3 subjects.
     rng = default_rng(3)
     mean, sd = rng.standard_normal((4, 300, 2)), rng.uniform(1.0, 2.0, (4, 300, 2))
-    empty, subjects = np.empty((4, 300, 0, 2)), rng.standard_normal((4, 300, 3, 4))
-    assert GroupDraws(mean, sd, empty, subjects).shortfall == ""
-    assert "2 of 1200 trajectories diverged" in GroupDraws(mean, sd, empty, subjects, 2).shortfall
-    separation = mean + np.arange(4)[:, None, None]
-    assert "R-hat" in GroupDraws(separation, sd, empty, subjects).shortfall
-    few = GroupDraws(mean[:, :50], sd[:, :50], empty[:, :50], subjects[:, :50])
+    no_effects, subjects = np.empty((4, 300, 0, 2)), rng.standard_normal((4, 300, 3, 4))
+    assert GroupDraws(mean, sd, no_effects, subjects).shortfall == ""
+    diverged = GroupDraws(mean, sd, no_effects, subjects, n_divergent=2)
+    assert "2 of 1200 trajectories diverged" in diverged.shortfall
+    chains_apart = mean + np.arange(4)[:, None, None]
+    assert "R-hat" in GroupDraws(chains_apart, sd, no_effects, subjects).shortfall
+    few = GroupDraws(mean[:, :50], sd[:, :50], no_effects[:, :50], subjects[:, :50])
     assert "effective draws, 300 required" in few.shortfall
 
 

@@ -36,13 +36,17 @@ def test_a_difference_is_half_as_wide_as_a_mean():
 
 
 def test_scores_of_a_half_normal_reach_far_into_both_tails():
-    score = np.array([-30.0, -8.0, -1.0, 0.0, 1e-9, 3.0, 8.0, 30.0])
-    u = from_half_normal_score(score)
+    low, high = np.array([-30.0, -8.0]), np.array([8.0, 30.0])
+    middle = np.array([-1.0, 0.0, 1e-9, 3.0])
     # Phi(u) - 1/2 = Phi(score) / 2 is u / sqrt(2 pi) near 0.
-    assert u[:2] == pytest.approx(np.sqrt(0.5 * np.pi) * stats.norm.cdf(score[:2]), rel=1e-12)
-    assert u[2:6] == pytest.approx(stats.halfnorm.ppf(stats.norm.cdf(score[2:6])), rel=1e-12)
-    assert stats.norm.logsf(u[6:]) + np.log(2.0) == pytest.approx(stats.norm.logsf(score[6:]))
-    assert half_normal_score(u[2:]) == pytest.approx(score[2:], abs=1e-8)
+    by_slope = np.sqrt(0.5 * np.pi) * stats.norm.cdf(low)
+    assert from_half_normal_score(low) == pytest.approx(by_slope, rel=1e-12)
+    by_quantile = stats.halfnorm.ppf(stats.norm.cdf(middle))
+    assert from_half_normal_score(middle) == pytest.approx(by_quantile, rel=1e-12)
+    u = from_half_normal_score(high)
+    assert stats.norm.logsf(u) + np.log(2.0) == pytest.approx(stats.norm.logsf(high))
+    for score in (middle, high):
+        assert half_normal_score(from_half_normal_score(score)) == pytest.approx(score, abs=1e-8)
 
 
 @pytest.mark.parametrize("prefix", ["", "group."])

@@ -101,7 +101,8 @@ def test_covariates_move_the_means():
     assert mean_of_group_a.q025 < 0.0 < mean_of_group_a.q975
 
 
-def test_conditions_differ_by_what_they_differ():
+def test_a_group_differs_between_conditions_in_the_constant_error_alone():
+    """In units of D, the constant error is 0.2 on average, and larger by 0.5 at the right."""
     result = bt.population(two_conditions(3, n_each=40), draws=1600, seed=1)
     [row] = result.table.select("difference", "constant_error")
     assert row.level == "right - left"

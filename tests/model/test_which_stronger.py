@@ -22,10 +22,12 @@ def test_answers_are_those_of_a_simulated_belief():
     gamma = (sigma_l / sigma_p) ** 2
     ratio = variance_ratio(gamma)
     target = paper_posterior(PAIRS, Prior())
-    theta = {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_l, "lapse_rate": 1e-12}
+    no_lapses = 1e-12
+    theta = {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_l, "lapse_rate": no_lapses}
     x = target.points({name: np.array([value]) for name, value in theta.items()})
     p = np.exp(target.log_answers(x)[0][0])
     rng, s1, s2 = default_rng(1), target.subject.s1, target.subject.s2
     memory = s1 + pull(gamma) * (mu1 - s1) + sigma_p * np.sqrt(ratio) * rng.standard_normal((n, 1))
     simulated = (s2 + sigma_l * rng.standard_normal((n, 1)) > memory).mean(axis=0)
-    assert np.abs(p - simulated).max() < 4.5 * np.sqrt(0.25 / n)
+    largest_standard_error = np.sqrt(0.25 / n)
+    assert np.abs(p - simulated).max() < 4.5 * largest_standard_error

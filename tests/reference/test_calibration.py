@@ -29,7 +29,10 @@ def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
     right = PosteriorArray.densities
 
     def with_jacobian(self, u):
-        """With that of (sigma_p^2, sigma_l^2), 2 sigma_p^3, in the place of (sigma_p, gamma)."""
+        """Densities with a wrong factor 2 sigma_p^3.
+
+        It is the Jacobian that changes (sigma_p, gamma) into (sigma_p^2, sigma_l^2).
+        """
         (log_prior, log_posterior), rows = right(self, u), self.likelihood.rows
         if not hasattr(rows, "log_width"):  # a model that the responses are checked with
             return log_prior, log_posterior

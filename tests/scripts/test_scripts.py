@@ -70,6 +70,7 @@ def test_error_bars_of_the_evidence_are_honest(tmp_path):
     finished = inside(line, tmp_path)
     row = pd.read_csv(tmp_path / "bars" / "error_bars.csv").iloc[0]
     assert (row["seeds"], row["withheld"]) == (12, 0)
+    # The errors over their error bars have an SD of 1, here estimated from 12 seeds.
     assert 0.4 < row["sd_z"] < 1.8
     assert bool(row["honest"]) == (finished.returncode == 0)
 
