@@ -614,7 +614,7 @@ def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str, cells: Texts 
     subject = rows.subject.only(is_dropped)
     finding = f" ({', '.join(cells)})" if cells else ""
     counts = {}
-    for text, n in zip(subject.texts, np.bincount(subject.codes), strict=True):
+    for text, n in zip(subject.texts, np.bincount(subject.codes).tolist(), strict=True):
         counts[text or "(no subject)"] = n
     trials = (len(subject.codes), "trial")
     return [Note(trials, f" {reason} dropped{finding}: ", named_counts(counts))]

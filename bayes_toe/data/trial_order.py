@@ -85,7 +85,7 @@ def answers_in_order(
             span=(int(answered_rows.min()), int(answered_rows.max())) if is_trials else None,
         )
         if iti is not None:
-            n_untimed += (np.isnan(iti) & ~in_order.is_session_start).sum()
+            n_untimed += int((np.isnan(iti) & ~in_order.is_session_start).sum())
         answers[name] = in_order.with_own_blocks()
 
     notes = _order_notes(columns, unordered, n_missing, n_untimed)

@@ -276,7 +276,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Texts:
         if not texts or not other_texts:
             continue
 
-        rows = plural(column.matches(texts).sum(), "row")
+        rows = plural(int(column.matches(texts).sum()), "row")
         doubt = f"{rows} with {join_names(map(quoted, texts))} in {column} are counted"
         if len(other_texts) == 1:
             remedy = Remedy("where", ((name, other_texts[0]),))
