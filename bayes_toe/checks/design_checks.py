@@ -125,19 +125,15 @@ def _two_scales(study: Study) -> Findings:
     """
     for subject in study:
         levels = np.unique(subject.stimuli)
-        gaps = np.diff(levels)
-        if not len(gaps):
+        if len(levels) == 1:
             continue
-        widest = gaps.argmax()
-        widest_gap = gaps[widest]
-        other_gaps = np.delete(gaps, widest).sum()
-        is_below = np.stack([subject.s1, subject.s2]) <= levels[widest]
+        parts, widest_gap, other_gaps = _at_widest_gap(levels)
+        is_below = np.stack([subject.s1, subject.s2]) <= parts[0][-1]
         n_below = subject.n_trials[is_below.any(axis=0)].sum()
         n_above = subject.n_trials[~is_below.all(axis=0)].sum()
         n_in_smaller_group = min(n_below, n_above)
         rounded_ratio = float(f"{math.exp(min(widest_gap, 700.0)):.2g}")
         factor = f"a factor of {rounded_ratio:,.6g}"
-        parts = np.split(levels, [widest + 1])
         groups = [_range_of(part, subject.unit, study.reading) for part in parts]
         option = ""
         if widest_gap > math.log(100.0) and widest_gap > 2.0 * other_gaps:
@@ -161,16 +157,13 @@ def _two_scales(study: Study) -> Findings:
 def _scales_of_subjects(study: Study) -> Findings:
     """Stimuli of some subjects that are a factor of 100 or more from those of all others."""
     levels = np.unique(np.concatenate([subject.stimuli for subject in study]))
-    gaps = np.diff(levels)
-    if study.conditions is not None or not len(gaps):
+    if study.conditions is not None or len(levels) == 1:
         return
-    widest = gaps.argmax()
-    other_gaps = gaps.sum() - gaps[widest]
-    weak = [subject.name for subject in study if subject.stimuli.max() <= levels[widest]]
-    strong = [subject.name for subject in study if subject.stimuli.min() > levels[widest]]
-    has_two_scales = gaps[widest] > max(math.log(100.0), 2.0 * other_gaps)
+    parts, widest_gap, other_gaps = _at_widest_gap(levels)
+    weak = [subject.name for subject in study if subject.stimuli.max() <= parts[0][-1]]
+    strong = [subject.name for subject in study if subject.stimuli.min() >= parts[1][0]]
+    has_two_scales = widest_gap > max(math.log(100.0), 2.0 * other_gaps)
     if has_two_scales and len(weak) + len(strong) == len(study):
-        parts = np.split(levels, [widest + 1])
         ranges = [_range_of(part, study.unit, study.reading) for part in parts]
         names = join_names(map(display_name, weak))
         yield Finding(
@@ -179,6 +172,14 @@ def _scales_of_subjects(study: Study) -> Findings:
             f"The stimuli of {names} are {ranges[0]}, those of other subjects {ranges[1]}. Correct "
             "them if they are in another unit.",
         )
+
+
+def _at_widest_gap(levels: FloatArray) -> tuple[list[FloatArray], float, float]:
+    """Levels below and above their widest gap, this gap, and all others together."""
+    gaps = np.diff(levels)
+    widest = gaps.argmax()
+    other_gaps = np.delete(gaps, widest).sum()
+    return np.split(levels, [widest + 1]), float(gaps[widest]), float(other_gaps)
 
 
 def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:

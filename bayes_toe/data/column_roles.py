@@ -180,7 +180,8 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     >>> taken_out_texts("status", ["ok", "aborted"]), taken_out_texts("rejected", ["0", "3"])
     (['aborted'], [])
     """
-    by_1, by_0 = VOCABULARY["taken_out"].values()
+    by_1 = VOCABULARY["taken_out"]["by_1"]
+    by_0 = VOCABULARY["taken_out"]["by_0"]
     words = {*by_1}
     plain = re.sub("^(is|was|trial)+|trials?$", "", plain_name(name))
     if is_flag(texts) and plain in by_1:
@@ -387,10 +388,8 @@ def columns_to_read(
     if not missing:
         return roles_read, problems, []
 
-    absent = join_words([f"no column {display_name(name)}" for name in missing])
-    absent = absent.replace("no column n_equal", "no column n_equal or n_second")
     column_list = join_names(map(display_name, filter(None, names)))
-    finding = f"there is {absent}. The columns are {column_list}."
+    finding = f"there is {_absent_columns(missing)}. The columns are {column_list}."
     is_stimulus_missing = not {"standard", *_STIMULI}.isdisjoint(missing)
     has_comparison = names_like(names, "comparison") and not names_like(names, "standard")
     if is_stimulus_missing and has_comparison:
@@ -398,6 +397,12 @@ def columns_to_read(
     problems.append(finding)
     fullest = sorted(columns, key=lambda column: empty(column).sum())
     return roles_read, problems, [*_remedies(names, roles_read, options, fullest)]
+
+
+def _absent_columns(missing: Texts) -> str:
+    """Columns that are not there, in words; counts may be of either answer."""
+    shown = {name: display_name(name) for name in missing} | {"n_equal": "n_equal or n_second"}
+    return join_words([f"no column {shown[name]}" for name in missing])
 
 
 def _role_problems(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator[str]:

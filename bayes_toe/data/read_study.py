@@ -646,10 +646,10 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         is_wrong = (k >= 0) & (n >= k) & (n_other >= 0) & (k + n_other != n)
         rule = f"the sum of {display_name(column.name)} and {display_name(other.name)}, "
         table.fault(trials, is_wrong, lambda index: f"{rule}{k[index] + n_other[index]}")
-    difference = np.diff(rows.pairs)[:, 0]
     if "n_comparison" in rows.columns:
         k = np.where(rows.order.is_first, k, n - k)
     elif "n_correct" in rows.columns:
+        difference = np.diff(rows.pairs)[:, 0]
         k = np.where(difference > 0.0, k, n - k)
         table.fault(trials, (difference == 0.0) & (n > 0), "0 where stimuli are equal")
     _require_counts(rows, n, task)

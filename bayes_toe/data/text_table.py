@@ -360,8 +360,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     texts = {name: list[str]() for name in places}
     for row, cells in itertools.chain([next_record] * bool(next_record[1]), records):
         if isinstance(cells, csv.Error) or len(cells) != len(names):
-            is_shown = problems.count < MAX_LINES
-            problems.add([(row, _broken(row, cells, len(names)))] * is_shown)
+            _note_broken(problems, row, cells, len(names))
             continue
         rows.append(row)
         for name, index in places.items():
@@ -425,11 +424,9 @@ def header_place(names: Sequence[Texts], choice: Choice) -> int:
 
     for index, record in enumerate(names):
         filled = [name for name in record if name]
-        has_number = any(re.fullmatch(r"[-\d.,]+", name) for name in filled)
-        if len(filled) > 1 and not has_number:
-            return index
         if len(filled) > 1:
-            break
+            has_number = any(re.fullmatch(r"[-\d.,]+", name) for name in filled)
+            return 0 if has_number else index
     return 0
 
 
@@ -516,6 +513,14 @@ def _records(text: str, delimiter: str) -> Iterator[Record]:
             continue
         if "".join(cells).strip():
             yield row, cells
+
+
+def _note_broken(problems: Problems, row: int, cells: list[str] | csv.Error, width: int) -> None:
+    """Count a record that cannot be split, with a line while lines are shown."""
+    lines = []
+    if problems.count < MAX_LINES:
+        lines.append((row, _broken(row, cells, width)))
+    problems.add(lines)
 
 
 def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
