@@ -35,20 +35,18 @@ np.empty(1 << 21)
 
 
 def thinned(points: FloatArray, n_points: float) -> FloatArray:
-    """Evenly spaced points, at most so many."""
+    """At most `n_points` of the points, evenly spaced and the first one among them."""
     return points[:: max(1, math.ceil(len(points) / n_points))]
 
 
 def run_starts(*sorted_keys: npt.NDArray[np.generic]) -> IndexArray:
-    """The first row of every run of rows with equal keys, keys of shape (rows,) each.
+    """The first row of every run of rows with equal keys, which have the shape (rows,) each.
 
     Examples
     --------
     >>> run_starts(np.array([1, 1, 1, 2]), np.array([0.0, 0.0, 0.5, 0.5])).tolist()
     [0, 2, 3]
     """
-    rows = len(sorted_keys[0])
-    new = np.ones(rows, np.bool_)
-    if rows:
-        new[1:] = np.any([key[1:] != key[:-1] for key in sorted_keys], axis=0)
-    return np.flatnonzero(new)
+    is_start = np.ones(len(sorted_keys[0]), np.bool_)
+    is_start[1:] = np.any([key[1:] != key[:-1] for key in sorted_keys], axis=0)
+    return np.flatnonzero(is_start)

@@ -17,9 +17,9 @@ LARGEST_SEED = 2**63 - 1
 
 
 def root_seed(seed: int | None) -> int:
-    """The seed asked for, or fresh entropy that is then reported and stored.
+    """The seed as an integer; None gives a fresh one, which results then report.
 
-    An InputError where it is none of 0 to 2**63 - 1.
+    An InputError if it is not in 0 to 2**63 - 1.
     """
     if seed is None:
         return secrets.randbits(32)
@@ -27,15 +27,15 @@ def root_seed(seed: int | None) -> int:
 
 
 def require_seed(seed: int) -> int:
-    """Refuse what is no seed."""
+    """The seed as an integer; an InputError if it is not in 0 to 2**63 - 1."""
     require_number("seed", seed, 0, LARGEST_SEED)
-    return int(seed)  # NumPy's integers too
+    return int(seed)  # an integer of NumPy becomes one of Python
 
 
 def stream(seed: int, *keys: str | int) -> np.random.SeedSequence:
-    """Seed sequence of one purpose, the same for the same keys.
+    """Seed sequence of one purpose: the same for the same seed and keys.
 
-    Never spawned, because spawning changes the parent's state.
+    Do not spawn from it, because spawning changes its state.
     """
     # Length-prefixed, so that no two lists of keys run together to the same text.
     text = "".join(f"{len(str(key))}:{key};" for key in keys)
@@ -44,5 +44,5 @@ def stream(seed: int, *keys: str | int) -> np.random.SeedSequence:
 
 
 def generator(seed: int, *keys: str | int) -> np.random.Generator:
-    """Generator of :func:`stream`."""
+    """Random generator with the :func:`stream` of these keys."""
     return np.random.default_rng(stream(seed, *keys))

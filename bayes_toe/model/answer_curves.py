@@ -25,7 +25,8 @@ from bayes_toe.data.study import Subject
 from bayes_toe.model.densities import PriorDensity, half_normal_quantile, log_normal
 from bayes_toe.model.paper_equations import LN2
 
-#: Nodes and weights of Gauss and Legendre on (0, 1), for windows in which the density is level.
+#: Nodes and weights of Gauss and Legendre on (0, 1), for windows in which the density is level:
+#: there, twelve leave no error but rounding. They come on (-1, 1).
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 
@@ -41,14 +42,24 @@ class LogAnswers(NamedTuple):
 
 
 def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
-    """Counts times what each answer adds; an answer never given adds 0, also at probability 0."""
+    """Counts times values; a count of 0 gives 0, also where the value is infinite."""
+    # A product beyond the largest float is infinite to all digits.
     with np.errstate(over="ignore", invalid="ignore"):
-        # A product beyond the largest float is infinite to all digits; 0 times infinity is 0 here.
         product = np.asarray(counts * values)
-    is_absent = ~(counts > 0.0)
-    if is_absent.any():
-        np.copyto(product, 0.0, where=is_absent)
-    return product
+    is_given = counts > 0.0
+    if is_given.all():  # much faster
+        return product
+    return np.where(is_given, product, 0.0)
+
+
+def with_complement(yes: FloatArray, no: FloatArray) -> LogAnswers:
+    """Both log probabilities, of which the larger one becomes the complement of the smaller one.
+
+    The log of the larger one is near 0, where its own digits are lost.
+    """
+    is_rare = yes < no
+    larger = np.log1p(-np.exp(np.minimum(yes, no)))
+    return LogAnswers(np.where(is_rare, yes, larger), np.where(is_rare, larger, no))
 
 
 # --- Which is stronger ---------------------------------------------------------------------------
@@ -63,19 +74,18 @@ def second_answers(z: FloatArray) -> LogAnswers:
 
 
 def criterion(logit_peak: FloatArray) -> FloatArray:
-    """Criterion k with 2 Phi(k) - 1 = expit(logit_peak), accurate in both tails.
+    """The criterion k for which P(equal) at its peak is 2 Phi(k) - 1 = expit(logit_peak).
 
     Examples
     --------
     >>> criterion(np.array([0.0, 50.0])).round(4).tolist()
     [0.6745, 9.7455]
     """
-    peak, log_rest = expit(np.minimum(logit_peak, 0.0)), log_expit(-np.maximum(logit_peak, 0.0))
-    return half_normal_quantile(logit_peak < 0.0, peak, log_rest)
+    return half_normal_quantile(expit(logit_peak), log_expit(-logit_peak))
 
 
 def criterion_slope(logit_peak: FloatArray, k: FloatArray) -> FloatArray:
-    """Derivative of :func:`criterion`: 2 phi(k) dk/dl = expit(l) expit(-l)."""
+    """Derivative dk/dl of :func:`criterion`, from 2 phi(k) dk/dl = expit(l) expit(-l)."""
     return np.exp(log_expit(logit_peak) + log_expit(-logit_peak) - log_normal(k) - LN2)
 
 
@@ -92,31 +102,26 @@ def equal_answers(z: FloatArray, k: FloatArray) -> LogAnswers:
         near = near_edge(distance, k)
         inside = _log_inside(distance, k, near)
         outside = np.logaddexp(log_ndtr(-near), log_ndtr(-distance - k))
-        # The log of the larger probability is near 0: it comes from the smaller one.
-        inside_is_small = inside < -LN2
-        outside_is_small = outside < -LN2
-        from_outside = np.log1p(-np.exp(np.minimum(outside, -LN2)))
-        from_inside = np.log1p(-np.exp(np.minimum(inside, -LN2)))
-    yes = np.where(outside_is_small & ~inside_is_small, from_outside, inside)
-    no = np.where(inside_is_small, from_inside, outside)
-    return LogAnswers(yes, no)
+        return with_complement(inside, outside)
 
 
 def near_edge(distance: FloatArray, k: FloatArray) -> FloatArray:
-    """From the distance to the near edge, k - d; beyond the largest float both are alike: 0."""
+    """How far the near edge of the window is beyond the distance, k - d; 0 if both are infinite."""
     edge = np.asarray(k - distance)
     edge[np.isnan(edge)] = 0.0
     return edge
 
 
 def _log_inside(distance: FloatArray, k: FloatArray, near: FloatArray) -> FloatArray:
-    """Log of Phi(k - d) - Phi(-k - d) for d, k >= 0."""
+    """Log of Phi(k - d) - Phi(-k - d) for d, k >= 0; `near` is k - d."""
     upper, lower = log_ndtr(near), log_ndtr(-k - distance)
-    is_finite = np.isfinite(upper)
-    ratio = np.where(is_finite, lower - np.where(is_finite, upper, 0.0), -np.inf)
-    result = np.asarray(upper + np.log1p(-np.exp(ratio)))
-    # Where the window is narrow and the density in it nearly level, both terms cancel.
-    is_narrow = (k < 0.5) & (np.minimum(k, 0.5) * distance < 0.5)
+    # Where Phi(k - d) is 0 even as a logarithm, so is the difference.
+    log_ratio = np.where(np.isfinite(upper), lower - upper, -np.inf)
+    result = np.asarray(upper + np.log1p(-np.exp(log_ratio)))
+
+    # In a narrow window, in which the density changes by a factor of less than e, the two terms
+    # would cancel. There the density is integrated.
+    is_narrow = (k < 0.5) & (k * distance < 0.5)
     if is_narrow.any():
         d = distance[is_narrow]
         result[is_narrow] = _log_window(d, k[is_narrow]) + log_normal(d)
@@ -124,10 +129,13 @@ def _log_inside(distance: FloatArray, k: FloatArray, near: FloatArray) -> FloatA
 
 
 def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:
-    """Log of the integral of exp(-t^2/2 - d t) over -k < t < k, shape (n,), of positive terms."""
+    """Log of the integral of exp(-t^2/2 - d t) over -k < t < k, shape (n,).
+
+    By symmetry it is twice that of exp(-t^2/2) cosh(d t) over 0 < t < k, whose terms are positive.
+    """
     t = k[:, None] * _NODES
     heights = np.exp(-0.5 * np.square(t)) * np.cosh(distance[:, None] * t)
-    # A matrix product may round a row otherwise where the matrix has other rows.
+    # Not by a matrix product: it may round a row otherwise where the matrix has other rows.
     return np.log(2.0 * k * (heights * _WEIGHTS).sum(axis=1))
 
 
@@ -135,19 +143,22 @@ def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:
 
 
 def unequal_logs(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> ArrayPair:
-    """Log of lambda Phi(-k) + (1 - lambda) Phi(z - k), 'second', and the same of -z, 'first'.
+    """Log probabilities of 'second' and of 'first' with three answers.
+
+    P(second) = lambda Phi(-k) + (1 - lambda) Phi(z - k), and P(first) is the same of -z.
 
     Parameters
     ----------
     z, k : ndarray
         Distance and criterion.
     lapses : tuple of ndarray
-        Log of lambda and of 1 - lambda. Who lapses answers as at z = 0.
+        Log of lambda and of 1 - lambda. In a lapse, the observer answers as at z = 0.
     """
     log_lapse, log_attend = lapses
-    guessed = log_lapse + log_ndtr(-k)
-    second, first = (np.logaddexp(guessed, log_attend + log_ndtr(x - k)) for x in (z, -z))
-    return second, first
+    log_guess = log_lapse + log_ndtr(-k)
+    log_second = np.logaddexp(log_guess, log_attend + log_ndtr(z - k))
+    log_first = np.logaddexp(log_guess, log_attend + log_ndtr(-z - k))
+    return log_second, log_first
 
 
 def direction_answers(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> LogAnswers:
@@ -156,16 +167,16 @@ def direction_answers(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> LogAns
     Where k is infinite, every answer is 'equal' and the share of 'second' is not defined: it is
     1/2 here.
     """
-    second, first = unequal_logs(z, k, lapses)
+    log_second, log_first = unequal_logs(z, k, lapses)
     with np.errstate(invalid="ignore"):
-        log_odds = np.where(np.isfinite(k), second - first, 0.0)
+        log_odds = np.where(np.isfinite(k), log_second - log_first, 0.0)
     return LogAnswers(log_expit(log_odds), log_expit(-log_odds))
 
 
 # --- Rows of counts ------------------------------------------------------------------------------
 
 
-#: The arrays of all rows by name.
+#: The names of the arrays that :func:`pair_arrays` gives.
 _PAIR_ARRAYS = ("first", "difference", "middle", "n_yes", "n_no")
 
 
@@ -174,14 +185,14 @@ def pair_arrays(
 ) -> NamedArrays:
     """Stimuli and counts of several subjects by name, shape (rows, 1, pairs) each.
 
-    The stimuli of a subject count from an origin in a unit. Pairs of subjects who have fewer than
-    others are filled up with pairs that nobody answered.
+    The stimuli of a subject count from an origin in a unit. Subjects with fewer pairs than others
+    get further pairs that nobody answered.
     """
     n_pairs = max(subject.n_pairs for subject in subjects)
-    arrays = np.zeros((5, len(subjects), 1, n_pairs))
+    arrays = np.zeros((len(_PAIR_ARRAYS), len(subjects), 1, n_pairs))
     for i, (subject, origin, unit) in enumerate(zip(subjects, origins, units, strict=True)):
         first, second = (subject.s1 - origin) / unit, (subject.s2 - origin) / unit
-        difference = (subject.s2 - subject.s1) / unit
+        difference = (subject.s2 - subject.s1) / unit  # without the rounding of `first`
         n_no = subject.n_trials - subject.n_yes
         columns = (first, difference, 0.5 * (first + second), subject.n_yes, n_no)
         arrays[:, i, 0, : subject.n_pairs] = columns
@@ -208,7 +219,7 @@ class AnswerRows(ABC):
     middle: FloatArray
     n_yes: FloatArray
     n_no: FloatArray
-    #: The names of further arrays that have rows.
+    #: The names of the further arrays of a model that have a row for each row of counts.
     row_numbers: ClassVar[Texts] = ()
 
     @property
@@ -239,7 +250,7 @@ class AnswerRows(ABC):
         return self.terms(self.log_answers(u)).sum(axis=-1)
 
     def terms(self, answers: LogAnswers) -> FloatArray:
-        """What each question of each pair adds to the log likelihood."""
+        """What each question of each pair adds to the log likelihood, (rows, points, pairs)."""
         return times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
 
     def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
@@ -258,23 +269,24 @@ class AnswerRows(ABC):
         expected: the second question of a pair is asked only after 'unequal'.
         """
         answers, yes_slopes, no_slopes = self.answer_slopes(u)
-        # Counts and weights get an axis for the k coordinates.
-        in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
-        in_no = times_counts(self.n_no[:, :, None], no_slopes)
         n_trials = self.expected_trials(answers)
+        # Counts and weights get an axis for the coordinates: (rows, points, k, pairs).
+        n_yes, n_no = self.n_yes[:, :, None], self.n_no[:, :, None]
         yes_weight = (n_trials * np.exp(answers.yes))[..., None, :]
         no_weight = (n_trials * np.exp(answers.no))[..., None, :]
+
         # Where an answer is impossible its slopes are infinite, and `times_counts` makes 0 of them.
         with np.errstate(over="ignore", invalid="ignore"):
-            gradient = (in_yes + in_no).sum(axis=-1)
+            slope_terms = times_counts(n_yes, yes_slopes) + times_counts(n_no, no_slopes)
             information = times_counts(yes_weight, yes_slopes) @ np.swapaxes(yes_slopes, -1, -2)
             information += times_counts(no_weight, no_slopes) @ np.swapaxes(no_slopes, -1, -2)
-        return self.terms(answers).sum(axis=-1), gradient, information
+        return self.terms(answers).sum(axis=-1), slope_terms.sum(axis=-1), information
 
     def expected_trials(self, answers: LogAnswers) -> FloatArray:
-        """How often each question is expected, which broadcasts with answers.
+        """How often each question is expected, in an array that broadcasts with the answers.
 
-        The second question is asked after an answer 'unequal' to the first one.
+        The first question is asked in every trial. The second one, which only three answers have,
+        is expected as often as the answer 'unequal' to the first one.
         """
         n_trials = self.n_yes + self.n_no
         n_pairs = self.first.shape[-1]

@@ -25,11 +25,11 @@ from scipy.special import (
     stdtrit,
 )
 
-from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.arrays import FloatArray
 from bayes_toe.model.paper_equations import LN2
 
 LOG_2PI = float(np.log(2.0 * np.pi))
-#: A half-normal quantile of a lower score is proportional to its probability.
+#: Below this score P = Phi(score) is so small that the half-normal quantile is P sqrt(pi/2).
 _LOWEST_SCORE = -20.0
 
 
@@ -94,6 +94,7 @@ class StandardStudent:
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
+        # SciPy gives +inf at a probability of 0.
         return np.where(probability == 0.0, -np.inf, stdtrit(3.0, probability))
 
 
@@ -143,7 +144,7 @@ class LogitOfBeta:
 class ProbitOfBeta:
     """The probit v of a share with the distribution Beta(a, b): the share is Phi(v).
 
-    Where the data leave the share open its posterior has normal tails in v.
+    If the data do not determine the share, its posterior has normal tails in v.
     """
 
     a: float
@@ -152,19 +153,19 @@ class ProbitOfBeta:
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log of phi(v) Phi(v)^(a - 1) Phi(-v)^(b - 1) / B(a, b)."""
         log_norm = betaln(self.a, self.b) + 0.5 * LOG_2PI
-        shares = (self.a - 1.0) * log_ndtr(u) + (self.b - 1.0) * log_ndtr(-u)
-        return shares - 0.5 * np.square(u) - log_norm
+        log_shares = (self.a - 1.0) * log_ndtr(u) + (self.b - 1.0) * log_ndtr(-u)
+        return log_shares - 0.5 * np.square(u) - log_norm
 
     def slope(self, u: FloatArray) -> FloatArray:
-        """Its derivative."""
+        """Its derivative; that of ln Phi(v) is phi(v) / Phi(v)."""
         return (self.a - 1.0) * normal_hazard(-u) - (self.b - 1.0) * normal_hazard(u) - u
 
     def curvature(self, u: FloatArray) -> FloatArray:
-        """A positive stand-in for its negative second derivative."""
+        """The negative second derivative, without the terms that are negative for a, b < 1."""
         below, above = normal_hazard(-u), normal_hazard(u)
-        of_share = max(self.a - 1.0, 0.0) * below * (below + u)
-        of_complement = max(self.b - 1.0, 0.0) * above * (above - u)
-        return 1.0 + of_share + of_complement
+        share_term = max(self.a - 1.0, 0.0) * below * (below + u)
+        complement_term = max(self.b - 1.0, 0.0) * above * (above - u)
+        return 1.0 + share_term + complement_term
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function, finite also where the share rounds to 0 or 1."""
@@ -200,11 +201,9 @@ def logit_rise(probits: FloatArray) -> FloatArray:
 def _log_beta_quantile(
     a: float, b: float, probability: FloatArray, smallest: float = 1e-200
 ) -> FloatArray:
-    """Log of the quantile of Beta(a, b).
+    """Log of the quantile of Beta(a, b), finite also where the quantile is too small for a float.
 
-    A quantile above `smallest` is a float with all its digits.
-    The distribution function of a small x is x^a / (a B(a, b)), which gives the quantiles that are
-    no floats.
+    Up to `smallest`, it follows from the distribution function of a small x, x^a / (a B(a, b)).
     """
     quantile = betaincinv(a, b, probability)
     with np.errstate(divide="ignore"):
@@ -212,20 +211,13 @@ def _log_beta_quantile(
         return np.where(quantile > smallest, np.log(quantile), log_of_small)
 
 
-def half_normal_quantile(
-    is_lower: BoolArray, probability: FloatArray, log_rest: FloatArray
-) -> FloatArray:
-    """The quantile u >= 0 with 2 Phi(u) - 1 = P, accurate in both tails.
+def half_normal_quantile(probability: FloatArray, log_complement: FloatArray) -> FloatArray:
+    """The quantile u >= 0 with 2 Phi(u) - 1 = P, from P and ln(1 - P).
 
-    Parameters
-    ----------
-    is_lower : ndarray of bool
-        Whether u follows from P, as it must where P is small, or from the log of 1 - P.
-    probability, log_rest : ndarray
-        P and ln(1 - P), each where it is used.
+    A small P and a small 1 - P each have all their digits, so that u is accurate in both tails.
     """
-    lower = np.sqrt(2.0) * erfinv(probability)
-    return np.where(is_lower, lower, -ndtri_exp(log_rest - LN2))
+    from_complement = -ndtri_exp(log_complement - LN2)
+    return np.where(probability < 0.5, np.sqrt(2.0) * erfinv(probability), from_complement)
 
 
 def from_half_normal_score(score: FloatArray) -> FloatArray:
@@ -236,8 +228,7 @@ def from_half_normal_score(score: FloatArray) -> FloatArray:
     >>> from_half_normal_score(np.array([-10.0, 0.0, 10.0])).round(4).tolist()
     [0.0, 0.6745, 10.0684]
     """
-    probability, log_rest = ndtr(np.minimum(score, 0.0)), log_ndtr(-np.maximum(score, 0.0))
-    return half_normal_quantile(score < 0.0, probability, log_rest)
+    return half_normal_quantile(ndtr(score), log_ndtr(-score))
 
 
 def half_normal_score(u: FloatArray) -> FloatArray:
@@ -247,21 +238,25 @@ def half_normal_score(u: FloatArray) -> FloatArray:
 
 
 def log_half_normal(score: FloatArray) -> FloatArray:
-    """Log of :func:`from_half_normal_score`, finite however small that is.
+    """Log of :func:`from_half_normal_score`, finite also where that is too small for a float.
 
     Examples
     --------
     >>> log_half_normal(np.array([-100.0, 0.0])).round(4).tolist()
     [-5005.2984, -0.3938]
     """
-    u = from_half_normal_score(np.maximum(score, _LOWEST_SCORE))
+    u = from_half_normal_score(np.maximum(score, _LOWEST_SCORE))  # never 0
     log_of_small = log_ndtr(score) + 0.5 * np.log(0.5 * np.pi)
     return np.where(score > _LOWEST_SCORE, np.log(u), log_of_small)
 
 
 def log_half_normal_slope(score: FloatArray) -> FloatArray:
-    """Derivative of :func:`log_half_normal`."""
-    least_score = np.maximum(score, _LOWEST_SCORE)
-    u = from_half_normal_score(least_score)
-    slope = normal_hazard(least_score) / (normal_hazard(u) * u)
+    """Derivative of :func:`log_half_normal`: phi(score) / (2 phi(u) u).
+
+    With 2 Phi(-u) = Phi(-score), that is the ratio of two hazards over u. Where u is proportional
+    to P = Phi(score), it is the derivative of ln P.
+    """
+    raised_score = np.maximum(score, _LOWEST_SCORE)
+    u = from_half_normal_score(raised_score)
+    slope = normal_hazard(raised_score) / (normal_hazard(u) * u)
     return np.where(score > _LOWEST_SCORE, slope, normal_hazard(-score))

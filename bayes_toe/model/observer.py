@@ -23,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from operator import attrgetter
 
 import numpy as np
 from scipy.special import erf, log_ndtr, ndtr, xlogy
@@ -58,7 +57,7 @@ from bayes_toe.model.parameters import ObserverPrior, lapse_logs, task_parameter
 DEFAULT_PRIOR = ObserverPrior()
 #: JND over sigma_d: the z at which 75 % of the answers are 'second'.
 JND_OVER_NOISE = 0.6744897501960817
-#: Responses of an observer who ignores the stimuli and is asked which one is stronger.
+#: Log probability of both answers of an observer who guesses which stimulus is stronger.
 _GUESS = LogAnswers(np.array(-LN2), np.array(-LN2))
 
 
@@ -92,22 +91,25 @@ class ObserverRows(AnswerRows):
         """A row for each subject; all of one task. `scales` default to the subjects' own."""
         if scales is None:
             scales = [subject.scales for subject in subjects]
-        numbers = map(attrgetter("sbar", "step", "spread", "roving_share"), scales)
-        sbar, step, spread, roving_share = np.array([*numbers]).T
-        pairs = pair_arrays(subjects, sbar.tolist(), step.tolist())
+        pairs = pair_arrays(
+            subjects, [scale.sbar for scale in scales], [scale.step for scale in scales]
+        )
         task = subjects[0].task
         if task.has_three_answers:
-            directions = np.zeros((2, *pairs["first"].shape))
+            n_second, n_first = np.zeros((2, *pairs["first"].shape))
             for i, subject in enumerate(subjects):
-                directions[:, i, 0, : subject.n_pairs] = subject.n_second, subject.n_first
-            for name, counts in zip(("n_yes", "n_no"), directions, strict=True):
-                pairs[name] = np.concatenate([pairs[name], counts], axis=-1)
+                n_second[i, 0, : subject.n_pairs] = subject.n_second
+                n_first[i, 0, : subject.n_pairs] = subject.n_first
+            pairs["n_yes"] = np.concatenate([pairs["n_yes"], n_second], axis=-1)
+            pairs["n_no"] = np.concatenate([pairs["n_no"], n_first], axis=-1)
         return cls(
             **pairs,
             task=task,
             prior=prior,
-            slope_unit=(step / spread)[:, None],
-            contraction_sd=prior.contraction_sd * roving_share[:, None],
+            slope_unit=np.array([[scale.step / scale.spread] for scale in scales]),
+            contraction_sd=np.array(
+                [[prior.contraction_sd * scale.roving_share] for scale in scales]
+            ),
         )
 
     @property
@@ -119,7 +121,7 @@ class ObserverRows(AnswerRows):
 
     @cached_property
     def units(self) -> dict[str, FloatArray | float]:
-        """By how much each quantity rises with its coordinate, in the order of the coordinates."""
+        """The factor from each coordinate to its quantity, in the order of the coordinates."""
         prior = self.prior
         units: dict[str, FloatArray | float] = {
             "log_noise": prior.noise_sd,
@@ -186,10 +188,8 @@ class ObserverRows(AnswerRows):
 
     def _answers_at(self, values: NamedArrays, z: FloatArray, k: FloatArray | None) -> LogAnswers:
         """Log probability of both answers at distances and criteria, with lapses."""
-        if k is None:
-            attending, blind = second_answers(z), _GUESS
-        else:
-            attending, blind = equal_answers(z, k), equal_answers(np.zeros(1), k)
+        attending = second_answers(z) if k is None else equal_answers(z, k)
+        blind = _blind_answers(k)
         log_lapse, log_attend = self._lapse_logs(values)
         yes = np.logaddexp(log_lapse + blind.yes, log_attend + attending.yes)
         no = np.logaddexp(log_lapse + blind.no, log_attend + attending.no)
@@ -218,7 +218,8 @@ class ObserverRows(AnswerRows):
 
     def _multinomial(self, probabilities: Sequence[FloatArray]) -> FloatArray:
         """Log likelihood, (rows, points), from the probabilities of the answers."""
-        return np.asarray(sum(map(xlogy, self._answer_counts, probabilities))).sum(axis=-1)
+        terms = map(xlogy, self._answer_counts, probabilities)
+        return np.asarray(sum(terms)).sum(axis=-1)
 
     def plain_answers_at(
         self, values: NamedArrays, z: FloatArray, k: FloatArray | None
@@ -235,17 +236,21 @@ class ObserverRows(AnswerRows):
         if not self.task.has_three_answers:
             return equal, lapse * 2.0 * ndtr(-k) + attend * (near + far)
         guessed = lapse * ndtr(-k)
-        near, far = guessed + attend * near, guessed + attend * far
-        is_second_near = z > 0.0
-        return equal, np.where(is_second_near, near, far), np.where(is_second_near, far, near)
+        expected, opposite = guessed + attend * near, guessed + attend * far
+        is_second = z > 0.0  # the expected answer
+        return (
+            equal,
+            np.where(is_second, expected, opposite),
+            np.where(is_second, opposite, expected),
+        )
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
     def plain_gradient(self, u: FloatArray) -> ArrayPair:
         """Log likelihood and its gradient, (rows, points[, k]), by plain probabilities.
 
-        Both answers to a pair depend on z, on ln k and on the lapse rate alone. The slopes in
-        these are summed over the answers first, and follow the coordinates after that. Where an
-        answer that was given has a probability of 0, the slopes are not finite.
+        The answers to a pair depend only on z, on ln k and on the lapse rate. Slopes in these are
+        summed over the answers to a pair, and slopes in the coordinates follow from the sums. Where
+        an answer that was given has a probability of 0, the slopes are not finite.
         """
         values, z, k = self.curve_at(u)
         probabilities = self.plain_answers_at(values, z, k)
@@ -253,8 +258,8 @@ class ObserverRows(AnswerRows):
 
         lapse_rise = np.exp(_log_hazard(values["lapse_score"])) / self.prior.lapse_rate_b
         sums = [term.sum(axis=-1) for term in terms]
-        slope = np.stack(sums, axis=-1) * self._slope_units(values, lapse_rise)
-        return self._multinomial(probabilities), slope
+        gradient = np.stack(sums, axis=-1) * self._slope_units(values, lapse_rise)
+        return self._multinomial(probabilities), gradient
 
     def _plain_slopes(
         self,
@@ -265,33 +270,35 @@ class ObserverRows(AnswerRows):
     ) -> tuple[FloatArray, FloatArray | None, FloatArray]:
         """Slopes of the log likelihood of each pair in z, in ln k and in the lapse rate.
 
-        P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P; and
-        d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))).
+        P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P. The
+        factor 1 - lambda belongs to d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))).
         """
         lapse, attend = map(np.exp, self._lapse_logs(values))
-        by_yes, *by_alternatives = map(_per_answer, self._answer_counts, probabilities)
+        # The slope of n ln P in P, for each answer.
+        by_answer = [*map(_per_answer, self._answer_counts, probabilities)]
         if k is not None and self.task.has_three_answers:
             equal, second, first = probabilities
-            by_second, by_first = by_alternatives
+            by_equal, by_second, by_first = by_answer
             # A criterion that moves takes from one answer what it gives to the other.
-            upper = attend * _density(z - k) * (by_second - by_yes)
-            lower = attend * _density(z + k) * (by_first - by_yes)
-            blind = lapse * _density(k) * (by_second + by_first - 2.0 * by_yes)
+            upper = attend * _density(z - k) * (by_second - by_equal)
+            lower = attend * _density(z + k) * (by_first - by_equal)
+            blind = lapse * _density(k) * (by_second + by_first - 2.0 * by_equal)
             in_lapse = (
-                by_yes * (erf(k * np.sqrt(0.5)) - equal)
+                by_equal * (erf(k * np.sqrt(0.5)) - equal)
                 + by_second * (ndtr(-k) - second)
                 + by_first * (ndtr(-k) - first)
             )
             return upper - lower, -k * (upper + lower + blind), in_lapse
 
         # What is added to P is taken from the probability of the other answer.
-        by_yes = by_yes - by_alternatives[0]
+        by_yes = by_answer[0] - by_answer[1]
         if k is None:
             return attend * by_yes * _density(z), None, by_yes * (0.5 - probabilities[0])
+        # The density at the far edge is phi(|z| + k) = phi(|z| - k) exp(-2 |z| k).
         edge = attend * by_yes * _density(np.abs(z) - k)
-        far_share = np.exp(-2.0 * np.abs(z) * k)
+        far_ratio = np.exp(-2.0 * np.abs(z) * k)
         in_z = edge * np.sign(z) * np.expm1(-2.0 * np.abs(z) * k)
-        in_k = edge * (1.0 + far_share) + 2.0 * lapse * by_yes * _density(k)
+        in_k = edge * (1.0 + far_ratio) + 2.0 * lapse * by_yes * _density(k)
         return in_z, in_k * k, by_yes * (erf(k * np.sqrt(0.5)) - probabilities[0])
 
     @np.errstate(over="ignore", invalid="ignore")
@@ -301,39 +308,49 @@ class ObserverRows(AnswerRows):
         Of three answers, those of the second question follow, as in :meth:`log_answers`.
         """
         values, z, k = self.curve_at(u)
-        log_lapse, log_attend = self._lapse_logs(values)
         answers = self._answers_at(values, z, k)
-        # d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u)))
+        # d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))), here over 1 - lambda.
         log_rise = (_log_hazard(values["lapse_score"]) - np.log(self.prior.lapse_rate_b))[..., None]
-        if k is None:
-            near, blind, rise_in_z = z, _GUESS, np.ones(1)
-        else:
+        yes_slopes, no_slopes = self._question_slopes(values, z, k, answers, log_rise)
+        if k is None or not self.task.has_three_answers:
+            return answers, yes_slopes, no_slopes
+
+        directions = direction_answers(z, k, self._lapse_logs(values))
+        odds_slopes = self._in_coordinates(values, z, *self._odds_slopes(values, z, k, log_rise))
+        # With the log odds y of 'second': d ln P(second) = P(first) dy.
+        second_share, first_share = (np.exp(log_p)[..., None, :] for log_p in directions)
+        yes_slopes = np.concatenate([yes_slopes, first_share * odds_slopes], axis=-1)
+        no_slopes = np.concatenate([no_slopes, -second_share * odds_slopes], axis=-1)
+        return _joined(answers, directions), yes_slopes, no_slopes
+
+    def _question_slopes(
+        self,
+        values: NamedArrays,
+        z: FloatArray,
+        k: FloatArray | None,
+        answers: LogAnswers,
+        log_rise: FloatArray,
+    ) -> list[FloatArray]:
+        """Slopes of both log answers to the one or the first question in every coordinate."""
+        log_lapse, log_attend = self._lapse_logs(values)
+        near, rise_in_z, in_log_k = z, np.ones(1), None
+        if k is not None:
+            # The density at the far edge is phi(|z| + k) = phi(|z| - k) exp(-2 |z| k).
             distance = np.abs(z)
-            near, blind = near_edge(distance, k), equal_answers(np.zeros(1), k)
+            near = near_edge(distance, k)
             rise_in_z = np.sign(z) * np.expm1(-2.0 * distance * k)
             rise_in_k = 1.0 + np.exp(-2.0 * distance * k)
-        units = self._slope_units(values, np.ones(1))[..., None]
-        in_log_k = None
+
         slopes = []
-        for log_p, log_blind, sign in zip(answers, blind, (1.0, -1.0), strict=True):
+        for log_p, log_blind, sign in zip(answers, _blind_answers(k), (1.0, -1.0), strict=True):
             # The density at the near edge over P, with the sign of the answer.
             edge = sign * np.exp(log_attend + log_normal(near) - log_p)
             if k is not None:
                 blind_edge = sign * 2.0 * np.exp(log_lapse + log_normal(k) - log_p)
                 in_log_k = (edge * rise_in_k + blind_edge) * k
             in_lapse = np.exp(log_rise + log_blind - log_p) - np.exp(log_rise)
-            terms = self._slope_terms(values, z, edge * rise_in_z, in_log_k, in_lapse)
-            slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2) * units)
-        yes_slopes, no_slopes = slopes
-        if k is None or not self.task.has_three_answers:
-            return answers, yes_slopes, no_slopes
-        of_direction = direction_answers(z, k, (log_lapse, log_attend))
-        terms = self._slope_terms(values, z, *self._odds_slopes(values, z, k, log_rise))
-        odds_slopes = np.stack(np.broadcast_arrays(*terms), axis=-2) * units
-        second_share, first_share = (np.exp(log_p)[..., None, :] for log_p in of_direction)
-        yes_slopes = np.concatenate([yes_slopes, first_share * odds_slopes], axis=-1)
-        no_slopes = np.concatenate([no_slopes, -second_share * odds_slopes], axis=-1)
-        return _joined(answers, of_direction), yes_slopes, no_slopes
+            slopes.append(self._in_coordinates(values, z, edge * rise_in_z, in_log_k, in_lapse))
+        return slopes
 
     def _odds_slopes(
         self, values: NamedArrays, z: FloatArray, k: FloatArray, log_rise: FloatArray
@@ -341,15 +358,29 @@ class ObserverRows(AnswerRows):
         """Slopes of log P('second')/P('first') in z, ln k and the coordinate of the lapse rate."""
         log_lapse, log_attend = lapses = self._lapse_logs(values)
         log_second, log_first = unequal_logs(z, k, lapses)
-        second = np.exp(log_attend + log_normal(z - k) - log_second)
-        first = np.exp(log_attend + log_normal(z + k) - log_first)
+        # The densities at the criteria of 'second' and 'first' over the probabilities.
+        upper = np.exp(log_attend + log_normal(z - k) - log_second)
+        lower = np.exp(log_attend + log_normal(z + k) - log_first)
 
-        def difference(log_density: FloatArray) -> FloatArray:
-            """A density over P('second') minus that over P('first')."""
-            return np.exp(log_density - log_second) - np.exp(log_density - log_first)
+        def difference(log_value: FloatArray) -> FloatArray:
+            """A value over P('second') minus the same value over P('first')."""
+            return np.exp(log_value - log_second) - np.exp(log_value - log_first)
 
-        in_k = first - second - difference(log_lapse + log_normal(k))
-        return second + first, k * in_k, difference(log_rise + log_ndtr(-k))
+        in_k = lower - upper - difference(log_lapse + log_normal(k))
+        return upper + lower, k * in_k, difference(log_rise + log_ndtr(-k))
+
+    def _in_coordinates(
+        self,
+        values: NamedArrays,
+        z: FloatArray,
+        in_z: FloatArray,
+        in_log_k: FloatArray | None,
+        in_lapse: FloatArray,
+    ) -> FloatArray:
+        """Slopes in the coordinates, (rows, points, k, pairs), from those in z, ln k and lambda."""
+        terms = self._slope_terms(values, z, in_z, in_log_k, in_lapse)
+        units = self._slope_units(values, np.ones(1))[..., None]
+        return np.stack(np.broadcast_arrays(*terms), axis=-2) * units
 
     def _slope_terms(
         self,
@@ -359,21 +390,23 @@ class ObserverRows(AnswerRows):
         in_log_k: FloatArray | None,
         in_lapse: FloatArray,
     ) -> list[FloatArray]:
-        """Slopes of each pair in the quantities of which the coordinates are multiples.
+        """Slopes of each pair in every quantity, in the order of the coordinates.
 
-        They follow from those in z, in ln k (None of which is stronger) and in the lapse rate.
+        They follow from those in z, in ln k (None of which is stronger) and in the lapse rate, with
+        z = ((s2 - s1) - c + p (s1 - sbar)) / scale.
         """
-        by_noise = -in_z * z
-        by_shift = in_z * np.exp(-self._log_scale_at(values))
+        in_log_scale = -in_z * z
+        in_noise_slope = in_log_scale * self.middle
+        in_shift = in_z * np.exp(-self._log_scale_at(values))
         if in_log_k is None:
-            terms = [by_noise, in_lapse, by_noise * self.middle]
+            terms = [in_log_scale, in_lapse, in_noise_slope]
         else:
-            slope_terms = [by_noise * self.middle, in_log_k * self.middle]
-            terms = [by_noise, in_log_k, in_lapse, *slope_terms]
-        return [*terms, -by_shift, by_shift * self.first]
+            in_criterion_slope = in_log_k * self.middle
+            terms = [in_log_scale, in_log_k, in_lapse, in_noise_slope, in_criterion_slope]
+        return [*terms, -in_shift, in_shift * self.first]
 
     def _slope_units(self, values: NamedArrays, lapse_unit: FloatArray) -> FloatArray:
-        """Derivatives of those quantities in their coordinates, (rows, points, k)."""
+        """Derivatives of the quantities in their coordinates, (rows, points, k)."""
         units = self.units | {"lapse_score": lapse_unit}
         if self.task.has_criterion:
             k = criterion(values["logit_q0"])
@@ -394,14 +427,21 @@ class ObserverRows(AnswerRows):
         return normal, peak, normal, student, student, student, contraction
 
 
+def _blind_answers(k: FloatArray | None) -> LogAnswers:
+    """Log probability of both answers in a lapse: a guess, or the answers to equal stimuli."""
+    if k is None:
+        return _GUESS
+    return equal_answers(np.zeros(1), k)
+
+
 def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Probability that a noisy distance lies within the criterion, beyond it, and opposite."""
+    """Probability that the noisy distance lies in -k to k, beyond the nearer end, and the other."""
     distance = np.abs(z)
     with np.errstate(invalid="ignore"):
         near = near_edge(distance, k)
     far = -k - distance
     inside = ndtr(near) - ndtr(far)
-    # Rounding could turn the difference negative. Here the density over the window is level to 12
+    # Rounding could turn the difference negative. In so narrow a window the density is level to 12
     # digits.
     is_narrow = k < 1e-6
     if is_narrow.any():
@@ -410,13 +450,13 @@ def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _joined(first: LogAnswers, second: LogAnswers) -> LogAnswers:
-    """The answers to one question of every pair, then those to another one."""
-    parts = zip(first, second, strict=True)
-    return LogAnswers(*(np.concatenate(part, axis=-1) for part in parts))
+    """The answers to the first question of every pair, then those to the second one."""
+    yes = np.concatenate([first.yes, second.yes], axis=-1)
+    return LogAnswers(yes, np.concatenate([first.no, second.no], axis=-1))
 
 
 def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:
-    """Counts over probabilities; an answer never given has 0."""
+    """Counts over probabilities; 0 for an answer that was never given."""
     counts, probability = np.broadcast_arrays(counts, probability)
     zeros = np.zeros(probability.shape)
     return np.divide(counts, probability, out=zeros, where=counts > 0.0)
