@@ -93,11 +93,11 @@ class ConditionModels:
 
     @cached_property
     def units_by_task(self) -> list[list[int]]:
-        """The positions of the units of each task; first one that has a criterion."""
+        """The positions of the units of each task; a task that has a criterion comes first."""
         positions = dict[Task, list[int]]()
         for i, unit in enumerate(self.units):
             positions.setdefault(unit.task, []).append(i)
-        # Without a criterion, a task has fewer parameters.
+        # Without a criterion, a task has fewer parameters; the first one must have all.
         tasks = sorted(positions, key=lambda task: not task.has_criterion)
         return [positions[task] for task in tasks]
 
@@ -131,11 +131,11 @@ class ConditionModels:
         n_conditions, n_columns = self.design.shape
         k = len(self.parameters)
         loading = np.zeros((n_conditions, k, k + len(self.differing) * n_columns))
-        loading[:, :, :k] = np.eye(k)
+        loading[:, :, :k] = np.eye(k)  # what the conditions share
         for i, parameter in enumerate(self.differing):
             sd = DIFFERENCE_SDS[parameter]
             if parameter == NOISE:
-                sd /= self.prior.noise_sd
+                sd /= self.prior.noise_sd  # a unit of its coordinate is noise_sd of log sigma_d
             columns = slice(k + i * n_columns, k + (i + 1) * n_columns)
             loading[:, self.parameters.index(parameter), columns] = sd * self.design
         return loading
@@ -152,6 +152,7 @@ class ConditionModels:
         """The posteriors for these choices of parameters that differ."""
         likelihood, *further = map(self._likelihood, self.units_by_task)
         likelihood = replace(likelihood, further=tuple(further))
+        # Every choice has the one likelihood of the subject.
         repeated = likelihood.part(np.zeros(len(choices), np.intp))
 
         n_columns = self.design.shape[1]
@@ -167,10 +168,7 @@ class ConditionModels:
 
     @property
     def without_differences(self) -> PosteriorArray:
-        """The posteriors of the four models, in which nothing differs between conditions.
-
-        The design has no columns.
-        """
+        """The posteriors of the four models for a design without columns: nothing differs."""
         array = self.array([()] * len(ORDER_MODELS))
         task = self.subject.task
         models = map(OrderModel, ORDER_MODELS)

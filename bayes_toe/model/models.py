@@ -51,7 +51,7 @@ class OrderModel:
 
     @property
     def held(self) -> frozenset[Parameter]:
-        """The effects of order that it does not have: they are held at 0."""
+        """The order effects that the model does not have: they are held at 0."""
         return frozenset((CONSTANT_ERROR, CONTRACTION)).difference(ORDER_MODELS[self.name])
 
     def coordinates(self, task: Task) -> Texts:
@@ -129,7 +129,8 @@ class ObserverPosterior(SubjectPosterior):
     def names(self) -> Names:
         """The names of the quantities."""
         derived = ("jnd", "zone") if "q0" in self.coordinates else ("jnd",)
-        return Names(self.coordinates, self.coordinates, derived, ("jnd",))
+        # The parameters are both what the model is written in and what the answers depend on.
+        return Names(self.coordinates, self.coordinates, derived, monotone=("jnd",))
 
     @property
     def monotone_in(self) -> Mapping[str, tuple[str, int]]:
@@ -139,13 +140,12 @@ class ObserverPosterior(SubjectPosterior):
     def quantities(self, x: FloatArray) -> NamedArrays:
         """Every named quantity, each with the shape of x without its last axis.
 
-        The scales are those of the subject's stimuli: natural-log intensity where these are. The
-        rows compute in units of D (`scales.step`), and the numbers are multiplied by it here. An
-        effect that the model does not have is 0.
+        They are in the unit of the subject's stimuli, natural-log intensity. The rows compute in
+        units of D (`scales.step`). An effect that the model does not have is 0.
         """
-        full = np.zeros((*x.shape[:-1], len(self.array.names)))
-        full[..., self.is_free] = x
-        values = self.rows.quantities(full)
+        full_points = np.zeros((*x.shape[:-1], len(self.array.names)))
+        full_points[..., self.is_free] = x
+        values = self.rows.quantities(full_points)
         step = self.scales.step
         log_lapse, _ = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
         noise = step * np.exp(values["log_noise"])
@@ -169,6 +169,7 @@ class ObserverPosterior(SubjectPosterior):
         The inverse of :meth:`quantities`.
         """
         step, prior = self.scales.step, self.prior
+        # Slopes and effects are multiples of their coordinates, and so have their units at 1.
         units = self.quantities(np.ones(len(self.coordinates)))
         columns = []
         for name in self.coordinates:

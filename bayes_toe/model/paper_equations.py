@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtr
 
 from bayes_toe.arrays import FloatArray, NamedArrays, Texts
 from bayes_toe.data.tasks import Task
@@ -43,10 +44,10 @@ def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
     >>> float(variance_ratio(2.0))
     2.0
     """
-    squared = np.asarray(gamma, np.float64)
-    if np.any((squared < 0.0) | (squared > 1e306)):
+    ratio = np.asarray(gamma, np.float64)
+    if np.any((ratio < 0.0) | (ratio > 1e306)):
         raise NumericalError("sigma_l / sigma_p must be below 1e153, and gamma not negative")
-    return 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * squared))
+    return 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * ratio))
 
 
 def gain(gamma: npt.ArrayLike) -> FloatArray:
@@ -99,7 +100,7 @@ def width(sigma_p: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
 
 
 def noise_ratio(sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> FloatArray:
-    """Gamma = sigma_l^2 / sigma_p^2, by the ratio first, so that the square of a unit never counts.
+    """Gamma = sigma_l^2 / sigma_p^2; the ratio is squared, because a square may be no float.
 
     Source: Eq. axis1.
     """
@@ -196,8 +197,8 @@ def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
     """
     t, logit = LN2 * np.square(z), np.asarray(logit_q0)
     q = np.exp(-np.logaddexp(0.0, -logit) - t)
-    fall = -np.expm1(-t)
-    lapse = np.exp(-np.logaddexp(0.0, logit))
+    fall = -np.expm1(-t)  # 1 - 2^(-z^2)
+    lapse = np.exp(-np.logaddexp(0.0, logit))  # 1 - q0
 
     with np.errstate(divide="ignore"):  # log(0) is the truth where 1 - q is 0
         result = np.asarray(np.log(lapse + (1.0 - lapse) * fall))
@@ -248,8 +249,6 @@ def p_counted(task: Task, s1: npt.ArrayLike, s2: npt.ArrayLike, natural: Natural
     >>> round(float(p_counted(WHICH_STRONGER, 0.0, 9.0, observer)), 12)
     0.95
     """
-    from scipy.special import ndtr
-
     if task.lapses == "q0":
         return equal_probability(s1, s2, *natural)
     distance = np.subtract(s2, evolved_mean(s1, natural.mu1, natural.gamma))
@@ -261,16 +260,17 @@ def require_natural(
     mu1: npt.ArrayLike, sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike, q0: npt.ArrayLike
 ) -> None:
     """Raise NumericalError, naming the parameter, unless all natural parameters are usable."""
-    sigma, noise, top = (np.asarray(v, np.float64) for v in (sigma_p, sigma_l, q0))
+    parameters = (sigma_p, sigma_l, q0)
+    sigma_p, sigma_l, q0 = (np.asarray(values, np.float64) for values in parameters)
     rules = {
         "mu1 must be finite": np.isfinite(mu1),
-        "sigma_p must be finite and positive": np.isfinite(sigma) & (sigma > 0),
-        "sigma_l must be finite and not negative": np.isfinite(noise) & (noise >= 0),
-        "q0 must lie in 0..1": (top >= 0) & (top <= 1),
+        "sigma_p must be finite and positive": np.isfinite(sigma_p) & (sigma_p > 0),
+        "sigma_l must be finite and not negative": np.isfinite(sigma_l) & (sigma_l >= 0),
+        "q0 must lie in 0..1": (q0 >= 0) & (q0 <= 1),
     }
 
     for rule, holds in rules.items():
         if not np.all(holds):
             raise NumericalError(rule)
     with np.errstate(over="ignore"):
-        variance_ratio(noise_ratio(sigma, noise))
+        variance_ratio(noise_ratio(sigma_p, sigma_l))  # refuses a ratio that is too large

@@ -34,6 +34,7 @@ from bayes_toe.model.answer_curves import (
     LogAnswers,
     pair_arrays,
     second_answers,
+    with_complement,
 )
 from bayes_toe.model.densities import (
     PriorDensity,
@@ -64,10 +65,10 @@ from bayes_toe.model.prior import DEFAULT, Prior
 #: Its name in files and in the keys of its random streams.
 PAPER_MODEL = "predictive update"
 PRIOR_DRAWS = 100_000
-#: Of G = 1 / (1 - p) in the width sigma_p G^power, by the parameter of the task.
+#: The power of G = 1 / (1 - p) in the width sigma_p G^power, by the fourth parameter of the task.
 POWERS = {"q0": 1.5, "lapse_rate": 1.0}
-#: The just noticeable difference over the width: where P(equal) is half its peak, or P(second) 75
-#: %.
+#: The just noticeable difference over the width: where P(equal) is half its peak, or P(second) is
+#: 75 %.
 _JND_OVER_WIDTH = {"q0": 1.0, "lapse_rate": JND_OVER_NOISE}
 
 
@@ -104,13 +105,13 @@ class PaperRows(AnswerRows):
     @cached_property
     def priors(self) -> tuple[PriorDensity, ...]:
         """The prior of every coordinate."""
-        normal = StandardNormal()
-        of_gamma = ProbitOfBeta(self.prior.gamma_a, self.prior.gamma_b)
+        score = StandardNormal()
+        gamma = ProbitOfBeta(self.prior.gamma_a, self.prior.gamma_b)
         if self.task.lapses == "q0":
-            of_share = ProbitOfBeta(self.prior.q0_a, self.prior.q0_b)
+            share = ProbitOfBeta(self.prior.q0_a, self.prior.q0_b)
         else:
-            of_share = ProbitOfBeta(self.prior.lapse_rate_a, self.prior.lapse_rate_b)
-        return normal, normal, of_gamma, of_share
+            share = ProbitOfBeta(self.prior.lapse_rate_a, self.prior.lapse_rate_b)
+        return score, score, gamma, share
 
     # --- Quantities ------------------------------------------------------------------------------
 
@@ -120,13 +121,14 @@ class PaperRows(AnswerRows):
         return mean + sd * u[..., 0]
 
     def pull(self, u: FloatArray) -> FloatArray:
-        """Pull p, (rows, points)."""
+        """Pull p, (rows, points); the third coordinate is the probit of gamma."""
         return pull(ndtr(u[..., 2]))
 
     def _pull_slope(self, u: FloatArray) -> FloatArray:
-        """Its derivative in the third coordinate.
+        """Derivative of the pull in the third coordinate, the probit v of gamma.
 
-        gamma = p/(1 - p)^2, so that d ln gamma / d ln p = (1 + p)/(1 - p).
+        gamma = p/(1 - p)^2 and gamma = Phi(v), so that d ln gamma / d ln p = (1 + p)/(1 - p) and
+        d ln gamma / dv = phi(v)/Phi(v).
         """
         p = self.pull(u)
         return p * (1.0 - p) / (1.0 + p) * normal_hazard(-u[..., 2])
@@ -138,7 +140,7 @@ class PaperRows(AnswerRows):
         return LN2 + log_ndtr(u[..., 2]) - log_divisor
 
     def _log_spread_share(self, pull: FloatArray) -> FloatArray:
-        """Log of what has a prior, sigma_p or the width, over the width."""
+        """Log of sigma_p or the width, whichever has a prior of its own, over the width."""
         if self.prior.spread == "width":
             return np.zeros_like(pull)
         return self.power * np.log1p(-pull)
@@ -191,19 +193,21 @@ class PaperRows(AnswerRows):
         answers = answers_at(z, logit_share)
         in_z, in_share = slopes_at(z, logit_share, answers)
 
-        by_spread, by_gamma = self.spread_slope(u), np.zeros(u.shape[:-1])
+        # Slopes of the log width in the second and in the third coordinate.
+        width_by_spread, width_by_gamma = self.spread_slope(u), np.zeros(u.shape[:-1])
         if self.prior.spread != "width":
-            by_gamma = self.power * self._pull_slope(u) / (1.0 - self.pull(u))
+            width_by_gamma = self.power * self._pull_slope(u) / (1.0 - self.pull(u))
         lever = self.first - self.mu1(u)[..., None]
         slopes = []
         with np.errstate(over="ignore", invalid="ignore"):  # far out, where the density is 0
             inverse_width = np.exp(-self.log_width(u))[..., None]
             z_by_mu1 = -(self.pull(u) * self.prior.mu1_normal[1])[..., None] * inverse_width
+            z_by_spread = -z * width_by_spread[..., None]
             z_by_pull = self._pull_slope(u)[..., None] * lever * inverse_width
-            z_slopes = (z_by_mu1, -z * by_spread[..., None], z_by_pull - z * by_gamma[..., None])
-            for of_z, of_share in zip(in_z, in_share, strict=True):
-                terms = [of_z * z_slope for z_slope in z_slopes]
-                terms.append(of_share * logit_rise(u[..., 3:]))
+            z_by_gamma = z_by_pull - z * width_by_gamma[..., None]
+            for log_p_by_z, log_p_by_share in zip(in_z, in_share, strict=True):
+                terms = [log_p_by_z * slope for slope in (z_by_mu1, z_by_spread, z_by_gamma)]
+                terms.append(log_p_by_share * logit_rise(u[..., 3:]))
                 slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2))
         yes_slopes, no_slopes = slopes
         return answers, yes_slopes, no_slopes
@@ -221,7 +225,7 @@ def bell_answers(z: FloatArray, logit_q0: FloatArray) -> LogAnswers:
 def bell_slopes(
     z: FloatArray, logit_q0: FloatArray, answers: LogAnswers
 ) -> tuple[ArrayPair, ArrayPair]:
-    """Slopes of :func:`bell_answers` in z and in the logit of q0, of both answers each.
+    """Slopes of :func:`bell_answers` in z, and in the logit of q0; both answers in each.
 
     With the odds r = q/(1 - q), those of log(1 - q) are 2 ln2 r z and -r (1 - q0).
     """
@@ -240,38 +244,38 @@ def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:
     >>> round(float(np.exp(far.yes)[0, 0]), 12)
     0.1
     """
-    guessed, attended = _guessing_parts(z, logit_rate)
-    yes, no = np.logaddexp(guessed, attended.yes), np.logaddexp(guessed, attended.no)
-    # The larger probability is the complement of the smaller one.
-    is_rare = yes < no
-    other = np.log1p(-np.exp(np.where(is_rare, yes, no)))
-    return LogAnswers(np.where(is_rare, yes, other), np.where(is_rare, other, no))
+    log_guessed, attended = _guessing_parts(z, logit_rate)
+    yes = np.logaddexp(log_guessed, attended.yes)
+    return with_complement(yes, np.logaddexp(log_guessed, attended.no))
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def guessing_slopes(
     z: FloatArray, logit_rate: FloatArray, answers: LogAnswers
 ) -> tuple[ArrayPair, ArrayPair]:
-    """Slopes of :func:`guessing_answers` in z and in the logit of lambda, of both answers each."""
+    """Slopes of :func:`guessing_answers` in z, and in the logit of lambda; both answers in each.
+
+    In the logit, ln lambda has the slope 1 - lambda, and ln(1 - lambda) has -lambda.
+    """
     log_guessed, log_attended = _guessing_parts(z, logit_rate)
     log_density = log_expit(-logit_rate) + log_normal(z)
     yes_in_z, no_in_z = np.exp(log_density - answers.yes), -np.exp(log_density - answers.no)
     in_rate = []
     for log_part, log_p in zip(log_attended, answers, strict=True):
-        guessed, attended = np.exp(log_guessed - log_p), np.exp(log_part - log_p)
-        in_rate.append(guessed * expit(-logit_rate) - attended * expit(logit_rate))
+        guessed_share, attended_share = np.exp(log_guessed - log_p), np.exp(log_part - log_p)
+        in_rate.append(guessed_share * expit(-logit_rate) - attended_share * expit(logit_rate))
     yes_in_rate, no_in_rate = in_rate
     return (yes_in_z, no_in_z), (yes_in_rate, no_in_rate)
 
 
 def _guessing_parts(z: FloatArray, logit_rate: FloatArray) -> tuple[FloatArray, LogAnswers]:
-    """Log probability of either answer by a guess, and of both by the curve."""
+    """Log of lambda/2, a guess, and of what the curve adds to the probability of each answer."""
     curve = second_answers(z)
     log_attend = log_expit(-logit_rate)
     return log_expit(logit_rate) - LN2, LogAnswers(log_attend + curve.yes, log_attend + curve.no)
 
 
-#: The curves of both answers with their slopes, by the parameter of the task.
+#: The log probabilities of both answers, and their slopes, by the fourth parameter of the task.
 CURVES = {
     "q0": (bell_answers, bell_slopes),
     "lapse_rate": (guessing_answers, guessing_slopes),
@@ -379,6 +383,7 @@ class PaperPosterior(SubjectPosterior):
         sigma_p = width * gain**rows.power
         offset = p * (mu1 - self.sbar)
 
+        # sigma_l is sigma_p sqrt(gamma), with gamma = p/(1 - p)^2.
         return {
             "mu1": mu1,
             "sigma_p": sigma_p,
@@ -400,8 +405,8 @@ class PaperPosterior(SubjectPosterior):
         Notes
         -----
         Where sigma_l and sigma_p differ by rounding only, gamma = 1 and its logit is infinite: such
-        a point is on the edge, outside the open support. Draws come there: from a logit of 36 on no
-        pair of floats distinguishes it.
+        a point is on the edge, outside the open support. Draws come there, because floats cannot
+        distinguish sigmas beyond a logit of 36.
         """
         mu1, sigma_p, sigma_l, share = (
             np.asarray(quantities[name], np.float64) for name in self.names.natural
@@ -424,9 +429,9 @@ class PaperPosterior(SubjectPosterior):
 
 
 def _logit_gamma(sigma_p: FloatArray, sigma_l: FloatArray, rounding: float = 1e-15) -> FloatArray:
-    """The logit of gamma, with 1 - gamma from the difference of the sigmas.
+    """The logit of gamma, with 1 - gamma = d (1 + sigma_l/sigma_p) and d = 1 - sigma_l/sigma_p.
 
-    By `rounding`, relatively, sigma_l may come out above sigma_p though gamma is below 1.
+    A d from -`rounding` to 0 is a rounded 0.
     """
     difference = (sigma_p - sigma_l) / sigma_p
     is_rounding = (difference < 0.0) & (difference >= -rounding)
@@ -448,8 +453,9 @@ class Funnel:
         s^-2 = 1 + kappa sd^2 p^2 / (w^2 + w_0^2),   mean = (1 - s^2) (sbar + c/p - m) / sd,
 
     where m and sd are those of the prior of mu1, and the answers give c, kappa and w_0 at the
-    highest maximum. A curve that is much steeper than the steps of the stimuli tells c no better.
-    The coordinates y have (u_0 - mean)/s in the place of u_0, and the others as they are.
+    highest maximum. A curve that is much steeper than the steps of the stimuli (w below w_0) does
+    not determine c better. The coordinates y have (u_0 - mean)/s in the place of u_0, the log width
+    in the place of a score of sigma_p, and the others as they are.
 
     Attributes
     ----------
@@ -478,10 +484,10 @@ class Funnel:
         """Mean and log standard deviation, (posteriors, points) each."""
         log_pull = self.row.log_pull(u)
         log_square = np.logaddexp(2.0 * self.row.log_width(u), 2.0 * self.log_least_width)
-        # The precision that the answers give, and its share of the whole precision, 1 - s^2.
+        # The precision that the answers add to that of the prior, which is 1.
         log_information = self.log_precision + 2.0 * log_pull - self.follows_width * log_square
         log_sd = -0.5 * np.logaddexp(0.0, log_information)
-        log_share = log_information + 2.0 * log_sd
+        log_share = log_information + 2.0 * log_sd  # of the whole precision, 1 - s^2
 
         # c/p in logs, because p may be below the smallest float.
         mean = np.exp(log_share) * self.centre + np.exp(log_share - log_pull) * self.offset

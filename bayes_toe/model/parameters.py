@@ -62,7 +62,10 @@ class PriorNumber:
     stimuli: str
 
     def problem(self, value: object) -> str:
-        """What is wrong with a value, and what is allowed; empty if nothing is wrong."""
+        """What is wrong with a value, such as 'found -1, allowed: a number from 0.001 to 1000'.
+
+        Empty if nothing is wrong.
+        """
         is_omitted = value is None and self.default is None
         is_of_stimuli = value == STIMULI and self.stimuli
         is_in_range = self.smallest <= real(value) <= self.largest  # a NaN is in no range
@@ -154,7 +157,7 @@ class ObserverPrior(PriorNumbers):
 
 
 def real(value: object) -> float:
-    """The number that a value is; NaN where it is none, or too large an integer."""
+    """A value as a float; NaN if it is not a number, or too large an integer."""
     # bool is an int for Python, not for a reader.
     if isinstance(value, bool) or not isinstance(value, Real):
         return math.nan
@@ -165,7 +168,7 @@ def real(value: object) -> float:
 
 
 def format_value(value: object) -> str:
-    """A value of a TOML file as messages show it."""
+    """A value of a TOML file as messages show it, such as 'a table', 'true' or '0.5'."""
     if isinstance(value, Mapping):
         return "a table"
     if isinstance(value, list):
@@ -277,7 +280,7 @@ LAPSE_RATE = Parameter(
     "share of responses that ignore the stimuli",
     PURE_NUMBER,
     prior="Beta(1, {lapse_rate_b:g})",
-    limits=(-1e-300, 1.0, "from 0 to below 1"),
+    limits=(-1e-300, 1.0, "from 0 to below 1"),  # a limit is itself not allowed, but 0 is
     typical=0.05,
 )
 NOISE_SLOPE = Parameter(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, Self
 
@@ -36,19 +36,23 @@ class Names:
     natural: Texts  # what the model is written in
     identified: Texts  # what the answers depend on
     derived: Texts = ()  # further ones that tables report
-    # Monotone functions of a single other one, so that their ranks say nothing new.
+    # Monotone functions of one other quantity, so that their ranks say nothing new.
     monotone: Texts = ()
 
     @property
     def reported(self) -> Texts:
-        """The quantities in tables and files: natural and derived, in order."""
-        names = (*self.natural, *self.derived)
-        return tuple(filter(names.__contains__, QUANTITY_BY_NAME))
+        """The natural and the derived quantities, in the order of tables and files."""
+        return _in_table_order({*self.natural, *self.derived})
 
     @property
     def all(self) -> Texts:
-        """Every name, in order."""
-        return replace(self, natural=(*self.natural, *self.identified)).reported
+        """Every name, in the same order."""
+        return _in_table_order({*self.natural, *self.identified, *self.derived})
+
+
+def _in_table_order(names: set[str]) -> Texts:
+    """Names of quantities in the order of tables and files."""
+    return tuple(filter(names.__contains__, QUANTITY_BY_NAME))
 
 
 class NamedModel(Protocol):
@@ -56,7 +60,7 @@ class NamedModel(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """The name of the model."""
 
 
 class SubjectPosterior(ABC):
@@ -175,9 +179,10 @@ class SubjectPosterior(ABC):
         if name not in self.monotone_in:
             return float(np.quantile(self._prior_quantities[name], probability))
         coordinate, direction = self.monotone_in[name]
+        # All other coordinates, which do not matter, are at their medians.
         probabilities = np.full((1, len(self.array.names)), 0.5)
-        share = probability if direction > 0 else 1.0 - probability
-        probabilities[0, self.array.names.index(coordinate)] = share
+        coordinate_probability = probability if direction > 0 else 1.0 - probability
+        probabilities[0, self.array.names.index(coordinate)] = coordinate_probability
         return float(self.quantities(self._prior_points(probabilities))[name][0])
 
     @cached_property
@@ -193,14 +198,12 @@ class SubjectPosterior(ABC):
 def posterior_contraction(
     target: SubjectPosterior, parameter: str, low: float, high: float
 ) -> float:
-    """How much the answers narrow a parameter.
-
-    Its posterior quantiles at 5 and 95 % are `low` and `high`.
+    """How much the answers narrow a parameter, with posterior quantiles `low` and `high`.
 
     contraction = 1 - (posterior width / prior width)^2, widths from the 5 % to the 95 % quantile.
-    For normal densities that is one minus the ratio of variances; where mu1 has a funnel its
-    variance is ruled by rare far draws, its quantiles are not. 1: all from the data; 0: as wide as
-    the prior; negative: wider.
+    For normal densities that is one minus the ratio of variances. Where mu1 has a funnel, rare far
+    draws determine its variance, but not its quantiles. 1: all from the data; 0: as wide as the
+    prior; negative: wider.
 
     Examples
     --------

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from operator import methodcaller
 
 import numpy as np
 
@@ -58,10 +57,11 @@ class LinearLikelihood:
         """The likelihood of some posteriors, in this order; one may come more than once."""
         sizes = self.sizes[index]
         first_row = np.cumsum(sizes) - sizes
+        # All rows of a posterior move from its first row here to its first row in the part.
         rows = np.arange(sizes.sum()) + np.repeat(self.first_row[index] - first_row, sizes)
-        further = tuple(map(methodcaller("part", index), self.further))
-        own = self.rows.part(rows), self.loading[rows], first_row
-        return LinearLikelihood(*own, further=further)
+        further = tuple(task.part(index) for task in self.further)
+        row_part = self.rows.part(rows)
+        return LinearLikelihood(row_part, self.loading[rows], first_row, further=further)
 
     def row_points(self, w: FloatArray) -> FloatArray:
         """Coordinates of the rows, (posteriors, points, d) -> (rows, points, k)."""
@@ -82,14 +82,14 @@ class LinearLikelihood:
         return value
 
     def plain_gradient(self, w: FloatArray) -> ArrayPair:
-        """Log likelihood of one task and its gradient, by plain probabilities."""
+        """Log likelihood and gradient by plain probabilities, of posteriors with one task."""
         value, slope = self.rows.plain_gradient(self.row_points(w))
         return self._summed(value), self._summed(slope @ self.loading)
 
     def scoring(self, w: FloatArray) -> tuple[FloatArray, ...]:
         """Log likelihood, gradient and Fisher information, (posteriors, points[, d[, d]])."""
         value, slope, information = self.rows.scoring(self.row_points(w))
-        loading = self.loading[:, None]
+        loading = self.loading[:, None]  # with an axis for the points
         with np.errstate(invalid="ignore"):  # infinite slopes where an answer is impossible
             slope = slope @ self.loading
             information = loading.swapaxes(2, 3) @ information @ loading
@@ -99,7 +99,7 @@ class LinearLikelihood:
         return sums
 
     def _summed(self, values: FloatArray) -> FloatArray:
-        """Sums over the rows of every posterior."""
+        """Sums over the rows of every posterior, (rows, ...) -> (posteriors, ...)."""
         if len(self.first_row) == len(values):
             return values
         return np.add.reduceat(values, self.first_row, axis=0)
@@ -169,12 +169,12 @@ class PosteriorArray:
         """Log prior and log posterior density by plain probabilities, (posteriors, points)."""
         log_prior = self.log_prior(w)
         log_posterior = self.likelihood.plain_value(w) + log_prior
-        # Beyond the edges of the contraction the density is 0.
+        # At an impossible contraction, abs(p) of 1 or more, the density is 0.
         log_posterior[~np.isfinite(log_prior)] = -np.inf
         return log_prior, log_posterior
 
     def original(self, w: FloatArray) -> ArrayPair:
-        """Points of the posteriors themselves, and log |dw/du| there: here w, and 0."""
+        """Points u in the coordinates of the priors, and log |dw/du|: here w itself, and 0."""
         return w, np.zeros(w.shape[:-1])
 
 

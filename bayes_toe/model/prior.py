@@ -77,7 +77,7 @@ class ParameterHyperprior(PriorNumbers):
         return ParameterHyperprior(0.0, 0.5 * self.mean_scale, 0.5 * self.sd_scale)
 
     def narrowed(self, share: float) -> ParameterHyperprior:
-        """This prior with scales that are smaller by a factor."""
+        """This prior with both scales multiplied by a share."""
         mean_scale, sd_scale = share * self.mean_scale, share * self.sd_scale
         return replace(self, mean_scale=mean_scale, sd_scale=sd_scale)
 
@@ -201,10 +201,7 @@ class Prior(PriorNumbers):
         require_kind("prior: group", self.group, Hyperprior, "a Hyperprior")
 
     def paper_parameters(self, task: Task = SAME_DIFFERENT) -> Texts:
-        """The parameters of the predictive update (H1) that have a distribution.
-
-        The width's, or in its place sigma_p's, among them.
-        """
+        """The parameters of H1 that have a distribution: either the width or sigma_p has one."""
         return ("mu1", self.spread, "gamma", task.lapses)
 
     @property
@@ -220,7 +217,7 @@ class Prior(PriorNumbers):
 
     @property
     def spread_sd(self) -> float | None:
-        """Standard deviation of the log of that parameter; None where it is half-normal."""
+        """Standard deviation of the log width; None where sigma_p has a half-normal prior."""
         return None if self.width_median is None else self.width_sd
 
     @property
@@ -275,10 +272,11 @@ class Prior(PriorNumbers):
 
     def depends_on_stimuli(self, parameter: str) -> bool:
         """Whether a parameter's distribution has a number of the stimuli, and so their unit."""
+        # 'mu1_mean' and 'mu1_sd' are numbers of mu1.
         return any(name.rpartition("_")[0] == parameter for name in self._symbols())
 
     def _symbols(self) -> dict[str, str]:
-        """The symbols of the numbers that the stimuli give, by name."""
+        """The symbols of the numbers that the stimuli give, such as {'mu1_mean': 'M'}."""
         symbols = {}
         for name, number in self.declared().items():
             if getattr(self, name) == STIMULI:
@@ -288,9 +286,9 @@ class Prior(PriorNumbers):
     # --- In words ---------------------------------------------------------------------------------
 
     def describe_distribution(self, parameter: str) -> str:
-        """The distribution of a parameter in words.
+        """The distribution of a parameter, such as 'Normal(0, 10)'.
 
-        As in 'Normal(M, 2.5 R)' where its numbers are those of the stimuli.
+        Symbols stand for numbers of the stimuli: 'Normal(M, 2.5 R)'.
         """
         symbols = self._symbols()
         words = []
@@ -339,7 +337,7 @@ def stored_prior(values: Mapping[str, Any]) -> Prior:
 
 
 def sections() -> dict[str, dict[str, PriorNumber]]:
-    """The keys of every section of a prior file, by the name of the section.
+    """The numbers of every section of a prior file by their keys, by the name of the section.
 
     Examples
     --------
@@ -365,6 +363,7 @@ def changed_prior(prior: Prior, table: Mapping[str, Any], source: str) -> Prior:
         For an unknown section or key, something that is not a number, or a number out of range: one
         line per problem.
     """
+    # TOML gives the section [group.noise] as a table 'noise' in a table 'group'.
     contents = dict(table)
     if isinstance(table.get(GROUP), Mapping):
         for name, values in contents.pop(GROUP).items():
@@ -401,7 +400,7 @@ def _section_problems(section: str, values: object) -> list[str]:
     """Problems of a section of a prior file, a line each."""
     all_sections = sections()
     if section not in all_sections or not isinstance(values, Mapping):
-        # The name may be that of a number outside of its section.
+        # The name may be a key, such as 'sd', outside of its section.
         places = [name for name, keys in all_sections.items() if section in keys]
         names = ", ".join(f"[{name}]" for name in places or all_sections)
         return [f"{display_name(section)}: found no such section, allowed: {names}"]

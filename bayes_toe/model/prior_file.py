@@ -46,10 +46,9 @@ def read_prior(path: StrPath) -> Prior:
 
 
 def hyperprior_from(source: Hyperprior | StrPath | None) -> Hyperprior:
-    """The prior of a group that is given, or that in the prior file of this path.
+    """The prior of a group: the one given, that in the prior file of this path, or the default.
 
-    A file may also have nothing but the sections of [group], without `group.` in their names. None
-    is the default.
+    A file may also have nothing but the sections of [group], without `group.` in their names.
 
     Raises
     ------
@@ -67,7 +66,7 @@ def hyperprior_from(source: Hyperprior | StrPath | None) -> Hyperprior:
         source, "[SECTION] and NAME = NUMBER, as in [group.contraction] and sd_scale = 0.3"
     )
 
-    if GROUP not in table:
+    if GROUP not in table:  # its sections are those of the group
         table = {GROUP: table}
     return changed_prior(DEFAULT, table, format_path(Path(source))).group
 
@@ -78,10 +77,7 @@ PRESETS = {"default": DEFAULT, "paper": Prior()}
 
 
 def preset_or_file(source: Prior | StrPath | None) -> Prior:
-    """A prior, the preset of this name, or the prior in the file of this path.
-
-    None is the default.
-    """
+    """The prior given, the preset of this name, the prior in this file, or (None) the default."""
     if source is None:
         return DEFAULT
     if isinstance(source, Prior):
@@ -90,6 +86,7 @@ def preset_or_file(source: Prior | StrPath | None) -> Prior:
     require_kind("prior", source, (str, os.PathLike), kinds)
     if str(source) in PRESETS:
         return PRESETS[str(source)]
+    # Without a suffix it is more probably a misspelt preset than a file.
     if not Path(source).suffix and not Path(source).exists():
         raise InputError(f"prior {str(source)!r}: no such preset or file, allowed: {kinds}")
     return read_prior(source)

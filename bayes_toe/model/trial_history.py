@@ -22,6 +22,7 @@ The coordinates of both are standard normal.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import compress
@@ -59,13 +60,13 @@ class TrialHistory:
 
     @property
     def effects(self) -> Texts:
-        """Names of the coordinates that the histories add."""
+        """Names of the coordinates that the histories add, in their order."""
         is_present = self.has_previous_response, self.has_carry_over
         return tuple(compress(("previous_response", "carry_over"), is_present))
 
     @property
     def name(self) -> str:
-        """The order model and its histories."""
+        """The order model and its histories, as in 'both + carry-over + previous response'."""
         is_present = self.has_carry_over, self.has_previous_response
         histories = compress(("carry-over", "previous response"), is_present)
         return " + ".join([self.order.name, *histories])
@@ -75,9 +76,9 @@ class TrialHistory:
 class HistoryRows(ObserverRows):
     """One row of the trials of a subject, whose responses also depend on the trial before.
 
-    Its pairs are cells: answered trials, or without carry-over all trials of a pair after the same
-    answer. Points have the observer's coordinates, then those of kappa and rho where the model has
-    them. Slopes in these are not known: only values are.
+    In the place of a pair, it has a cell: an answered trial, or without carry-over all trials of a
+    pair after the same answer. Points have the observer's coordinates, then those of kappa and rho
+    where the model has them. The class has no slopes in these, only values.
 
     Attributes
     ----------
@@ -115,10 +116,9 @@ class HistoryRows(ObserverRows):
 
         cell = np.arange(len(answered))
         if not history.has_carry_over:
-            distinct, cell = np.unique(np.stack([pair, previous]), axis=1, return_inverse=True)
+            cells, cell = np.unique(np.stack([pair, previous]), axis=1, return_inverse=True)
             cell = cell.ravel()
-            pair = distinct[0].astype(np.intp)
-            previous = distinct[1]
+            pair, previous = cells[0].astype(np.intp), cells[1]
 
         n_yes = np.bincount(cell, answer > 0.0)
         n_no = np.bincount(cell, answer < 0.0)
@@ -128,7 +128,7 @@ class HistoryRows(ObserverRows):
             n_equal = np.bincount(cell, answer == 0.0)
             n_yes, n_no = np.append(n_equal, n_yes), np.append(n_yes + n_no, n_no)
 
-        # Scales and prior are those of the posterior.
+        # Task, scales and prior are those of the posterior. A cell has the stimuli of its pair.
         values = {field.name: getattr(observer.rows, field.name) for field in fields(ObserverRows)}
         for name in ("first", "difference", "middle"):
             values[name] = values[name][..., pair]
@@ -161,7 +161,7 @@ class HistoryRows(ObserverRows):
         values = super().quantities(u)
         scores = dict(zip(self.coordinates, np.moveaxis(u, -1, 0), strict=True))
         if self.history.has_previous_response:
-            sd = 0.5 if self.task.has_direction else 0.25
+            sd = 0.5 if self.task.has_direction else 0.25  # of the prior of kappa
             values["previous_response"] = sd * scores["previous_response"]
         if self.history.has_carry_over:
             values["carry_over"] = ndtr(scores["carry_over"])
@@ -174,6 +174,7 @@ class HistoryRows(ObserverRows):
         effects = values["contraction"][0], values["carry_over"][0]
         starts = self.trials.is_session_start
         expected = expectations(self.first_of_trial, self.second_of_trial, *effects, starts)
+        # From (trials, points) to (1, points, answered trials), which are the cells.
         return self.first - expected[self.trials.is_answered].T[None]
 
     def distance_at(self, values: NamedArrays) -> FloatArray:
@@ -196,13 +197,13 @@ class HistoryRows(ObserverRows):
         There is no such contraction, and an expectation would grow from trial to trial.
         """
         is_possible = np.abs(super().quantities(u)["contraction"]) < 1.0
-        parts = []
+        possible = []
         for part in self._parts(u[:, is_possible[0]]):
-            parts.append(super().plain_log_likelihood(part))
+            possible.append(super().plain_log_likelihood(part))
 
-        values = np.full(u.shape[:2], -np.inf)
-        values[is_possible] = np.concatenate(parts, axis=1)[0]
-        return values
+        log_likelihood = np.full(u.shape[:2], -np.inf)
+        log_likelihood[is_possible] = np.concatenate(possible, axis=1)[0]
+        return log_likelihood
 
     def trial_probabilities(self, u: FloatArray) -> FloatArray:
         """P of the answer that the task counts in every answered trial, (points, trials).
@@ -211,14 +212,15 @@ class HistoryRows(ObserverRows):
         """
         cells = []
         for part in self._parts(u):
-            *_, p_counted, _ = self.plain_answers_at(*self.curve_at(part))
-            cells.append(p_counted[0])
+            probabilities = self.plain_answers_at(*self.curve_at(part))
+            # The last one is 'different' or 'first', which the task does not count.
+            cells.append(probabilities[-2][0])
         return np.concatenate(cells)[:, self.cell]
 
     def _parts(self, u: FloatArray, n_values: int = 1 << 17) -> list[FloatArray]:
         """Points in parts, so that temporary arrays have at most about `n_values` values."""
-        n_parts = max(1, -(-u.shape[1] * len(self.previous) // n_values))
-        return np.array_split(u, n_parts, axis=1)
+        n_all_values = u.shape[1] * len(self.previous)  # a value for each point and cell
+        return np.array_split(u, max(1, math.ceil(n_all_values / n_values)), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,9 +254,9 @@ class TrialHistoryPosterior:
     def quantities(self, points: FloatArray) -> NamedArrays:
         """Every named quantity, (points,) each."""
         k = len(self.observer.coordinates)
-        in_steps = self.rows.quantities(points[None])
-        of_history = {name: in_steps[name][0] for name in self.model.effects}
-        return self.observer.quantities(points[:, :k]) | of_history
+        row_quantities = self.rows.quantities(points[None])
+        effects = {name: row_quantities[name][0] for name in self.model.effects}
+        return self.observer.quantities(points[:, :k]) | effects
 
     def trial_probabilities(self, points: FloatArray) -> FloatArray:
         """P of the answer that the task counts in every answered trial, (points, trials)."""
@@ -280,13 +282,13 @@ def expectations(
         By default only the first trial is the start of a session.
     """
     # E' = rho (1 - p) (s2 + p s1) + rho p^2 E
-    of_stimuli = rho * (1.0 - p) * (second + p * first)
-    share_kept = rho * np.square(p)
-    values = np.zeros_like(of_stimuli)
-    for trial in range(1, len(values)):
+    stimulus_term = rho * (1.0 - p) * (second + p * first)
+    decay = rho * np.square(p)
+    expected = np.zeros_like(stimulus_term)
+    for trial in range(1, len(expected)):
         if is_session_start is None or not is_session_start[trial]:
-            values[trial] = of_stimuli[trial - 1] + share_kept * values[trial - 1]
-    return values
+            expected[trial] = stimulus_term[trial - 1] + decay * expected[trial - 1]
+    return expected
 
 
 # --- The order of the trials ----------------------------------------------------------------------
@@ -325,16 +327,17 @@ class TrialSequence:
 
         answers = require_order(subject)
         pairs = pd.MultiIndex.from_arrays([subject.s1, subject.s2])
+        # Of three answers, 'equal' is neither positive nor negative.
         n_positive = answers.n_yes
-        n_all = answers.n_trials
+        n_signed = answers.n_trials
         if answers.n_second is not None:
             n_positive = answers.n_second
-            n_all = answers.n_trials - answers.n_yes
+            n_signed = answers.n_trials - answers.n_yes
         return cls(
             first=answers.keys[:, 0],
             second=answers.keys[:, 1],
             pair=pairs.get_indexer(pd.MultiIndex.from_arrays([*answers.keys.T])),
-            answer=np.asarray(2.0 * n_positive - n_all, np.float64),
+            answer=np.asarray(2.0 * n_positive - n_signed, np.float64),
             is_answered=answers.n_trials > 0,
             is_session_start=answers.is_session_start,
         )
@@ -346,10 +349,7 @@ class TrialSequence:
 
 
 def require_order(subject: Subject) -> Answers:
-    """The answers of a subject in the order of presentation.
-
-    An InputError where it is not known.
-    """
+    """The answers of a subject in the order of presentation; an InputError if it is not known."""
     answers = subject.answers
     if answers is None or answers.place is None:
         raise InputError(
@@ -368,10 +368,10 @@ def require_order(subject: Subject) -> Answers:
 
 
 def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
-    """Whether stimuli rise or fall from trial to trial more often than by chance.
+    """Whether the trials look sorted by their stimuli, with a false-alarm rate `alpha`.
 
-    `alpha` is the false-alarm rate.
-    Trials in one run of each pair count as sorted, too; blocks of a pair in both orders do not.
+    Then pairs rise, or fall, from trial to trial more often than by chance. Trials in one run of
+    each pair count as sorted, too; blocks of a pair in both orders do not.
 
     Examples
     --------
@@ -382,10 +382,12 @@ def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
     >>> looks_sorted(Answers(np.tile(keys, (20, 1)), ones, ones, None, (), True, np.arange(60)))
     False
     """
+    # The rank of each trial's pair by its stimuli, and steps between trials of a session.
     pair = np.unique(answers.keys, axis=0, return_inverse=True)[1].ravel()
     step = np.diff(pair)[~answers.is_session_start[1:]]
     n_changes = np.count_nonzero(step)
     n_rarer = min(np.count_nonzero(step > 0), np.count_nonzero(step < 0))
+    # In random order, rising and falling are equally probable.
     if bdtr(n_rarer, n_changes, 0.5) < alpha:
         return True
 
@@ -393,6 +395,7 @@ def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
     pairs_in_sessions = np.unique(np.column_stack([session, pair]), axis=0)
     # A run begins with each session, and with each change of the pair.
     n_runs = n_changes + np.count_nonzero(answers.is_session_start)
-    is_run_of_each = n_runs == len(pairs_in_sessions)
-    is_long = len(step) > 2 * n_changes > 2
-    return bool(n_rarer == 0 and is_run_of_each and is_long)
+    has_one_run_of_each = n_runs == len(pairs_in_sessions)
+    # Runs have more than two trials on average, and the pair changes more than once.
+    has_long_runs = len(step) > 2 * n_changes > 2
+    return bool(n_rarer == 0 and has_one_run_of_each and has_long_runs)
